@@ -1,0 +1,1 @@
+"""What targets do to one another: pure, no pixels, no files (`questions` alone reads logs)."""

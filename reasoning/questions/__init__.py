@@ -1,0 +1,1 @@
+"""Questions to annotated logs: tables, SQL, ready questions, patterns."""

@@ -1,0 +1,1 @@
+"""The world into a log, and the log itself."""

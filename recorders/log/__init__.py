@@ -1,0 +1,1 @@
+"""The one read layer and the one write layer over MCAP."""

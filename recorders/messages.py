@@ -1,0 +1,295 @@
+"""The shared vocabulary: one typed message per channel of a scene, no I/O.
+
+Units: pixels with pixel centres at integers + 0.5, x right and y down; times in integer nanoseconds; angles in
+radians from the x axis to the major axis, in (-pi/2, pi/2]. A box is (x, y, w, h): top left corner and size.
+Frames count from 0.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+Box = tuple[float, float, float, float]
+Count = Annotated[int, Meta(ge=0)]
+Identity = Annotated[int, Meta(ge=0)]
+
+Mode = Literal["motion", "appearance", "predicted"]
+RelationState = Literal["INTERACTION", "JOINT"]
+SceneStatus = Literal["entering", "inside", "exiting", "returned", "outside"]
+
+NO_BLOB = -1
+
+EVENT_KINDS = (
+    "track_confirmed",
+    "track_lost",
+    "track_recovered",
+    "track_removed",
+    "entering",
+    "entered",
+    "exiting",
+    "returned",
+    "exited",
+    "interaction_started",
+    "joined",
+    "separated",
+    "interaction_ended",
+    "grouping",
+    "grouped",
+    "splitting",
+    "single",
+    "group_formed",
+    "group_changed",
+    "group_ended",
+    "group_entered_scene",
+    "mode_changed",
+    "disagreement",
+    "anomaly",
+    "zone_entered",
+    "zone_left",
+)
+
+
+class Ellipse(Struct, frozen=True):
+    """A blob's first and second moments (EVENTS 2): centre (x, y), major axis h, minor axis w, angle theta.
+
+    ``h`` and ``w`` are full axis lengths in pixels, ``theta`` is in radians.
+    """
+
+    x: float
+    y: float
+    h: float
+    w: float
+    theta: float
+
+
+class Blob(Struct, frozen=True):
+    """A connected component of the foreground mask.
+
+    ``id`` is the component's label in ``cv2.connectedComponents(mask, connectivity=8)`` on the recorded mask
+    (labels from 1), so that a blob's pixels are always found again from the mask alone.
+    """
+
+    id: Count
+    box: Box
+    area: Count
+    ellipse: Ellipse
+
+
+class Detections(Struct, frozen=True):
+    """What was detected in one frame; row k of each list belongs to detection k.
+
+    ``blobs[k]`` is the id of the blob that detection k came from, `NO_BLOB` where there is no mask; several
+    detections may come from one blob. ``components`` holds the blobs as they are in the mask, whatever boxes were
+    drawn into them.
+    """
+
+    frame: Count
+    width: Count
+    height: Count
+    boxes: list[Box] = []
+    scores: list[float] = []
+    labels: list[str] = []
+    ellipses: list[Ellipse | None] = []
+    blobs: list[int] = []
+    components: list[Blob] = []
+
+
+class Zone(Struct, frozen=True):
+    """A named polygon, vertices (x, y) in pixels, in order, not closed."""
+
+    name: str
+    polygon: list[tuple[float, float]]
+
+
+class Regions(Struct, frozen=True):
+    """The scene's regions (EVENTS 3.2): region of interest, security border around it, named zones.
+
+    ``roi`` and ``border`` are lists of polygons; the border's polygons enclose the ROI (they are the outer outline
+    of ROI and border together). Whatever lies in neither is the outer zone. ``source`` says where they come from:
+    ``file`` or ``default``.
+    """
+
+    width: Count
+    height: Count
+    roi: list[list[tuple[float, float]]]
+    border: list[list[tuple[float, float]]]
+    zones: list[Zone] = []
+    source: str = "file"
+
+
+class Target(Struct, frozen=True):
+    """One target in one frame, as a tracker holds it: the input of the reasoning.
+
+    Attributes:
+        id: the target's identity, never reused.
+        box: (x, y, w, h) in pixels.
+        ellipse: its ellipse, if the tracker keeps one.
+        velocity: (vx, vy) in pixels per second.
+        mode: how it was tracked in this frame (EVENTS 2).
+        confidence: in [0, 1].
+        present: the tracker holds it to be in the picture in this frame (what ``export --to mot`` writes).
+        observed: an observation (detection, blob, pixels) was associated in this frame.
+        blob: id of the region of pixels it lies in; two targets with the same non-negative blob share one.
+            A tracker without masks uses its own numbers for shared detections.
+        newborn: first frame of its confirmed life.
+        born_of_split: it was born out of a group's region (EVENTS 3.1, 3.2).
+        shell_radius: its shell's radius in pixels, None to have it computed from box and velocity (SHELLS 2.2).
+        hidden_parts: names of the parts held to be occluded (PARTS 2.2), empty without a part model.
+        score: the association's or appearance's raw score, for explanations.
+    """
+
+    id: Identity
+    box: Box
+    velocity: tuple[float, float] = (0.0, 0.0)
+    mode: Mode = "motion"
+    confidence: float = 1.0
+    present: bool = True
+    observed: bool = True
+    blob: int = NO_BLOB
+    newborn: bool = False
+    born_of_split: bool = False
+    ellipse: Ellipse | None = None
+    shell_radius: float | None = None
+    hidden_parts: list[str] = []
+    score: float | None = None
+
+
+class GroupTrack(Struct, frozen=True):
+    """A low-level track that a tracker holds over several targets (EVENTS 3.1: a group tracker).
+
+    ``id`` is the tracker's own number for it (not the group's label), ``observed`` says whether it has an
+    associated observation in this frame, ``newborn`` whether it started in this frame.
+    """
+
+    id: Identity
+    box: Box
+    observed: bool
+    newborn: bool = False
+
+
+class Notice(Struct, frozen=True):
+    """Something a tracker tells of itself: becomes an `Event` with id and time."""
+
+    kind: str
+    subjects: list[int]
+    rule: str
+    evidence: dict[str, Any] = {}
+    text: str = ""
+
+
+class Targets(Struct, frozen=True):
+    """A tracker's whole answer for one frame; ``group_tracks`` None means: derive groups from shared blobs."""
+
+    frame: Count
+    targets: list[Target] = []
+    group_tracks: list[GroupTrack] | None = None
+    notices: list[Notice] = []
+
+
+class Track(Struct, frozen=True):
+    """A target with everything the reasoning found about it in this frame."""
+
+    id: Identity
+    box: Box
+    ellipse: Ellipse | None
+    velocity: tuple[float, float]
+    shell_radius: float
+    mode: Mode
+    confidence: float
+    present: bool
+    observed: bool
+    blob: int
+    grouping: bool
+    grouped: bool
+    splitting: bool
+    grouping_partners: list[int]
+    grouped_partners: list[int]
+    splitting_partners: list[int]
+    group: int | None
+    scene: SceneStatus
+    zones: list[str] = []
+    hidden_parts: list[str] = []
+
+
+class Tracks(Struct, frozen=True):
+    """All tracks of a frame, by id."""
+
+    frame: Count
+    tracks: list[Track] = []
+
+
+class Relation(Struct, frozen=True):
+    """An edge that is not INDEPENDENT; a < b; ``since_frame`` is the first frame of the present state."""
+
+    a: Identity
+    b: Identity
+    state: RelationState
+    since_frame: Count
+    since_ns: int
+    grouping: bool
+    grouped: bool
+    splitting: bool
+    shell_overlap: float
+    rule: str = ""
+
+
+class Relations(Struct, frozen=True):
+    """All edges of a frame, by (a, b)."""
+
+    frame: Count
+    relations: list[Relation] = []
+
+
+class Group(Struct, frozen=True):
+    """A group: label, members by id, whether it has an observation in this frame, where it came from."""
+
+    label: Identity
+    members: list[int]
+    observed: bool
+    since_frame: Count
+    since_ns: int
+    formed_from: list[int] = []
+
+
+class Groups(Struct, frozen=True):
+    """All groups of a frame, by label."""
+
+    frame: Count
+    groups: list[Group] = []
+
+
+class Event(Struct, frozen=True):
+    """Something that happened: ids count from 1 in the order of happening.
+
+    ``subjects`` are track ids; ``groups`` are group labels; ``rule`` names paper and case; ``evidence`` holds the
+    measured values and their thresholds; ``text`` says it in words.
+    """
+
+    id: Count
+    kind: str
+    subjects: list[int]
+    frame: Count
+    time_ns: int
+    rule: str
+    evidence: dict[str, Any] = {}
+    text: str = ""
+    groups: list[int] = []
+
+
+class Graph(Struct, frozen=True):
+    """The interaction graph as networkx node-link data, nodes and edges sorted."""
+
+    frame: Count
+    directed: bool
+    multigraph: bool
+    graph: dict[str, Any]
+    nodes: list[dict[str, Any]]
+    edges: list[dict[str, Any]]
+
+
+def to_json(message: Struct) -> bytes:
+    """Encode a message canonically: fields in the order of their definition, shortest exact floats."""
+    return msgspec.json.encode(message)

@@ -1,0 +1,1 @@
+"""Frame to foreground mask to blobs to detections."""

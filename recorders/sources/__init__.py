@@ -1,0 +1,1 @@
+"""Sources of frames and detections: video, image folders, MOTChallenge text, CAVIAR XML."""

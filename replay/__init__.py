@@ -1,0 +1,1 @@
+"""A log through the trackers: engine, trackers, annotation, digests, evaluation, command line."""

@@ -1,0 +1,1 @@
+"""The trackers, one folder per paper, none imports another."""

@@ -1,0 +1,49 @@
+"""Gated data association: boxes' overlaps, and one assignment solver with a written tie rule.
+
+The tie rule: costs are quantised to multiples of 2**-20 before solving, and among assignments of equal quantised
+cost the solver of `scipy.optimize.linear_sum_assignment` sees rows and columns in index order (rows: targets by id;
+columns: detections in the order of the recording). Its result depends on nothing else.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+Floats = NDArray[np.float64]
+QUANTUM = 2.0**-20
+FORBIDDEN = 2.0**20
+
+
+def intersection(a: Floats, b: Floats) -> Floats:
+    """Pairwise intersection areas of boxes (N, 4) and (M, 4) [x, y, w, h], (N, M) in square pixels."""
+    left = np.maximum(a[:, None, 0], b[None, :, 0])
+    top = np.maximum(a[:, None, 1], b[None, :, 1])
+    right = np.minimum(a[:, None, 0] + a[:, None, 2], b[None, :, 0] + b[None, :, 2])
+    bottom = np.minimum(a[:, None, 1] + a[:, None, 3], b[None, :, 1] + b[None, :, 3])
+    return np.asarray(np.maximum(right - left, 0.0) * np.maximum(bottom - top, 0.0))
+
+
+def iou(a: Floats, b: Floats) -> Floats:
+    """Pairwise intersection over union of boxes (N, 4) and (M, 4), (N, M) in [0, 1]."""
+    inside = intersection(a, b)
+    union = (a[:, 2] * a[:, 3])[:, None] + (b[:, 2] * b[:, 3])[None, :] - inside
+    return np.asarray(inside / np.maximum(union, 1e-12))
+
+
+def assign(cost: Floats, allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Match rows to columns: as many allowed pairs as possible, of least total cost, by the module's tie rule.
+
+    Args:
+        cost: (N, M) finite costs, in [-1000, 1000].
+        allowed: (N, M) the gate; pairs outside are never matched.
+
+    Returns:
+        Matched (row, column) pairs by row.
+    """
+    if cost.size == 0 or not allowed.any():
+        return []
+    quantised = np.round(np.clip(cost, -1000.0, 1000.0) / QUANTUM) * QUANTUM
+    rows, columns = linear_sum_assignment(np.where(allowed, quantised, FORBIDDEN))
+    return [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if allowed[r, c]]

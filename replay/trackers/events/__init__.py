@@ -1,0 +1,1 @@
+"""EVENTS: motion, appearance, and reasoning over tracking events."""

@@ -1,0 +1,1 @@
+"""PARTS: part-based model and layered data association."""

@@ -1,0 +1,1 @@
+"""SHELLS: virtual shells, event resolution, pixel membership."""
