@@ -1,0 +1,14 @@
+"""OpenCV as scenetrace uses it: imported in one place, with the switches that make it the same on every machine."""
+
+from __future__ import annotations
+
+import os
+
+# IPP picks its kernels by the processor at hand; it must be off before the library is loaded.
+os.environ["OPENCV_IPP"] = "disabled"
+
+import cv2
+
+cv2.ocl.setUseOpenCL(False)
+
+__all__ = ["cv2"]
