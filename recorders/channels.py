@@ -1,0 +1,204 @@
+"""The channels of a scene: topic names, schemas, and the encoding and strict decoding of their payloads.
+
+Pictures, drawings and log lines are Foxglove's protobuf messages, so that Foxglove and Lichtblick show them; our own
+messages are JSON with a JSON Schema that is generated from `recorders.messages`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.message import DecodeError
+
+from recorders import messages
+from recorders.errors import RecordingError, UsageError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.log import Schema
+
+DEFAULT_CAMERA = "camera"
+NANOS = 1_000_000_000
+S = TypeVar("S", bound=msgspec.Struct)
+
+JSON_CHANNELS: Mapping[str, type[msgspec.Struct]] = {
+    "detections": messages.Detections,
+    "regions": messages.Regions,
+    "targets": messages.Targets,
+    "tracks": messages.Tracks,
+    "relations": messages.Relations,
+    "groups": messages.Groups,
+    "events": messages.Event,
+    "graph": messages.Graph,
+}
+PROTOBUF_CHANNELS: Mapping[str, Any] = {
+    "image": CompressedImage,
+    "video": CompressedVideo,
+    "foreground": CompressedImage,
+    "membership": CompressedImage,
+    "annotations": ImageAnnotations,
+    "log": Log,
+}
+RECORDED = ("image", "foreground", "detections", "regions")
+PICTURES = ("image", "foreground", "membership")
+ANNOTATED = ("targets", "tracks", "relations", "groups", "events", "graph", "membership", "annotations", "log")
+
+_SCHEMA_NAMES = {"events": "scenetrace.Event"}
+# Fields of type Any take whatever a file nests into them; only there the depth has to be counted.
+_OPEN_ENDED = frozenset({"events", "graph", "targets"})
+_STRINGS = re.compile(rb'"(?:[^"\\]|\\.)*"')
+_CAMERA = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
+
+
+def topic(camera: str, name: str) -> str:
+    """The topic of a camera's channel: ``/camera/tracks``.
+
+    Raises:
+        UsageError: the camera's name is not letters, digits, ``_``, ``-`` and ``.``.
+    """
+    if not _CAMERA.fullmatch(camera):
+        raise UsageError(f"camera name {camera!r}: must be letters, digits, '_', '-', '.'")
+    return f"/{camera}/{name}"
+
+
+def split(full: str) -> tuple[str, str]:
+    """Camera and channel name of a topic; an empty camera for a topic that is none of ours."""
+    parts = full.split("/")
+    if len(parts) == 3 and parts[0] == "" and parts[2] in (*RECORDED, *ANNOTATED):
+        return parts[1], parts[2]
+    return "", full
+
+
+@cache
+def schema(name: str) -> Schema:
+    """The schema of a channel (``video`` for an ``image`` channel that holds H.264)."""
+    if name in PROTOBUF_CHANNELS:
+        kind = PROTOBUF_CHANNELS[name]
+        return Schema(kind.DESCRIPTOR.full_name, "protobuf", _descriptor_set(kind))
+    kind = JSON_CHANNELS[name]
+    document = _inlined(msgspec.json.schema(kind))
+    data = msgspec.json.encode(document, order="deterministic")
+    return Schema(_SCHEMA_NAMES.get(name, f"scenetrace.{kind.__name__}"), "jsonschema", data)
+
+
+def message_encoding(name: str) -> str:
+    """``protobuf`` or ``json``."""
+    return "protobuf" if name in PROTOBUF_CHANNELS else "json"
+
+
+def _descriptor_set(kind: Any) -> bytes:
+    found: dict[str, Any] = {}
+
+    def visit(descriptor: Any) -> None:
+        for dependency in descriptor.dependencies:
+            if dependency.name not in found:
+                visit(dependency)
+        found[descriptor.name] = descriptor
+
+    visit(kind.DESCRIPTOR.file)
+    files = FileDescriptorSet()
+    for descriptor in found.values():
+        descriptor.CopyToProto(files.file.add())
+    return bytes(files.SerializeToString(deterministic=True))
+
+
+def _inlined(document: dict[str, Any]) -> dict[str, Any]:
+    """Replace every ``$ref`` by what it names: viewers read flat schemas only. Ours are not recursive."""
+    definitions = document.pop("$defs", {})
+
+    def walk(node: Any) -> Any:
+        if isinstance(node, dict):
+            if "$ref" in node:
+                return walk(definitions[node["$ref"].rsplit("/", 1)[1]])
+            return {key: walk(value) for key, value in node.items()}
+        return [walk(value) for value in node] if isinstance(node, list) else node
+
+    flat = walk(document)
+    assert isinstance(flat, dict)
+    return flat
+
+
+@cache
+def _decoder(name: str) -> msgspec.json.Decoder[Any]:
+    return msgspec.json.Decoder(JSON_CHANNELS[name])
+
+
+def encode(name: str, message: Any) -> bytes:
+    """The payload of one of our JSON messages, or of a Foxglove protobuf message."""
+    if name in PROTOBUF_CHANNELS:
+        return bytes(message.SerializeToString(deterministic=True))
+    assert isinstance(message, JSON_CHANNELS[name])
+    return msgspec.json.encode(message)
+
+
+def decode(name: str, data: bytes, *, path: str = "", limits: Limits = DEFAULT_LIMITS) -> Any:
+    """The message in a payload: a struct of `recorders.messages` or a Foxglove protobuf message.
+
+    Raises:
+        RecordingError: it is not such a message, is nested too deep, or holds values out of range; names the channel.
+    """
+    try:
+        if name in PROTOBUF_CHANNELS:
+            return PROTOBUF_CHANNELS[name].FromString(data)
+        if name in _OPEN_ENDED:
+            _check_depth(data, limits.max_json_depth)
+        decoded = _decoder(name).decode(data)
+        if name == "detections":
+            _check_detections(decoded, limits)
+        return decoded  # noqa: TRY300 - the checks belong to the decoding
+    except (msgspec.MsgspecError, DecodeError, RecursionError, UnicodeDecodeError, ValueError) as e:
+        raise RecordingError(f"not a {name} message: {e}", path, record=name) from e
+
+
+def _check_depth(data: bytes, limit: int) -> None:
+    if data.count(b"{") + data.count(b"[") <= limit:
+        return
+    characters = np.frombuffer(_STRINGS.sub(b"", data), np.uint8)
+    opened = ((characters == ord("{")) | (characters == ord("["))).astype(np.int32)
+    closed = ((characters == ord("}")) | (characters == ord("]"))).astype(np.int32)
+    depth = int(np.cumsum(opened - closed).max(initial=0))
+    if depth > limit:
+        raise ValueError(f"nested {depth} deep, over the limit of {limit} (max_json_depth)")
+
+
+def _check_detections(d: messages.Detections, limits: Limits) -> None:
+    n = len(d.boxes)
+    if n > limits.max_detections_per_frame:
+        raise ValueError(f"{n} detections, over the limit of {limits.max_detections_per_frame} (max_detections_per_frame)")
+    for field in ("scores", "labels", "ellipses", "blobs"):
+        if len(getattr(d, field)) not in (0, n):
+            raise ValueError(f"frame {d.frame}: {len(getattr(d, field))} {field} for {n} boxes")
+    boxes = np.array(d.boxes, np.float64).reshape(-1, 4)
+    bad = ~(np.isfinite(boxes).all(axis=1) & (boxes[:, 2:] > 0).all(axis=1) & (np.abs(boxes) < 1e7).all(axis=1))
+    if bad.any():
+        k = int(np.argmax(bad))
+        raise ValueError(f"frame {d.frame}: box {k} is {d.boxes[k]}; wanted finite x, y and w, h over 0")
+
+
+def _stamp(target: Any, time_ns: int) -> None:
+    target.timestamp.seconds, target.timestamp.nanos = divmod(time_ns, NANOS)
+
+
+def compressed_image(data: bytes, picture_format: str, time_ns: int, camera: str) -> bytes:
+    """The payload of a foxglove.CompressedImage (``jpeg`` or ``png``), or of a CompressedVideo (``h264``)."""
+    image = CompressedVideo() if picture_format == "h264" else CompressedImage()
+    _stamp(image, time_ns)
+    image.frame_id = camera
+    image.data = data
+    image.format = picture_format
+    return bytes(image.SerializeToString(deterministic=True))
+
+
+def log_line(text: str, time_ns: int, name: str, level: str = "INFO") -> bytes:
+    """The payload of a foxglove.Log."""
+    line = Log(level=Log.Level.Value(level), message=text, name=name)
+    _stamp(line, time_ns)
+    return bytes(line.SerializeToString(deterministic=True))

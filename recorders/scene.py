@@ -1,0 +1,295 @@
+"""A recorded scene, frame by frame: detections at once, pictures and masks only when somebody asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+from statistics import median_low
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders import channels
+from recorders.errors import LimitError, RecordingError, UsageError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.log import ChannelInfo, LogReader, Message
+from recorders.messages import Detections, Regions
+from recorders.pictures import VideoDecoder, decode_picture
+
+Image = NDArray[np.uint8]
+_SAMPLED_FRAMES = 64
+
+
+@dataclass(frozen=True)
+class SceneInfo:
+    """What is known of a recording before its first frame.
+
+    Attributes:
+        width, height: the picture's size in pixels.
+        frame_ns: the nominal (median) time between frames in ns.
+        has_images: there are pictures; without, a tracker works on boxes alone.
+        has_masks: there are foreground masks.
+    """
+
+    width: int
+    height: int
+    frame_ns: int
+    has_images: bool
+    has_masks: bool
+
+
+class Frame:
+    """One recorded frame. Picture and mask are decoded when first asked for, once.
+
+    Attributes:
+        index: from 0.
+        time_ns: log time.
+        detections: the recorded detections.
+        regions: the latest recorded regions, or None.
+        messages: everything that was recorded for this frame, in the log's order, since the frame before.
+    """
+
+    def __init__(
+        self,
+        index: int,
+        time_ns: int,
+        detections: Detections,
+        regions: Regions | None = None,
+        load_image: Callable[[], Image] | None = None,
+        load_mask: Callable[[], Image] | None = None,
+        messages: tuple[Message, ...] = (),
+    ) -> None:
+        self.index = index
+        self.time_ns = time_ns
+        self.detections = detections
+        self.regions = regions
+        self.messages = messages
+        self._load_image = load_image
+        self._load_mask = load_mask
+
+    @cached_property
+    def image(self) -> Image | None:
+        """The picture, (height, width, 3) uint8 BGR, or None. Never write into it."""
+        return None if self._load_image is None else self._load_image()
+
+    @cached_property
+    def mask(self) -> Image | None:
+        """The foreground mask, (height, width) uint8, 0 or 255, or None. Never write into it."""
+        return None if self._load_mask is None else self._load_mask()
+
+    @cached_property
+    def boxes(self) -> NDArray[np.float64]:
+        """The detections' boxes, (N, 4) float64: x, y, w, h in pixels."""
+        return np.array(self.detections.boxes, np.float64).reshape(-1, 4)
+
+
+class SceneLog:
+    """A scene log, or an annotated log read as the scene that it holds.
+
+    Attributes:
+        path: the file.
+        camera: the camera that is read.
+        info: size, frame time, what there is.
+        recorded: the channels that belong to the recording, not to an annotation.
+
+    Raises:
+        RecordingError: no detections, or none of that camera; the text says what the log holds instead.
+    """
+
+    def __init__(self, path: str | Path, camera: str | None = None, limits: Limits = DEFAULT_LIMITS) -> None:
+        self.path = Path(path)
+        self.limits = limits
+        self.trailing: tuple[Message, ...] = ()
+        self._log = LogReader(path, limits)
+        try:
+            self.camera = _choose_camera(self._log, camera)
+            self.recorded = [c for c in self._log.channels if not self._is_annotation(c)]
+            self._topics = {name: channels.topic(self.camera, name) for name in channels.RECORDED}
+            present = {c.topic for c in self._log.channels}
+            self.info = self._describe(present)
+        except BaseException:
+            self._log.close()
+            raise
+
+    def __enter__(self) -> SceneLog:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._log.close()
+
+    @property
+    def log(self) -> LogReader:
+        """The log underneath."""
+        return self._log
+
+    def _is_annotation(self, channel: ChannelInfo) -> bool:
+        camera, name = channels.split(channel.topic)
+        return camera == self.camera and name in channels.ANNOTATED
+
+    def _describe(self, present: set[str]) -> SceneInfo:
+        sample: list[tuple[int, Detections]] = [
+            (m.log_time_ns, channels.decode("detections", m.data, path=str(self.path), limits=self.limits))
+            for m in islice(self._log.messages([self._topics["detections"]]), _SAMPLED_FRAMES)
+        ]
+        if not sample:
+            raise RecordingError("the detections channel is empty: nothing to replay", self.path)
+        steps = [b[0] - a[0] for a, b in zip(sample, sample[1:], strict=False)]
+        first = sample[0][1]
+        return SceneInfo(
+            first.width,
+            first.height,
+            median_low(steps) if steps else channels.NANOS // 25,
+            self._topics["image"] in present,
+            self._topics["foreground"] in present,
+        )
+
+    def frame_times(self) -> Iterator[int]:
+        """The frames' log times in ns, reading the detections' channel alone."""
+        for message in self._log.messages([self._topics["detections"]]):
+            yield message.log_time_ns
+
+    def frames(self, start_ns: int | None = None, first_index: int = 0) -> Iterator[Frame]:
+        """The frames in order; from ``start_ns`` on, the first one then counting as ``first_index``.
+
+        Messages of other channels travel with the first frame at or after their time. Those after the last frame
+        are in no frame: see `trailing`.
+
+        Raises:
+            RecordingError: two frames at one time, or a damaged message.
+        """
+        self.trailing = ()
+        latched = self._log.latched(self._topics["regions"], start_ns - 1) if start_ns is not None else None
+        regions = None if latched is None else self._decode("regions", latched)
+        video = _Video()
+        pending: list[Message] = []
+        index = first_index
+        topics = [c.topic for c in self.recorded]
+        for now, group in _by_time(self._log.messages(topics, start_ns), self.limits, self.path):
+            pending += group
+            detections: Detections | None = None
+            image: Callable[[], Image] | None = None
+            mask: Callable[[], Image] | None = None
+            for message in group:
+                if message.topic == self._topics["detections"]:
+                    if detections is not None:
+                        raise RecordingError(f"two frames at {now} ns; frames need times of their own", self.path)
+                    detections = self._decode("detections", message)
+                elif message.topic == self._topics["regions"]:
+                    regions = self._decode("regions", message)
+                elif message.topic == self._topics["image"]:
+                    image = video.loader(message, self)
+                elif message.topic == self._topics["foreground"]:
+                    mask = self._mask_loader(message)
+            if detections is None:
+                continue
+            yield Frame(index, now, detections, regions, image, mask, tuple(pending))
+            pending = []
+            index += 1
+        self.trailing = tuple(pending)
+
+    def _decode(self, name: str, message: Message) -> Any:
+        return channels.decode(name, message.data, path=str(self.path), limits=self.limits)
+
+    def _mask_loader(self, message: Message) -> Callable[[], Image]:
+        def load() -> Image:
+            picture = self._decode("foreground", message)
+            mask = decode_picture(picture.data, gray=True, path=self.path, limits=self.limits)
+            return self._sized(mask, "foreground", message)
+
+        return load
+
+    def _sized(self, picture: Image, name: str, message: Message) -> Image:
+        height, width = picture.shape[:2]
+        if (width, height) != (self.info.width, self.info.height):
+            raise RecordingError(
+                f"the {name} at {message.log_time_ns} ns is {width}x{height}, "
+                f"the detections say {self.info.width}x{self.info.height}",
+                self.path,
+                record=message.topic,
+            )
+        return picture
+
+
+class _Video:
+    """Pictures of one reading: JPEG and PNG stand alone, H.264 needs every packet since the last key frame."""
+
+    def __init__(self) -> None:
+        self._decoder: VideoDecoder | None = None
+        self._pending: list[bytes] = []
+
+    def loader(self, message: Message, scene: SceneLog) -> Callable[[], Image]:
+        is_video = message.channel.schema is not None and message.channel.schema.name == "foxglove.CompressedVideo"
+        if not is_video:
+
+            def load_still() -> Image:
+                picture = channels.decode("image", message.data, path=str(scene.path), limits=scene.limits)
+                image = decode_picture(picture.data, path=scene.path, limits=scene.limits)
+                return scene._sized(image, "image", message)
+
+            return load_still
+        packet = channels.decode("video", message.data, path=str(scene.path), limits=scene.limits).data
+        if VideoDecoder.is_key(packet):
+            self._pending = []
+        self._pending.append(packet)
+        wanted = len(self._pending)
+
+        def load_video() -> Image:
+            if self._decoder is None:
+                self._decoder = VideoDecoder(path=scene.path, limits=scene.limits)
+            image: Image | None = None
+            for waiting in self._pending[:wanted]:
+                image = self._decoder.decode(waiting)
+            del self._pending[:wanted]
+            if image is None:
+                raise RecordingError(f"no picture in the video packet at {message.log_time_ns} ns", scene.path)
+            return scene._sized(image, "image", message)
+
+        return load_video
+
+
+def _by_time(
+    messages: Iterator[Message], limits: Limits, path: Path
+) -> Iterator[tuple[int, list[Message]]]:
+    """Group messages of one log time, bounded."""
+    group: list[Message] = []
+    for message in messages:
+        if group and message.log_time_ns != group[0].log_time_ns:
+            yield group[0].log_time_ns, group
+            group = []
+        group.append(message)
+        if len(group) > limits.max_messages_per_frame:
+            raise LimitError(
+                f"over {limits.max_messages_per_frame} messages at {message.log_time_ns} ns (max_messages_per_frame)",
+                path,
+            )
+    if group:
+        yield group[0].log_time_ns, group
+
+
+def _choose_camera(log: LogReader, wanted: str | None) -> str:
+    cameras = sorted({c for c, name in (channels.split(i.topic) for i in log.channels) if c and name == "detections"})
+    if wanted is not None:
+        if wanted not in cameras:
+            raise UsageError(f"{log.path}: no camera {wanted!r}; it has: {', '.join(cameras) or 'none'}")
+        return wanted
+    if not cameras:
+        topics = ", ".join(c.topic for c in log.channels[:6]) or "no channels at all"
+        raise RecordingError(
+            f"no detections to replay (a channel /<camera>/detections); it holds {topics}. "
+            "Make a scene log with `scenetrace record SOURCE -o scene.mcap`",
+            log.path,
+        )
+    if len(cameras) > 1:
+        raise UsageError(f"{log.path}: several cameras ({', '.join(cameras)}); choose one with --camera")
+    return cameras[0]
