@@ -1,0 +1,132 @@
+"""Low-level tracks: a bank of Kalman filters over centre and size, and what is known of each track (EVENTS 2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.messages import NO_BLOB, Box, Mode
+from replay.trackers.events.parameters import EventsParameters
+from replay.trackers.kalman import KalmanBank
+
+Floats = NDArray[np.float64]
+TENTATIVE = -1
+
+
+@dataclass(slots=True)
+class Track:
+    """One track's bookkeeping; its place and size are a row of the Kalman bank.
+
+    Attributes:
+        id: identity, `TENTATIVE` before confirmation.
+        born: frame of the first sighting; born_ns its time.
+        seen_ns: time of the last observation.
+        hits: observations so far.
+        quality: running mean of the observations' scores.
+        sightings: while tentative, [frame, x, y, w, h] of every observation: a confirmed track's earlier life.
+        lost: held, but no longer said to be present.
+    """
+
+    id: int
+    born: int
+    born_ns: int
+    seen_ns: int
+    hits: int = 1
+    quality: float = 1.0
+    mode: Mode = "motion"
+    confidence: float = 1.0
+    observed: bool = True
+    blob: int = NO_BLOB
+    newborn: bool = False
+    lost: bool = False
+    split: bool = False
+    sightings: list[list[float]] = field(default_factory=list)
+
+
+class Tracks:
+    """All tracks, tentative and confirmed, in the order of their birth; row k of the bank belongs to item k."""
+
+    def __init__(self, parameters: EventsParameters) -> None:
+        self._p = parameters
+        self.bank = KalmanBank(4)
+        self.items: list[Track] = []
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    @property
+    def sizes(self) -> Floats:
+        """The targets' sizes: square root of width times height, (N,) pixels."""
+        v = self.bank.value
+        return np.sqrt(np.maximum(v[:, 2] * v[:, 3], 1.0))
+
+    @property
+    def boxes(self) -> Floats:
+        """Estimated boxes, (N, 4): x, y, w, h in pixels."""
+        v = self.bank.value
+        return np.stack([v[:, 0] - v[:, 2] / 2, v[:, 1] - v[:, 3] / 2, v[:, 2], v[:, 3]], axis=1)
+
+    def box(self, row: int) -> Box:
+        """The estimated box of one track."""
+        cx, cy, w, h = self.bank.value[row].tolist()
+        return (cx - w / 2, cy - h / 2, w, h)
+
+    def measurement_variance(self, sizes: Floats) -> Floats:
+        """Variances of measured (cx, cy, w, h) for targets of the given sizes, (N, 4)."""
+        p = self._p
+        noise = np.array([p.place_noise, p.place_noise, p.size_noise, p.size_noise])
+        return np.asarray((sizes[:, None] * noise) ** 2)
+
+    def predict(self, dt: float) -> None:
+        """Advance all tracks by dt seconds; the size keeps within sensible bounds."""
+        if not self.items or dt <= 0:
+            return
+        p = self._p
+        agility = np.array([p.agility, p.agility, p.size_agility, p.size_agility])
+        self.bank.predict(dt, (self.sizes[:, None] * agility) ** 2)
+        low = self.bank.value[:, 2:] < 1.0
+        if low.any():
+            self.bank.value[:, 2:][low] = 1.0
+            self.bank.rate[:, 2:][low] = 0.0
+
+    def correct(self, rows: NDArray[np.intp], boxes: Floats) -> None:
+        """Correct the given rows with measured boxes (M, 4)."""
+        if len(rows):
+            measured = centred(boxes)
+            sizes = np.sqrt(np.maximum(measured[:, 2] * measured[:, 3], 1.0))
+            self.bank.update(rows, measured, self.measurement_variance(sizes))
+
+    def start(self, box: Floats, track: Track) -> None:
+        """Append a track at a measured box (4,)."""
+        measured = centred(box[None])
+        size = math.sqrt(max(measured[0, 2] * measured[0, 3], 1.0))
+        variance = self.measurement_variance(np.array([size]))
+        p = self._p
+        speed = np.array([p.speed, p.speed, p.size_agility, p.size_agility])
+        self.bank.add(measured, variance, (size * speed) ** 2)
+        self.items.append(track)
+
+    def keep(self, kept: list[int]) -> None:
+        """Keep the given rows, in that order."""
+        if len(kept) != len(self.items):
+            self.bank.keep(np.array(kept, np.intp))
+            self.items = [self.items[k] for k in kept]
+
+    def state(self) -> dict[str, Any]:
+        """Plain data for a checkpoint."""
+        return {"bank": self.bank.state(), "items": [asdict(t) for t in self.items]}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from what `state` gave."""
+        self.bank.restore(state["bank"])
+        self.items = [Track(**{**t, "sightings": [list(s) for s in t["sightings"]]}) for t in state["items"]]
+
+
+def centred(boxes: Floats) -> Floats:
+    """Boxes (N, 4) as centre x, centre y, width, height."""
+    return np.stack([boxes[:, 0] + boxes[:, 2] / 2, boxes[:, 1] + boxes[:, 3] / 2, boxes[:, 2], boxes[:, 3]], axis=1)
