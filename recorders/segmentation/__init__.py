@@ -1,1 +1,13 @@
-"""Frame to foreground mask to blobs to detections."""
+"""From a picture to its foreground mask and detections (METHODS 1)."""
+
+from __future__ import annotations
+
+from recorders.segmentation.motion import MotionSegmenter
+from recorders.segmentation.parameters import SegmentationParameters
+from recorders.segmentation.segmenter import Segmented, Segmenter, SegmenterFactory
+
+SEGMENTERS: dict[str, SegmenterFactory] = {
+    "motion": MotionSegmenter,
+}
+
+__all__ = ["SEGMENTERS", "Segmented", "SegmentationParameters", "Segmenter", "SegmenterFactory"]

@@ -1,0 +1,74 @@
+"""Connected components of a mask: size filter, labels, and ellipses of first and second moments.
+
+The ellipse is the EVENTS paper's representation of a detection (section 2): a blob's first- and second-order moments
+as z = (x, y, h, w, theta).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.messages import Blob, Ellipse
+from recorders.segmentation.segmenter import Image
+from recorders.vision import cv2
+
+Labels = NDArray[np.int32]
+
+
+def ellipse_of(mask: Image, left: float = 0.0, top: float = 0.0) -> Ellipse:
+    """The ellipse of a mask's non-zero pixels (EVENTS 2).
+
+    With Sxx, Syy, Sxy the central second moments over the area: theta = atan2(2 Sxy, Sxx - Syy) / 2, and the full
+    axis lengths are 4 sqrt(lambda_1) >= 4 sqrt(lambda_2) of the covariance's eigenvalues.
+
+    Args:
+        mask: (H, W) uint8 with at least one non-zero pixel.
+        left: x of the mask's left border in the picture, px.
+        top: y of the mask's top border in the picture, px.
+
+    Returns:
+        Centre in px with pixel centres at integers + 0.5; theta in (-pi/2, pi/2] from the x axis to the major axis.
+    """
+    m = cv2.moments(mask, binaryImage=True)
+    area = m["m00"]
+    sxx, syy, sxy = m["mu20"] / area, m["mu02"] / area, m["mu11"] / area
+    mean, half = (sxx + syy) / 2, math.hypot((sxx - syy) / 2, sxy)
+    theta = math.atan2(2 * sxy, sxx - syy) / 2
+    return Ellipse(
+        x=left + m["m10"] / area + 0.5,
+        y=top + m["m01"] / area + 0.5,
+        h=4 * math.sqrt(mean + half),
+        w=4 * math.sqrt(max(0.0, mean - half)),
+        theta=theta if theta > -math.pi / 2 else math.pi / 2,
+    )
+
+
+def components(mask: Image, min_area: float) -> tuple[Image, Labels, list[Blob]]:
+    """Keep the components that are large enough, and describe them.
+
+    Args:
+        mask: (H, W) uint8, non-zero is foreground, 8-connected.
+        min_area: smallest area to keep, px.
+
+    Returns:
+        The mask of what was kept (0 or 255), its labels (H, W) int32 from 1, and blob k of label k in this order.
+    """
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_32S)
+    kept = [k for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] >= max(1.0, min_area)]
+    if len(kept) < count - 1:
+        # Labels are in scan order of each component's first pixel, so leaving some out keeps the others' order.
+        new = np.zeros(count, np.int32)
+        new[kept] = np.arange(1, len(kept) + 1)
+        labels = new[labels]
+    clean = cv2.compare(labels.astype(np.uint8) if len(kept) < 256 else (labels > 0).astype(np.uint8), 0, cv2.CMP_NE)
+    blobs: list[Blob] = []
+    for number, k in enumerate(kept, 1):
+        x, y, w, h, area = (int(v) for v in stats[k])
+        own = (labels[y : y + h, x : x + w] == number).view(np.uint8)
+        blobs.append(
+            Blob(id=number, box=(float(x), float(y), float(w), float(h)), area=area, ellipse=ellipse_of(own, x, y))
+        )
+    return clean, labels, blobs

@@ -1,0 +1,31 @@
+"""The parameters of the segmentation: few, and relative to the picture's size and to time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from recorders.parameters import Parameters, param
+
+
+@dataclass(frozen=True)
+class SegmentationParameters(Parameters):
+    """How a picture becomes foreground and detections (METHODS 1; EVENTS 2, SHELLS 2.1, PARTS 2)."""
+
+    threshold_levels: float = param(
+        22.0, "smallest difference from the background that is foreground", unit="of 255 levels", low=1, high=255
+    )
+    shadow_darkest: float = param(
+        0.5, "a shadow keeps at least this share of the background's brightness; 1 keeps shadows", low=0.05, high=1
+    )
+    shadow_colour_levels: float = param(
+        8.0, "a shadow changes the chroma by at most this", unit="of 255 levels", low=0, high=255
+    )
+    smoothing: float = param(
+        0.012, "window of the weighted median", unit="of the picture's height", low=0, high=0.2, source="SHELLS 2.1"
+    )
+    min_area: float = param(
+        0.0003, "smallest component that is kept", unit="of the picture's area", low=0, high=1, source="SHELLS 2.1"
+    )
+    adaptation_s: float = param(
+        2.0, "time in which the background follows the light by one level of 255", unit="s", low=0.01, high=1e6
+    )

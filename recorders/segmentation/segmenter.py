@@ -1,0 +1,58 @@
+"""What a segmenter is: a picture in, its foreground mask and its detections out.
+
+A plug-in is a class of this shape and a line in `recorders.segmentation.SEGMENTERS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.messages import Detections
+from recorders.segmentation.parameters import SegmentationParameters
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Segmented:
+    """One frame, segmented.
+
+    Attributes:
+        mask: (H, W) uint8, 0 or 255; only components that passed the size filter, so that label k of
+            ``cv2.connectedComponents(mask, connectivity=8)`` is blob k of ``detections.components``.
+        detections: the boxes found in the mask, and the components themselves.
+    """
+
+    mask: Image
+    detections: Detections
+
+
+@runtime_checkable
+class Segmenter(Protocol):
+    """Foreground and detections of one recording. Its answers are a function of the pictures so far, alone."""
+
+    def prepare(self, frames: Iterable[Image]) -> None:
+        """Optional first reading of the whole recording, for a background in hindsight.
+
+        Args:
+            frames: every picture in order, (H, W, 3) uint8 BGR; a bounded number of them is kept.
+        """
+        ...
+
+    def segment(self, index: int, image: Image) -> Segmented:
+        """Segment the next frame.
+
+        Args:
+            index: the frame's number, from 0.
+            image: (H, W, 3) uint8 BGR of the size that the segmenter was made for.
+        """
+        ...
+
+
+SegmenterFactory = Callable[[SegmentationParameters, int, int, float], Segmenter]
+"""Parameters, width and height in pixels, frames per second -> a segmenter."""
