@@ -1,0 +1,222 @@
+"""Tables of labelled boxes, from MOTChallenge text or CAVIAR XML: the truth, or what a tracker said."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.errors import SceneTraceError, SourceError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+Row = tuple[int, int, float, float, float, float, float]
+
+OUTSIDE_SHARE = 0.01
+"""More of the true centres than this outside the recording's picture: truth and recording differ in size."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotTable:
+    """Boxes with identities over time, sorted by frame; the rows of a frame keep their order.
+
+    Attributes:
+        frames: (N,) int64, from 0.
+        ids: (N,) int64, each at most once in a frame.
+        boxes: (N, 4) float64: x, y, w, h in pixels.
+        confidences: (N,) float64.
+    """
+
+    frames: IntArray
+    ids: IntArray
+    boxes: FloatArray
+    confidences: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @classmethod
+    def from_rows(cls, rows: list[Row]) -> MotTable:
+        """A table of (frame from 0, id, x, y, w, h, confidence) rows in any order of frames.
+
+        Raises:
+            SceneTraceError: an identity occurs twice in a frame.
+        """
+        frames = np.array([r[0] for r in rows], np.int64)
+        ids = np.array([r[1] for r in rows], np.int64)
+        boxes = np.array([r[2:6] for r in rows], np.float64).reshape(-1, 4)
+        confidences = np.array([r[6] for r in rows], np.float64)
+        order = np.argsort(frames, kind="stable")
+        table = cls(frames[order], ids[order], boxes[order], confidences[order])
+        twice = table.first_duplicate()
+        if twice is not None:
+            raise SceneTraceError(f"identity {twice[1]} occurs twice in frame {twice[0]}")
+        return table
+
+    def first_duplicate(self) -> tuple[int, int] | None:
+        """The first (frame, id) that occurs more than once, or None."""
+        order = np.lexsort((self.ids, self.frames))
+        f, i = self.frames[order], self.ids[order]
+        same = np.flatnonzero((f[1:] == f[:-1]) & (i[1:] == i[:-1]))
+        return (int(f[same[0]]), int(i[same[0]])) if len(same) else None
+
+    def select(self, keep: BoolArray) -> MotTable:
+        """The rows where ``keep``, (N,) bool, is true."""
+        return MotTable(self.frames[keep], self.ids[keep], self.boxes[keep], self.confidences[keep])
+
+    def scaled(self, sx: float, sy: float) -> MotTable:
+        """The same boxes in a picture that is ``sx`` times as wide and ``sy`` times as high."""
+        return replace(self, boxes=self.boxes * np.array([sx, sy, sx, sy]))
+
+    def between(self, first: int, last: int) -> MotTable:
+        """The rows of the frames first <= frame < last."""
+        return self.select((self.frames >= first) & (self.frames < last))
+
+    @property
+    def centres(self) -> FloatArray:
+        """(N, 2) centres of the boxes."""
+        return self.boxes[:, :2] + self.boxes[:, 2:] / 2
+
+
+def read_mot(path: str | Path) -> MotTable:
+    """Read MOTChallenge text: ``frame,id,x,y,w,h[,conf,...]``, frames from 1 (here from 0), in any order of rows.
+
+    Raises:
+        SourceError: with the line, if the file cannot be read, a row has fewer than six numbers, a frame or identity is
+            not a whole number, a value is not finite, a size is negative, or an identity occurs twice in a frame.
+    """
+    rows: list[Row] = []
+    seen: dict[tuple[int, int], int] = {}
+    for number, text in _lines(path):
+        row = _mot_row(path, number, text)
+        before = seen.setdefault(row[:2], number)
+        if before != number:
+            hint = "; these are detections, not tracks" if row[1] < 0 else ""
+            raise SourceError(
+                f"identity {row[1]} occurs twice in frame {row[0] + 1} (line {before}){hint}", path, number
+            )
+        rows.append(row)
+    return MotTable.from_rows(rows)
+
+
+def _lines(path: str | Path) -> Iterator[tuple[int, str]]:
+    try:
+        with Path(path).open(encoding="utf-8-sig") as f:
+            for number, line in enumerate(f, 1):
+                if line.strip():
+                    yield number, line.strip()
+    except OSError as e:
+        raise SourceError(f"cannot be read: {e.strerror}", path) from e
+    except UnicodeDecodeError as e:
+        raise SourceError("not MOTChallenge text (frame,id,x,y,w,h,conf,...)", path) from e
+
+
+def _mot_row(path: str | Path, number: int, text: str) -> Row:
+    fields = text.split(",") if "," in text else text.split()
+    try:
+        values = [float(x) for x in fields[:7]]
+    except ValueError:
+        raise SourceError(f"not MOTChallenge text (frame,id,x,y,w,h,conf,...): {text[:60]!r}", path, number) from None
+    if len(values) < 6:
+        raise SourceError(f"{len(values)} numbers in the row, frame,id,x,y,w,h are needed", path, number)
+    if not all(math.isfinite(v) for v in values):
+        raise SourceError("a value is not finite", path, number)
+    frame, identity, x, y, w, h = values[:6]
+    if frame != int(frame) or frame < 1:
+        raise SourceError(f"frame {fields[0].strip()}: must be a whole number from 1", path, number)
+    if identity != int(identity) or abs(identity) >= 2**53:
+        raise SourceError(f"identity {fields[1].strip()}: must be a whole number", path, number)
+    if w < 0 or h < 0:
+        raise SourceError(f"size {w:g} x {h:g}: must not be negative", path, number)
+    return int(frame) - 1, int(identity), x, y, w, h, values[6] if len(values) > 6 else 1.0
+
+
+def read_caviar(path: str | Path) -> MotTable:
+    """Read a CAVIAR XML: boxes by their centre, labelled identities, frames from 0. A DOCTYPE is refused.
+
+    Raises:
+        SourceError: if it is not such a file or lacks a number.
+    """
+    from defusedxml import DefusedXmlException
+    from defusedxml.ElementTree import ParseError, iterparse
+
+    rows: list[Row] = []
+    try:
+        with Path(path).open("rb") as f:
+            for _, element in iterparse(f, events=("end",), forbid_dtd=True):
+                if element.tag == "frame":
+                    rows += _caviar_rows(path, element)
+                    element.clear()
+    except OSError as e:
+        raise SourceError(f"cannot be read: {e.strerror}", path) from e
+    except (DefusedXmlException, ParseError) as e:
+        raise SourceError(f"not CAVIAR XML: {e}", path) from e
+    if not rows:
+        raise SourceError("not CAVIAR XML: no frame holds an object with a box", path)
+    try:
+        return MotTable.from_rows(rows)
+    except SceneTraceError as e:
+        raise SourceError(str(e), path) from e
+
+
+def _caviar_rows(path: str | Path, element: Any) -> list[Row]:
+    rows: list[Row] = []
+    try:
+        frame = int(element.get("number", ""))
+        for item in element.iterfind("objectlist/object"):
+            box = item.find("box")
+            xc, yc, w, h = (float(box.get(k, "")) for k in ("xc", "yc", "w", "h"))
+            if not all(math.isfinite(v) for v in (xc, yc, w, h)) or w < 0 or h < 0:
+                raise SourceError(f"frame {frame}: a box is not finite or has a negative size", path)
+            rows.append((frame, int(item.get("id", "")), xc - w / 2, yc - h / 2, w, h, 1.0))
+    except (ValueError, AttributeError) as e:
+        raise SourceError(f"frame {element.get('number')!r}: an object without id or box: {e}", path) from e
+    return rows
+
+
+def read_truth(path: str | Path) -> MotTable:
+    """Read a truth: CAVIAR XML (``.xml``) or MOTChallenge text, there without the rows of confidence 0.
+
+    Raises:
+        SourceError: if it cannot be read or holds nothing.
+    """
+    if Path(path).suffix.lower() == ".xml":
+        return read_caviar(path)
+    table = read_mot(path)
+    kept = table.select(table.confidences != 0)
+    if not len(kept):
+        raise SourceError("no truth in it: no row has a confidence other than 0", path)
+    return kept
+
+
+def fit_truth(truth: MotTable, size: tuple[int, int], truth_size: tuple[int, int] | None) -> MotTable:
+    """The truth in the recording's pixels.
+
+    Args:
+        truth: in the pixels of its own picture.
+        size: (width, height) of the recording.
+        truth_size: (width, height) of the picture that the truth was labelled in, None: the recording's.
+
+    Raises:
+        SceneTraceError: boxes of the truth do not lie in its picture, so its size must be another one.
+    """
+    width, height = truth_size or size
+    centres = truth.centres
+    outside = (centres[:, 0] > width) | (centres[:, 1] > height)
+    if np.count_nonzero(outside) > OUTSIDE_SHARE * len(truth):
+        right, bottom = np.max(truth.boxes[:, :2] + truth.boxes[:, 2:], axis=0)
+        raise SceneTraceError(
+            f"the truth reaches to ({right:.0f}, {bottom:.0f}) but the "
+            f"{'picture given by --truth-size' if truth_size else 'recording'} is {width}x{height}: say the size of "
+            "the picture that the truth was labelled in with --truth-size WxH"
+        )
+    if truth_size is None or truth_size == size:
+        return truth
+    return truth.scaled(size[0] / width, size[1] / height)
