@@ -139,6 +139,9 @@ class Target(Struct, frozen=True):
         shell_radius: its shell's radius in pixels, None to have it computed from box and velocity (SHELLS 2.2).
         hidden_parts: names of the parts held to be occluded (PARTS 2.2), empty without a part model.
         score: the association's or appearance's raw score, for explanations.
+        measured: the box that was measured in this frame, before any filter, for the hindsight step.
+        signature: a compact histogram of its colours where one was taken in this frame, for the hindsight step:
+            counts, always in the same order within a recording.
     """
 
     id: Identity
@@ -155,6 +158,8 @@ class Target(Struct, frozen=True):
     shell_radius: float | None = None
     hidden_parts: list[str] = []
     score: float | None = None
+    measured: Box | None = None
+    signature: list[int] = []
 
 
 class GroupTrack(Struct, frozen=True):
@@ -288,6 +293,20 @@ class Graph(Struct, frozen=True):
     graph: dict[str, Any]
     nodes: list[dict[str, Any]]
     edges: list[dict[str, Any]]
+
+
+class Digest(Struct, frozen=True):
+    """One link of the digest chain, written with every frame.
+
+    ``recorded`` is the SHA-256 of the frame's recorded messages; ``channels`` maps each annotated channel to the
+    SHA-256 of its payloads in this frame; ``link`` hashes the link before, the frame, its time, ``recorded`` and
+    ``channels``. All are hexadecimal. The last link is the log's output digest.
+    """
+
+    frame: Count
+    recorded: str
+    channels: dict[str, str]
+    link: str
 
 
 def to_json(message: Struct) -> bytes:
