@@ -37,6 +37,7 @@ class EventsTracker:
         self._tracks.predict(before * NS)
         for track in self._tracks.items:
             track.newborn = track.observed = False
+            track.measured = None
         used = self._associate(frame)
         self._start(frame, used)
         self._confirm(frame, notices)
@@ -81,9 +82,11 @@ class EventsTracker:
         track.hits += 1
         track.quality += (score - track.quality) / min(track.hits, 10)
         track.observed = True
+        x, y, w, h = frame.boxes[column].tolist()
+        track.measured = (x, y, w, h)
         track.blob = frame.detections.blobs[column] if frame.detections.blobs else -1
         if track.id == TENTATIVE:
-            track.sightings.append([float(frame.index), *self._tracks.box(row)])
+            track.sightings.append([float(frame.index), x, y, w, h])
 
     def _start(self, frame: Frame, used: list[bool]) -> None:
         scores = frame.detections.scores or [1.0] * len(used)
@@ -156,6 +159,7 @@ class EventsTracker:
                     observed=track.observed,
                     blob=track.blob if track.observed else -1,
                     newborn=track.newborn,
+                    measured=track.measured,
                 )
             )
         return Targets(frame.index, sorted(targets, key=lambda t: t.id), None, notices)

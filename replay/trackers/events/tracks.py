@@ -45,6 +45,7 @@ class Track:
     newborn: bool = False
     lost: bool = False
     split: bool = False
+    measured: Box | None = None
     sightings: list[list[float]] = field(default_factory=list)
 
 

@@ -1,0 +1,147 @@
+"""The first reading: what the forward pass left of each identity, in bounded space per identity."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+from recorders.messages import Box, Notice, Targets
+
+ENDS_S = 1.0
+"""The path's ends, over which its speed is measured, in seconds."""
+_MOST_ENDS = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """An observation: position in the stream of frames, time in ns, box."""
+
+    at: int
+    time_ns: int
+    box: Box
+
+
+@dataclass(slots=True)
+class Fragment:
+    """An identity's life as the forward pass saw it.
+
+    Attributes:
+        id: the forward pass's identity.
+        earlier: sightings before the confirmation, in order.
+        head, tail: the first and the last observations, at most `ENDS_S` long.
+        hits: number of observations.
+        signature: sum of the appearance signatures, of ``signatures`` frames.
+        evidence: what the confirmation said.
+    """
+
+    id: int
+    earlier: list[Sighting] = field(default_factory=list)
+    head: list[Sighting] = field(default_factory=list)
+    tail: deque[Sighting] = field(default_factory=lambda: deque(maxlen=_MOST_ENDS))
+    hits: int = 0
+    signature: list[float] = field(default_factory=list)
+    signatures: int = 0
+    born_of_split: bool = False
+
+    @property
+    def first(self) -> Sighting:
+        """The first observation."""
+        return self.head[0]
+
+    @property
+    def last(self) -> Sighting:
+        """The last observation."""
+        return self.tail[-1]
+
+    def add(self, seen: Sighting) -> None:
+        """Take the next observation."""
+        self.hits += 1
+        if not self.head or (seen.time_ns - self.first.time_ns <= ENDS_S * 1e9 and len(self.head) < _MOST_ENDS):
+            self.head.append(seen)
+        self.tail.append(seen)
+        while seen.time_ns - self.tail[0].time_ns > ENDS_S * 1e9:
+            self.tail.popleft()
+
+    def sign(self, signature: Sequence[int]) -> None:
+        """Take an appearance signature of the same length as the others."""
+        if not self.signature:
+            self.signature = [0.0] * len(signature)
+        if len(signature) == len(self.signature):
+            self.signature = [a + b for a, b in zip(self.signature, signature, strict=True)]
+            self.signatures += 1
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """A path's state at one of its ends: centre, velocity (pixels per second), size, width, height, time."""
+
+    x: float
+    y: float
+    vx: float
+    vy: float
+    w: float
+    h: float
+    time_ns: int
+
+    @property
+    def size(self) -> float:
+        """Square root of the area."""
+        return math.sqrt(max(self.w * self.h, 1.0))
+
+
+def end_of(sightings: Sequence[Sighting], at_start: bool) -> End:
+    """Fit a straight path to sightings by least squares, its state at the first or the last of them."""
+    n = len(sightings)
+    origin = sightings[0 if at_start else -1].time_ns
+    t = [(s.time_ns - origin) * 1e-9 for s in sightings]
+    x = [s.box[0] + s.box[2] / 2 for s in sightings]
+    y = [s.box[1] + s.box[3] / 2 for s in sightings]
+    mean = math.fsum(t) / n
+    spread = math.fsum((u - mean) ** 2 for u in t)
+    mx, my = math.fsum(x) / n, math.fsum(y) / n
+    vx = math.fsum((u - mean) * v for u, v in zip(t, x, strict=True)) / spread if spread > 0.01 else 0.0
+    vy = math.fsum((u - mean) * v for u, v in zip(t, y, strict=True)) / spread if spread > 0.01 else 0.0
+    w = math.fsum(s.box[2] for s in sightings) / n
+    h = math.fsum(s.box[3] for s in sightings) / n
+    return End(mx - mean * vx, my - mean * vy, vx, vy, w, h, origin)
+
+
+def gather(stream: Iterable[Targets], times: Sequence[int]) -> dict[int, Fragment]:
+    """Read the forward pass once: every identity's fragment, by id.
+
+    Args:
+        stream: the forward pass's answers in order; the k-th belongs to the k-th time.
+        times: capture times in ns.
+    """
+    fragments: dict[int, Fragment] = {}
+    at_frame: deque[tuple[int, int]] = deque(maxlen=4096)
+    for at, answer in enumerate(stream):
+        at_frame.append((answer.frame, at))
+        for target in answer.targets:
+            fragment = fragments.setdefault(target.id, Fragment(target.id))
+            fragment.born_of_split |= target.born_of_split and not fragment.hits
+            if target.observed:
+                fragment.add(Sighting(at, times[at], target.measured or target.box))
+            if target.signature:
+                fragment.sign(target.signature)
+        for notice in answer.notices:
+            if notice.kind == "track_confirmed":
+                for identity in notice.subjects:
+                    if identity in fragments:
+                        _back_date(fragments[identity], notice, dict(at_frame), times)
+    return {k: fragments[k] for k in sorted(fragments) if fragments[k].hits}
+
+
+def _back_date(fragment: Fragment, notice: Notice, at_frame: dict[int, int], times: Sequence[int]) -> None:
+    """The sightings of the time before the confirmation, as the confirmation recorded them."""
+    for row in notice.evidence.get("sightings", []):
+        at = at_frame.get(int(row[0]))
+        if at is not None and (not fragment.hits or at < fragment.first.at):
+            fragment.earlier.append(Sighting(at, times[at], (row[1], row[2], row[3], row[4])))
+    if fragment.earlier and fragment.hits:
+        fragment.head = (fragment.earlier + fragment.head)[:_MOST_ENDS]
+        tail = fragment.earlier + list(fragment.tail)
+        fragment.tail = deque(tail, maxlen=_MOST_ENDS)
+        fragment.hits += len(fragment.earlier)

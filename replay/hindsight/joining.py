@@ -1,0 +1,116 @@
+"""Which fragments are one life: a global assignment of ends to later beginnings, by motion and appearance.
+
+A join's cost is a sum of recorded terms: how far the straight paths out of the gap's two sides miss one another (in
+standard deviations that grow with the gap), how much the sizes differ, how much the colours differ (Hellinger
+distance), and the gap's length. Joining must cost less than leaving both ends loose (`join_cost`). Ties follow
+`scipy.optimize.linear_sum_assignment` on costs quantised to 2**-20, fragments in the order of their ids.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from replay.hindsight.fragments import End, Fragment, end_of
+from replay.hindsight.parameters import HindsightParameters
+
+_QUANTUM = 2.0**-20
+_NEVER = 2.0**20
+
+
+@dataclass(frozen=True, slots=True)
+class Join:
+    """Fragment ``later`` goes on where ``earlier`` ended; costs by term."""
+
+    earlier: int
+    later: int
+    gap_s: float
+    cost: float
+    motion: float
+    size: float
+    appearance: float | None
+
+
+def hellinger(a: list[float], b: list[float]) -> float:
+    """Distance of two histograms of any total, in [0, 1]: sqrt(1 - sum sqrt(a b))."""
+    total = math.sqrt(math.fsum(a) * math.fsum(b))
+    if total <= 0:
+        return 1.0
+    shared = math.fsum(math.sqrt(u * v) for u, v in zip(a, b, strict=True)) / total
+    return math.sqrt(max(0.0, 1.0 - shared))
+
+
+def price(a: Fragment, b: Fragment, ends: tuple[End, End], p: HindsightParameters) -> Join | None:
+    """What it costs to let b follow a; None outside the gates."""
+    out, into = ends
+    gap = (into.time_ns - out.time_ns) * 1e-9
+    if gap <= 0 or gap > p.join_s:
+        return None
+    size = (out.size + into.size) / 2
+    sigma = size * (p.drift + p.drift_rate * gap)
+    # Each side alone, straight or standing still, and both sides meeting in the middle: people stop and turn behind
+    # an occluder, so the best of these explanations counts.
+    misses = [
+        math.hypot(
+            out.x + u * gap * out.vx - (into.x - v * gap * into.vx),
+            out.y + u * gap * out.vy - (into.y - v * gap * into.vy),
+        )
+        for u, v in ((0.5, 0.5), (1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
+    ]
+    motion = 0.5 * (min(misses) / sigma) ** 2
+    ratio = abs(math.log(out.h / into.h)) + abs(math.log(out.w / into.w))
+    colours = hellinger(a.signature, b.signature) if a.signatures and b.signatures else None
+    cost = motion + 0.5 * ratio + p.gap_weight * gap + (p.appearance_weight * colours if colours is not None else 0.0)
+    return Join(a.id, b.id, gap, cost, motion, ratio, colours) if cost < p.join_cost else None
+
+
+def join(fragments: dict[int, Fragment], p: HindsightParameters) -> list[Join]:
+    """The cheapest set of joins over all fragments, each end and each beginning used once, by later fragment."""
+    items = sorted(fragments.values(), key=lambda f: (f.first.time_ns, f.id))
+    outs = [end_of(list(f.tail), False) for f in items]
+    intos = [end_of(f.head, True) for f in items]
+    starts = [f.first.time_ns for f in items]
+    prices: dict[tuple[int, int], Join] = {}
+    for i, a in enumerate(items):
+        ended = a.last.time_ns
+        for j in range(bisect_right(starts, ended), bisect_right(starts, ended + int(p.join_s * 1e9))):
+            found = price(a, items[j], (outs[i], intos[j]), p)
+            if found is not None:
+                prices[i, j] = found
+    joins: list[Join] = []
+    for pairs in _components(sorted(prices)):
+        joins += _solve({pair: prices[pair] for pair in pairs}, p.join_cost)
+    return sorted(joins, key=lambda found: found.later)
+
+
+def _components(pairs: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:
+    """Split possible joins into sets that share neither an end nor a beginning, so that long recordings stay cheap."""
+    parent: dict[tuple[str, int], tuple[str, int]] = {}
+
+    def root(node: tuple[str, int]) -> tuple[str, int]:
+        while parent.setdefault(node, node) != node:
+            node = parent[node]
+        return node
+
+    for i, j in pairs:
+        a, b = root(("end", i)), root(("start", j))
+        parent[max(a, b)] = min(a, b)
+    sets: dict[tuple[str, int], list[tuple[int, int]]] = {}
+    for i, j in pairs:
+        sets.setdefault(root(("end", i)), []).append((i, j))
+    return list(sets.values())
+
+
+def _solve(prices: dict[tuple[int, int], Join], loose: float) -> list[Join]:
+    rows, columns = sorted({i for i, _ in prices}), sorted({j for _, j in prices})
+    cost = np.full((len(rows), len(columns) + len(rows)), _NEVER)
+    for (i, j), found in prices.items():
+        cost[rows.index(i), columns.index(j)] = round(found.cost / _QUANTUM) * _QUANTUM
+    for k in range(len(rows)):
+        cost[k, len(columns) + k] = loose
+    r, c = linear_sum_assignment(cost)
+    return [prices[rows[i], columns[j]] for i, j in zip(r.tolist(), c.tolist(), strict=True) if j < len(columns)]

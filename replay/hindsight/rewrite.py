@@ -1,0 +1,246 @@
+"""The hindsight step: read the forward pass twice, write the tracks as they look once everything is known.
+
+The first reading gathers fragments (`fragments`) and joins them (`joining`); the second rewrites the frames, block by
+block with a margin on both sides, so that memory does not grow with the recording: gaps filled, paths smoothed
+(`smoothing`), births back-dated to the first sighting, short and unsupported paths dropped. Only what the forward
+pass wrote is read, so the answer is as deterministic as that was.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+
+import numpy as np
+from msgspec.structs import replace
+
+from recorders.messages import Notice, Target, Targets
+from recorders.parameters import Config
+from recorders.scene import SceneInfo
+from replay.hindsight.fragments import Fragment, Sighting, gather
+from replay.hindsight.joining import Join, join
+from replay.hindsight.parameters import HindsightParameters
+from replay.hindsight.smoothing import smooth
+
+_BLOCK = 64
+_RULE = "EVENTS hindsight"
+Reading = Callable[[], Iterable[Targets]]
+
+
+@dataclass
+class _Life:
+    """One identity after joining: its fragments in order, and what was said of it so far."""
+
+    id: int
+    fragments: list[Fragment]
+    joins: list[Join]
+    first_at: int
+    last_at: int
+    present: bool = False
+    mode: str = "motion"
+    earlier: list[Sighting] = field(default_factory=list)
+
+
+@dataclass
+class _Row:
+    """A stretch of one life without a gap too long to fill: its observations within the window."""
+
+    life: _Life
+    at: list[int]
+    boxes: list[tuple[float, float, float, float]]
+
+
+def rewrite(targets: Reading, scene: SceneInfo, times: Sequence[int], config: Config) -> Iterator[Targets]:
+    """Rewrite a forward pass in hindsight.
+
+    Args:
+        targets: called twice, gives the forward pass's answers in order each time.
+        scene: what is known of the recording.
+        times: capture time in ns of the k-th answer.
+        config: section ``hindsight``.
+
+    Yields:
+        One answer per frame, in order, with the forward pass's group tracks; notices of births, losses, joins,
+        mode changes and ends are written anew, all others kept under their targets' final ids.
+    """
+    p = config["hindsight"]
+    assert isinstance(p, HindsightParameters)
+    fragments = gather(targets(), times)
+    lives = _lives(fragments, join(fragments, p), p, scene)
+    yield from _Writer(lives, scene, times, p).run(targets())
+
+
+def _lives(
+    fragments: dict[int, Fragment], joins: list[Join], p: HindsightParameters, scene: SceneInfo
+) -> dict[int, _Life]:
+    """Every forward id's life; ids of dropped paths are left out. A life has the id of its first fragment."""
+    followed = {j.later: j for j in joins}
+    chains: dict[int, list[int]] = {}
+    root: dict[int, int] = {}
+    for f in sorted(fragments.values(), key=lambda f: (f.first.at, f.id)):
+        before = followed.get(f.id)
+        root[f.id] = f.id if before is None else root[before.earlier]
+        chains.setdefault(root[f.id], []).append(f.id)
+    lives: dict[int, _Life] = {}
+    for identity, chain in chains.items():
+        parts = [fragments[k] for k in chain]
+        first, last = parts[0].first, parts[-1].last
+        seconds = (last.time_ns - first.time_ns + scene.frame_ns) * 1e-9
+        frames = sum(f.last.at - f.first.at + 1 for f in parts)
+        if seconds < p.min_life_s or sum(f.hits for f in parts) < p.min_support * frames:
+            continue
+        life = _Life(identity, parts, [followed[k] for k in chain if k in followed], first.at, last.at)
+        life.earlier = [s for f in parts for s in f.earlier]
+        for k in chain:
+            lives[k] = life
+    return lives
+
+
+class _Writer:
+    """The second reading, in blocks of `_BLOCK` frames with a margin before and after."""
+
+    def __init__(self, lives: dict[int, _Life], scene: SceneInfo, times: Sequence[int], p: HindsightParameters) -> None:
+        self._lives = lives
+        self._p = p
+        self._times = times
+        self._frame_s = max(scene.frame_ns * 1e-9, 1e-6)
+        self._fill = max(1, math.floor(p.fill_s / self._frame_s + 1e-6))
+        self._margin = self._fill + max(8, round(1.0 / self._frame_s))
+        self._earlier: dict[int, list[tuple[_Life, Sighting]]] = {}
+        for life in {id(v): v for v in lives.values()}.values():
+            for s in life.earlier:
+                self._earlier.setdefault(s.at, []).append((life, s))
+
+    def run(self, stream: Iterable[Targets]) -> Iterator[Targets]:
+        """Write every frame once, in order."""
+        source = iter(stream)
+        window: list[Targets] = list(islice(source, _BLOCK + self._margin))
+        start = 0  # stream position of window[0]
+        block = 0  # stream position of the block's first frame
+        while block < start + len(window):
+            end = min(block + _BLOCK, start + len(window))
+            yield from self._block(window, start, block, end)
+            block = end
+            window += islice(source, block + _BLOCK + self._margin - start - len(window))
+            drop = max(0, block - self._margin - start)
+            window = window[drop:]
+            start += drop
+
+    def _block(self, window: list[Targets], start: int, block: int, end: int) -> Iterator[Targets]:
+        rows = self._rows(window, start)
+        rows = [r for r in rows if r.at[0] < end and r.at[-1] >= block]
+        values, rates = self._smooth(rows, start, len(window))
+        known = [{t.id: t for t in answer.targets} for answer in window[block - start : end - start]]
+        for at in range(block, end):
+            answer, forward = window[at - start], known[at - block]
+            out: list[Target] = []
+            for k, row in enumerate(rows):
+                if row.at[0] <= at <= row.at[-1]:
+                    seen = next((forward[f.id] for f in row.life.fragments if f.id in forward), None)
+                    out.append(_target(row, at, seen, values[at - start, k], rates[at - start, k]))
+            out.sort(key=lambda t: t.id)
+            yield Targets(answer.frame, out, answer.group_tracks, self._notices(answer, at, out))
+
+    def _rows(self, window: list[Targets], start: int) -> list[_Row]:
+        """Observations of every life within the window, cut at gaps that are too long to fill."""
+        rows: list[_Row] = []
+        open_rows: dict[int, _Row] = {}
+        for at, answer in enumerate(window, start):
+            found = [(life, s.box) for life, s in self._earlier.get(at, [])]
+            found += [
+                (self._lives[t.id], t.measured or t.box) for t in answer.targets if t.observed and t.id in self._lives
+            ]
+            for life, box in found:
+                row = open_rows.get(life.id)
+                if row is None or at - row.at[-1] > self._fill:
+                    row = open_rows[life.id] = _Row(life, [], [])
+                    rows.append(row)
+                if not row.at or row.at[-1] != at:
+                    row.at.append(at)
+                    row.boxes.append(box)
+        return rows
+
+    def _smooth(self, rows: list[_Row], start: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
+        p = self._p
+        measured = np.zeros((frames, len(rows), 4))
+        seen = np.zeros((frames, len(rows)), bool)
+        size = np.ones(len(rows))
+        for k, row in enumerate(rows):
+            b = np.array(row.boxes, np.float64)
+            index = np.array(row.at) - start
+            measured[index, k] = np.stack([b[:, 0] + b[:, 2] / 2, b[:, 1] + b[:, 3] / 2, b[:, 2], b[:, 3]], axis=1)
+            seen[index, k] = True
+            size[k] = np.sqrt(np.maximum(b[:, 2] * b[:, 3], 1.0)).mean()
+        if not rows:
+            return measured, measured
+        steps = np.diff(np.array(self._times[start : start + frames], np.float64), prepend=0.0) * 1e-9
+        noise = np.array([p.place_noise, p.place_noise, p.size_noise, p.size_noise])
+        agility = np.array([p.agility, p.agility, p.size_agility, p.size_agility])
+        variance, acceleration = (size[:, None] * noise) ** 2, (size[:, None] * agility) ** 2
+        rate = (size[:, None] * np.array([1.5, 1.5, 0.2, 0.2])) ** 2
+        return smooth(measured, seen, steps, variance, acceleration, rate)
+
+    def _notices(self, answer: Targets, at: int, out: list[Target]) -> list[Notice]:
+        """The lifecycle as it now is, and everything else that the forward pass said, under the final ids."""
+        notices: list[Notice] = []
+        present = {t.id: t for t in out}
+        for identity in sorted({life.id for life in self._lives.values()}):
+            notices += self._life_notices(self._lives[identity], at, present.get(identity))
+        for notice in answer.notices:
+            if not notice.kind.startswith("track_") and notice.kind != "mode_changed":
+                ids = [self._lives[k].id for k in notice.subjects if k in self._lives]
+                if ids:
+                    notices.append(replace(notice, subjects=ids))
+        return notices
+
+    def _life_notices(self, life: _Life, at: int, target: Target | None) -> list[Notice]:
+        if target is None:
+            was, life.present = life.present, False
+            if at == life.last_at + 1:
+                return [Notice("track_removed", [life.id], f"{_RULE}: the last sighting", {"last": life.last_at})]
+            return [Notice("track_lost", [life.id], f"{_RULE}: a gap too long to fill")] if was else []
+        notices: list[Notice] = []
+        if at == life.first_at:
+            evidence = {"sightings": sum(f.hits for f in life.fragments), "fragments": [f.id for f in life.fragments]}
+            notices.append(Notice("track_confirmed", [life.id], f"{_RULE}: the first sighting", evidence))
+            life.mode = target.mode
+        elif not life.present:
+            notices.append(Notice("track_recovered", [life.id], f"{_RULE}: seen again"))
+        for j, f in zip(life.joins, life.fragments[1:], strict=True):
+            if f.first.at == at:
+                costs = {"fragment": j.later, "after": j.earlier, "gap_s": j.gap_s, "cost": j.cost}
+                costs |= {"motion": j.motion, "size": j.size}
+                costs |= {} if j.appearance is None else {"appearance": j.appearance}
+                notices.append(Notice("track_recovered", [life.id], f"{_RULE}: fragments joined", costs))
+        if target.mode != life.mode:
+            change = {"from": life.mode, "to": target.mode}
+            notices.append(Notice("mode_changed", [life.id], "EVENTS 2: matching case", change))
+            life.mode = target.mode
+        life.present = True
+        return notices
+
+
+def _target(row: _Row, at: int, forward: Target | None, value: np.ndarray, rate: np.ndarray) -> Target:
+    """A target of the rewritten frame: smoothed place, everything else as the forward pass had it."""
+    cx, cy, w, h = value.tolist()
+    w, h = max(w, 1.0), max(h, 1.0)
+    box = (cx - w / 2, cy - h / 2, w, h)
+    vx, vy = float(rate[0]), float(rate[1])
+    newborn = at == row.life.first_at
+    if forward is None:
+        sighted = at in row.at
+        return Target(
+            row.life.id,
+            box,
+            (vx, vy),
+            "motion" if sighted else "predicted",
+            1.0 if sighted else 0.5,
+            observed=sighted,
+            newborn=newborn,
+            born_of_split=newborn and row.life.fragments[0].born_of_split,
+        )
+    return replace(
+        forward, id=row.life.id, box=box, velocity=(vx, vy), present=True, newborn=newborn, measured=None, signature=[]
+    )
