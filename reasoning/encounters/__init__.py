@@ -1,0 +1,12 @@
+"""Who was socially together: encounters between two targets, from their boxes alone, in hindsight or live."""
+
+from reasoning.encounters.encounters import (
+    KINDS,
+    Encounter,
+    EncounterParameters,
+    History,
+    Phase,
+    find_encounters,
+)
+
+__all__ = ["KINDS", "Encounter", "EncounterParameters", "History", "Phase", "find_encounters"]
