@@ -1,0 +1,138 @@
+"""Folders of JPEG and PNG pictures, in the order of their numbers; their bytes are recorded as they are."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from pathlib import Path
+
+from recorders.errors import LimitError, RecordingError, SourceError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.pictures import PictureHeader, check_size, decode_picture, read_header
+from recorders.sources.source import Image, SourceFrame, rate_or_assumed, spread
+
+_SUFFIXES = frozenset({".jpg", ".jpeg", ".png"})
+_HEADER_BYTES = 1 << 20
+_DIGITS = re.compile(r"(\d+)")
+
+
+class ImageFolderSource:
+    """A folder of pictures: frame k is the k-th by number (``2.jpg`` before ``10.jpg``), at a constant rate.
+
+    Other files in the folder are left alone. All pictures must be of one size.
+
+    Raises:
+        SourceError: no such folder, no picture in it, or one that is not a JPEG or PNG.
+        LimitError: a picture claims more pixels than the limits allow.
+    """
+
+    name = "images"
+    has_images = True
+    has_detections = False
+
+    def __init__(self, path: Path, fps: Fraction | None = None, limits: Limits = DEFAULT_LIMITS) -> None:
+        self.path = path
+        self.notes: list[str] = []
+        self.losses: list[str] = []
+        self._limits = limits
+        self._digests: list[tuple[str, str]] = []
+        try:
+            names = [p.name for p in path.iterdir() if p.suffix.lower() in _SUFFIXES and not p.name.startswith(".")]
+        except OSError as e:
+            raise SourceError(f"cannot be read: {e.strerror}", path) from e
+        if not names:
+            inside = sorted(p.name for p in path.iterdir() if p.is_dir())
+            hint = f"; it holds the folders {', '.join(inside[:5])}" if inside else ""
+            raise SourceError(f"no JPEG or PNG pictures in this folder{hint}", path)
+        self._names = sorted(names, key=_by_number)
+        header = self._header(self._names[0])
+        self.width, self.height = header.width, header.height
+        self.frame_count: int | None = len(self._names)
+        self._rate = rate_or_assumed(fps, self.notes)
+        self.frame_ns = self._rate.frame_ns
+        self._note_gaps()
+
+    def _note_gaps(self) -> None:
+        numbers = [_number(n) for n in self._names]
+        known = [n for n in numbers if n is not None]
+        missing = known[-1] - known[0] + 1 - len(known) if known else 0
+        if len(known) == len(numbers) and missing > 0:
+            self.notes.append(
+                f"the pictures' numbers run from {known[0]} to {known[-1]} with {missing} missing: "
+                "frames are counted by position, without gaps"
+            )
+
+    def _header(self, name: str) -> PictureHeader:
+        path = self.path / name
+        try:
+            with path.open("rb") as f:
+                header = read_header(f.read(_HEADER_BYTES), path)
+        except OSError as e:
+            raise SourceError(f"cannot be read: {e.strerror}", path) from e
+        except RecordingError as e:
+            raise SourceError(e.reason, path) from e
+        check_size(header.width, header.height, path, self._limits)
+        return header
+
+    def _read(self, name: str) -> tuple[bytes, PictureHeader]:
+        path = self.path / name
+        try:
+            size = path.stat().st_size
+            if size > self._limits.max_message_bytes:
+                limit = self._limits.max_message_bytes
+                raise LimitError(f"a picture of {size} bytes, over the limit of {limit} (max_message_bytes)", path)
+            data = path.read_bytes()
+        except OSError as e:
+            raise SourceError(f"cannot be read: {e.strerror}", path) from e
+        if not data:
+            raise SourceError("the file is empty", path)
+        try:
+            header = read_header(data, path)
+        except RecordingError as e:
+            raise SourceError(e.reason, path) from e
+        check_size(header.width, header.height, path, self._limits)
+        if (header.width, header.height) != (self.width, self.height):
+            first = f"{self._names[0]} is {self.width} x {self.height}"
+            raise SourceError(f"is {header.width} x {header.height}, but {first}: one size is wanted", path)
+        return data, header
+
+    def _loader(self, name: str, data: bytes) -> Callable[[], Image]:
+        def load() -> Image:
+            try:
+                return decode_picture(data, path=self.path / name, limits=self._limits)
+            except LimitError:
+                raise
+            except RecordingError as e:
+                raise SourceError(e.reason, e.path) from e
+
+        return load
+
+    def frames(self) -> Iterator[SourceFrame]:
+        """All pictures in order."""
+        self._digests.clear()
+        for index, name in enumerate(self._names):
+            data, header = self._read(name)
+            self._digests.append((name, hashlib.sha256(data).hexdigest()))
+            yield SourceFrame(index, self._rate.time_ns(index), self._loader(name, data), data, header.format)
+
+    def sample(self, count: int) -> Iterator[Image]:
+        """``count`` pictures spread evenly over the folder."""
+        for index, name in enumerate(self._names):
+            if spread(index, count, len(self._names)):
+                yield self._loader(name, self._read(name)[0])()
+
+    def digests(self) -> list[tuple[str, str]]:
+        """Each picture's SHA-256."""
+        return list(self._digests)
+
+
+def _by_number(name: str) -> tuple[list[tuple[int, str]], str]:
+    parts = _DIGITS.split(Path(name).stem)
+    return [(int(p), "") if k % 2 else (0, p) for k, p in enumerate(parts)], name
+
+
+def _number(name: str) -> int | None:
+    digits = _DIGITS.findall(Path(name).stem)
+    return int(digits[-1]) if digits else None

@@ -1,0 +1,214 @@
+"""Regions of a scene from a JSON file: region of interest, security border, named zones (EVENTS 3.2).
+
+    {"roi": [[x, y], ...], "border": [[x, y], ...], "zones": {"door": [[x, y], ...]}}
+
+``roi`` and ``border`` are one polygon or a list of them, in pixels of the recording; ``border`` is the outer outline
+of the region of interest and its border together and may be left out (no border then), as may ``zones``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+from recorders.errors import SourceError
+from recorders.messages import Regions, Zone
+from recorders.sources.source import existing_file
+
+Point = tuple[float, float]
+Polygon = list[Point]
+
+_LARGEST_FILE = 1 << 20
+_MOST_VERTICES = 500
+_MOST_POLYGONS = 200
+_SMALLEST_AREA = 1e-6
+_LARGEST = 1e7
+
+
+def read_regions(path: str | Path, width: int, height: int) -> Regions:
+    """The regions of a file for pictures of this size.
+
+    Raises:
+        SourceError: not such a file: a polygon with under three vertices, without area, that crosses itself or lies
+            wholly beyond the picture, a border that does not enclose the region of interest; names which.
+    """
+    path = existing_file(Path(path))
+    return _Reader(path, width, height).read()
+
+
+class _Reader:
+    def __init__(self, path: Path, width: int, height: int) -> None:
+        self._path = path
+        self._size = width, height
+
+    def _fail(self, reason: str) -> NoReturn:
+        raise SourceError(reason, self._path)
+
+    def read(self) -> Regions:
+        if self._path.stat().st_size > _LARGEST_FILE:
+            self._fail(f"over {_LARGEST_FILE} bytes: not a file of regions")
+        try:
+            data = json.loads(self._path.read_bytes(), object_pairs_hook=self._object)
+        except (ValueError, RecursionError) as e:
+            self._fail(f"not JSON: {e}")
+        if not isinstance(data, dict) or "roi" not in data:
+            self._fail('wanted an object with "roi": a polygon [[x, y], ...] or a list of polygons')
+        unknown = sorted(set(data) - {"roi", "border", "zones"})
+        if unknown:
+            self._fail(f"unknown field {unknown[0]!r}; known are roi, border, zones")
+        roi = self._polygons(data["roi"], "roi")
+        border = self._polygons(data["border"], "border") if "border" in data else roi
+        for polygon in roi:
+            if not any(_encloses(outer, polygon) for outer in border):
+                self._fail("the border does not enclose the roi: it is the outer outline of both together")
+        return Regions(*self._size, roi, border, self._zones(data.get("zones", {})), "file")
+
+    def _object(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) != len(pairs):
+            twice = next(k for k, _ in pairs if [p[0] for p in pairs].count(k) > 1)
+            self._fail(f"{twice!r} is there twice")
+        return found
+
+    def _zones(self, data: object) -> list[Zone]:
+        if not isinstance(data, Mapping):
+            self._fail('zones must be an object: {"name": [[x, y], ...]}')
+        if len(data) > _MOST_POLYGONS:
+            self._fail(f"{len(data)} zones, at most {_MOST_POLYGONS}")
+        for name in data:
+            if not name.strip():
+                self._fail("a zone without a name")
+        return [Zone(name, self._polygon(data[name], f"zone {name!r}")) for name in sorted(data)]
+
+    def _polygons(self, data: object, name: str) -> list[Polygon]:
+        if not isinstance(data, list) or not data:
+            self._fail(f"{name} must be a polygon [[x, y], ...] or a list of polygons")
+        nested = isinstance(data[0], list) and bool(data[0]) and isinstance(data[0][0], list)
+        if not nested:
+            return [self._polygon(data, name)]
+        if len(data) > _MOST_POLYGONS:
+            self._fail(f"{len(data)} polygons in {name}, at most {_MOST_POLYGONS}")
+        return [self._polygon(p, f"{name} {k + 1}") for k, p in enumerate(data)]
+
+    def _polygon(self, data: object, name: str) -> Polygon:
+        if not isinstance(data, list):
+            self._fail(f"{name} must be a list of vertices [x, y]")
+        polygon = [self._point(p, name) for p in data]
+        if len(polygon) > 1 and polygon[0] == polygon[-1]:
+            polygon.pop()
+        if len(polygon) < 3:
+            self._fail(f"{name} has {len(polygon)} vertices, at least 3 are wanted")
+        if len(polygon) > _MOST_VERTICES:
+            self._fail(f"{name} has {len(polygon)} vertices, at most {_MOST_VERTICES}")
+        if _crosses_itself(polygon):
+            self._fail(f"{name} crosses itself")
+        if abs(_area(polygon)) < _SMALLEST_AREA:
+            self._fail(f"{name} has no area")
+        width, height = self._size
+        xs, ys = [p[0] for p in polygon], [p[1] for p in polygon]
+        if max(xs) <= 0 or max(ys) <= 0 or min(xs) >= width or min(ys) >= height:
+            self._fail(f"{name} lies wholly beyond the picture of {width}x{height}")
+        return polygon
+
+    def _point(self, data: object, name: str) -> Point:
+        if not isinstance(data, list) or len(data) != 2:
+            self._fail(f"{name}: a vertex must be [x, y], not {str(data)[:40]}")
+        for value in data:
+            number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not number or not math.isfinite(value) or abs(value) > _LARGEST:
+                self._fail(f"{name}: {str(value)[:40]} is not a coordinate in pixels")
+        return float(data[0]), float(data[1])
+
+
+def _area(polygon: Polygon) -> float:
+    return sum(_cross((0.0, 0.0), a, b) for a, b in _edges(polygon)) / 2
+
+
+def _edges(polygon: Polygon) -> list[tuple[Point, Point]]:
+    return list(zip(polygon, polygon[1:] + polygon[:1], strict=True))
+
+
+def _cross(o: Point, a: Point, b: Point) -> float:
+    return (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
+
+
+def _on(p: Point, a: Point, b: Point) -> bool:
+    """Whether p, in line with a and b, lies between them."""
+    return min(a[0], b[0]) <= p[0] <= max(a[0], b[0]) and min(a[1], b[1]) <= p[1] <= max(a[1], b[1])
+
+
+def _meet(a: Point, b: Point, c: Point, d: Point) -> bool:
+    """Whether two closed segments share a point."""
+    s, t, u, v = _cross(a, b, c), _cross(a, b, d), _cross(c, d, a), _cross(c, d, b)
+    if ((s > 0) != (t > 0)) and ((u > 0) != (v > 0)) and 0.0 not in (s, t, u, v):
+        return True
+    touching = ((s, c, a, b), (t, d, a, b), (u, a, c, d), (v, b, c, d))
+    return any(side == 0 and _on(p, q, r) for side, p, q, r in touching)
+
+
+def _crosses_itself(polygon: Polygon) -> bool:
+    edges = _edges(polygon)
+    n = len(edges)
+    for i, (a, b) in enumerate(edges):
+        if a == b:
+            return True
+        for j in range(i + 1, n):
+            c, d = edges[j]
+            if j == i + 1 or (i == 0 and j == n - 1):
+                # Neighbours share a vertex; they must not fold back over one another.
+                shared, before, after = (b, a, d) if j == i + 1 else (a, b, c)
+                folded = _cross(shared, before, after) == 0 and n > 3
+                if folded and (_on(before, shared, after) or _on(after, shared, before)):
+                    return True
+            elif _meet(a, b, c, d):
+                return True
+    return False
+
+
+def _inside(p: Point, polygon: Polygon) -> bool:
+    """Whether a point lies in a polygon or on its edge."""
+    within = False
+    for a, b in _edges(polygon):
+        if _cross(a, b, p) == 0 and _on(p, a, b):
+            return True
+        if (a[1] > p[1]) != (b[1] > p[1]) and p[0] < a[0] + (p[1] - a[1]) * (b[0] - a[0]) / (b[1] - a[1]):
+            within = not within
+    return within
+
+
+def _encloses(outer: Polygon, inner: Polygon) -> bool:
+    """Whether no point of the inner polygon lies outside the outer one; edges may be shared."""
+    if not all(_inside(p, outer) for p in inner):
+        return False
+    for a, b in _edges(inner):
+        # Between its meetings with the outer outline an edge lies on one side: ask in the middle of each piece.
+        cuts = sorted({0.0, 1.0, *(t for c, d in _edges(outer) for t in _meetings(a, b, c, d))})
+        for s, t in itertools.pairwise(cuts):
+            middle = (a[0] + (b[0] - a[0]) * (s + t) / 2, a[1] + (b[1] - a[1]) * (s + t) / 2)
+            if not _inside(middle, outer) and _distance(middle, outer) > _SMALLEST_AREA:
+                return False
+    return True
+
+
+def _meetings(a: Point, b: Point, c: Point, d: Point) -> list[float]:
+    """Where along a-b (0 to 1) it meets the line segment c-d."""
+    direction = (b[0] - a[0]) * (d[1] - c[1]) - (b[1] - a[1]) * (d[0] - c[0])
+    if direction == 0:
+        length = (b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2
+        along = [((p[0] - a[0]) * (b[0] - a[0]) + (p[1] - a[1]) * (b[1] - a[1])) / length for p in (c, d)]
+        return [t for t in along if 0 < t < 1]
+    t = ((c[0] - a[0]) * (d[1] - c[1]) - (c[1] - a[1]) * (d[0] - c[0])) / direction
+    return [t] if 0 < t < 1 else []
+
+
+def _distance(p: Point, polygon: Polygon) -> float:
+    best = math.inf
+    for a, b in _edges(polygon):
+        dx, dy = b[0] - a[0], b[1] - a[1]
+        t = max(0.0, min(1.0, ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / (dx * dx + dy * dy)))
+        best = min(best, math.hypot(p[0] - a[0] - t * dx, p[1] - a[1] - t * dy))
+    return best

@@ -1,0 +1,186 @@
+"""What a source is: frames in order with their times, each with a picture, with detections, or with both."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Iterator, Sequence
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.errors import SourceError, UsageError
+from recorders.messages import NO_BLOB, Box, Detections
+
+Image = NDArray[np.uint8]
+
+NANOS = 1_000_000_000
+ASSUMED_FPS = Fraction(25)
+MAX_FRAMES = 100_000_000
+_MAX_FPS = 100_000
+_MAX_DENOMINATOR = 100_100
+
+
+class SourceFrame:
+    """One frame of a source. Its picture is decoded when first asked for, once.
+
+    Attributes:
+        index: from 0.
+        time_ns: since the first frame.
+        encoded: the picture's own bytes, to be recorded as they are, or None.
+        format: ``jpeg`` or ``png`` where there are such bytes.
+        detections: what the source says was detected in this frame, or None.
+    """
+
+    def __init__(
+        self,
+        index: int,
+        time_ns: int,
+        load_image: Callable[[], Image] | None = None,
+        encoded: bytes | None = None,
+        picture_format: str | None = None,
+        detections: Detections | None = None,
+    ) -> None:
+        self.index = index
+        self.time_ns = time_ns
+        self.encoded = encoded
+        self.format = picture_format
+        self.detections = detections
+        self._load_image = load_image
+
+    @cached_property
+    def image(self) -> Image | None:
+        """The picture, (height, width, 3) uint8 BGR, or None. Never write into it."""
+        return None if self._load_image is None else self._load_image()
+
+
+class Source(Protocol):
+    """Frames of one camera, readable from the start as often as wanted.
+
+    Attributes:
+        path: where it was opened.
+        name: what it is, in words: ``video``, ``images``, ``MOTChallenge text``, ``CAVIAR XML``.
+        width, height: of every picture, in pixels.
+        frame_ns: the nominal time between frames.
+        has_images: every frame has a picture.
+        has_detections: every frame has detections, if only none.
+        frame_count: how many frames there are, None where only reading tells; an expectation, not a promise.
+        notes: what had to be assumed, one line each.
+        losses: what the last whole reading had to leave out, one line each.
+    """
+
+    path: Path
+    name: str
+    width: int
+    height: int
+    frame_ns: int
+    has_images: bool
+    has_detections: bool
+    frame_count: int | None
+    notes: list[str]
+    losses: list[str]
+
+    def frames(self) -> Iterator[SourceFrame]:
+        """All frames from the first on.
+
+        Raises:
+            SourceError: what is there cannot be read; names the file and the place.
+            LimitError: it claims more than the limits allow.
+        """
+        ...
+
+    def sample(self, count: int) -> Iterator[Image]:
+        """About ``count`` pictures spread evenly over the source, in order; the same ones each time."""
+        ...
+
+    def digests(self) -> list[tuple[str, str]]:
+        """Name and SHA-256 (hexadecimal) of each file that the last whole reading read, in order."""
+        ...
+
+
+class Rate:
+    """A constant frame rate with exact times: frame k is at floor(k / fps) in ns."""
+
+    def __init__(self, fps: Fraction) -> None:
+        self.fps = fps
+        self.frame_ns = max(1, round(NANOS / fps))
+
+    def time_ns(self, index: int) -> int:
+        """The time of a frame since the first, in ns."""
+        return index * NANOS * self.fps.denominator // self.fps.numerator
+
+
+def parse_fps(fps: float | Fraction | str) -> Fraction:
+    """A frame rate as an exact fraction: ``25``, ``29.97``, ``30000/1001``.
+
+    Raises:
+        UsageError: it is not a number over 0.
+    """
+    try:
+        exact = Fraction(fps) if not isinstance(fps, float) or math.isfinite(fps) else Fraction(0)
+        exact = exact.limit_denominator(_MAX_DENOMINATOR)
+    except (ValueError, ZeroDivisionError, OverflowError):
+        exact = Fraction(0)
+    if not 0 < exact <= _MAX_FPS:
+        raise UsageError(f"--fps {fps}: must be a number of frames per second over 0 and at most {_MAX_FPS}")
+    return exact
+
+
+def rate_or_assumed(fps: Fraction | None, notes: list[str]) -> Rate:
+    """The given rate, or the assumed one with a note that says so."""
+    if fps is None:
+        notes.append(f"no frame rate is known: assuming {ASSUMED_FPS} frames per second; say it with --fps")
+    return Rate(fps or ASSUMED_FPS)
+
+
+def detections_of(frame: int, width: int, height: int, boxes: Sequence[Box], scores: Sequence[float]) -> Detections:
+    """The detections of a frame that come without pixels."""
+    n = len(boxes)
+    return Detections(frame, width, height, list(boxes), list(scores), [""] * n, [None] * n, [NO_BLOB] * n)
+
+
+def outside(box: Box, width: float, height: float) -> bool:
+    """Whether a box (x, y, w, h) shares no pixel with the picture."""
+    x, y, w, h = box
+    return x >= width or y >= height or x + w <= 0 or y + h <= 0
+
+
+def spread(index: int, count: int, among: int) -> bool:
+    """Whether to take item ``index`` where ``count`` of ``among`` are wanted, evenly spaced, the first included.
+
+    >>> [i for i in range(10) if spread(i, 4, 10)]
+    [0, 3, 5, 8]
+    >>> [i for i in range(3) if spread(i, 4, 3)]
+    [0, 1, 2]
+    """
+    return index == 0 or index * count // among != (index - 1) * count // among
+
+
+def existing_file(path: Path) -> Path:
+    """The path, if it is a file with something in it.
+
+    Raises:
+        SourceError: no such file, a folder, empty, or not readable.
+    """
+    try:
+        with path.open("rb") as f:
+            empty = not f.read(1)
+    except FileNotFoundError:
+        raise SourceError("no such file", path) from None
+    except IsADirectoryError:
+        raise SourceError("is a folder, a file is wanted", path) from None
+    except OSError as e:
+        raise SourceError(f"cannot be read: {e.strerror}", path) from e
+    if empty:
+        raise SourceError("the file is empty", path)
+    return path
+
+
+def sha256(path: Path) -> str:
+    """The file's SHA-256, hexadecimal, read in pieces."""
+    with path.open("rb") as f:
+        return hashlib.file_digest(f, "sha256").hexdigest()
