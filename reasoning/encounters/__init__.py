@@ -4,9 +4,9 @@ from reasoning.encounters.encounters import (
     KINDS,
     Encounter,
     EncounterParameters,
-    History,
     Phase,
     find_encounters,
 )
+from reasoning.encounters.pair import History
 
 __all__ = ["KINDS", "Encounter", "EncounterParameters", "History", "Phase", "find_encounters"]

@@ -19,10 +19,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from reasoning.encounters.pair import Bools, History, Ints, Pair, pairs, spans
+from reasoning.encounters.pair import Bools, Floats, History, Ints, Pair, pairs, spans
 from recorders.parameters import Parameters, param
 
 KINDS = ("meeting", "moving", "contact", "separation")
@@ -145,7 +146,8 @@ def _of_pair(
         if len(near) < enough:
             continue
         proven = int(near[enough - 1])
-        yield _encounter(a, b, pair, (proven if live else start, end), near, proven, step, p, joint)
+        found = _Evidence((proven if live else start, end), near, proven, step)
+        yield _encounter((a, b), pair, found, p, joint)
 
 
 def _closed(found: list[Span], pair: Pair, gap_s: float) -> list[Span]:
@@ -158,23 +160,32 @@ def _closed(found: list[Span], pair: Pair, gap_s: float) -> list[Span]:
     return out
 
 
+@dataclass(frozen=True)
+class _Evidence:
+    """Where an encounter lies in its pair: index span, moments together for sure, the one that proved it."""
+
+    span: Span
+    near: Ints
+    proven: int
+    step_s: float
+
+
 def _encounter(
-    a: int, b: int, pair: Pair, span: Span, near: Ints, proven: int, step: float, p: EncounterParameters,
-    joint: Sequence[Span],
-) -> Encounter:  # fmt: skip
-    start, end = span
-    phases = _phases(pair, span, int(near[-1]), p, joint)
+    ids: tuple[int, int], pair: Pair, found: _Evidence, p: EncounterParameters, joint: Sequence[Span]
+) -> Encounter:
+    near, step, (start, end) = found.near, found.step_s, found.span
+    phases = _phases(pair, found.span, int(near[-1]), p, joint)
     seconds = {k: sum(x.end_s - x.start_s + step for x in phases if x.kind == k) for k in KINDS}
     near_s = len(near) * step
     distance, pace = float(np.median(pair.distance[near])), float(np.median(pair.relative_speed[near]))
     support = near_s / (near_s + p.least_s) if near_s + p.least_s > 0 else 0.0
     doubt = 0.25 * min(1.0, pace / p.pace_sizes_per_s) + 0.25 * min(1.0, distance / p.near_sizes)
     return Encounter(
-        a=a, b=b, kind=max(KINDS, key=lambda k: (seconds[k], -KINDS.index(k))),
+        a=ids[0], b=ids[1], kind=max(KINDS, key=lambda k: (seconds[k], -KINDS.index(k))),
         start_frame=int(pair.frames[start]), end_frame=int(pair.frames[end]),
         start_s=float(pair.times_s[start]), end_s=float(pair.times_s[end]),
         confidence=round(support * (1 - doubt), 4), near_s=near_s, distance=distance, relative_speed=pace,
-        sure_frame=int(pair.frames[proven]), phases=phases,
+        sure_frame=int(pair.frames[found.proven]), phases=phases,
     )  # fmt: skip
 
 
@@ -198,7 +209,7 @@ def _phases(pair: Pair, span: Span, last_near: int, p: EncounterParameters, join
             float(pair.times_s[start + s]),
             float(pair.times_s[start + e - 1]),
         )
-        for s, e in zip(cuts, cuts[1:], strict=False)
+        for s, e in pairwise(cuts)
     )
 
 
@@ -210,11 +221,11 @@ def _contact(pair: Pair, part: slice, p: EncounterParameters, joint: Sequence[Sp
     return contact
 
 
-def _steady(code: Ints, times_s: np.ndarray[tuple[int], np.dtype[np.float64]], least_s: float) -> Ints:
+def _steady(code: Ints, times_s: Floats, least_s: float) -> Ints:
     """Phases shorter than ``least_s`` go to the phase before them (the first one to the phase after it)."""
     out = code.copy()
     cuts = [0, *(np.flatnonzero(np.diff(out)) + 1).tolist(), len(out)]
-    for s, e in zip(cuts, cuts[1:], strict=False):
+    for s, e in pairwise(cuts):
         if times_s[e - 1] - times_s[s] < least_s and len(cuts) > 2:
             out[s:e] = out[s - 1] if s > 0 else out[min(e, len(out) - 1)]
     return out

@@ -73,7 +73,8 @@ def running_median(values: Floats, half: int, causal: bool = False) -> Floats:
     width = 2 * half + 1
     before = width - 1 if causal else half
     padded = np.concatenate([np.repeat(values[:1], before), values, np.repeat(values[-1:], width - 1 - before)])
-    return np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
+    middle: Floats = np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
+    return middle
 
 
 def velocity(places: Floats, times_s: Floats, half: int, causal: bool = False) -> Floats:

@@ -29,7 +29,7 @@ ONE_INTERVAL = 2 / 15
 
 @dataclass(frozen=True)
 class Scored:
-    """Pooled leave-one-out counts per file (files, 3, 3), the thresholds chosen per file, the shipped thresholds' counts."""
+    """Counts per file, (files, 3, 3), held out and with the shipped thresholds; the thresholds chosen per file."""
 
     names: list[str]
     held_out: np.ndarray
@@ -85,7 +85,7 @@ def main() -> int:
     sequences = [caviar.read(p) for p in sorted(folder.glob("*.xml"))]
     s = leave_one_out(sequences)
     print(
-        f"{'':32s} frame                interval             onset   (F1, 95 % by bootstrap over {len(sequences)} files)"
+        f"{'':32s} frame                interval             onset (F1, 95 % by bootstrap over {len(sequences)} files)"
     )
     print(_row("leave-one-out", s.held_out))
     print(_row("shipped thresholds", s.shipped))

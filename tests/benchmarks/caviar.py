@@ -104,7 +104,7 @@ def _runs(items):
 
 
 def counts(found: list[Interval], truth: list[Interval]) -> np.ndarray:
-    """(3, 3) int64: frame, interval (IoU >= 0.5), onset (within 1 s) x true positive, false positive, false negative."""
+    """(3, 3) int64: frame, interval (IoU >= 0.5), onset (within 1 s) x true, false positive, missed."""
     out = np.zeros((3, 3), np.int64)
     keys = sorted({(x.a, x.b) for x in [*found, *truth]})
     for key in keys:
