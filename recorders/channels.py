@@ -38,6 +38,7 @@ JSON_CHANNELS: Mapping[str, type[msgspec.Struct]] = {
     "groups": messages.Groups,
     "events": messages.Event,
     "graph": messages.Graph,
+    "digest": messages.Digest,
 }
 PROTOBUF_CHANNELS: Mapping[str, Any] = {
     "image": CompressedImage,
@@ -49,7 +50,18 @@ PROTOBUF_CHANNELS: Mapping[str, Any] = {
 }
 RECORDED = ("image", "foreground", "detections", "regions")
 PICTURES = ("image", "foreground", "membership")
-ANNOTATED = ("targets", "tracks", "relations", "groups", "events", "graph", "membership", "annotations", "log")
+ANNOTATED = (
+    "targets",
+    "tracks",
+    "relations",
+    "groups",
+    "events",
+    "graph",
+    "membership",
+    "annotations",
+    "log",
+    "digest",
+)
 
 _SCHEMA_NAMES = {"events": "scenetrace.Event"}
 # Fields of type Any take whatever a file nests into them; only there the depth has to be counted.
@@ -172,7 +184,8 @@ def _check_depth(data: bytes, limit: int) -> None:
 def _check_detections(d: messages.Detections, limits: Limits) -> None:
     n = len(d.boxes)
     if n > limits.max_detections_per_frame:
-        raise ValueError(f"{n} detections, over the limit of {limits.max_detections_per_frame} (max_detections_per_frame)")
+        limit = limits.max_detections_per_frame
+        raise ValueError(f"{n} detections, over the limit of {limit} (max_detections_per_frame)")
     for field in ("scores", "labels", "ellipses", "blobs"):
         if len(getattr(d, field)) not in (0, n):
             raise ValueError(f"frame {d.frame}: {len(getattr(d, field))} {field} for {n} boxes")

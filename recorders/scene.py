@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from statistics import median_low
+from threading import Lock
 from types import TracebackType
 from typing import Any
 
@@ -71,6 +73,15 @@ class Frame:
         self.messages = messages
         self._load_image = load_image
         self._load_mask = load_mask
+        self._ahead: list[str] = []
+
+    def prefetch(self, submit: Callable[[Callable[[], Image]], Future[Image]], like: Frame) -> None:
+        """Have picture and mask decoded by an executor, as far as they were asked for in the frame ``like``."""
+        for name, wanted in (("_load_image", "image"), ("_load_mask", "mask")):
+            load = getattr(self, name)
+            if load is not None and wanted in like.__dict__ and wanted not in self.__dict__ and name not in self._ahead:
+                setattr(self, name, submit(load).result)
+                self._ahead.append(name)
 
     @cached_property
     def image(self) -> Image | None:
@@ -144,7 +155,7 @@ class SceneLog:
         ]
         if not sample:
             raise RecordingError("the detections channel is empty: nothing to replay", self.path)
-        steps = [b[0] - a[0] for a, b in zip(sample, sample[1:], strict=False)]
+        steps = [b[0] - a[0] for a, b in pairwise(sample)]
         first = sample[0][1]
         return SceneInfo(
             first.width,
@@ -171,7 +182,7 @@ class SceneLog:
         self.trailing = ()
         latched = self._log.latched(self._topics["regions"], start_ns - 1) if start_ns is not None else None
         regions = None if latched is None else self._decode("regions", latched)
-        video = _Video()
+        video = self._video_at(start_ns)
         pending: list[Message] = []
         index = first_index
         topics = [c.topic for c in self.recorded]
@@ -188,7 +199,7 @@ class SceneLog:
                 elif message.topic == self._topics["regions"]:
                     regions = self._decode("regions", message)
                 elif message.topic == self._topics["image"]:
-                    image = video.loader(message, self)
+                    image = video.loader(message)
                 elif message.topic == self._topics["foreground"]:
                     mask = self._mask_loader(message)
             if detections is None:
@@ -205,11 +216,33 @@ class SceneLog:
         def load() -> Image:
             picture = self._decode("foreground", message)
             mask = decode_picture(picture.data, gray=True, path=self.path, limits=self.limits)
-            return self._sized(mask, "foreground", message)
+            return self.sized(mask, "foreground", message)
 
         return load
 
-    def _sized(self, picture: Image, name: str, message: Message) -> Image:
+    def _video_at(self, start_ns: int | None) -> _Video:
+        """A decoder that has, where the reading starts inside a group of pictures, that group's packets."""
+        video = _Video(self)
+        if start_ns is None:
+            return video
+        before: list[Message] = []
+        for message in self._log.messages([self._topics["image"]], end_ns=start_ns, reverse=True):
+            if not _is_video(message):
+                break
+            before.append(message)
+            packet = self._decode("video", message).data
+            if VideoDecoder.is_key(packet):
+                break
+        for message in reversed(before):
+            video.append(message)
+        return video
+
+    def sized(self, picture: Image, name: str, message: Message) -> Image:
+        """The picture itself, if it has the size that the detections say.
+
+        Raises:
+            RecordingError: it has another.
+        """
         height, width = picture.shape[:2]
         if (width, height) != (self.info.width, self.info.height):
             raise RecordingError(
@@ -224,43 +257,57 @@ class SceneLog:
 class _Video:
     """Pictures of one reading: JPEG and PNG stand alone, H.264 needs every packet since the last key frame."""
 
-    def __init__(self) -> None:
+    def __init__(self, scene: SceneLog) -> None:
+        self._scene = scene
+        self._group: list[bytes] = []
         self._decoder: VideoDecoder | None = None
-        self._pending: list[bytes] = []
+        self._decoding: list[bytes] = []
+        self._decoded = 0
+        self._lock = Lock()
 
-    def loader(self, message: Message, scene: SceneLog) -> Callable[[], Image]:
-        is_video = message.channel.schema is not None and message.channel.schema.name == "foxglove.CompressedVideo"
-        if not is_video:
+    def loader(self, message: Message) -> Callable[[], Image]:
+        """What decodes this message's picture when called."""
+        scene = self._scene
+        if not _is_video(message):
 
             def load_still() -> Image:
                 picture = channels.decode("image", message.data, path=str(scene.path), limits=scene.limits)
                 image = decode_picture(picture.data, path=scene.path, limits=scene.limits)
-                return scene._sized(image, "image", message)
+                return scene.sized(image, "image", message)
 
             return load_still
-        packet = channels.decode("video", message.data, path=str(scene.path), limits=scene.limits).data
+        group, position = self.append(message)
+        return lambda: scene.sized(self._load(group, position, message), "image", message)
+
+    def append(self, message: Message) -> tuple[list[bytes], int]:
+        """Take a packet into its group of pictures; the group and the packet's place in it."""
+        packet = channels.decode("video", message.data, path=str(self._scene.path), limits=self._scene.limits).data
         if VideoDecoder.is_key(packet):
-            self._pending = []
-        self._pending.append(packet)
-        wanted = len(self._pending)
+            self._group = []
+        self._group.append(packet)
+        return self._group, len(self._group) - 1
 
-        def load_video() -> Image:
-            if self._decoder is None:
-                self._decoder = VideoDecoder(path=scene.path, limits=scene.limits)
+    def _load(self, group: list[bytes], position: int, message: Message) -> Image:
+        with self._lock:
+            if self._decoder is None or self._decoding is not group or self._decoded > position:
+                self._decoder = VideoDecoder(path=self._scene.path, limits=self._scene.limits)
+                self._decoding, self._decoded = group, 0
             image: Image | None = None
-            for waiting in self._pending[:wanted]:
-                image = self._decoder.decode(waiting)
-            del self._pending[:wanted]
-            if image is None:
-                raise RecordingError(f"no picture in the video packet at {message.log_time_ns} ns", scene.path)
-            return scene._sized(image, "image", message)
+            while self._decoded <= position:
+                image = self._decoder.decode(group[self._decoded])
+                self._decoded += 1
+        if image is None:
+            raise RecordingError(
+                f"no picture in the video packet at {message.log_time_ns} ns", self._scene.path, record=message.topic
+            )
+        return image
 
-        return load_video
+
+def _is_video(message: Message) -> bool:
+    return message.channel.schema is not None and message.channel.schema.name == "foxglove.CompressedVideo"
 
 
-def _by_time(
-    messages: Iterator[Message], limits: Limits, path: Path
-) -> Iterator[tuple[int, list[Message]]]:
+def _by_time(messages: Iterator[Message], limits: Limits, path: Path) -> Iterator[tuple[int, list[Message]]]:
     """Group messages of one log time, bounded."""
     group: list[Message] = []
     for message in messages:

@@ -1,1 +1,93 @@
-"""The command line: the composition root."""
+"""The command line: the composition root. It parses, calls, prints; the work is done by the library."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import signal
+import sys
+from collections.abc import Sequence
+
+from recorders.errors import SceneTraceError, UsageError
+
+# Command, the module that has it, its line in the overview. A module is imported when its command is called.
+COMMANDS: tuple[tuple[str, str, str], ...] = (
+    ("demo", "demo", "a synthetic scene, recorded, replayed, questioned and reported; no input needed"),
+    ("record", "record", "a video, pictures or detections into a scene log"),
+    ("replay", "replay", "a scene log through a tracker into an annotated log"),
+    ("verify", "verify", "replay again and compare digests"),
+    ("diff", "diff", "what happens in one annotated log and not in another"),
+    ("query", "query", "ask annotated logs: SQL or a ready question"),
+    ("explain", "explain", "why an event was reported: rule, values, frames, pictures"),
+    ("report", "report", "one HTML file that opens offline"),
+    ("evidence", "evidence", "a folder with clip, frames and facts of chosen events"),
+    ("index", "index", "many annotated logs into one database"),
+    ("export", "export", "tracks, tables, graph or an overlaid video"),
+    ("eval", "evaluate", "score tracks against truth: HOTA, MOTA, IDF1"),
+    ("fit", "fit", "fit the part features' models to annotated recordings"),
+    ("seal", "seal", "a manifest of digests over a case's files"),
+    ("info", "info", "what a log holds"),
+    ("doctor", "doctor", "check a log's structure and checksums"),
+    ("recover", "recover", "what is whole of a damaged log into a new one"),
+    ("config", "config", "every parameter with unit, range and source, as TOML"),
+)
+FAILED, WRONG_USAGE, INTERRUPTED = 1, 2, 1
+EXIT_CODES = "exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but something was lost or left out; 4 differs"
+EXAMPLE = """example:
+  scenetrace record video.avi --fps 7 -o scene.mcap
+  scenetrace replay scene.mcap -o annotated.mcap --tracker events
+  scenetrace query annotated.mcap "SELECT kind, t, text FROM events"
+"""
+
+
+def parser(command: str | None = None) -> argparse.ArgumentParser:
+    """The parser; only the named command's options are loaded (all of them for None)."""
+    top = argparse.ArgumentParser(
+        prog="scenetrace",
+        description="Replay recorded camera scenes, bit for bit the same, and say who interacted with whom.",
+        epilog=f"{EXAMPLE}\n{EXIT_CODES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    top.add_argument("--version", action="store_true", help="print the version and exit")
+    commands = top.add_subparsers(dest="command", metavar="COMMAND", title="commands")
+    for name, module, line in COMMANDS:
+        if command is None or name == command:
+            importlib.import_module(f"replay.cli.{module}").add(commands)
+        else:
+            commands.add_parser(name, help=line)
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:  # noqa: PLR0911 - one return per kind of ending
+    """Run a command; returns the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    named = next((w for w in words if not w.startswith("-")), "")
+    try:
+        args = parser(named).parse_args(words)
+        if args.version:
+            from importlib.metadata import version
+
+            print(f"scenetrace {version('scenetrace')}")
+            return 0
+        if args.command is None:
+            raise UsageError("no command given; `scenetrace --help` lists them")
+        code: int = args.run(args)
+        sys.stdout.flush()
+        return code  # noqa: TRY300 - flushing belongs to the try: a closed pipe shows there
+    except UsageError as e:
+        print(f"scenetrace: error: {e}", file=sys.stderr)
+        return WRONG_USAGE
+    except SceneTraceError as e:
+        print(f"scenetrace: error: {e}", file=sys.stderr)
+        return FAILED
+    except KeyboardInterrupt:
+        print("scenetrace: interrupted; nothing half-written is left under the output's name", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of our output has gone (`| head`): not an error of ours, and nothing more to say to it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
+    except OSError as e:
+        print(f"scenetrace: error: {e.filename or 'input/output'}: {e.strerror or e}", file=sys.stderr)
+        return FAILED

@@ -1,0 +1,117 @@
+"""What the commands share: parsers with an example, times, progress."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+
+from recorders.errors import UsageError
+from recorders.scene import SceneLog
+
+NANOS = 1_000_000_000
+
+
+def command(
+    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+    name: str,
+    summary: str,
+    description: str,
+    example: str,
+) -> argparse.ArgumentParser:
+    """A command's parser: its help ends with an example that works."""
+    return commands.add_parser(
+        name,
+        help=summary,
+        description=description,
+        epilog="example:\n" + "\n".join(f"  {line}" for line in example.strip().splitlines()),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def add_configuration(parser: argparse.ArgumentParser) -> None:
+    """``--config`` and ``--set``."""
+    parser.add_argument("--config", type=Path, metavar="FILE", help="parameters as TOML (see `scenetrace config`)")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", dest="assignments",
+        help="one parameter, section.field=value; may be repeated",
+    )  # fmt: skip
+
+
+def say(text: str) -> None:
+    """A message to the person: on stderr, so that results stay clean."""
+    print(text, file=sys.stderr)
+
+
+def parse_time(text: str, scene: SceneLog) -> int:
+    """A time as log time in ns: seconds from the start, ``frame:N``, or RFC 3339.
+
+    Raises:
+        UsageError: it is none of them, or the frame is not there.
+    """
+    if match := re.fullmatch(r"frame:(\d+)", text):
+        wanted = int(match[1])
+        for index, time_ns in enumerate(scene.frame_times()):
+            if index == wanted:
+                return time_ns
+        raise UsageError(f"{text}: {scene.path} has frames 0 to {index}")
+    if re.fullmatch(r"\d+(\.\d*)?", text):
+        start = next(scene.frame_times())
+        whole, _, fraction = text.partition(".")
+        return start + int(whole) * NANOS + int(fraction[:9].ljust(9, "0") or 0)
+    return parse_rfc3339(text)
+
+
+def parse_rfc3339(text: str) -> int:
+    """An RFC 3339 time as ns since 1970.
+
+    Raises:
+        UsageError: it is none.
+    """
+    match = re.fullmatch(r"(\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d)(\.\d+)?([Zz]|[+-]\d\d:\d\d)", text)
+    try:
+        if match is None:
+            raise ValueError(text)
+        zone = "+00:00" if match[3] in "Zz" else match[3]
+        seconds = int((datetime.fromisoformat(match[1] + zone) - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())
+    except ValueError:
+        raise UsageError(
+            f"time {text!r}: must be seconds from the start (12.5), frame:N, or RFC 3339 (2026-01-31T12:00:00Z)"
+        ) from None
+    return seconds * NANOS + int((match[2] or ".0")[1:10].ljust(9, "0"))
+
+
+@contextmanager
+def progress(total: int | None, unit: str = "frames") -> Iterator[Callable[[str, int], None]]:
+    """A progress bar on stderr, on a terminal only: a callable of the stage's name and the number done.
+
+    It shows the rate and the time left.
+    """
+    if not sys.stderr.isatty():
+        yield lambda *_: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description:>10}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn(f"{{task.fields[rate]}} {unit}/s"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        tasks: dict[str, int] = {}
+
+        def update(stage: str, index: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = bar.add_task(stage, total=total, rate="-")
+            task = bar.tasks[tasks[stage]]
+            rate = "-" if task.speed is None else f"{task.speed:.0f}"
+            bar.update(task.id, completed=index + 1, rate=rate)
+
+        yield update

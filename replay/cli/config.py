@@ -1,0 +1,43 @@
+"""``scenetrace config``."""
+
+from __future__ import annotations
+
+import argparse
+
+from replay.cli import common
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    p = common.command(
+        commands,
+        "config",
+        "every parameter with unit, range and source, as TOML",
+        "Print every parameter of every method as TOML: its meaning, unit, range and source (paper and section, or ours).\n"
+        "The output is a file for --config; --set section.field=value reaches each parameter alone.",
+        "scenetrace config --tracker shells > shells.toml\nscenetrace replay scene.mcap -o out.mcap --config shells.toml",
+    )
+    p.add_argument(
+        "--tracker", metavar="NAME", help="only what a replay with this tracker reads; default: all, and record's"
+    )
+    common.add_configuration(p)
+    p.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the configuration."""
+    from recorders.parameters import Parameters, configure, to_toml
+    from replay.configuration import sections
+    from replay.trackers.catalogue import TRACKERS
+
+    wanted: dict[str, type[Parameters]] = {}
+    if args.tracker is not None:
+        wanted.update(sections(args.tracker))
+    else:
+        from recorders.recording import SECTIONS
+
+        wanted.update(SECTIONS)
+        for tracker in TRACKERS:
+            wanted.update(sections(tracker))
+    print(to_toml(configure(wanted, args.config, args.assignments)), end="")
+    return 0

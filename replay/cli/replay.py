@@ -1,0 +1,72 @@
+"""``scenetrace replay``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from recorders.errors import UsageError
+from recorders.scene import SceneLog
+from replay.cli import common
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    p = common.command(
+        commands,
+        "replay",
+        "a scene log through a tracker into an annotated log",
+        "Replay a scene log through a tracker, reason over what its targets do to one another, and write everything back\n"
+        "beside the recorded messages. The same recording and configuration give the same annotations, bit for bit.",
+        "scenetrace replay scene.mcap -o annotated.mcap --tracker events\n"
+        "scenetrace replay scene.mcap -o minute.mcap --from 60 --to 120 --annotations-only",
+    )
+    p.add_argument("scene", type=Path, help="a scene log, or an annotated log to be replayed anew")
+    p.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the annotated log")
+    p.add_argument("--tracker", default="events", metavar="NAME", help="events (default), shells or parts")
+    common.add_configuration(p)
+    p.add_argument("--from", dest="start", metavar="T", help="first time to write: seconds, frame:N or RFC 3339")
+    p.add_argument("--to", dest="end", metavar="T", help="end of what is written, excluded")
+    p.add_argument("--annotations-only", action="store_true", help="leave the recorded messages out")
+    p.add_argument("--checkpoint", type=float, metavar="SECONDS", help="store the whole state every so often")
+    p.add_argument(
+        "--checkpoints", type=Path, metavar="LOG", help="an annotated log whose checkpoints make --from faster"
+    )
+    p.add_argument("--camera", metavar="NAME", help="which camera, where the log has several")
+    p.add_argument("--force", action="store_true", help="overwrite an existing output")
+    p.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Replay."""
+    from replay.configuration import replay_config
+    from replay.replaying import ReplayOptions
+    from replay.writing import replay
+
+    config = replay_config(args.tracker, args.config, args.assignments)
+    if args.checkpoint is not None and not args.checkpoint > 0:
+        raise UsageError(f"--checkpoint {args.checkpoint}: must be over 0 seconds")
+    with SceneLog(args.scene, args.camera) as scene:
+        first = None if args.start is None else common.parse_time(args.start, scene)
+        end = None if args.end is None else common.parse_time(args.end, scene)
+        counts = [c.message_count for c in scene.recorded if c.topic.endswith("/detections")]
+    if first is not None and end is not None and end <= first:
+        raise UsageError(f"--from {args.start} --to {args.end}: an empty span")
+    options = ReplayOptions(
+        tracker=args.tracker,
+        config=config,
+        from_ns=first,
+        to_ns=end,
+        annotations_only=args.annotations_only,
+        checkpoint_ns=None if args.checkpoint is None else int(args.checkpoint * common.NANOS),
+        checkpoints=args.checkpoints,
+        force=args.force,
+        camera=args.camera,
+    )
+    with common.progress(counts[0] if counts else None) as progress:
+        done = replay(args.scene, args.output, options, progress)
+    common.say(
+        f"{args.output}: {done.frames} frames, {done.tracks} tracks, {done.events} events, "
+        f"output digest {done.output_digest[:16]}"
+    )
+    return 0

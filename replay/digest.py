@@ -1,0 +1,65 @@
+"""The digest chain: what makes two replays provably the same, and names the frame and channel where they are not.
+
+Every frame's annotated payloads are hashed by channel; a link hashes the link before it, the frame's number, its time,
+its recorded messages and its channels' hashes. The last link is the output digest.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+
+from recorders.log import Message
+from recorders.messages import Digest
+
+START = "0" * 64
+Payloads = Sequence[tuple[str, bytes]]
+
+
+def _number(value: int) -> bytes:
+    return value.to_bytes(16, "little", signed=True)
+
+
+def _framed(*parts: bytes) -> bytes:
+    return b"".join(_number(len(part)) + part for part in parts)
+
+
+def recorded_digest(messages: Iterable[Message]) -> str:
+    """SHA-256 of recorded messages in their order: topic, schema, times, sequence number, payload."""
+    h = hashlib.sha256()
+    for m in messages:
+        name = m.channel.schema.name if m.channel.schema is not None else ""
+        h.update(_framed(m.topic.encode(), name.encode(), m.channel.message_encoding.encode()))
+        h.update(_number(m.log_time_ns) + _number(m.publish_time_ns) + _number(m.sequence) + _number(len(m.data)))
+        h.update(m.data)
+    return h.hexdigest()
+
+
+def chained(previous: str, digest: str) -> str:
+    """The next link of a chain of digests: the input digest is the last link over `recorded_digest` of each frame."""
+    return hashlib.sha256(f"{previous}{digest}".encode()).hexdigest()
+
+
+def channel_digests(payloads: Payloads) -> dict[str, str]:
+    """SHA-256 per channel over its payloads in order, channels by name."""
+    hashes: dict[str, hashlib._Hash] = {}
+    for name, payload in payloads:
+        h = hashes.setdefault(name, hashlib.sha256())
+        h.update(_number(len(payload)))
+        h.update(payload)
+    return {name: hashes[name].hexdigest() for name in sorted(hashes)}
+
+
+def link(previous: str, frame: int, time_ns: int, recorded: str, channels: dict[str, str]) -> str:
+    """The chain's next link."""
+    h = hashlib.sha256(previous.encode())
+    h.update(_number(frame) + _number(time_ns) + recorded.encode())
+    for name in sorted(channels):
+        h.update(_framed(name.encode(), channels[name].encode()))
+    return h.hexdigest()
+
+
+def digest(previous: str, frame: int, time_ns: int, recorded: str, payloads: Payloads) -> Digest:
+    """The digest message of a frame."""
+    channels = channel_digests(payloads)
+    return Digest(frame, recorded, channels, link(previous, frame, time_ns, recorded, channels))

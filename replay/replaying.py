@@ -1,0 +1,295 @@
+"""A whole replay: forward pass, hindsight, reasoning, and the annotated log.
+
+Two readings of the recording where hindsight is on: the first runs the tracker and puts its answers into a temporary
+spool, the second rewrites them with what came later, reasons over them and writes. Memory stays flat: the spool is a
+file. Without hindsight one reading does both.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import IO, Any
+
+import msgspec
+from msgspec import Struct
+from reasoning.reasoner import Reasoner
+
+from recorders import channels
+from recorders.errors import UsageError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.log import LogReader
+from recorders.messages import Targets
+from recorders.parameters import Config
+from recorders.scene import Frame, SceneLog
+from replay import checkpoint, digest, hindsight
+from replay.annotate import payloads
+from replay.checkpoint import Checkpoint
+from replay.configuration import DEFAULT_TRACKER, fingerprint, replay_config, uses_hindsight
+from replay.engine import Extra, Forward, Step
+from replay.trackers.catalogue import TRACKERS
+from replay.trackers.tracker import TrackerFactory
+
+Progress = Callable[[str, int], None]
+
+
+@dataclass(frozen=True)
+class ReplayOptions:
+    """What to write; never what is computed.
+
+    Attributes:
+        tracker: a tracker's name.
+        config: as `replay_config` makes it.
+        from_ns: first log time to write.
+        to_ns: end of what is written, excluded.
+        annotations_only: leave the recorded messages out.
+        checkpoint_ns: put a checkpoint into the log every so much recording time.
+        checkpoints: an annotated log with checkpoints of this recording and configuration to start from.
+        force: overwrite an existing output.
+        camera: which camera, where there are several.
+        factory: a tracker of the caller's own, in place of the catalogue's.
+    """
+
+    tracker: str = DEFAULT_TRACKER
+    config: Config = field(default_factory=lambda: replay_config(DEFAULT_TRACKER))
+    from_ns: int | None = None
+    to_ns: int | None = None
+    annotations_only: bool = False
+    checkpoint_ns: int | None = None
+    checkpoints: Path | None = None
+    force: bool = False
+    camera: str | None = None
+    factory: TrackerFactory | None = None
+    limits: Limits = DEFAULT_LIMITS
+
+
+@dataclass
+class Annotated:
+    """One frame on its way to the log."""
+
+    frame: Frame
+    payloads: list[tuple[str, bytes]]
+    digest: Any
+    track_ids: list[int]
+    events: int
+
+
+class SpoolEntry(Struct, frozen=True):
+    """A frame of the forward pass, waiting for hindsight."""
+
+    targets: Targets
+    extra: Extra = ()
+    recorded: str = ""
+    input_link: str = ""
+    state: bytes | None = None
+
+
+class Spool:
+    """The forward pass's answers in a temporary file, read as often as hindsight wants."""
+
+    def __init__(self) -> None:
+        self._file: IO[bytes] = tempfile.TemporaryFile(prefix="scenetrace-")  # noqa: SIM115 - closed by close()
+        self._encoder = msgspec.msgpack.Encoder()
+        self._decoder = msgspec.msgpack.Decoder(SpoolEntry)
+
+    def __enter__(self) -> Spool:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def append(self, entry: SpoolEntry) -> None:
+        """Add the next frame."""
+        data = self._encoder.encode(entry)
+        self._file.write(len(data).to_bytes(8, "little"))
+        self._file.write(data)
+
+    def entries(self, first: int = 0) -> Iterator[SpoolEntry]:
+        """The frames from one on; several readings may go on at once."""
+        self._file.flush()
+        offset, index, end = 0, 0, self._file.seek(0, os.SEEK_END)
+        while offset < end:
+            self._file.seek(offset)
+            size = int.from_bytes(self._file.read(8), "little")
+            if index >= first:
+                yield self._decoder.decode(self._file.read(size))
+            offset += 8 + size
+            index += 1
+
+    def targets(self) -> Iterator[Targets]:
+        """The trackers' answers from the first frame on."""
+        return (entry.targets for entry in self.entries())
+
+
+def recorded_now(frame: Frame) -> str:
+    """The digest of what was recorded at the frame's very time."""
+    return digest.recorded_digest(m for m in frame.messages if m.log_time_ns == frame.time_ns)
+
+
+def recorded_targets(path: Path, camera: str, last_frame: int, limits: Limits) -> Iterator[Targets]:
+    """The forward pass's answers up to a frame, as an annotated log holds them.
+
+    Raises:
+        UsageError: the log does not hold them all (it was written with ``--from``).
+    """
+    with LogReader(path, limits) as log:
+        expected = 0
+        for message in log.messages([channels.topic(camera, "targets")]):
+            found: Targets = channels.decode("targets", message.data, path=str(path), limits=limits)
+            if found.frame != expected or expected > last_frame:
+                break
+            expected += 1
+            yield found
+    if expected <= last_frame:
+        raise UsageError(f"{path}: holds the forward pass up to frame {expected} only; replay without --checkpoints")
+
+
+class Run:
+    """The replay of one scene: iterate `frames` for the annotated frames in order.
+
+    Attributes:
+        input_link: the input chain's link after the last frame read.
+        link: the output chain's link after the last frame.
+    """
+
+    def __init__(self, scene: SceneLog, options: ReplayOptions, progress: Progress | None = None) -> None:
+        self.scene = scene
+        self.options = options
+        self.input_link = digest.START
+        self.link = digest.START
+        self.computed = 0
+        self.last_index = -1
+        self._progress = progress or (lambda *_: None)
+        self._factory = options.factory or TRACKERS[options.tracker]
+        self._fingerprint = fingerprint(options.tracker, options.config)
+        self._hindsight = uses_hindsight(options.tracker, options.config)
+        self._next_checkpoint_ns: int | None = None
+
+    @property
+    def may_stop(self) -> bool:
+        """Whether frames that nobody wants need not be computed: nothing later can change an earlier frame."""
+        return not self._hindsight
+
+    # -- the forward pass ------------------------------------------------------------------------------------------
+
+    def _forward(self, start: Checkpoint | None) -> Iterator[Step]:
+        forward = Forward(self.scene, self._factory, self.options.config)
+        if start is not None:
+            forward.resume(start)
+        yield from forward.steps(self._checkpoint_due)
+
+    def _checkpoint_due(self, now: int) -> bool:
+        period = self.options.checkpoint_ns
+        if period is None:
+            return False
+        if self._next_checkpoint_ns is None:
+            self._next_checkpoint_ns = now + period
+        if now < self._next_checkpoint_ns:
+            return False
+        while self._next_checkpoint_ns <= now:
+            self._next_checkpoint_ns += period
+        return True
+
+    def _two_readings(self, start: Checkpoint | None, spool: Spool) -> Iterator[Step]:
+        if start is not None:
+            assert self.options.checkpoints is not None
+            for before in recorded_targets(
+                self.options.checkpoints, self.scene.camera, start.frame, self.options.limits
+            ):
+                spool.append(SpoolEntry(before))
+        for step in self._forward(start):
+            spool.append(SpoolEntry(step.targets, step.extra, step.recorded, step.input_link, step.state))
+            self._progress("tracking", step.frame.index)
+        first = 0 if start is None else start.frame + 1
+        start_ns = None if start is None else start.time_ns + 1
+        rewritten = hindsight.rewrite(spool.targets, self.scene.info, self.options.config)
+        frames = self.scene.frames(start_ns, first)
+        seen = islice(rewritten, first, None)
+        for frame, kept, targets in zip(frames, spool.entries(first), seen, strict=True):
+            yield Step(frame, targets, kept.extra, kept.recorded, kept.input_link, kept.targets, kept.state)
+
+    # -- reasoning and writing -------------------------------------------------------------------------------------
+
+    def frames(
+        self, start: Checkpoint | None = None, keep: Callable[[Checkpoint], None] | None = None
+    ) -> Iterator[Annotated]:
+        """The annotated frames from the start, or from after a checkpoint; ``keep`` gets the new checkpoints."""
+        info = self.scene.info
+        reasoner = Reasoner(self.options.config, info.width, info.height)
+        if start is not None:
+            reasoner.restore(start.reasoner_state)
+            self.link = start.link
+        with ExitStack() as stack:
+            spool = stack.enter_context(Spool()) if self._hindsight else None
+            steps = self._forward(start) if spool is None else self._two_readings(start, spool)
+            for step in steps:
+                annotated = self._annotate(step, reasoner)
+                self.computed += 1
+                self.last_index = step.frame.index
+                self.input_link = step.input_link
+                self._progress("writing", step.frame.index)
+                yield annotated
+                if step.state is not None and keep is not None:
+                    keep(self._checkpoint(step, step.state, reasoner))
+
+    def _annotate(self, step: Step, reasoner: Reasoner) -> Annotated:
+        frame = step.frame
+        scene = reasoner.step(frame.index, frame.time_ns, step.targets, frame.regions)
+        regions = frame.regions
+        forward = step.targets if step.forward is None else step.forward
+        content = payloads(forward, scene, regions, frame.time_ns, step.extra)
+        made = digest.digest(self.link, frame.index, frame.time_ns, step.recorded, content)
+        self.link = made.link
+        ids = [track.id for track in scene.tracks.tracks]
+        return Annotated(frame, content, made, ids, len(scene.events))
+
+    def _checkpoint(self, step: Step, tracker_state: bytes, reasoner: Reasoner) -> Checkpoint:
+        return Checkpoint(
+            checkpoint.FORMAT,
+            step.frame.index,
+            step.frame.time_ns,
+            recorded_now(step.frame),
+            step.input_link,
+            self.link,
+            self.options.tracker,
+            self._fingerprint,
+            checkpoint.decode_state(tracker_state),
+            reasoner.state(),
+        )
+
+    def nearest_checkpoint(self) -> Checkpoint | None:
+        """The last checkpoint before ``from_ns`` that this recording and configuration can continue.
+
+        Raises:
+            UsageError: the checkpoints are of another recording, configuration, tracker or version.
+        """
+        options = self.options
+        if options.checkpoints is None or options.from_ns is None:
+            return None
+        best: Checkpoint | None = None
+        with LogReader(options.checkpoints, options.limits) as log:
+            for found in log.attachments():
+                usable = found.name.startswith(f"{checkpoint.PREFIX}/") and found.log_time_ns < options.from_ns
+                if usable and (best is None or found.log_time_ns > best.time_ns):
+                    best = checkpoint.decode(found.data, str(options.checkpoints))
+        if best is None:
+            return None
+        if (best.tracker, best.fingerprint) != (options.tracker, self._fingerprint):
+            raise UsageError(
+                f"{options.checkpoints}: its checkpoints were made with another tracker, configuration or package "
+                "version; replay without --checkpoints"
+            )
+        frame = next(self.scene.frames(best.time_ns, best.frame), None)
+        recorded = (
+            None
+            if frame is None
+            else digest.recorded_digest(m for m in frame.messages if m.log_time_ns == best.time_ns)
+        )
+        if recorded != best.recorded:
+            raise UsageError(f"{options.checkpoints}: its checkpoints are of another recording than {self.scene.path}")
+        return best

@@ -1,0 +1,184 @@
+"""The annotated log: recorded messages byte for byte as they were, the annotated channels beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from recorders import channels
+from recorders.errors import OutputExistsError, UsageError
+from recorders.log import LogWriter, Message
+from recorders.parameters import as_plain
+from recorders.scene import SceneLog
+from replay import checkpoint, digest
+from replay.checkpoint import Checkpoint
+from replay.configuration import opencv_build, package_versions
+from replay.replaying import Annotated, Progress, ReplayOptions, Run
+
+METADATA = "scenetrace"
+RECORDING_METADATA = "scenetrace.recording"
+FORMAT_VERSION = "1"
+_OPTIONAL = ("membership",)
+
+
+@dataclass(frozen=True)
+class ReplaySummary:
+    """What a replay did.
+
+    Attributes:
+        frames: frames written.
+        computed: frames that went through the reasoning.
+        tracks: different track ids in the frames written.
+        events: events in the frames written.
+        input_digest: the input chain's last link.
+        output_digest: the output chain's last link.
+    """
+
+    frames: int
+    computed: int
+    tracks: int
+    events: int
+    input_digest: str
+    output_digest: str
+
+
+def replay(
+    scene_path: str | Path, out: str | Path, options: ReplayOptions, progress: Progress | None = None
+) -> ReplaySummary:
+    """Replay a scene log into an annotated log.
+
+    Args:
+        scene_path: a scene log, or an annotated log whose scene is replayed again.
+        out: the annotated log; complete or absent.
+        options: tracker, configuration, span.
+        progress: called with the stage's name and the frame's number.
+
+    Raises:
+        RecordingError, UsageError, OutputExistsError.
+    """
+    out = Path(out)
+    if out.exists() and not options.force:
+        raise OutputExistsError(out)
+    if out.exists() and Path(scene_path).exists() and out.samefile(scene_path):
+        raise UsageError(f"{out}: is the recording itself; write the annotated log to another file")
+    with SceneLog(scene_path, options.camera, options.limits) as scene:
+        run = Run(scene, options, progress)
+        start = run.nearest_checkpoint()
+        pictures = [channels.topic(scene.camera, name) for name in channels.PICTURES]
+        with LogWriter(out, force=options.force, picture_topics=pictures, limits=options.limits) as log:
+            writer = AnnotatedWriter(log, scene, options)
+            for annotated in run.frames(start, writer.keep):
+                writer.write(annotated)
+                if writer.is_past(annotated) and run.may_stop:
+                    break
+            else:
+                writer.copy(scene.trailing)
+                if scene.trailing:
+                    run.input_link = digest.chained(run.input_link, digest.recorded_digest(scene.trailing))
+            return writer.finish(run)
+
+
+class AnnotatedWriter:
+    """Writes annotated frames within the options' span."""
+
+    def __init__(self, log: LogWriter, scene: SceneLog, options: ReplayOptions) -> None:
+        self._log = log
+        self._scene = scene
+        self._options = options
+        self._recorded: dict[int, int] = {}
+        if not options.annotations_only:
+            for c in scene.recorded:
+                self._recorded[c.id] = log.channel(c.topic, c.schema, c.message_encoding, c.metadata)
+        self._annotated = {n: self._open(n) for n in channels.ANNOTATED if n not in _OPTIONAL}
+        self._frames = 0
+        self._first_frame: int | None = None
+        self._link_before = digest.START
+        self._link = digest.START
+        self._tracks: dict[int, None] = {}
+        self._events = 0
+        self._copy_extras()
+
+    def _open(self, name: str) -> int:
+        topic = channels.topic(self._scene.camera, name)
+        return self._log.channel(topic, channels.schema(name), channels.message_encoding(name), {})
+
+    def _copy_extras(self) -> None:
+        if self._options.annotations_only:
+            return
+        for attachment in self._scene.log.attachments():
+            if not attachment.name.startswith(f"{checkpoint.PREFIX}/"):
+                self._log.attach(attachment.name, attachment.media_type, attachment.data, attachment.log_time_ns)
+        for name, values in self._scene.log.metadata():
+            if name != METADATA:
+                self._log.metadata(name, values)
+            elif "tracker" not in values:
+                self._log.metadata(RECORDING_METADATA, values)
+
+    def _within(self, time_ns: int) -> bool:
+        first, end = self._options.from_ns, self._options.to_ns
+        return (first is None or time_ns >= first) and (end is None or time_ns < end)
+
+    def is_past(self, annotated: Annotated) -> bool:
+        """Whether nothing of what follows this frame can lie in the span."""
+        return self._options.to_ns is not None and annotated.frame.time_ns >= self._options.to_ns
+
+    def copy(self, messages: Iterable[Message]) -> None:
+        """Pass recorded messages of the span through as they are."""
+        if self._options.annotations_only:
+            return
+        for m in messages:
+            if self._within(m.log_time_ns):
+                self._log.write(self._recorded[m.channel.id], m.data, m.log_time_ns, m.publish_time_ns, m.sequence)
+
+    def write(self, annotated: Annotated) -> None:
+        """Write one frame: what was recorded, then what was found."""
+        frame = annotated.frame
+        self.copy(frame.messages)
+        if not self._within(frame.time_ns):
+            if self._first_frame is None:
+                self._link_before = annotated.digest.link
+            return
+        if self._first_frame is None:
+            self._first_frame = frame.index
+        for name, payload in [*annotated.payloads, ("digest", channels.encode("digest", annotated.digest))]:
+            if name not in self._annotated:
+                self._annotated[name] = self._open(name)
+            # The frame's number, so that a span's messages are those of the whole.
+            self._log.write(self._annotated[name], payload, frame.time_ns, frame.time_ns, frame.index)
+        self._link = annotated.digest.link
+        self._frames += 1
+        self._tracks.update(dict.fromkeys(annotated.track_ids))
+        self._events += annotated.events
+
+    def keep(self, found: Checkpoint) -> None:
+        """Attach a checkpoint."""
+        data = checkpoint.encode(found)
+        self._log.attach(checkpoint.name(found.frame), checkpoint.MEDIA_TYPE, data, found.time_ns)
+
+    def finish(self, run: Run) -> ReplaySummary:
+        """Write what the log says of itself."""
+        options = self._options
+        facts = {
+            "format_version": FORMAT_VERSION,
+            "kind": "annotated",
+            "tracker": options.tracker,
+            "camera": self._scene.camera,
+            "configuration": msgspec.json.encode(as_plain(options.config), order="deterministic").decode(),
+            "packages": msgspec.json.encode(package_versions(), order="deterministic").decode(),
+            "opencv_build": opencv_build(),
+            "scene": self._scene.path.name,
+            "input_digest": run.input_link,
+            "input_frames": str(run.last_index + 1),
+            "output_digest": self._link,
+            "link_before": self._link_before,
+            "first_frame": str(-1 if self._first_frame is None else self._first_frame),
+            "frames": str(self._frames),
+            "annotations_only": str(options.annotations_only).lower(),
+            "from_ns": "" if options.from_ns is None else str(options.from_ns),
+            "to_ns": "" if options.to_ns is None else str(options.to_ns),
+        }
+        self._log.metadata(METADATA, facts)
+        return ReplaySummary(self._frames, run.computed, len(self._tracks), self._events, run.input_link, self._link)
