@@ -22,6 +22,10 @@ class Limits:
         max_messages_per_frame: messages of one frame over all channels.
         max_detections_per_frame: detections in one frame.
         max_channels: channels in one log.
+        max_summary_bytes: the summary section at a log's end.
+        max_messages_per_chunk: messages in one chunk.
+        max_open_bytes: decoded chunks held at once while chunks that overlap in time are merged; beyond it they are
+            decoded again when their turn comes.
     """
 
     max_record_bytes: int = 256 * MIB
@@ -34,6 +38,9 @@ class Limits:
     max_messages_per_frame: int = 10_000
     max_detections_per_frame: int = 10_000
     max_channels: int = 10_000
+    max_summary_bytes: int = 64 * MIB
+    max_messages_per_chunk: int = 2_000_000
+    max_open_bytes: int = 256 * MIB
 
 
 DEFAULT_LIMITS = Limits()

@@ -1,0 +1,95 @@
+"""Chunk compression, bounded: what a chunk unpacks to never takes more memory than it declares."""
+
+from __future__ import annotations
+
+import lz4.frame
+import zstandard
+
+from recorders.log.wire import WireError
+
+ZSTD_LEVEL = 3
+KNOWN = ("", "lz4", "zstd")
+_STEP = 1 << 20
+_MAX_WINDOW_BYTES = 1 << 27
+
+
+class TooLargeError(Exception):
+    """The data unpacks to more than was declared: (declared size)."""
+
+
+def compress(compression: str, data: bytes | bytearray) -> bytes:
+    """Pack ``data``; the same bytes and the same library version give the same result."""
+    if compression == "zstd":
+        return zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(data)
+    if compression == "lz4":
+        return bytes(lz4.frame.compress(bytes(data)))
+    return bytes(data)
+
+
+def decompress(compression: str, data: bytes, declared: int) -> bytes:
+    """Unpack ``data``, which says of itself that it gives ``declared`` bytes.
+
+    Raises:
+        WireError: the data is damaged, gives less than declared, or the compression is unknown.
+        TooLargeError: it gives more than declared; unpacking stopped there.
+    """
+    if compression == "":
+        result = data
+    elif compression == "zstd":
+        result = _zstd(data, declared)
+    elif compression == "lz4":
+        result = _lz4(data, declared)
+    else:
+        raise WireError(f"compression {compression!r} is unknown; known are none, lz4 and zstd")
+    if len(result) > declared:
+        raise TooLargeError(declared)
+    if len(result) < declared:
+        raise WireError(f"it declares {declared} bytes and unpacks to {len(result)}")
+    return result
+
+
+def _zstd(data: bytes, declared: int) -> bytes:
+    try:
+        frame = zstandard.get_frame_parameters(data)
+        if frame.content_size == declared:
+            try:
+                return zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
+            except zstandard.ZstdError:
+                pass  # several frames in a row, or damage: the stream below tells which
+        reader = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW_BYTES).stream_reader(
+            data, read_across_frames=True
+        )
+        return _gather(reader.read, declared)
+    except zstandard.ZstdError as error:
+        raise WireError(f"zstd cannot unpack it: {error}") from error
+
+
+def _lz4(data: bytes, declared: int) -> bytes:
+    result = bytearray()
+    try:
+        while data:
+            frame = lz4.frame.LZ4FrameDecompressor()
+            piece = frame.decompress(data, max_length=declared + 1 - len(result))
+            while piece:
+                result += piece
+                if len(result) > declared:
+                    raise TooLargeError(declared)
+                if frame.eof:
+                    break
+                piece = frame.decompress(b"", max_length=declared + 1 - len(result))
+            if not frame.eof:
+                raise WireError("lz4 cannot unpack it: the frame is not complete")
+            data = frame.unused_data or b""
+    except RuntimeError as error:
+        raise WireError(f"lz4 cannot unpack it: {error}") from error
+    return bytes(result)
+
+
+def _gather(read: object, declared: int) -> bytes:
+    assert callable(read)
+    result = bytearray()
+    while piece := read(min(_STEP, declared + 1 - len(result))):
+        result += piece
+        if len(result) > declared:
+            raise TooLargeError(declared)
+    return bytes(result)

@@ -1,0 +1,140 @@
+"""An output file that appears whole or not at all: written as ``<name>.part``, renamed when it is complete."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+from pathlib import Path
+
+from recorders.errors import OutputExistsError, RecordingError
+
+try:
+    import fcntl
+except ImportError:  # not a POSIX system: an exclusive part file is all the protection there
+    fcntl = None  # type: ignore[assignment]
+
+
+class PartFile:
+    """Writes ``<path>.part``; `finish` makes it ``path`` (fsync, rename, fsync of the folder), `discard` removes it.
+
+    ``path`` is never overwritten without ``force``: checked at the start, and again by the rename itself. Two
+    writers of one output cannot meet: the part file is created exclusively and locked while it is written. A part
+    file that an interrupted run left is kept as it is, unless ``force`` is given.
+
+    Raises:
+        OutputExistsError: ``path`` exists.
+        RecordingError: it cannot be written; a full disk says so.
+    """
+
+    def __init__(self, path: str | Path, *, force: bool = False) -> None:
+        self.path = Path(path)
+        self.part = self.path.with_name(self.path.name + ".part")
+        self._force = force
+        if self.path.is_dir():
+            raise RecordingError("this is a folder; name a file to write", self.path)
+        if not force and _exists(self.path):
+            raise OutputExistsError(self.path)
+        self._descriptor: int | None = self._open()
+
+    def _open(self) -> int:
+        flags = os.O_WRONLY | os.O_CREAT | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+        try:
+            descriptor = os.open(self.part, flags | (0 if self._force else os.O_EXCL), 0o666)
+        except FileExistsError as error:
+            raise self._occupied() from error
+        except OSError as error:
+            raise self._failure(error) from error
+        if fcntl is not None:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                os.close(descriptor)
+                raise RecordingError("another process is writing it now", self.part) from error
+            except OSError:
+                pass  # a file system without locks
+        os.ftruncate(descriptor, 0)
+        return descriptor
+
+    def _occupied(self) -> RecordingError:
+        return RecordingError(
+            "exists already: another run is writing it, or one was interrupted; "
+            f"`scenetrace recover {self.part} -o NEW` keeps what is whole in it, --force overwrites it",
+            self.part,
+        )
+
+    def _failure(self, error: OSError) -> RecordingError:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return RecordingError("the disk is full; nothing was left behind half written", self.path)
+        return RecordingError(f"cannot be written: {error.strerror or error}", self.path)
+
+    @property
+    def is_open(self) -> bool:
+        """It can still be written."""
+        return self._descriptor is not None
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        """Append ``data``: handed to the system at once, so that a killed process loses none of it."""
+        if self._descriptor is None:
+            raise RecordingError("is closed already", self.path)
+        view = memoryview(data)
+        try:
+            while view:
+                view = view[os.write(self._descriptor, view) :]
+        except OSError as error:
+            raise self._failure(error) from error
+
+    def finish(self) -> None:
+        """Make the part file the output."""
+        if self._descriptor is None:
+            raise RecordingError("is closed already", self.path)
+        try:
+            os.fsync(self._descriptor)
+            self._rename()
+            self._close()
+            self._sync_folder()
+        except OSError as error:
+            raise self._failure(error) from error
+
+    def _rename(self) -> None:
+        if self._force:
+            self.part.replace(self.path)
+            return
+        try:
+            os.link(self.part, self.path)  # unlike a rename, this fails where the name exists
+        except FileExistsError as error:
+            raise OutputExistsError(self.path) from error
+        except OSError:  # a file system without hard links
+            if _exists(self.path):
+                raise OutputExistsError(self.path) from None
+            self.part.replace(self.path)
+        else:
+            self.part.unlink()
+
+    def _sync_folder(self) -> None:
+        if not hasattr(os, "O_DIRECTORY"):
+            return
+        folder = os.open(self.path.parent, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+    def discard(self, *, keep: bool = False) -> None:
+        """Stop writing; remove the part file unless ``keep``. Does nothing once it is closed."""
+        if self._descriptor is None:
+            return
+        if not keep:
+            with contextlib.suppress(OSError):
+                self.part.unlink()
+        self._close()
+
+    def _close(self) -> None:
+        descriptor, self._descriptor = self._descriptor, None
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def _exists(path: Path) -> bool:
+    """Something has that name, be it a dangling link."""
+    return os.path.lexists(path)

@@ -1,0 +1,306 @@
+"""The one write layer: pictures apart from the small channels, every CRC, the same calls giving the same bytes."""
+
+from __future__ import annotations
+
+import struct
+import sys
+import zlib
+from array import array
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import NoReturn, Self
+
+from recorders.errors import LimitError, RecordingError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.log import wire
+from recorders.log.compression import KNOWN, compress
+from recorders.log.model import Schema
+from recorders.log.output import PartFile
+from recorders.log.summary import SummaryBuilder
+
+LIBRARY = "scenetrace"
+PROFILE = ""
+CHUNK_BYTES = 4 << 20
+FLUSH_INTERVAL_NS = 1_000_000_000
+
+_HEAD = wire.MESSAGE_HEAD
+_NEVER = 1 << 65
+
+
+class _Chunk:
+    """A chunk being filled."""
+
+    __slots__ = ("data", "end_ns", "entries", "start_ns")
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.entries: dict[int, array[int]] = {}
+        self.start_ns = _NEVER
+        self.end_ns = 0
+
+    def clear(self) -> None:
+        self.data = bytearray()
+        self.entries = {}
+        self.start_ns = _NEVER
+        self.end_ns = 0
+
+
+class _Channel:
+    """A channel being written: its topic, its chunk, the sequence number that comes next."""
+
+    __slots__ = ("chunk", "count", "sequence", "topic")
+
+    def __init__(self, topic: str, chunk: _Chunk) -> None:
+        self.topic = topic
+        self.chunk = chunk
+        self.sequence = 0
+        self.count = 0
+
+
+class LogWriter:
+    """Writes a log; use it as a context manager: leaving it makes the file appear, an exception makes it vanish.
+
+    Two chunks are filled side by side, one for ``picture_topics``, one for everything else, so that reading
+    detections never unpacks pictures. Messages of one log time keep their order in what is read back, except that
+    those of picture topics come before the others; a chunk ends only where the log time changes (or when it reaches
+    four times ``chunk_bytes``), so this holds whatever the chunk size.
+
+    A chunk goes to the file when it holds ``chunk_bytes`` or spans ``flush_interval_ns`` of log time: what a killed
+    process leaves in ``<path>.part`` lacks no more than that (see `recorders.log.recovery`).
+
+    Raises:
+        OutputExistsError: ``path`` exists and ``force`` was not given.
+        RecordingError: the file cannot be written (a full disk, a closed writer), or a value does not fit MCAP.
+        LimitError: more than ``limits`` allows, so that nothing is written that could not be read again.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        force: bool = False,
+        keep_part: bool = False,
+        compression: str = "zstd",
+        picture_topics: Collection[str] = (),
+        flush_interval_ns: int = FLUSH_INTERVAL_NS,
+        chunk_bytes: int = CHUNK_BYTES,
+        limits: Limits = DEFAULT_LIMITS,
+    ) -> None:
+        self.path = Path(path)
+        if compression not in KNOWN:
+            raise RecordingError(f"compression {compression!r} is unknown; known are '', 'lz4' and 'zstd'", path)
+        self._limits = limits
+        self._keep_part = keep_part
+        self._compression = compression
+        self._picture_topics = frozenset(picture_topics)
+        self._flush_interval_ns = flush_interval_ns
+        self._chunk_bytes = min(chunk_bytes, limits.max_chunk_bytes // 8)
+        self._pictures = _Chunk()
+        self._small = _Chunk()
+        self._channels: list[_Channel] = []
+        self._schemas: dict[Schema, int] = {}
+        self._schemas_in: set[tuple[int, int]] = set()
+        self._summary = SummaryBuilder()
+        self._last_ns = -1
+        self._due_ns = _NEVER
+        self._offset = 0
+        self._crc = 0
+        self._file = PartFile(path, force=force)
+        self._put(wire.MAGIC)
+        self._put_checked(wire.record(wire.HEADER, wire.text(PROFILE), wire.text(LIBRARY)))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abort()
+
+    def channel(
+        self,
+        topic: str,
+        schema: Schema | None,
+        message_encoding: str,
+        metadata: Mapping[str, str] | None = None,
+    ) -> int:
+        """Add a channel and return its id; each call makes a channel of its own, also for a topic that exists."""
+        identity = len(self._channels) + 1
+        self._check_limit(identity, "max_channels", "the number of channels", topic)
+        chunk = self._pictures if topic in self._picture_topics else self._small
+        schema_id = 0
+        if schema is not None:
+            schema_id = self._schemas.setdefault(schema, len(self._schemas) + 1)
+            if (schema_id, id(chunk)) not in self._schemas_in:
+                self._schemas_in.add((schema_id, id(chunk)))
+                encoded = wire.encode_schema(schema_id, schema.name, schema.encoding, schema.data)
+                self._summary.schemas[schema_id] = encoded
+                chunk.data += encoded
+        encoded = wire.encode_channel(identity, schema_id, topic, message_encoding, metadata or {})
+        self._summary.channels.append(encoded)
+        chunk.data += encoded
+        self._channels.append(_Channel(topic, chunk))
+        return identity
+
+    def write(
+        self,
+        channel_id: int,
+        data: bytes,
+        log_time_ns: int,
+        publish_time_ns: int | None = None,
+        sequence: int | None = None,
+    ) -> None:
+        """Add a message; ``publish_time_ns`` defaults to the log time, ``sequence`` to one after the channel's last."""
+        if log_time_ns != self._last_ns:
+            self._new_time(log_time_ns)
+        try:
+            if channel_id < 1:
+                raise IndexError
+            channel = self._channels[channel_id - 1]
+        except IndexError:
+            raise RecordingError(f"no channel has the id {channel_id!r}", self.path) from None
+        if len(data) > self._limits.max_message_bytes:
+            self._check_limit(len(data), "max_message_bytes", "a message's size", channel.topic)
+        number = channel.sequence if sequence is None else sequence
+        publish_time = log_time_ns if publish_time_ns is None else publish_time_ns
+        length = wire.MESSAGE_FIELDS_BYTES + len(data)
+        try:
+            head = _HEAD.pack(wire.MESSAGE, length, channel_id, number, log_time_ns, publish_time)
+        except struct.error as error:
+            self._bad_numbers(channel.topic, log_time_ns, publish_time, number, error)
+        chunk = channel.chunk
+        if chunk.start_ns == _NEVER:
+            self._due_ns = min(self._due_ns, log_time_ns + self._flush_interval_ns)
+        entries = chunk.entries.get(channel_id)
+        if entries is None:
+            entries = chunk.entries[channel_id] = array("Q")
+        buffer = chunk.data
+        entries.append(log_time_ns)
+        entries.append(len(buffer))
+        buffer += head
+        buffer += data
+        channel.sequence = (number + 1) & 0xFFFFFFFF
+        channel.count += 1
+        if log_time_ns < chunk.start_ns:
+            chunk.start_ns = log_time_ns
+        if log_time_ns > chunk.end_ns:
+            chunk.end_ns = log_time_ns
+        if len(buffer) > 4 * self._chunk_bytes:
+            self._flush()
+
+    def attach(self, name: str, media_type: str, data: bytes, log_time_ns: int = 0, create_time_ns: int = 0) -> None:
+        """Keep a file inside the log."""
+        self._check_limit(len(data), "max_attachment_bytes", "the attachment's size", name)
+        head = struct.pack("<QQ", log_time_ns, create_time_ns) + wire.text(name) + wire.text(media_type)
+        head += wire.U64.pack(len(data))
+        crc = zlib.crc32(data, zlib.crc32(head))
+        length = len(head) + len(data) + 4
+        entry = wire.AttachmentIndexRecord(
+            self._offset, length + wire.PREFIX_BYTES, log_time_ns, create_time_ns, len(data), name, media_type
+        )
+        self._put(wire.PREFIX.pack(wire.ATTACHMENT, length) + head)
+        self._put(data)
+        self._put(wire.U32.pack(crc))
+        self._summary.attachments.append(entry)
+
+    def metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Add a metadata record; its keys are written sorted."""
+        encoded = wire.record(wire.METADATA, wire.text(name), wire.texts(values))
+        self._summary.metadata.append(wire.MetadataIndexRecord(self._offset, len(encoded), name))
+        self._put_checked(encoded)
+
+    def close(self) -> None:
+        """Finish the file: the last chunks, the summary, fsync, rename. Does nothing the second time."""
+        if not self._file.is_open:
+            return
+        try:
+            self._flush()
+            data_end = wire.record(wire.DATA_END, wire.U32.pack(self._crc))
+            counts = {k: channel.count for k, channel in enumerate(self._channels, 1) if channel.count}
+            tail = self._summary.encode(self._offset + len(data_end), counts)
+            self._put(data_end)
+            self._put(tail)
+            self._put(wire.MAGIC)
+            self._file.finish()
+        except BaseException:
+            self.abort()
+            raise
+
+    def abort(self) -> None:
+        """Give up: remove the part file, or with ``keep_part`` leave in it every chunk that was written."""
+        self._file.discard(keep=self._keep_part)
+
+    def _new_time(self, log_time_ns: int) -> None:
+        """Chunks end where the log time changes. The small chunk never overtakes the pictures of its time."""
+        self._last_ns = log_time_ns
+        if log_time_ns >= self._due_ns or len(self._small.data) >= self._chunk_bytes:
+            self._flush()
+        elif len(self._pictures.data) >= self._chunk_bytes:
+            self._flush_chunk(self._pictures)
+
+    def _flush(self) -> None:
+        self._flush_chunk(self._pictures)
+        self._flush_chunk(self._small)
+        self._due_ns = _NEVER
+
+    def _flush_chunk(self, chunk: _Chunk) -> None:
+        if not chunk.data:
+            return
+        start, end = (chunk.start_ns, chunk.end_ns) if chunk.entries else (0, 0)
+        packed = compress(self._compression, chunk.data)
+        head = wire.CHUNK_HEAD.pack(start, end, len(chunk.data), zlib.crc32(chunk.data))
+        head += wire.text(self._compression) + wire.U64.pack(len(packed))
+        offset, length = self._offset, len(head) + len(packed)
+        indexes: list[bytes] = []
+        places: dict[int, int] = {}
+        position = offset + wire.PREFIX_BYTES + length
+        for identity in sorted(chunk.entries):
+            entries = chunk.entries[identity]
+            places[identity] = position
+            indexes.append(_message_index(identity, entries))
+            position += len(indexes[-1])
+        index_length = sum(len(index) for index in indexes)
+        entry = wire.ChunkIndexRecord(
+            start, end, offset, wire.PREFIX_BYTES + length, places, index_length, self._compression, len(packed),
+            len(chunk.data),
+        )  # fmt: skip
+        self._put(b"".join((wire.PREFIX.pack(wire.CHUNK, length), head, packed, *indexes)))
+        self._summary.add_chunk(entry)
+        chunk.clear()
+
+    def _put(self, data: bytes | bytearray) -> None:
+        self._file.write(data)
+        self._offset += len(data)
+        self._crc = zlib.crc32(data, self._crc)
+
+    def _put_checked(self, data: bytes) -> None:
+        """Write a record that MCAP gives no CRC of its own."""
+        self._summary.checksums.append((self._offset, len(data), zlib.crc32(data)))
+        self._put(data)
+
+    def _check_limit(self, value: int, limit: str, what: str, record: str) -> None:
+        allowed: int = getattr(self._limits, limit)
+        if value > allowed:
+            raise LimitError(f"{what} is {value}, over the limit {limit} = {allowed}", self.path, record=record)
+
+    def _bad_numbers(
+        self, topic: str, log_time_ns: int, publish_time_ns: int, sequence: int, error: struct.error
+    ) -> NoReturn:
+        raise RecordingError(
+            f"log time {log_time_ns} and publish time {publish_time_ns} must be in [0, 2^64), "
+            f"sequence {sequence} in [0, 2^32)",
+            self.path,
+            record=topic,
+        ) from error
+
+
+def _message_index(identity: int, entries: array[int]) -> bytes:
+    if sys.byteorder == "big":
+        entries = array("Q", entries)
+        entries.byteswap()
+    raw = entries.tobytes()
+    return wire.record(wire.MESSAGE_INDEX, wire.U16.pack(identity), wire.U32.pack(len(raw)), raw)
