@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from array import array
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -131,20 +132,20 @@ def recorded_now(frame: Frame) -> str:
     return digest.recorded_digest(m for m in frame.messages if m.log_time_ns == frame.time_ns)
 
 
-def recorded_targets(path: Path, camera: str, last_frame: int, limits: Limits) -> Iterator[Targets]:
-    """The forward pass's answers up to a frame, as an annotated log holds them.
+def recorded_targets(path: Path, camera: str, last_frame: int, limits: Limits) -> Iterator[tuple[int, Targets]]:
+    """The forward pass's answers up to a frame with their log times, as an annotated log holds them.
 
     Raises:
         UsageError: the log does not hold them all (it was written with ``--from``).
     """
+    expected = 0
     with LogReader(path, limits) as log:
-        expected = 0
         for message in log.messages([channels.topic(camera, "targets")]):
             found: Targets = channels.decode("targets", message.data, path=str(path), limits=limits)
             if found.frame != expected or expected > last_frame:
                 break
             expected += 1
-            yield found
+            yield message.log_time_ns, found
     if expected <= last_frame:
         raise UsageError(f"{path}: holds the forward pass up to frame {expected} only; replay without --checkpoints")
 
@@ -196,18 +197,20 @@ class Run:
         return True
 
     def _two_readings(self, start: Checkpoint | None, spool: Spool) -> Iterator[Step]:
+        times = array("q")
         if start is not None:
             assert self.options.checkpoints is not None
-            for before in recorded_targets(
-                self.options.checkpoints, self.scene.camera, start.frame, self.options.limits
-            ):
+            path, limits = self.options.checkpoints, self.options.limits
+            for time_ns, before in recorded_targets(path, self.scene.camera, start.frame, limits):
+                times.append(time_ns)
                 spool.append(SpoolEntry(before))
         for step in self._forward(start):
+            times.append(step.frame.time_ns)
             spool.append(SpoolEntry(step.targets, step.extra, step.recorded, step.input_link, step.state))
             self._progress("tracking", step.frame.index)
         first = 0 if start is None else start.frame + 1
         start_ns = None if start is None else start.time_ns + 1
-        rewritten = hindsight.rewrite(spool.targets, self.scene.info, self.options.config)
+        rewritten = hindsight.rewrite(spool.targets, self.scene.info, times, self.options.config)
         frames = self.scene.frames(start_ns, first)
         seen = islice(rewritten, first, None)
         for frame, kept, targets in zip(frames, spool.entries(first), seen, strict=True):

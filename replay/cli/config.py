@@ -13,13 +13,11 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "config",
         "every parameter with unit, range and source, as TOML",
-        "Print every parameter of every method as TOML: its meaning, unit, range and source (paper and section, or ours).\n"
+        "Print every parameter of every method as TOML: meaning, unit, range and source (paper and section, or ours).\n"
         "The output is a file for --config; --set section.field=value reaches each parameter alone.",
         "scenetrace config --tracker shells > shells.toml\nscenetrace replay scene.mcap -o out.mcap --config shells.toml",
     )
-    p.add_argument(
-        "--tracker", metavar="NAME", help="only what a replay with this tracker reads; default: all, and record's"
-    )
+    p.add_argument("--tracker", metavar="NAME", help="what a replay with this tracker reads; default: all")
     common.add_configuration(p)
     p.set_defaults(run=run)
 
