@@ -166,13 +166,15 @@ class GroupTrack(Struct, frozen=True):
     """A low-level track that a tracker holds over several targets (EVENTS 3.1: a group tracker).
 
     ``id`` is the tracker's own number for it (not the group's label), ``observed`` says whether it has an
-    associated observation in this frame, ``newborn`` whether it started in this frame.
+    associated observation in this frame, ``newborn`` whether it started in this frame. ``members`` are the targets
+    that the tracker knows to lie over it; empty: whoever lies over it by place.
     """
 
     id: Identity
     box: Box
     observed: bool
     newborn: bool = False
+    members: list[int] = []
 
 
 class Notice(Struct, frozen=True):
