@@ -1,0 +1,211 @@
+"""An annotated log, frame by frame: what `eval`, `export`, `explain` and `report` read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby, islice
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders import channels
+from recorders.errors import LimitError, RecordingError, UsageError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.log import LogReader, Message
+from recorders.messages import Event, Graph, Group, Regions, Relation, Track
+from recorders.pictures import decode_picture
+from recorders.scene import SceneLog
+from replay.evaluate.truth import MotTable, Row
+
+Image = NDArray[np.uint8]
+SCENE = ("tracks", "relations", "groups", "events", "graph", "regions", "membership")
+_METADATA = "scenetrace"
+
+
+@dataclass(frozen=True)
+class AnnotatedFrame:
+    """One frame's annotation.
+
+    Attributes:
+        index: from 0, counted over the whole recording.
+        time_ns: log time.
+        tracks, relations, groups: of this frame, in the log's order.
+        events: what happened in this frame.
+        regions: the latest recorded regions, None without.
+        graph: the latest graph, None before the first.
+        membership: the encoded picture of which pixel belongs to whom, None without.
+    """
+
+    index: int
+    time_ns: int
+    tracks: list[Track]
+    relations: list[Relation]
+    groups: list[Group]
+    events: list[Event]
+    regions: Regions | None = None
+    graph: Graph | None = None
+    membership: bytes | None = None
+
+
+class AnnotatedLog:
+    """An annotated log.
+
+    Attributes:
+        path: the file.
+        camera: the camera that is read.
+        facts: what the log says of its own making (tracker, configuration, digests), as strings.
+        tracker: the tracker's name, empty if not said.
+        start_ns: log time of the first message.
+
+    Raises:
+        RecordingError: it holds no tracks; the text says how to make an annotated log.
+        UsageError: no such camera, or several and none chosen.
+    """
+
+    def __init__(self, path: str | Path, camera: str | None = None, limits: Limits = DEFAULT_LIMITS) -> None:
+        self.path = Path(path)
+        self.limits = limits
+        self._log = LogReader(path, limits)
+        try:
+            self.camera = self._choose(camera)
+            self.facts = next((values for name, values in self._log.metadata() if name == _METADATA), {})
+            self.tracker = self.facts.get("tracker", "")
+            self.start_ns = self._log.start_ns or 0
+            self._topics = {channels.topic(self.camera, name): name for name in (*SCENE, "detections")}
+        except BaseException:
+            self._log.close()
+            raise
+
+    def __enter__(self) -> AnnotatedLog:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._log.close()
+
+    def _choose(self, wanted: str | None) -> str:
+        topics = [channels.split(c.topic) for c in self._log.channels]
+        cameras = sorted({camera for camera, name in topics if camera and name == "tracks"})
+        if not cameras:
+            raise RecordingError(
+                "holds no tracks; make an annotated log of it with "
+                f"`scenetrace replay {self.path} -o annotated.mcap --tracker events`",
+                self.path,
+            )
+        if wanted is None and len(cameras) > 1:
+            raise UsageError(f"{self.path}: several cameras ({', '.join(cameras)}); choose one with --camera")
+        if wanted is not None and wanted not in cameras:
+            raise UsageError(f"{self.path}: no tracks of a camera {wanted!r}; there are: {', '.join(cameras)}")
+        return cameras[0] if wanted is None else wanted
+
+    def size(self) -> tuple[int, int] | None:
+        """(width, height) of the picture, None if the log does not say (it was written with annotations alone)."""
+        if self.facts.get("width", "").isdigit() and self.facts.get("height", "").isdigit():
+            return int(self.facts["width"]), int(self.facts["height"])
+        for name in ("detections", "regions"):
+            for message in islice(self._log.messages([channels.topic(self.camera, name)]), 1):
+                found = self._decode(name, message)
+                return found.width, found.height
+        return None
+
+    def frames(self, names: Sequence[str] = SCENE) -> Iterator[AnnotatedFrame]:
+        """The frames in order; ``names`` chooses the channels that are read, beside the tracks.
+
+        Raises:
+            RecordingError: a message is damaged.
+            LimitError: more messages at one time than the limits allow.
+        """
+        regions: Regions | None = None
+        graph: Graph | None = None
+        topics = [topic for topic, name in self._topics.items() if name == "tracks" or name in names]
+        for now, group in groupby(self._log.messages(topics), key=lambda m: m.log_time_ns):
+            found: dict[str, Any] = {"events": []}
+            for count, message in enumerate(group):
+                if count >= self.limits.max_messages_per_frame:
+                    limit = self.limits.max_messages_per_frame
+                    raise LimitError(f"over {limit} messages at {now} ns (max_messages_per_frame)", self.path)
+                name = self._topics[message.topic]
+                if name == "events":
+                    found["events"].append(self._decode(name, message))
+                else:
+                    found[name] = self._decode(name, message)
+            regions = found.get("regions", regions)
+            graph = found.get("graph", graph)
+            if "tracks" in found:
+                yield _frame(now, found, regions, graph)
+
+    def _decode(self, name: str, message: Message) -> Any:
+        return channels.decode(name, message.data, path=str(self.path), limits=self.limits)
+
+    def pictures(self) -> Iterator[tuple[int, Image]]:
+        """Log time and picture, (height, width, 3) BGR, of every frame that was recorded with one.
+
+        Raises:
+            RecordingError: the log holds no pictures.
+        """
+        if channels.topic(self.camera, "image") not in {c.topic for c in self._log.channels}:
+            raise RecordingError("holds no pictures to draw on", self.path)
+        with SceneLog(self.path, self.camera, self.limits) as scene:
+            for frame in scene.frames():
+                if frame.image is not None:
+                    yield frame.time_ns, frame.image
+
+    def membership(self, frame: AnnotatedFrame) -> Image | None:
+        """The picture of which pixel belongs to whom, or None."""
+        if frame.membership is None:
+            return None
+        return decode_picture(frame.membership, grey=True, path=self.path, limits=self.limits)
+
+
+def _frame(now: int, found: dict[str, Any], regions: Regions | None, graph: Graph | None) -> AnnotatedFrame:
+    membership = found.get("membership")
+    return AnnotatedFrame(
+        found["tracks"].frame,
+        now,
+        found["tracks"].tracks,
+        found["relations"].relations if "relations" in found else [],
+        found["groups"].groups if "groups" in found else [],
+        found["events"],
+        regions,
+        graph,
+        None if membership is None else membership.data,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class TrackTable:
+    """All present tracks of an annotated log, and which frames it has.
+
+    Attributes:
+        table: the boxes.
+        frames: the frames' numbers, ascending.
+        times_ns: their log times.
+        size: (width, height), None if the log does not say.
+    """
+
+    table: MotTable
+    frames: NDArray[np.int64]
+    times_ns: NDArray[np.int64]
+    size: tuple[int, int] | None
+
+
+def read_tracks(log: AnnotatedLog) -> TrackTable:
+    """Read the tracks that the tracker held to be present."""
+    rows: list[Row] = []
+    frames: list[int] = []
+    times: list[int] = []
+    for frame in log.frames(("tracks",)):
+        frames.append(frame.index)
+        times.append(frame.time_ns)
+        rows += [(frame.index, t.id, *t.box, t.confidence) for t in frame.tracks if t.present]
+    table = MotTable.from_rows(rows)
+    return TrackTable(table, np.array(frames, np.int64), np.array(times, np.int64), log.size())

@@ -1,0 +1,240 @@
+"""`scenetrace eval`: score an annotated log, or a MOTChallenge text, against a labelled truth."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from recorders.errors import OutputExistsError, SceneTraceError, UsageError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from replay.evaluate import Errors, MotTable, Scores
+
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+EPILOG = """\
+examples:
+  scenetrace eval annotated.mcap --truth gt.txt --truth-size 768x576
+  scenetrace eval annotated.mcap --truth sequence.xml --json
+  scenetrace eval result.txt --truth gt.txt --plot errors.png
+
+The truth is MOTChallenge text (rows with confidence 0 do not count) or CAVIAR XML. HOTA, CLEAR and identity
+figures are those of TrackEval; shares are in percent. Where the truth was labelled in a picture of another size than
+the recording's, say so with --truth-size; its boxes are then scaled. Truth in frames that the recording
+does not have is left out, and said.
+"""
+
+
+@dataclass(frozen=True)
+class Result:
+    """What is scored: boxes, picture size if known, frames and seconds between them if known."""
+
+    table: MotTable
+    size: tuple[int, int] | None = None
+    frames: Any = None
+    frame_s: float = 0.0
+
+
+def add(commands: argparse._SubParsersAction[Any]) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "eval",
+        help="score tracks against truth: HOTA, MOTA, IDF1",
+        description="Score tracks against a labelled truth: HOTA, CLEAR, identity, trajectories, place and size.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("annotated", type=Path, metavar="ANNOTATED", help="annotated log, or MOTChallenge text")
+    parser.add_argument("--truth", type=Path, required=True, metavar="FILE", help="gt.txt or CAVIAR .xml")
+    parser.add_argument("--truth-size", type=size, metavar="WxH", help="picture that the truth was labelled in")
+    parser.add_argument("--size", type=size, metavar="WxH", help="picture of the tracks, where the log does not say")
+    parser.add_argument("--frames", type=span, metavar="A:B", help="score only frames A to B (from 0, B excluded)")
+    parser.add_argument("--iou", type=float, default=0.5, help="overlap from which boxes match (default 0.5)")
+    parser.add_argument("--camera", help="which camera, where the log has several")
+    parser.add_argument(
+        "--plot", type=Path, metavar="FILE", help="plot errors, MOTA and paths over time (.png .pdf .svg)"
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite an existing plot")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.set_defaults(run=run)
+
+
+def size(text: str) -> tuple[int, int]:
+    """Width and height of ``768x576``."""
+    width, x, height = text.lower().partition("x")
+    if not (x and width.isdigit() and height.isdigit() and int(width) > 0 and int(height) > 0):
+        raise argparse.ArgumentTypeError(f"{text!r}: must be WIDTHxHEIGHT, like 768x576")
+    return int(width), int(height)
+
+
+def span(text: str) -> tuple[int, int | None]:
+    """First and last frame (excluded) of ``100:200``, ``100:`` or ``:200``."""
+    first, colon, last = text.partition(":")
+    if not colon or not all(x == "" or x.isdigit() for x in (first, last)):
+        raise argparse.ArgumentTypeError(f"{text!r}: must be FIRST:LAST, like 0:300")
+    return int(first or 0), int(last) if last else None
+
+
+def run(args: argparse.Namespace) -> int:
+    """Score and print."""
+    from replay.evaluate import evaluate, fit_truth, read_truth
+
+    if not 0 < args.iou <= 1:
+        raise UsageError(f"--iou {args.iou}: must be over 0 and at most 1")
+    if args.plot is not None and args.plot.exists() and not args.force:
+        raise OutputExistsError(args.plot)
+    result = read_result(args.annotated, args.camera)
+    picture = args.size or result.size
+    truth = read_truth(args.truth)
+    if picture is not None:
+        truth = fit_truth(truth, picture, args.truth_size)
+    elif args.truth_size is not None:
+        raise UsageError(
+            f"--truth-size needs the size of the tracks' picture, which {args.annotated} does not say: --size"
+        )
+    all_true = len(truth)
+    truth, table = _common(args, truth, result)
+    left_out = all_true - len(truth)
+    if left_out:
+        sys.stderr.write(f"scenetrace: {left_out} of {all_true} true boxes are in frames that are not scored\n")
+    scores = evaluate(truth, table, args.iou)
+    if args.plot is not None:
+        from replay.evaluate.plots import plot
+
+        plot(truth, table, args.plot, iou=args.iou, frame_s=result.frame_s)
+    if args.json:
+        facts = {"annotated": str(args.annotated), "truth": str(args.truth), "iou": args.iou, "size": picture}
+        facts |= {"truth_size": args.truth_size or picture, "true_boxes_left_out": left_out}
+        print(json.dumps(facts | scores.as_plain(), indent=2))
+    else:
+        show(scores, str(args.annotated))
+    return 0
+
+
+def _common(args: argparse.Namespace, truth: MotTable, result: Result) -> tuple[MotTable, MotTable]:
+    """Truth and result in the frames that are scored."""
+    import numpy as np
+
+    table = result.table
+    kept = truth if result.frames is None else truth.select(np.isin(truth.frames, result.frames))
+    if args.frames is not None:
+        first, last = args.frames
+        end = int(np.iinfo(np.int64).max) if last is None else last
+        kept, table = kept.between(first, end), table.between(first, end)
+    if not len(kept):
+        first, last = int(truth.frames[0]), int(truth.frames[-1])
+        raise SceneTraceError(
+            f"{args.truth}: no truth in the frames to score; it has frames {first} to {last} (from 0)"
+        )
+    return kept, table
+
+
+def read_result(path: Path, camera: str | None) -> Result:
+    """Read an annotated log or, if it is no MCAP, a MOTChallenge text."""
+    import numpy as np
+
+    from replay.annotated import AnnotatedLog, read_tracks
+    from replay.evaluate import read_mot
+
+    try:
+        with path.open("rb") as f:
+            is_log = f.read(len(MCAP_MAGIC)) == MCAP_MAGIC or path.suffix.lower() == ".mcap"
+    except OSError as e:
+        raise SceneTraceError(f"{path}: cannot be read: {e.strerror}") from e
+    if not is_log:
+        return Result(read_mot(path))
+    with AnnotatedLog(path, camera) as log:
+        found = read_tracks(log)
+    step = float(np.median(np.diff(found.times_ns))) / 1e9 if len(found.frames) > 1 else 0.0
+    return Result(found.table, found.size, found.frames, step)
+
+
+def show(scores: Scores, name: str) -> None:
+    """Print the scores as tables."""
+    from rich.console import Console
+
+    console = Console(file=sys.stdout)
+    if not console.is_terminal:
+        console = Console(file=sys.stdout, width=100)
+    for table in (_headline(scores, name), _criteria(scores), _errors(scores), _each(scores)):
+        console.print(table)
+
+
+def _table(title: str, *columns: str) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for k, column in enumerate(columns):
+        table.add_column(column, justify="left" if k == 0 else "right")
+    return table
+
+
+def _headline(s: Scores, name: str) -> Table:
+    h, c, i = s.hota, s.clear, s.identity
+    table = _table(
+        f"{name} (percent)", "HOTA", "DetA", "AssA", "LocA", "MOTA", "MOTP", "IDF1", "IDP", "IDR", "Prec", "Rec"
+    )
+    shares = (h.hota, h.det_a, h.ass_a, h.loc_a, c.mota, c.motp, i.idf1, i.idp, i.idr, c.precision, c.recall)
+    table.add_row(*(f"{x:.1f}" for x in shares))
+    table.caption = (
+        f"switches {c.switches}, fragments {c.fragments}, false positives {c.false_positives}, "
+        f"misses {c.false_negatives}, mostly tracked {c.mostly_tracked}, partly {c.partly_tracked}, "
+        f"mostly lost {c.mostly_lost}; {s.true_ids} true and {s.result_ids} result identities"
+    )
+    table.caption_justify = "left"
+    return table
+
+
+def _criteria(s: Scores) -> Table:
+    t = s.trajectories
+    table = _table("Trajectories (PARTS 5.2)", "criterion", "")
+    for what, value in (
+        ("trajectories", f"{t.count}"),
+        ("mostly tracked (over 80 % of frames)", f"{t.mostly_tracked}"),
+        ("mostly tracked under a single id", f"{t.mostly_tracked_single_id}"),
+        ("mostly lost (under 40 %)", f"{t.mostly_lost}"),
+        ("missed", f"{t.missed}"),
+        ("under-segmented (taken for another)", f"{t.under_segmented}"),
+        ("over-segmented (several ids)", f"{t.over_segmented}"),
+        ("ids swapped, per trajectory", f"{t.swaps_per_trajectory:.2f}"),
+        ("ids per trajectory", f"{t.ids_per_trajectory:.2f}"),
+        ("ids per frame", f"{t.ids_per_frame:.2f}"),
+    ):
+        table.add_row(what, value)
+    return table
+
+
+def _errors(s: Scores) -> Table:
+    t = s.trajectories
+    table = _table("Errors of place and size (PARTS 5.3)", "over", "as", "x", "y", "width", "height", "of the truth")
+    for what, e in (("matched frames", t.matched), ("all frames of the identity", t.followed)):
+        for k, (how, values, unit) in enumerate(_normalisations(e)):
+            table.add_row("" if k else what, how, *(f"{v:.1f}{unit}" for v in values), f"{e.share:.1f} %")
+    return table
+
+
+def _normalisations(e: Errors) -> list[tuple[str, tuple[float, ...], str]]:
+    return [
+        ("centre by coordinate, size by size", e.headline, " %"),
+        ("all by true coordinate", e.coordinate, " %"),
+        ("all by true size", e.size, " %"),
+        ("pixels", e.pixels, " px"),
+    ]
+
+
+def _each(s: Scores) -> Table:
+    table = _table(
+        "Each trajectory", "truth", "frames", "tracked", "ids", "switches", "swaps", "fragments", "centre off"
+    )
+    for t in s.trajectories.each:
+        ids = " ".join(map(str, t.ids[:6])) + (f" +{len(t.ids) - 6}" if len(t.ids) > 6 else "")
+        tracked, off = f"{t.share:.0f} %", f"{t.error_px:.1f} px"
+        where = f"{t.first_frame}-{t.last_frame}"
+        table.add_row(str(t.truth), where, tracked, ids, str(t.switches), str(t.swaps), str(t.fragments), off)
+    return table

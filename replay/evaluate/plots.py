@@ -1,0 +1,139 @@
+"""Plots of a result against its truth: SHELLS, Figure 5, and PARTS, Figures 8 to 10.
+
+Needs matplotlib (extra ``plot``), which is imported when a plot is asked for.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from recorders.errors import SceneTraceError
+from replay.evaluate.clear import Matches, match
+from replay.evaluate.overlap import Overlap, overlap
+from replay.evaluate.trajectories import centre_distance
+from replay.evaluate.truth import FloatArray, IntArray, MotTable
+
+MOST_TRAJECTORIES = 12
+MOST_LABELS = 6
+_PAPER = {"savefig.dpi": 130, "font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}
+
+
+def _matplotlib() -> Any:
+    try:
+        import matplotlib as mpl
+    except ImportError as e:
+        raise SceneTraceError(
+            "--plot needs matplotlib, which is not installed: pip install 'scenetrace[plot]', or matplotlib alone"
+        ) from e
+    return mpl
+
+
+def mota_over_time(both: Overlap, matches: Matches) -> FloatArray:
+    """MOTA in percent over all frames up to each of ``both.frames``, (F,); nan before the first true box."""
+    true = np.diff(both.true_start)
+    result = np.diff(both.result_start)
+    frame_of = np.searchsorted(both.frames, both.truth.frames[both.true_row[matches.pairs]])
+    hits = np.bincount(frame_of, minlength=len(both.frames))
+    switches = np.bincount(frame_of[matches.switched], minlength=len(both.frames))
+    good = np.cumsum(hits - (result - hits) - switches)
+    total = np.cumsum(true)
+    return np.where(total > 0, 100 * good / np.maximum(total, 1), np.nan)
+
+
+def plot(truth: MotTable, result: MotTable, path: str | Path, *, iou: float = 0.5, frame_s: float = 0.0) -> None:
+    """Write one picture: distances over time, MOTA over time, and the paths of truth and result.
+
+    Args:
+        truth: what is true, in the result's pixels.
+        result: what a tracker said.
+        path: .png, .pdf or .svg.
+        iou: overlap of a match.
+        frame_s: seconds between frames, 0: the time axes count frames.
+
+    Raises:
+        SceneTraceError: matplotlib is missing, or cannot write this kind of file.
+    """
+    mpl = _matplotlib()
+    from matplotlib.figure import Figure
+
+    both = overlap(truth, result)
+    matches = match(both, iou)
+    longest = np.argsort(-np.bincount(both.true_ids, minlength=both.shape[0]), kind="stable")[:MOST_TRAJECTORIES]
+    shown = np.sort(longest).tolist()
+    rows = -(-len(shown) // 3)
+    with mpl.rc_context(_PAPER):
+        figure = Figure(figsize=(11, 6 + 2.4 * rows), layout="constrained")
+        grid = figure.add_gridspec(2 + rows, 3, height_ratios=[1.3, 0.9, *[1.1] * rows])
+        step, unit = (frame_s, "s") if frame_s > 0 else (1.0, "frame")
+        _distances(figure.add_subplot(grid[0, :]), both, matches, shown, step, unit)
+        _mota(figure.add_subplot(grid[1, :]), both, matches, step, unit)
+        for k, i in enumerate(shown):
+            _path(figure.add_subplot(grid[2 + k // 3, k % 3]), both, matches, i)
+        try:
+            figure.savefig(path, metadata=_metadata(path))
+        except (ValueError, OSError) as e:
+            raise SceneTraceError(f"{path}: the plot cannot be written: {e}") from e
+
+
+def _metadata(path: str | Path) -> dict[str, Any]:
+    """Keep the day out of the file: same figures, same picture."""
+    kinds: dict[str, dict[str, Any]] = {
+        ".pdf": {"CreationDate": None},
+        ".svg": {"Date": None},
+        ".png": {"Software": None},
+    }
+    return kinds.get(Path(path).suffix.lower(), {})
+
+
+def _distances(axes: Any, both: Overlap, matches: Matches, shown: list[int], step: float, unit: str) -> None:
+    true_row = both.true_row[matches.pairs]
+    distance = centre_distance(both, matches.pairs)
+    for i in shown:
+        mine = both.true_ids[true_row] == i
+        if mine.any():
+            frames = both.truth.frames[true_row[mine]]
+            x, y = _broken(frames, frames * step, distance[mine])
+            axes.plot(x, y, lw=1, label=str(int(both.true_names[i])))
+    axes.set(title="Distance of matched centre to truth, by true identity", xlabel=unit, ylabel="px")
+    if len(axes.lines):
+        axes.legend(ncols=12, fontsize=7, loc="upper right")
+
+
+def _mota(axes: Any, both: Overlap, matches: Matches, step: float, unit: str) -> None:
+    axes.plot(both.frames * step, mota_over_time(both, matches), lw=1.4, color="black", label="MOTA so far")
+    at = both.truth.frames[both.true_row[matches.pairs[matches.switched]]] * step
+    for k, x in enumerate(at.tolist()):
+        axes.axvline(x, color="tab:red", lw=0.7, alpha=0.6, label="identity switch" if k == 0 else None)
+    axes.set(title="MOTA over time", xlabel=unit, ylabel="%", ylim=(None, 102))
+    axes.legend(fontsize=7, loc="lower right")
+
+
+def _broken(frames: IntArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A line over frames, broken where frames are missing."""
+    gaps = np.flatnonzero(np.diff(frames) > 1) + 1
+    return np.insert(x.astype(np.float64), gaps, np.nan), np.insert(y, gaps, np.nan)
+
+
+def _path(axes: Any, both: Overlap, matches: Matches, i: int) -> None:
+    mine = matches.pairs[both.true_ids[both.true_row[matches.pairs]] == i]
+    own = both.true_ids == i
+    truth = both.truth.centres[own]
+    x, y = _broken(both.truth.frames[own], truth[:, 0], truth[:, 1])
+    axes.plot(x, y, color="black", lw=2.2, alpha=0.35, label="truth")
+    rows = both.result_row[mine]
+    by = both.result_ids[rows]
+    for r in dict.fromkeys(by.tolist()):
+        part = rows[by == r]
+        centres = both.result.centres[part]
+        x, y = _broken(both.result.frames[part], centres[:, 0], centres[:, 1])
+        axes.plot(x, y, "--", lw=1.1, label=f"track {int(both.result_names[r])}")
+    axes.set_title(f"Truth {int(both.true_names[i])}: {100 * len(mine) / max(1, len(truth)):.0f} % tracked", fontsize=8)
+    axes.invert_yaxis()
+    axes.tick_params(labelsize=6)
+    handles, labels = axes.get_legend_handles_labels()
+    if len(labels) > MOST_LABELS:
+        labels = [*labels[: MOST_LABELS - 1], f"and {len(labels) - MOST_LABELS + 1} more"]
+    axes.legend(handles[: len(labels)], labels, fontsize=6)
