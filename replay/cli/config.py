@@ -15,9 +15,9 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "every parameter with unit, range and source, as TOML",
         "Print every parameter of every method as TOML: meaning, unit, range and source (paper and section, or ours).\n"
         "The output is a file for --config; --set section.field=value reaches each parameter alone.",
-        "scenetrace config --tracker shells > shells.toml\nscenetrace replay scene.mcap -o out.mcap --config shells.toml",
+        "scenetrace config --tracker shells > s.toml\nscenetrace replay scene.mcap -o out.mcap --config s.toml",
     )
-    p.add_argument("--tracker", metavar="NAME", help="what a replay with this tracker reads; default: all")
+    p.add_argument("--tracker", metavar="NAME", help="what a replay with it reads; default: all")
     common.add_configuration(p)
     p.set_defaults(run=run)
 

@@ -1,0 +1,90 @@
+"""Channels: schemas that viewers can read, strict decoding, limits before trust."""
+
+from __future__ import annotations
+
+import json
+
+import msgspec
+import pytest
+from google.protobuf import descriptor_pool
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+
+from recorders import channels
+from recorders.errors import RecordingError, UsageError
+from recorders.limits import Limits
+from recorders.messages import Detections, Ellipse, Event, Track, Tracks
+
+
+def test_topics() -> None:
+    assert channels.topic("north", "tracks") == "/north/tracks"
+    assert channels.split("/north/tracks") == ("north", "tracks")
+    assert channels.split("/north/imu") == ("", "/north/imu")
+    with pytest.raises(UsageError, match="camera name"):
+        channels.topic("a/b", "tracks")
+
+
+@pytest.mark.parametrize("name", sorted(channels.JSON_CHANNELS))
+def test_json_schemas_are_flat_objects(name: str) -> None:
+    schema = channels.schema(name)
+    document = json.loads(schema.data)
+    assert schema.encoding == "jsonschema"
+    assert document["type"] == "object"
+    assert "$ref" not in schema.data.decode()
+
+
+@pytest.mark.parametrize("name", sorted(channels.PROTOBUF_CHANNELS))
+def test_protobuf_schemas_are_complete(name: str) -> None:
+    schema = channels.schema(name)
+    pool = descriptor_pool.DescriptorPool()
+    for file in FileDescriptorSet.FromString(schema.data).file:
+        pool.Add(file)
+    assert pool.FindMessageTypeByName(schema.name).full_name == schema.name
+
+
+def test_detections_round_trip() -> None:
+    sent = Detections(3, 640, 480, [(1.5, 2.0, 3.0, 4.0)], [0.5], ["person"], [Ellipse(1, 2, 3, 4, 0.1)], [1])
+    assert channels.decode("detections", channels.encode("detections", sent)) == sent
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ('{"frame":0,"width":9,"height":9,"boxes":[[0,0,-1,2]]}', "box 0 is"),
+        ('{"frame":0,"width":9,"height":9,"boxes":[[0,0,1,0]]}', "box 0 is"),
+        ('{"frame":0,"width":9,"height":9,"boxes":[[1e300,0,1,1]]}', "box 0 is"),
+        ('{"frame":0,"width":9,"height":9,"boxes":[[NaN,0,1,1]]}', "not a detections message"),
+        ('{"frame":-1,"width":9,"height":9}', "not a detections message"),
+        ('{"frame":0,"width":9,"height":9,"boxes":[[0,0,1,1]],"scores":[1,2]}', "2 scores for 1 boxes"),
+        ("[]", "not a detections message"),
+        ('{"frame":0', "not a detections message"),
+    ],
+)
+def test_bad_detections_are_refused_with_the_reason(text: str, reason: str) -> None:
+    with pytest.raises(RecordingError) as caught:
+        channels.decode("detections", text.encode(), path="x.mcap")
+    assert reason in str(caught.value)
+    assert "x.mcap (detections)" in str(caught.value)
+
+
+def test_limits_on_depth_and_number() -> None:
+    deep = Event(1, "joined", [1], 0, 0, "rule", {"a": msgspec.json.decode(b"[" * 40 + b"]" * 40)})
+    with pytest.raises(RecordingError, match=r"nested 42 deep, over the limit of 32"):
+        channels.decode("events", channels.encode("events", deep))
+    wordy = Event(1, "joined", [1], 0, 0, "rule", {"a": "[" * 1000})
+    assert channels.decode("events", channels.encode("events", wordy)) == wordy
+    many = Detections(0, 9, 9, [(0.0, 0.0, 1.0, 1.0)] * 3)
+    with pytest.raises(RecordingError, match="over the limit of 2"):
+        channels.decode("detections", channels.encode("detections", many), limits=Limits(max_detections_per_frame=2))
+
+
+def test_a_protobuf_that_is_none() -> None:
+    with pytest.raises(RecordingError, match="not a image message"):
+        channels.decode("image", b"\xff\xff\xff")
+
+
+def test_encoding_is_canonical() -> None:
+    track = Track(1, (0.1, 0.2, 3.0, 4.0), None, (0.0, 0.0), 2.5, "motion", 1.0, True, True, 1,
+                  False, False, False, [], [], [], None, "inside")  # fmt: skip
+    assert channels.encode("tracks", Tracks(0, [track])).startswith(
+        b'{"frame":0,"tracks":[{"id":1,"box":[0.1,0.2,3.0,4.0],"ellipse":null'
+    )
