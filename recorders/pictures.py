@@ -97,12 +97,12 @@ def _jpeg_header(data: bytes, path: str | Path) -> PictureHeader:
     raise RecordingError("a JPEG picture without a header that gives its size", path)
 
 
-def decode_picture(data: bytes, *, grey: bool = False, path: str | Path = "", limits: Limits = DEFAULT_LIMITS) -> Image:
+def decode_picture(data: bytes, *, gray: bool = False, path: str | Path = "", limits: Limits = DEFAULT_LIMITS) -> Image:
     """Decode a JPEG or PNG.
 
     Args:
         data: the picture's bytes.
-        grey: give one channel, (height, width); else (height, width, 3) BGR. An EXIF orientation is not applied:
+        gray: give one channel, (height, width); else (height, width, 3) BGR. An EXIF orientation is not applied:
             boxes are in the picture's own pixels.
         path: for the error's text.
         limits: checked against the header, before decoding.
@@ -113,9 +113,9 @@ def decode_picture(data: bytes, *, grey: bool = False, path: str | Path = "", li
     """
     header = read_header(data, path)
     check_size(header.width, header.height, path, limits)
-    if not _whole(data, header.format):
+    if not is_whole(data, header.format):
         raise RecordingError(f"a {header.format} picture that is cut off", path)
-    flags = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR
+    flags = cv2.IMREAD_GRAYSCALE if gray else cv2.IMREAD_COLOR
     try:
         image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as e:
@@ -125,7 +125,8 @@ def decode_picture(data: bytes, *, grey: bool = False, path: str | Path = "", li
     return np.asarray(image, np.uint8)
 
 
-def _whole(data: bytes, picture_format: Format) -> bool:
+def is_whole(data: bytes, picture_format: Format) -> bool:
+    """Whether a JPEG or PNG has its end: what a cut-off copy lacks."""
     # Decoders fill what is missing with grey and say nothing: look for the end that the format demands.
     if picture_format == "png":
         return data.rfind(b"IEND") > 0
@@ -210,6 +211,16 @@ class VideoDecoder:
         self._limits = limits
         self._context: Any = None
 
+    @staticmethod
+    def is_key(data: bytes) -> bool:
+        """Whether an Annex B frame holds an IDR slice (NAL type 5), where decoding may start."""
+        at = data.find(b"\x00\x00\x01")
+        while at >= 0 and at + 3 < len(data):
+            if data[at + 3] & 0x1F == 5:
+                return True
+            at = data.find(b"\x00\x00\x01", at + 3)
+        return False
+
     def _open(self) -> Any:
         import av
 
@@ -228,7 +239,7 @@ class VideoDecoder:
         """
         import av
 
-        if is_key(data) or self._context is None:
+        if self.is_key(data) or self._context is None:
             # A fresh context at every IDR: a frame's pixels are a function of its IDR group alone.
             self._context = self._open()
         try:
@@ -245,13 +256,3 @@ class VideoDecoder:
             kind = f"{frame.format.name} {frame.width} x {frame.height}"
             raise RecordingError(f"H.264 pictures must be yuv420p of even size, these are {kind}", self._path)
         return from_i420(np.asarray(frame.to_ndarray(), np.uint8))
-
-
-def is_key(data: bytes) -> bool:
-    """Whether an Annex B access unit holds an IDR slice (NAL type 5)."""
-    at = data.find(b"\x00\x00\x01")
-    while at >= 0 and at + 3 < len(data):
-        if data[at + 3] & 0x1F == 5:
-            return True
-        at = data.find(b"\x00\x00\x01", at + 3)
-    return False

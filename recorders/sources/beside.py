@@ -34,7 +34,8 @@ class WithDetections:
         self._pictures = pictures
         self._text = MotText(detections, limits)
         self.path = pictures.path
-        self.name = f"{pictures.name} with {self._text_name}"
+        self.name = f"{pictures.name} with MOTChallenge text"
+        self.stills = pictures.stills
         self.width, self.height = pictures.width, pictures.height
         self.frame_ns, self.frame_count = pictures.frame_ns, pictures.frame_count
         self.notes = [*pictures.notes, *self._text.notes()]
@@ -45,10 +46,6 @@ class WithDetections:
         if size is not None:
             what = f"size given is {size[0]}x{size[1]} and the {what}"
         self._text.check_inside(*made_for, what)
-
-    @property
-    def _text_name(self) -> str:
-        return "MOTChallenge text"
 
     def _scaled(self, box: Box) -> Box:
         x, y, w, h = box
@@ -81,7 +78,7 @@ class WithDetections:
         if count:
             last = self.frame_count
             self.losses.append(
-                f"{self._text.path}: {count} detections from frame {first} on come after the last picture "
+                f"{self._text.path.name}: {count} detections from frame {first} on come after the last picture "
                 f"({last} pictures) and were left out"
             )
 

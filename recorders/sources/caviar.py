@@ -44,6 +44,7 @@ class CaviarSource:
 
     name = "CAVIAR XML"
     has_images = False
+    stills = False
     has_detections = True
 
     def __init__(

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from recorders.errors import LimitError, RecordingError, SourceError
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.pictures import PictureHeader, check_size, decode_picture, read_header
+from recorders.pictures import PictureHeader, check_size, decode_picture, is_whole, read_header
 from recorders.sources.source import Image, SourceFrame, rate_or_assumed, spread
 
 _SUFFIXES = frozenset({".jpg", ".jpeg", ".png"})
@@ -18,10 +18,15 @@ _HEADER_BYTES = 1 << 20
 _DIGITS = re.compile(r"(\d+)")
 
 
+class _CutOffError(SourceError):
+    """A picture without its end."""
+
+
 class ImageFolderSource:
     """A folder of pictures: frame k is the k-th by number (``2.jpg`` before ``10.jpg``), at a constant rate.
 
-    Other files in the folder are left alone. All pictures must be of one size.
+    Other files in the folder are left alone. All pictures must be of one size. A last picture that is cut off is left
+    out, any other one that is damaged ends the reading.
 
     Raises:
         SourceError: no such folder, no picture in it, or one that is not a JPEG or PNG.
@@ -30,6 +35,7 @@ class ImageFolderSource:
 
     name = "images"
     has_images = True
+    stills = True
     has_detections = False
 
     def __init__(self, path: Path, fps: Fraction | None = None, limits: Limits = DEFAULT_LIMITS) -> None:
@@ -96,6 +102,8 @@ class ImageFolderSource:
         if (header.width, header.height) != (self.width, self.height):
             first = f"{self._names[0]} is {self.width} x {self.height}"
             raise SourceError(f"is {header.width} x {header.height}, but {first}: one size is wanted", path)
+        if not is_whole(data, header.format):
+            raise _CutOffError(f"a {header.format} picture that is cut off", path)
         return data, header
 
     def _loader(self, name: str, data: bytes) -> Callable[[], Image]:
@@ -112,8 +120,16 @@ class ImageFolderSource:
     def frames(self) -> Iterator[SourceFrame]:
         """All pictures in order."""
         self._digests.clear()
+        self.losses.clear()
         for index, name in enumerate(self._names):
-            data, header = self._read(name)
+            try:
+                data, header = self._read(name)
+            except _CutOffError as e:
+                if index == 0 or index < len(self._names) - 1:
+                    raise
+                # What an interrupted capture or copy leaves: the last picture, cut off.
+                self.losses.append(f"{name}, the last picture: {e.reason}")
+                return
             self._digests.append((name, hashlib.sha256(data).hexdigest()))
             yield SourceFrame(index, self._rate.time_ns(index), self._loader(name, data), data, header.format)
 
@@ -121,7 +137,11 @@ class ImageFolderSource:
         """``count`` pictures spread evenly over the folder."""
         for index, name in enumerate(self._names):
             if spread(index, count, len(self._names)):
-                yield self._loader(name, self._read(name)[0])()
+                try:
+                    data, _ = self._read(name)
+                except _CutOffError:
+                    return
+                yield self._loader(name, data)()
 
     def digests(self) -> list[tuple[str, str]]:
         """Each picture's SHA-256."""

@@ -183,13 +183,13 @@ class MotText:
         """What a reader of the recording should know."""
         if self.sorted:
             return []
-        return [f"{self.path}: the frames are not in order; they were sorted"]
+        return [f"{self.path.name}: the frames are not in order; they were sorted"]
 
     def losses(self) -> list[str]:
         """What the last reading left out."""
         if not self.repeated:
             return []
-        where = f"{self.path}:{self.first_repeated}"
+        where = f"{self.path.name}:{self.first_repeated}"
         return [f"{self.repeated} rows repeat another row of their frame and were left out, the first at {where}"]
 
 
@@ -202,6 +202,7 @@ class MotSource:
 
     name = "MOTChallenge text"
     has_images = False
+    stills = False
     has_detections = True
 
     def __init__(

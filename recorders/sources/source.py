@@ -67,6 +67,7 @@ class Source(Protocol):
         width, height: of every picture, in pixels.
         frame_ns: the nominal time between frames.
         has_images: every frame has a picture.
+        stills: the pictures come as JPEG or PNG bytes, which can be recorded as they are.
         has_detections: every frame has detections, if only none.
         frame_count: how many frames there are, None where only reading tells; an expectation, not a promise.
         notes: what had to be assumed, one line each.
@@ -79,6 +80,7 @@ class Source(Protocol):
     height: int
     frame_ns: int
     has_images: bool
+    stills: bool
     has_detections: bool
     frame_count: int | None
     notes: list[str]

@@ -40,6 +40,7 @@ class VideoSource:
 
     name = "video"
     has_images = True
+    stills = False
     has_detections = False
 
     def __init__(self, path: Path, fps: Fraction | None = None, limits: Limits = DEFAULT_LIMITS) -> None:

@@ -1,0 +1,114 @@
+"""``scenetrace record``."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+from recorders.errors import UsageError
+from replay.cli import common
+
+LEFT_OUT = 3
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    p = common.command(
+        commands,
+        "record",
+        "a video, pictures or detections into a scene log",
+        "Record a source into a scene log (MCAP): pictures, foreground masks, detections, regions.\n\n"
+        "SOURCE is a video file, a folder of JPEG or PNG pictures (in the order of their numbers, their bytes kept as\n"
+        "they are), a MOTChallenge text file (.txt) or a CAVIAR XML file (.xml; its labelled identities are left out).\n"
+        "Exit code 3: recorded, but something had to be left out; stderr says what.",
+        "scenetrace record video.avi --fps 7 -o scene.mcap\n"
+        "scenetrace record img1 --fps 7 --detections det.txt -o scene.mcap\n"
+        "scenetrace record det.txt --fps 25 --size 640x480 -o scene.mcap\n"
+        "scenetrace record Walk1.xml -o walk.mcap",
+    )
+    p.add_argument(
+        "source", type=Path, metavar="SOURCE", help="video | folder of pictures | MOTChallenge .txt | CAVIAR .xml"
+    )
+    p.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the scene log")
+    p.add_argument(
+        "--detections", type=Path, metavar="DET.TXT",
+        help="MOTChallenge detections beside the pictures, its frame 1 with the first picture",
+    )  # fmt: skip
+    p.add_argument(
+        "--detect", metavar="METHOD",
+        help="motion, threshold or none: how to find what is in the pictures; default motion, with --detections none "
+        "(a method beside --detections gives masks, and each detection the blob that it lies in)",
+    )  # fmt: skip
+    p.add_argument(
+        "--fps", metavar="F",
+        help="frames per second: 7, 29.97 or 30000/1001; default a video's own times, CAVIAR 25, else 25 is assumed",
+    )  # fmt: skip
+    p.add_argument("--start", metavar="RFC3339", help="when the first frame was taken; default: times start at 0")
+    p.add_argument("--camera", default="camera", metavar="NAME", help="the camera's name in the topics; default camera")
+    p.add_argument(
+        "--regions", type=Path, metavar="FILE", help='JSON: {"roi": [[x, y], ...], "border": ..., "zones": {name: ...}}'
+    )
+    p.add_argument(
+        "--size", metavar="WxH",
+        help="the picture size that the detections were made for: beside pictures boxes are scaled from it",
+    )  # fmt: skip
+    p.add_argument(
+        "--codec", metavar="CODEC",
+        help="jpeg, png, h264 or none: how pictures are stored; default: pictures as they are, video as jpeg",
+    )  # fmt: skip
+    common.add_configuration(p)
+    p.add_argument("--force", action="store_true", help="overwrite an existing output")
+    p.set_defaults(run=run)
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Width and height from ``640x480``.
+
+    Raises:
+        UsageError: it is not such a size.
+    """
+    match = re.fullmatch(r"([1-9]\d{0,5})[xX×]([1-9]\d{0,5})", text)
+    if match is None:
+        raise UsageError(f"--size {text}: must be WIDTHxHEIGHT in pixels, as 640x480")
+    return int(match[1]), int(match[2])
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record."""
+    from recorders.errors import OutputExistsError
+    from recorders.parameters import configure
+    from recorders.recording import SECTIONS, RecordOptions, record
+    from recorders.sources import open_source
+
+    size = None if args.size is None else parse_size(args.size)
+    start_ns = 0 if args.start is None else common.parse_rfc3339(args.start)
+    if start_ns < 0:
+        raise UsageError(f"--start {args.start}: times before 1970 cannot be recorded")
+    config = configure(SECTIONS, args.config, args.assignments)
+    if args.output.exists() and not args.force:
+        raise OutputExistsError(args.output)
+    source = open_source(args.source, detections=args.detections, fps=args.fps, size=size)
+    for note in source.notes:
+        common.say(f"scenetrace: {note}")
+    said = set(source.notes)
+    options = RecordOptions(args.camera, start_ns, args.codec, args.detect, args.regions, config, args.force)
+    with common.progress(source.frame_count) as bar:
+
+        def progress(stage: str, done: int, total: int | None) -> None:
+            share = done if not total or not source.frame_count else done * source.frame_count // total
+            bar(stage, share - 1)
+
+        done = record(source, args.output, options, progress)
+    for note in done.notes:
+        if note not in said:
+            common.say(f"scenetrace: {note}")
+    for loss in done.losses:
+        common.say(f"scenetrace: left out: {loss}")
+    seconds = done.duration_ns / common.NANOS
+    common.say(
+        f"{args.output}: {done.frames} frames of {done.width}x{done.height} over {seconds:.1f} s, "
+        f"{done.detections} detections ({args.detections or source.name if source.has_detections else done.detect}), "
+        f"pictures {done.codec}"
+    )
+    return LEFT_OUT if done.losses else 0
