@@ -6,6 +6,7 @@ import os
 
 # IPP picks its kernels by the processor at hand; it must be off before the library is loaded.
 os.environ["OPENCV_IPP"] = "disabled"
+os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # or the library warns of that on every start
 
 import cv2
 
