@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby, islice
 from pathlib import Path
 from types import TracebackType
@@ -18,7 +19,7 @@ from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
 from recorders.messages import Event, Graph, Group, Regions, Relation, Track
 from recorders.pictures import decode_picture
-from recorders.scene import SceneLog
+from recorders.scene import Frame, SceneLog
 from replay.evaluate.truth import MotTable, Row
 
 Image = NDArray[np.uint8]
@@ -146,24 +147,46 @@ class AnnotatedLog:
     def _decode(self, name: str, message: Message) -> Any:
         return channels.decode(name, message.data, path=str(self.path), limits=self.limits)
 
-    def pictures(self) -> Iterator[tuple[int, Image]]:
-        """Log time and picture, (height, width, 3) BGR, of every frame that was recorded with one.
+    @property
+    def frame_count(self) -> int | None:
+        """How many frames there are, None where the file does not say."""
+        topic = channels.topic(self.camera, "tracks")
+        return next((c.message_count for c in self._log.channels if c.topic == topic), None)
+
+    @property
+    def has_pictures(self) -> bool:
+        """The log holds the recording's pictures."""
+        return {channels.topic(self.camera, n) for n in ("image", "detections")} <= {
+            c.topic for c in self._log.channels
+        }
+
+    def pictures(self) -> Iterator[tuple[int, Callable[[], Image]]]:
+        """Log time and a loader of the picture, (height, width, 3) BGR, of every frame that was recorded with one.
+
+        Call loaders in order, each at most once and before the next is taken.
 
         Raises:
             RecordingError: the log holds no pictures.
         """
-        if channels.topic(self.camera, "image") not in {c.topic for c in self._log.channels}:
+        if not self.has_pictures:
             raise RecordingError("holds no pictures to draw on", self.path)
         with SceneLog(self.path, self.camera, self.limits) as scene:
             for frame in scene.frames():
-                if frame.image is not None:
-                    yield frame.time_ns, frame.image
+                if scene.info.has_images:
+                    yield frame.time_ns, partial(_loaded, frame, self.path)
 
     def membership(self, frame: AnnotatedFrame) -> Image | None:
         """The picture of which pixel belongs to whom, or None."""
         if frame.membership is None:
             return None
-        return decode_picture(frame.membership, grey=True, path=self.path, limits=self.limits)
+        return decode_picture(frame.membership, gray=True, path=self.path, limits=self.limits)
+
+
+def _loaded(frame: Frame, path: Path) -> Image:
+    image = frame.image
+    if image is None:
+        raise RecordingError(f"no picture for the frame at {frame.time_ns} ns", path)
+    return image
 
 
 def _frame(now: int, found: dict[str, Any], regions: Regions | None, graph: Graph | None) -> AnnotatedFrame:

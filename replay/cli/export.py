@@ -1,0 +1,115 @@
+"""`scenetrace export`: tracks, tables, the graph or an overlaid video out of an annotated log."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from recorders.errors import UsageError
+from replay.cli import common
+from replay.cli.evaluate import size
+
+FORMATS = ("mot", "parquet", "graphml", "json", "video")
+EXAMPLE = """\
+scenetrace export annotated.mcap --to mot -o result.txt
+scenetrace export annotated.mcap --to parquet -o tables/
+scenetrace export annotated.mcap --to video -o overlay.mp4 --from 10 --until 20 --only 3,7
+"""
+DESCRIPTION = """\
+Write what an annotated log holds in other formats.
+
+mot      MOTChallenge text, frame,id,x,y,w,h,conf,-1,-1,-1: frames from 1, tracks that are present
+parquet  one table (--table, default tracks) where OUT has a suffix, else a folder with all tables
+graphml  the interaction graph over time: tracks, groups, one edge per interval
+json     all tables in one document
+video    the pictures with boxes, shells, relations, groups, regions and events drawn in, as MP4
+"""
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    p = common.command(commands, "export", "tracks, tables, graph or an overlaid video", DESCRIPTION, EXAMPLE)
+    p.add_argument("annotated", type=Path, metavar="ANNOTATED", help="annotated log")
+    p.add_argument("--to", choices=FORMATS, required=True, metavar="FORMAT", help=", ".join(FORMATS))
+    p.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="file, or folder for parquet")
+    p.add_argument("--camera", metavar="NAME", help="which camera, where the log has several")
+    p.add_argument("--force", action="store_true", help="overwrite an existing output")
+    p.add_argument("--table", default="tracks", metavar="NAME", help="parquet: the table of a single file")
+    p.add_argument("--from", dest="start", metavar="T", help="video: first time, seconds, frame:N or RFC 3339")
+    p.add_argument("--until", dest="end", metavar="T", help="video: end, excluded")
+    p.add_argument("--scale", type=float, default=0.0, help="video: enlargement (default: to about 960 pixels wide)")
+    p.add_argument("--only", type=ids, metavar="IDS", help="video: draw only these tracks, such as 3,7")
+    p.add_argument("--size", type=size, metavar="WxH", help="video: the picture's size where the log does not say")
+    for what in ("shells", "edges", "groups", "regions", "labels"):
+        p.add_argument(f"--no-{what}", action="store_true", help=f"video: draw no {what}")
+    p.set_defaults(run=run)
+
+
+def ids(text: str) -> frozenset[int]:
+    """Track ids of ``3,7``."""
+    if not all(x.strip().isdigit() for x in text.split(",")):
+        raise argparse.ArgumentTypeError(f"{text!r}: must be track ids, like 3,7")
+    return frozenset(int(x) for x in text.split(","))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Export."""
+    from replay.annotated import AnnotatedLog
+    from replay.export import write_mot
+
+    # Opened first, so that every format gives the same answer to what is no annotated log.
+    with AnnotatedLog(args.annotated, args.camera if args.to in ("mot", "graphml", "video") else None) as log:
+        if args.to == "mot":
+            done = f"{write_mot(log, args.output, force=args.force)} rows"
+        elif args.to == "video":
+            done = _video(args, log)
+        else:
+            done = _tables(args, log.camera)
+    common.say(f"{args.output}: {done}")
+    return 0
+
+
+def _tables(args: argparse.Namespace, camera: str) -> str:
+    from replay.export import write_graphml, write_json, write_parquet
+
+    if args.to == "graphml":
+        nodes, edges = write_graphml(args.annotated, args.output, camera=camera, force=args.force)
+        return f"{nodes} nodes, {edges} edges"
+    chosen: dict[str, Any] = {"camera": args.camera, "force": args.force}
+    if args.to == "json":
+        return _rows(write_json(args.annotated, args.output, **chosen))
+    return _rows(write_parquet(args.annotated, args.output, table=args.table, **chosen))
+
+
+def _rows(rows: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {table}" for table, count in rows.items() if count) or "no rows"
+
+
+def _video(args: argparse.Namespace, log: Any) -> str:
+    from recorders.scene import SceneLog
+    from replay.draw import DrawOptions
+    from replay.export import VideoOptions, write_video
+
+    if args.scale and not 0.1 <= args.scale <= 8:
+        raise UsageError(f"--scale {args.scale:g}: must be 0.1 to 8")
+    draw = DrawOptions(
+        scale=args.scale,
+        shells=not args.no_shells,
+        edges=not args.no_edges,
+        groups=not args.no_groups,
+        regions=not args.no_regions,
+        labels=not args.no_labels,
+        only=args.only,
+    )
+    span: list[int | None] = [None, None]
+    if args.start is not None or args.end is not None:
+        with SceneLog(args.annotated, log.camera) as scene:
+            span = [None if text is None else common.parse_time(text, scene) for text in (args.start, args.end)]
+    options = VideoOptions(draw, span[0], span[1], size=args.size)
+    if not log.has_pictures:
+        common.say("the log holds no pictures; drawing on a plain ground")
+    with common.progress(log.frame_count) as progress:
+        frames = write_video(log, args.output, options, force=args.force, progress=progress)
+    return f"{frames} frames"

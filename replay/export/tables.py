@@ -1,0 +1,151 @@
+"""The tables that questions are asked of, as one JSON document or as Parquet.
+
+Rows go through temporary files, one per table, so that memory stays flat over the length of the recording.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import msgspec
+
+from reasoning.questions.reading import read_recordings
+from reasoning.questions.schema import TABLES
+from recorders.errors import OutputExistsError, UsageError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from replay.export.output import whole
+
+_BLOCK = 1 << 20
+
+
+class Spool:
+    """An annotated log's tables on disk, one JSON object per line, until the block that holds it ends.
+
+    Attributes:
+        rows: how many rows each table has.
+    """
+
+    def __init__(self, log: str | Path, camera: str | None = None, limits: Limits = DEFAULT_LIMITS) -> None:
+        self.rows = dict.fromkeys(TABLES, 0)
+        self._camera = camera
+        self._log, self._limits = log, limits
+        self._folder = tempfile.TemporaryDirectory(prefix="scenetrace-")
+
+    def __enter__(self) -> Spool:
+        try:
+            self._files = {name: self.path(name).open("wb") for name in TABLES}
+            try:
+                read_recordings(self._log, self._take, limits=self._limits)
+            finally:
+                for file in self._files.values():
+                    file.close()
+        except BaseException:
+            self._folder.cleanup()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._folder.cleanup()
+
+    def path(self, table: str) -> Path:
+        """Where a table's rows are."""
+        return Path(self._folder.name) / f"{table}.jsonl"
+
+    def lines(self, table: str) -> Iterator[bytes]:
+        """A table's rows, each a JSON object."""
+        with self.path(table).open("rb") as f:
+            for line in f:
+                yield line.rstrip(b"\n")
+
+    def _take(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
+        names = [name for name, _ in TABLES[table]]
+        raw = [kind == "JSON" for _, kind in TABLES[table]]
+        kept = [row for row in rows if self._is_wanted(str(row[0]))]
+        self._files[table].write(
+            b"".join(
+                msgspec.json.encode(
+                    {
+                        name: msgspec.Raw(value.encode()) if is_raw and value is not None else value
+                        for name, value, is_raw in zip(names, row, raw, strict=True)
+                    }
+                )
+                + b"\n"
+                for row in kept
+            )
+        )
+        self.rows[table] += len(kept)
+
+    def _is_wanted(self, recording: str) -> bool:
+        # With several cameras in a log, its recordings are called name/camera.
+        return self._camera is None or "/" not in recording or recording.rsplit("/", 1)[1] == self._camera
+
+
+def write_json(log: str | Path, out: str | Path, *, camera: str | None = None, force: bool = False) -> dict[str, int]:
+    """Write all tables as one JSON document, an object of lists of objects; returns each table's rows.
+
+    Raises:
+        OutputExistsError: ``out`` exists and ``force`` is not set.
+        RecordingError: ``log`` is no annotated log, or damaged.
+    """
+    with whole(out, force=force) as file, Spool(log, camera) as spool:
+        for k, table in enumerate(TABLES):
+            file.write(f"{',' if k else '{'}\n{msgspec.json.encode(table).decode()}: [".encode())
+            pending = b""
+            for n, line in enumerate(spool.lines(table)):
+                pending += (b",\n  " if n else b"\n  ") + line
+                if len(pending) > _BLOCK:
+                    file.write(pending)
+                    pending = b""
+            file.write(pending + b"]")
+        file.write(b"\n}\n")
+        return spool.rows
+
+
+def write_parquet(
+    log: str | Path, out: str | Path, *, table: str = "tracks", camera: str | None = None, force: bool = False
+) -> dict[str, int]:
+    """Write Parquet: one table where ``out`` is a file name with a suffix, else a folder with one file per table.
+
+    Returns:
+        the rows of each table written.
+
+    Raises:
+        OutputExistsError: ``out`` exists (a folder: and is not empty) and ``force`` is not set.
+        UsageError: no such table.
+        RecordingError: ``log`` is no annotated log, or damaged.
+    """
+    if table not in TABLES:
+        raise UsageError(f"no table {table!r}; there are: {', '.join(TABLES)}")
+    path = Path(out)
+    if path.suffix and not path.is_dir():
+        with whole(path, force=force) as file, Spool(log, camera) as spool:
+            _copy(spool, table, file.part)
+            return {table: spool.rows[table]}
+    if path.is_dir() and any(path.iterdir()) and not force:
+        raise OutputExistsError(path)
+    with Spool(log, camera) as spool:
+        path.mkdir(parents=True, exist_ok=True)
+        for name in TABLES:
+            with whole(path / f"{name}.parquet", force=force) as file:
+                _copy(spool, name, file.part)
+        return spool.rows
+
+
+def _copy(spool: Spool, table: str, out: Path) -> None:
+    import duckdb
+
+    columns = ", ".join(f"{name}: '{kind}'" for name, kind in TABLES[table])
+    with duckdb.connect(config={"threads": 1}) as db:
+        rows = (
+            f"read_json($rows, format = 'newline_delimited', columns = {{{columns}}}, maximum_object_size = 134217728)"
+        )
+        db.execute(
+            f"COPY (SELECT * FROM {rows}) TO $out (FORMAT parquet, COMPRESSION zstd, USE_TMP_FILE false)",  # noqa: S608
+            {"rows": str(spool.path(table)), "out": str(out)},
+        )
