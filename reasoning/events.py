@@ -1,0 +1,252 @@
+"""From changes to events: kind, subjects, rule (paper and case), evidence with every value and threshold, plain words.
+
+Order of the events within a frame (total): the tracker's own notices as it gave them; then life of tracks by id
+(confirmed, recovered, lost, mode, removed); scene events by id; relations by (a, b); pairs' interaction by (a, b);
+targets that became single, by id; groups that ended, then groups that began, by label; disagreements by (a, b);
+anomalies in the order of their causes. Ids count on from 1 in this order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from reasoning.groups import GroupChange, HeldGroup
+from reasoning.interactions import PairChange
+from reasoning.regions import SceneChange
+from reasoning.relations import SECOND_NS, Change
+from reasoning.transitions import GROUPED, GROUPING, SPLITTING, TABLE, code, name
+from recorders.messages import Event, Notice, Target
+
+PLACES = ("wholly outside", "partly inside", "wholly inside")
+BIT_KINDS = {GROUPING: "grouping", GROUPED: "grouped", SPLITTING: "splitting"}
+
+
+class EventLog:
+    """Numbers events from 1 and gathers those of the frame at hand."""
+
+    def __init__(self) -> None:
+        self.next_id = 1
+        self.events: list[Event] = []
+        self._frame = 0
+        self._time_ns = 0
+
+    def open(self, frame: int, time_ns: int) -> None:
+        """Begin a frame: what comes now happened in it."""
+        self._frame, self._time_ns, self.events = frame, time_ns, []
+
+    def add(
+        self,
+        kind: str,
+        subjects: Sequence[int],
+        rule: str,
+        evidence: dict[str, Any],
+        text: str,
+        groups: Sequence[int] = (),
+    ) -> None:
+        """Append an event of this frame."""
+        event = Event(
+            self.next_id, kind, list(subjects), self._frame, self._time_ns, rule, evidence, text, list(groups)
+        )
+        self.events.append(event)
+        self.next_id += 1
+
+
+def list_of(ids: Sequence[int]) -> str:
+    """Ids in words.
+
+    >>> list_of([1, 2, 5])
+    '1, 2 and 5'
+    """
+    words = [str(i) for i in ids]
+    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
+
+
+def seconds(ns: int) -> float:
+    """Nanoseconds as seconds, to the millisecond."""
+    return round(ns / SECOND_NS, 3)
+
+
+def notice(log: EventLog, n: Notice) -> None:
+    """Something the tracker tells of itself."""
+    log.add(n.kind, n.subjects, n.rule, dict(n.evidence), n.text or f"{n.kind}: {list_of(n.subjects)}.")
+
+
+def life(log: EventLog, kind: str, t: Target, evidence: dict[str, Any], text: str) -> None:
+    """A track is confirmed, lost, recovered, removed or followed in another way."""
+    values = {"box": list(t.box), "mode": t.mode, "confidence": t.confidence, "observed": t.observed, **evidence}
+    log.add(kind, [t.id], "EVENTS 2", values, text)
+
+
+_SCENE_TEXT = {
+    "entering": "Target {i} is entering the scene.",
+    "entered": "Target {i} has entered: it lies wholly inside the region of interest.",
+    "exiting": "Target {i} is exiting: a part of it is outside region of interest and border.",
+    "returned": "Target {i} has returned: it lies wholly inside the region of interest again.",
+    "exited": "Target {i} has left the scene.",
+    "zone_entered": "Target {i} entered zone {z}.",
+    "zone_left": "Target {i} left zone {z} after {s} s.",
+}
+
+
+def scene(log: EventLog, c: SceneChange, regions_source: str) -> None:
+    """A scene event (EVENTS 3.2) or an entry into a named zone."""
+    evidence: dict[str, Any] = {}
+    rule = "EVENTS 3.2"
+    if c.zone:
+        rule = "ours: named zones"
+        evidence["zone"] = c.zone
+        if c.kind == "zone_left":
+            evidence["time_in_zone_s"] = seconds(c.lasted_ns)
+    else:
+        evidence = {"status_before": c.before or "none", "time_in_status_s": seconds(c.lasted_ns)}
+    if c.reason:
+        evidence["reason"] = c.reason
+    else:
+        evidence |= {"in_roi": PLACES[c.roi], "in_roi_and_border": PLACES[c.area]}
+    evidence["regions"] = regions_source
+    text = _SCENE_TEXT[c.kind].format(i=c.id, z=c.zone, s=seconds(c.lasted_ns))
+    log.add(c.kind, [c.id], rule, evidence, text)
+
+
+_RELATION_KINDS = {"II": "interaction_started", "III": "joined", "IV": "separated", "torn": "separated"}
+_RELATION_TEXT = {
+    "II": "Targets {p} started to interact: their shells meet.",
+    "III": "Targets {p} joined: they share one blob, their shells meet.",
+    "IV": "Targets {p} separated into different blobs, their shells still meet.",
+    "V": "Targets {p} ended their interaction: their shells are disjoint.",
+    "torn": "Targets {p} were joined, and their shells are disjoint at once: they count as interacting for now.",
+    "gone": "Targets {p} ended their relation: {g} disappeared.",
+}
+
+
+def relation(log: EventLog, c: Change, overlap: float, margins: dict[str, float]) -> None:
+    """A change of a pair's relation (SHELLS 2.3)."""
+    evidence: dict[str, Any] = {
+        "case": c.case,
+        "before": c.before,
+        "after": c.after,
+        "distance_px": c.distance,
+        "shell_radii_px": [c.radius_a, c.radius_b],
+        "shell_gap_px": c.distance - (c.radius_a + c.radius_b),
+        "shell_overlap": overlap,
+        "same_blob": c.same_blob,
+        "time_in_state_s": seconds(c.lasted_ns),
+        "since_frame": c.since_frame,
+        **margins,
+    }
+    if c.gone:
+        evidence["gone"] = list(c.gone)
+    pair = list_of([c.a, c.b])
+    text = _RELATION_TEXT[c.case].format(p=pair, g=list_of(c.gone))
+    log.add(_RELATION_KINDS.get(c.case, "interaction_ended"), [c.a, c.b], c.rule, evidence, text)
+
+
+def pair(log: EventLog, c: PairChange, group: int | None, safety_margin: float) -> None:
+    """Two targets are grouping, grouped or splitting from this frame on (EVENTS 3.1)."""
+    kind = BIT_KINDS[c.after]
+    evidence = {
+        "before": BIT_KINDS.get(c.before, "none"),
+        "after": kind,
+        "safety_distance": c.distance,
+        "collision_at_most": 1.0,
+        "safety_margin": safety_margin,
+        "time_in_state_s": seconds(c.lasted_ns),
+    }
+    both = list_of([c.a, c.b])
+    text = {
+        GROUPING: f"Targets {both} are grouping: their safety areas superpose, no group is seen over them.",
+        GROUPED: f"Targets {both} are grouped: they lie over one group that is observed.",
+        SPLITTING: f"Targets {both} are splitting: their group is not observed any more.",
+    }[c.after]
+    rule = f"EVENTS 3.1 {kind}"
+    if c.of_split:
+        rule, text = "EVENTS 3.1 born of a split", f"Targets {both} are splitting: one of them is born of the split."
+    if c.jumped:
+        rule = "EVENTS 3.1, ours: grouped targets that stop colliding at once are splitting for one frame"
+    log.add(kind, [c.a, c.b], rule, evidence, text, [] if group is None else [group])
+
+
+def single(log: EventLog, target: int, before: int, left: Sequence[int]) -> None:
+    """A target collides with nobody any more."""
+    evidence = {"state_before": code(before), "state_before_name": name(before), "partners_before": list(left)}
+    log.add("single", [target], "EVENTS 3.1 single", evidence, f"Target {target} is single: no partner is left.")
+
+
+def group(log: EventLog, c: GroupChange) -> None:
+    """A group began, changed its members (one ended, another began), ended, or is understood to have entered as one."""
+    g = c.group
+    members = list(g.members)
+    evidence: dict[str, Any] = {"members": members, "observed": g.observed}
+    if g.source:
+        evidence |= {"source": g.source, "source_id": g.source_id}
+    if c.before:
+        evidence |= _membership(g, c.before)
+    text = f"Group {g.label} of targets {list_of(members)} formed."
+    if c.kind == "group_changed":
+        old = list_of([b.label for b in c.before])
+        text = f"Group {old} ended; group {g.label} of targets {list_of(members)} began in its place."
+    elif c.kind == "group_entered_scene":
+        text = (
+            f"Targets {list_of(members)} had entered the scene as one: understood as group {g.label} when they split."
+        )
+    elif c.kind == "group_ended":
+        evidence |= {"lasted_s": seconds(c.lasted_ns), "since_frame": g.since_frame, "gone": list(c.gone)}
+        text = f"Group {g.label} of targets {list_of(members)} ended: no two of them are splitting any more."
+    labels = [b.label for b in c.before] + [g.label]
+    rules = {
+        "group_formed": "EVENTS 3.1 group tracker over a collision zone",
+        "group_changed": "EVENTS 3.1 nobody joins a group: the old one ends, a new one begins",
+        "group_ended": "EVENTS 3.1 group without observation, members apart",
+        "group_entered_scene": "EVENTS 3.1 a group that entered as one, detected as it splits",
+    }
+    subjects = sorted({i for b in c.before for i in b.members}.union(members))
+    log.add(c.kind, subjects, rules[c.kind], evidence, text, labels)
+
+
+def _membership(g: HeldGroup, before: Sequence[HeldGroup]) -> dict[str, Any]:
+    old = sorted({i for b in before for i in b.members})
+    return {
+        "ended": [b.label for b in before],
+        "began": g.label,
+        "members_before": [list(b.members) for b in before],
+        "joined": [i for i in g.members if i not in old],
+        "left": [i for i in old if i not in g.members],
+    }
+
+
+def forbidden(log: EventLog, target: int, before: int, after: int) -> None:
+    """A target made a transition that the table forbids: the reasoning contradicts itself."""
+    evidence = {"from": code(before), "to": code(after), "why": TABLE[before, after].why}
+    text = f"Target {target} went from {name(before)} to {name(after)}, which should be impossible."
+    log.add("anomaly", [target], "EVENTS 3.1 transition table", evidence, text)
+
+
+def torn(log: EventLog, c: Change) -> None:
+    """A JOINT pair's shells are disjoint."""
+    evidence = {
+        "distance_px": c.distance,
+        "shell_radii_px": [c.radius_a, c.radius_b],
+        "shell_gap_px": c.distance - (c.radius_a + c.radius_b),
+        "same_blob": c.same_blob,
+    }
+    text = (
+        f"Targets {list_of([c.a, c.b])} were joined, yet their shells are disjoint: an identity error or a lost frame."
+    )
+    log.add("anomaly", [c.a, c.b], c.rule, evidence, text)
+
+
+def jumped(log: EventLog, c: PairChange) -> None:
+    """A grouped pair stopped colliding without having been seen to split."""
+    evidence = {"safety_distance": c.distance, "collision_at_most": 1.0, "before": "grouped"}
+    text = f"Targets {list_of([c.a, c.b])} were grouped and do not collide at once: they were not seen to split."
+    rule = "EVENTS 3.1, ours: the frame rate is high enough to see grouped targets split"
+    log.add("anomaly", [c.a, c.b], rule, evidence, text)
+
+
+def disagreement(log: EventLog, a: int, b: int, bit: int, state: str, measured: dict[str, Any]) -> None:
+    """The two papers' views of a pair contradict one another; both stand as they are."""
+    expected = "JOINT" if bit == GROUPED else "INTERACTION"
+    evidence = {"interaction": BIT_KINDS[bit], "relation": state, "relation_expected": expected, **measured}
+    text = f"Targets {list_of([a, b])} are {BIT_KINDS[bit]}, which asks for {expected}, but their shells say {state}."
+    log.add("disagreement", [a, b], "EVENTS 3.1 against SHELLS 2.3", evidence, text)

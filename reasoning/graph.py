@@ -1,0 +1,199 @@
+"""The interaction graph over time: both papers' views of a scene in one networkx MultiGraph.
+
+Nodes are targets (``target:3``) and groups (``group:1``) with their states. Edges are intervals: a relation
+(``view`` SHELLS: INTERACTION, JOINT), what two partners do (``view`` EVENTS: grouping, grouped, splitting), and
+membership in a group (``view`` EVENTS: member). An edge's key names what it is and the frame it began in, so that one
+interval is one edge. A `Graph` message holds the intervals open in its frame and those that ended with it, and is
+written only when something discrete changed; `over_time` puts a recording's messages together again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, cast
+
+from reasoning.groups import HeldGroup
+from reasoning.interactions import Bond
+from reasoning.relations import Edge
+from reasoning.transitions import GROUPED, GROUPING, SPLITTING
+from recorders.messages import Graph, Track
+
+if TYPE_CHECKING:
+    import networkx as nx
+
+_BITS = {GROUPING: "grouping", GROUPED: "grouped", SPLITTING: "splitting"}
+
+Interval = tuple[str, str, str, str, int, int, str]
+"""source, target, view, state, since_frame, since_ns, rule: an edge before it ends."""
+
+
+def target_node(i: int) -> str:
+    """Name of a target's node."""
+    return f"target:{i}"
+
+
+def group_node(label: int) -> str:
+    """Name of a group's node."""
+    return f"group:{label}"
+
+
+def node_order(name: str) -> tuple[str, int]:
+    """Sorts nodes: groups first, then targets, each by number."""
+    kind, _, number = name.partition(":")
+    return kind, int(number)
+
+
+def _edge_order(e: dict[str, Any]) -> tuple[Any, ...]:
+    return node_order(e["source"]), node_order(e["target"]), e["view"], e["since_frame"], e["key"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """What the graph is made of in a frame: tracks by id, groups by label, relations and bonds by (a, b)."""
+
+    tracks: Sequence[Track]
+    groups: Sequence[HeldGroup]
+    relations: Sequence[Edge]
+    bonds: Sequence[tuple[int, int, Bond]]
+
+
+class GraphBook:
+    """Follows the open intervals and writes a message whenever something discrete changes."""
+
+    def __init__(self) -> None:
+        self._open: dict[str, Interval] = {}
+        self._nodes: list[dict[str, Any]] = []
+        self._started = False
+
+    def step(self, frame: int, time_ns: int, scene: Scene) -> Graph | None:
+        """The frame's graph, or None when it equals the last one."""
+        nodes = [_group_node(g) for g in scene.groups] + [_target_node(t) for t in scene.tracks]
+        intervals = {_interval_id(v): v for v in _intervals(scene)}
+        if self._started and nodes == self._nodes and intervals.keys() == self._open.keys():
+            return None
+        ended = [v for key, v in self._open.items() if key not in intervals]
+        known = {n["id"] for n in nodes}
+        gone = sorted({n for v in ended for n in v[:2]} - known, key=node_order)
+        edges = [_edge(v) for v in intervals.values()]
+        edges += [{**_edge(v), "end_frame": frame, "end_ns": time_ns} for v in ended]
+        all_nodes = nodes + [{"id": n, "kind": n.partition(":")[0], "gone": True} for n in gone]
+        self._open, self._nodes, self._started = intervals, nodes, True
+        return Graph(
+            frame=frame,
+            directed=False,
+            multigraph=True,
+            graph={"frame": frame, "time_ns": time_ns},
+            nodes=sorted(all_nodes, key=lambda n: node_order(n["id"])),
+            edges=sorted(edges, key=_edge_order),
+        )
+
+    def state(self) -> dict[str, Any]:
+        """The open intervals and the last nodes as plain data."""
+        return {
+            "open": [list(v) for v in self._open.values()],
+            "nodes": [dict(n) for n in self._nodes],
+            "started": self._started,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from what `state` gave."""
+        intervals = [cast(Interval, tuple(v)) for v in state["open"]]
+        self._open = {_interval_id(v): v for v in intervals}
+        self._nodes = [dict(n) for n in state["nodes"]]
+        self._started = state["started"]
+
+
+def _target_node(t: Track) -> dict[str, Any]:
+    return {
+        "id": target_node(t.id),
+        "kind": "target",
+        "grouping": t.grouping,
+        "grouped": t.grouped,
+        "splitting": t.splitting,
+        "group": t.group,
+        "scene": t.scene,
+        "mode": t.mode,
+        "present": t.present,
+    }
+
+
+def _group_node(g: HeldGroup) -> dict[str, Any]:
+    return {
+        "id": group_node(g.label),
+        "kind": "group",
+        "members": list(g.members),
+        "observed": g.observed,
+        "since_frame": g.since_frame,
+        "since_ns": g.since_ns,
+        "formed_from": list(g.formed_from),
+    }
+
+
+def _intervals(scene: Scene) -> Iterable[Interval]:
+    for e in scene.relations:
+        yield target_node(e.a), target_node(e.b), "SHELLS", e.state, e.since_frame, e.since_ns, e.rule
+    for a, b, bond in scene.bonds:
+        state = _BITS[bond.bit]
+        rule = f"EVENTS 3.1 {state}"
+        yield target_node(a), target_node(b), "EVENTS", state, bond.since_frame, bond.since_ns, rule
+    for g in scene.groups:
+        for i in g.members:
+            yield group_node(g.label), target_node(i), "EVENTS", "member", g.since_frame, g.since_ns, "EVENTS 3.1 group"
+
+
+def _interval_id(v: Interval) -> str:
+    return f"{v[0]} {v[1]} {v[3]}@{v[4]}"
+
+
+def _edge(v: Interval) -> dict[str, Any]:
+    source, target, view, state, since_frame, since_ns, rule = v
+    return {
+        "source": source,
+        "target": target,
+        "key": f"{state}@{since_frame}",
+        "view": view,
+        "state": state,
+        "since_frame": since_frame,
+        "since_ns": since_ns,
+        "rule": rule,
+    }
+
+
+def to_networkx(message: Graph) -> nx.MultiGraph:
+    """A message as a networkx MultiGraph, nodes and edges in their sorted order."""
+    import networkx as nx
+
+    data = {
+        "directed": message.directed,
+        "multigraph": message.multigraph,
+        "graph": message.graph,
+        "nodes": message.nodes,
+        "edges": message.edges,
+    }
+    return nx.node_link_graph(data, edges="edges")
+
+
+def over_time(messages: Iterable[Graph]) -> nx.MultiGraph:
+    """All of a recording's graphs as one: every interval one edge, with ``end_frame`` and ``end_ns`` where it ended.
+
+    Nodes carry the last state that was seen of them, and ``first_frame``.
+    """
+    import networkx as nx
+
+    nodes: dict[str, dict[str, Any]] = {}
+    edges: dict[tuple[str, str, str], dict[str, Any]] = {}
+    for message in messages:
+        for n in message.nodes:
+            held = nodes.setdefault(n["id"], {"first_frame": message.frame})
+            held.update({k: v for k, v in n.items() if k != "id"})
+        for e in message.edges:
+            edges[e["source"], e["target"], e["key"]] = e
+    graph = nx.MultiGraph()
+    for name in sorted(nodes, key=node_order):
+        graph.add_node(name, **nodes[name])
+    for e in sorted(edges.values(), key=_edge_order):
+        graph.add_edge(
+            e["source"], e["target"], e["key"], **{k: e[k] for k in e if k not in ("source", "target", "key")}
+        )
+    return graph

@@ -1,0 +1,310 @@
+"""Interaction events between targets (EVENTS 3.1): safety areas, the collision map, eight states, partner lists.
+
+What the paper leaves open, and what is done here:
+
+- The safety area is the ellipse in the target's box, its semi-axes longer by ``safety_margin`` times the square root
+  of the box's area. Two areas count as superposed when the centres' distance, each axis divided by the sum of both
+  semi-axes, is at most 1: exact for ellipses of one shape. From a margin of 0.208 on, two targets of one shape whose
+  boxes overlap always collide.
+- A target's first frame (also after an absence) begins nothing, as the paper demands for grouping; a target born of
+  a split is splitting from those that it collides with.
+- A target that is not in the picture keeps its partners while it collides, and gets no new ones.
+- A grouped target that is hidden (no observation, no blob) counts into the blob of the nearest partner that it was
+  grouped with and still collides with.
+- Grouped targets that stop colliding at once (a jump, a frame rate too low) are splitting for one frame; it is told
+  as an anomaly.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from reasoning.geometry import Bools, Floats, share_inside
+from reasoning.transitions import GROUPED, GROUPING, SINGLE, SPLITTING
+from recorders.messages import NO_BLOB, Box, GroupTrack
+from recorders.parameters import Parameters, param
+
+Pair = tuple[int, int]
+
+
+@dataclasses.dataclass(frozen=True)
+class InteractionParameters(Parameters):
+    """Sizes that decide on collisions and on lying over a group (EVENTS 3.1)."""
+
+    safety_margin: float = param(
+        0.25,
+        "the safety area reaches beyond the target by this share of the square root of its box's area",
+        low=0.0,
+        high=5.0,
+        source="EVENTS 3.1 (value ours)",
+    )
+    over_share: float = param(
+        0.5, "share of a target's box that must lie in a group tracker's box to lie over it", low=0.05, high=1.0
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Members:
+    """The N targets of a frame as rows, ids ascending.
+
+    ``boxes`` (N, 4) in pixels; ``blobs`` region ids; ``seen`` observed now; ``present`` in the picture;
+    ``newborn`` first frame (of its life or after an absence); ``of_split`` born of a split in this frame;
+    ``leaving``: ids in their last frame, which belong to no group's region any more.
+    """
+
+    ids: Sequence[int]
+    boxes: Floats
+    blobs: Sequence[int]
+    seen: Sequence[bool]
+    present: Sequence[bool]
+    newborn: Sequence[bool]
+    of_split: Sequence[bool]
+    leaving: Collection[int] = ()
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class PairChange:
+    """A pair's bit changed: ``before`` and ``after`` are 0, GROUPING, GROUPED or SPLITTING.
+
+    ``distance`` is the safety distance (at most 1: collision), None where a partner is gone; ``jumped``: grouped
+    targets stopped colliding without having been seen to split.
+    """
+
+    a: int
+    b: int
+    before: int
+    after: int
+    distance: float | None
+    since_frame: int
+    lasted_ns: int
+    of_split: bool = False
+    jumped: bool = False
+    gone: tuple[int, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Cluster:
+    """Members under one observed region: colliding targets in one blob or over one group tracker."""
+
+    members: tuple[int, ...]
+    source: str
+    source_id: int
+
+
+@dataclasses.dataclass(slots=True)
+class Bond:
+    """What holds between two partners, since when; ``distance`` is the last frame's safety distance."""
+
+    bit: int
+    since_frame: int
+    since_ns: int
+    distance: float
+
+
+def pair_bit(before: int, collides: bool, over_group: bool, newborn: bool, of_split: bool, starts: bool = True) -> int:
+    """The table of EVENTS 3.1 for one pair.
+
+    Args:
+        before: the pair's bit at t - 1 (0, GROUPING, GROUPED, SPLITTING).
+        collides: their safety areas superpose at t.
+        over_group: both lie over one group tracker that has an observation at t.
+        newborn: one of them is in its first frame.
+        of_split: one of them is born of a split in this frame.
+        starts: both are in the picture.
+
+    >>> pair_bit(GROUPED, collides=True, over_group=False, newborn=False, of_split=False) == SPLITTING
+    True
+    """
+    if not collides:
+        return SPLITTING if before == GROUPED else 0
+    if before in (GROUPED, SPLITTING) and not over_group:
+        return SPLITTING
+    if newborn and not before:
+        return SPLITTING if of_split else 0
+    if not before and not starts:
+        return 0
+    return GROUPED if over_group else GROUPING
+
+
+def safety_distances(boxes: Floats, margin: float) -> Floats:
+    """Squared safety distances (N, N) of boxes (N, 4): at most 1 where the safety areas superpose."""
+    beyond = margin * np.sqrt(boxes[:, 2] * boxes[:, 3])
+    w, h = 0.5 * boxes[:, 2] + beyond, 0.5 * boxes[:, 3] + beyond
+    x, y = boxes[:, 0] + 0.5 * boxes[:, 2], boxes[:, 1] + 0.5 * boxes[:, 3]
+    dx = (x[:, None] - x) / np.maximum(w[:, None] + w, 1e-9)
+    dy = (y[:, None] - y) / np.maximum(h[:, None] + h, 1e-9)
+    return np.asarray(dx * dx + dy * dy)
+
+
+class InteractionBook:
+    """Every pair's bit over time, and from them the targets' states and partner lists."""
+
+    def __init__(self, parameters: InteractionParameters | None = None) -> None:
+        self._p = parameters if parameters is not None else InteractionParameters()
+        self.bonds: dict[Pair, Bond] = {}
+        self.states: dict[int, int] = {}
+        self._partners: dict[int, dict[int, list[int]]] = {}
+
+    def partners(self, i: int, bit: int) -> list[int]:
+        """The targets that i is grouping, grouped or splitting with, by id."""
+        return self._partners.get(i, {}).get(bit, [])
+
+    def bit_of(self, a: int, b: int) -> int:
+        """What holds between two targets, 0 for nothing."""
+        bond = self.bonds.get((a, b) if a < b else (b, a))
+        return bond.bit if bond is not None else 0
+
+    def step(
+        self, frame: int, time_ns: int, m: Members, group_tracks: Sequence[GroupTrack] | None
+    ) -> tuple[list[PairChange], list[Cluster]]:
+        """Take a frame's targets; answer with every pair's change, by (a, b), and the clusters seen in this frame."""
+        squared = safety_distances(m.boxes, self._p.safety_margin)
+        collides = np.triu(squared <= 1.0, 1)
+        touching = list(zip(*(k.tolist() for k in np.nonzero(collides)), strict=True))
+        clusters = self._clusters(m, squared, touching, group_tracks)
+        over = {i: k for k, c in enumerate(clusters) for i in c.members}
+        row = {i: k for k, i in enumerate(m.ids)}
+        changes: list[PairChange] = []
+        for pair in [p for p in self.bonds if p[0] not in row or p[1] not in row]:
+            bond = self.bonds.pop(pair)
+            gone = tuple(i for i in pair if i not in row)
+            lasted = time_ns - bond.since_ns
+            changes.append(PairChange(*pair, bond.bit, 0, None, bond.since_frame, lasted, gone=gone))
+        todo = {(m.ids[i], m.ids[j]): (i, j) for i, j in touching}
+        for a, b in self.bonds:
+            todo.setdefault((a, b), (row[a], row[b]))
+        for pair, rows in todo.items():
+            one_group = pair[0] in over and over[pair[0]] == over.get(pair[1])
+            change = self._pair(frame, time_ns, pair, rows, m, one_group, float(squared[rows]), bool(collides[rows]))
+            if change is not None:
+                changes.append(change)
+        self._collect(m.ids)
+        return sorted(changes, key=lambda c: (c.a, c.b)), clusters
+
+    def _pair(
+        self, frame: int, ns: int, pair: Pair, rows: Pair, m: Members, one_group: bool, squared: float, collides: bool
+    ) -> PairChange | None:
+        i, j = rows
+        bond = self.bonds.get(pair)
+        before = bond.bit if bond is not None else 0
+        newborn, of_split = m.newborn[i] or m.newborn[j], m.of_split[i] or m.of_split[j]
+        starts = m.present[i] and m.present[j]
+        after = pair_bit(before, collides, one_group, newborn, of_split, starts)
+        distance = float(np.sqrt(squared))
+        if bond is not None:
+            bond.distance = distance
+        if after == before:
+            return None
+        since, began = (bond.since_frame, bond.since_ns) if bond is not None else (frame, ns)
+        if after:
+            self.bonds[pair] = Bond(after, frame, ns, distance)
+        else:
+            del self.bonds[pair]
+        split = after == SPLITTING and before == 0
+        jumped = before == GROUPED and not collides and not (pair[0] in m.leaving or pair[1] in m.leaving)
+        return PairChange(*pair, before, after, distance, since, ns - began, split, jumped)
+
+    def _clusters(
+        self, m: Members, squared: Floats, touching: Sequence[Pair], tracks: Sequence[GroupTrack] | None
+    ) -> list[Cluster]:
+        """Colliding targets under one observed region, two or more, by their first member."""
+        if tracks is None:
+            regions = self._blob_regions(m, squared)
+            source = "blob"
+        else:
+            regions = [self._track_of(k, m, tracks) for k in range(len(m.ids))]
+            source = "group track"
+        if sum(r != NO_BLOB for r in regions) < 2:
+            return []
+        root = list(range(len(m.ids)))
+        for i, j in touching:
+            if regions[i] == regions[j] != NO_BLOB:
+                ri, rj = _find(root, i), _find(root, j)
+                root[max(ri, rj)] = min(ri, rj)
+        found: dict[int, list[int]] = {}
+        for k in range(len(m.ids)):
+            if regions[k] != NO_BLOB:
+                found.setdefault(_find(root, k), []).append(k)
+        return [
+            Cluster(tuple(m.ids[k] for k in rows), source, regions[rows[0]])
+            for rows in found.values()
+            if len(rows) >= 2
+        ]
+
+    def _may_lie_over(self, k: int, m: Members) -> bool:
+        """Newborn and leaving targets belong to no group's region; absent ones only if they were grouped before."""
+        if m.newborn[k] or m.ids[k] in m.leaving:
+            return False
+        return m.present[k] or bool(self.states.get(m.ids[k], 0) & GROUPED)
+
+    def _blob_regions(self, m: Members, squared: Floats) -> list[int]:
+        regions = [b if b >= 0 and self._may_lie_over(k, m) else NO_BLOB for k, b in enumerate(m.blobs)]
+        for k, i in enumerate(m.ids):
+            if m.blobs[k] >= 0 or m.seen[k] or not self.states.get(i, 0) & GROUPED or not self._may_lie_over(k, m):
+                continue
+            row = {other: r for r, other in enumerate(m.ids)}
+            near = [
+                (float(squared[k, row[p]]), p)
+                for p in self.partners(i, GROUPED)
+                if p in row and m.blobs[row[p]] >= 0 and m.seen[row[p]] and squared[k, row[p]] <= 1.0
+            ]
+            if near:
+                regions[k] = m.blobs[row[min(near)[1]]]
+        return regions
+
+    def _track_of(self, k: int, m: Members, tracks: Sequence[GroupTrack]) -> int:
+        """The observed group tracker that target k lies over: named by the tracker, else the largest share of its
+        box, ties by the lower id; NO_BLOB if none.
+        """
+        if not self._may_lie_over(k, m):
+            return NO_BLOB
+        box: Box = tuple(m.boxes[k].tolist())
+        best = (0.0, 0)
+        for t in tracks:
+            if not t.observed:
+                continue
+            named = 2.0 if m.ids[k] in t.members else 0.0
+            share = named if t.members else share_inside(box, t.box)
+            if share >= self._p.over_share:
+                best = max(best, (share, -t.id - 1))
+        return -best[1] - 1 if best[0] else NO_BLOB
+
+    def _collect(self, ids: Sequence[int]) -> None:
+        states = dict.fromkeys(ids, SINGLE)
+        partners: dict[int, dict[int, list[int]]] = {}
+        for pair in sorted(self.bonds):
+            bit = self.bonds[pair].bit
+            for i, other in (pair, pair[::-1]):
+                states[i] |= bit
+                partners.setdefault(i, {}).setdefault(bit, []).append(other)
+        self.states, self._partners = states, partners
+
+    def state(self) -> dict[str, Any]:
+        """The whole book as plain data."""
+        return {
+            "bonds": [[a, b, v.bit, v.since_frame, v.since_ns, v.distance] for (a, b), v in sorted(self.bonds.items())],
+            "ids": list(self.states),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from what `state` gave."""
+        self.bonds = {(a, b): Bond(*rest) for a, b, *rest in state["bonds"]}
+        self._collect(state["ids"])
+
+
+def _find(root: list[int], i: int) -> int:
+    while root[i] != i:
+        root[i] = root[root[i]]
+        i = root[i]
+    return i
+
+
+def collision_map(boxes: Floats, margin: float) -> Bools:
+    """Which targets (N, 4) collide with which, (N, N) bool, symmetric; a target does not collide with itself."""
+    collides = safety_distances(boxes, margin) <= 1.0
+    np.fill_diagonal(collides, False)
+    return collides

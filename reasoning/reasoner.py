@@ -1,0 +1,380 @@
+"""The reasoning as one step per frame: targets in; tracks, relations, groups, events and graph out. Pure.
+
+It composes the books of this room: shells and relations (SHELLS 2.2, 2.3), interactions and groups (EVENTS 3.1), scene
+status (EVENTS 3.2), the graph, and writes down where the two papers' views of a pair disagree.
+
+How targets that are not plainly seen are treated (ours):
+
+- ``mode`` predicted and ``present``: reasoned over like any other; the person behind the pillar still is there.
+- not ``present``: keeps what relations and partners it has while geometry allows, starts nothing new, and keeps its
+  scene status unless its place lies wholly outside.
+- gone from the targets: its relations end with an event that says so. One that was JOINT or grouped stays for one
+  frame more as an absent, unobserved track at its last place, in which JOINT becomes INTERACTION and grouped becomes
+  splitting, so that neither paper's order of states is broken by a disappearance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from reasoning import events as tell
+from reasoning.geometry import Floats, circles_overlap_share
+from reasoning.graph import GraphBook, Scene
+from reasoning.groups import GroupBook, GroupChange
+from reasoning.interactions import Bond, Cluster, InteractionBook, InteractionParameters, Members, PairChange
+from reasoning.regions import RegionParameters, SceneBook, SceneRegions, default_regions
+from reasoning.relations import Change, Objects, RelationBook, RelationParameters
+from reasoning.shells import ShellParameters, Shells, shells
+from reasoning.transitions import GROUPED, GROUPING, SPLITTING, TransitionCounter
+from recorders.messages import (
+    NO_BLOB,
+    Event,
+    Graph,
+    Group,
+    Groups,
+    Regions,
+    Relation,
+    Relations,
+    Target,
+    Targets,
+    Track,
+    Tracks,
+)
+from recorders.parameters import Config, Sections
+
+SECTIONS: Sections = {
+    "shell_model": ShellParameters,
+    "relations": RelationParameters,
+    "interactions": InteractionParameters,
+    "regions": RegionParameters,
+}
+"""The parameter sections that a `Reasoner` reads from a configuration; missing ones have their defaults."""
+
+
+Wrong = tuple[int, int, int]
+"""A target, its state before and after: a transition that the table forbids."""
+
+
+class SceneAnnotation(msgspec.Struct, frozen=True):
+    """Everything the reasoning says of one frame; ``graph`` is None where it equals the last one."""
+
+    tracks: Tracks
+    relations: Relations
+    groups: Groups
+    events: list[Event]
+    graph: Graph | None
+
+
+class Reasoner:
+    """Reasons over a scene frame by frame; the same frames give the same answers, also after `restore`."""
+
+    def __init__(self, config: Config | None, width: int, height: int) -> None:
+        chosen = {s: (config or {}).get(s, cls()) for s, cls in SECTIONS.items()}
+        self._shell = _as(ShellParameters, chosen["shell_model"])
+        self._relation = _as(RelationParameters, chosen["relations"])
+        self._interaction = _as(InteractionParameters, chosen["interactions"])
+        self._region = _as(RegionParameters, chosen["regions"])
+        self._book = RelationBook(self._relation)
+        self._interactions = InteractionBook(self._interaction)
+        self._groups = GroupBook()
+        self._scene = SceneBook()
+        self._graph = GraphBook()
+        self._log = tell.EventLog()
+        self.counter = TransitionCounter()
+        self._regions = SceneRegions(default_regions(width, height, self._region), self._region)
+        self._default = self._regions
+        self._last: dict[int, Target] = {}
+        self._leaving: list[int] = []
+        self._known: set[int] = set()
+        self._disputes: list[tuple[int, int]] = []
+        self._margins = {
+            "enter_margin": self._relation.enter_margin,
+            "leave_margin": self._relation.leave_margin,
+            "enter_duration_s": self._relation.enter_duration_s,
+            "leave_duration_s": self._relation.leave_duration_s,
+            "blob_duration_s": self._relation.blob_duration_s,
+        }
+
+    @property
+    def regions(self) -> Regions:
+        """The regions in use: the last given, else the default of the picture's size."""
+        return self._regions.message
+
+    def step(self, frame_index: int, time_ns: int, targets: Targets, regions: Regions | None) -> SceneAnnotation:
+        """Take the next frame.
+
+        Args:
+            frame_index: from 0.
+            time_ns: log time.
+            targets: the tracker's answer.
+            regions: the recorded regions in force, None for the default.
+        """
+        self._use(regions)
+        self._log.open(frame_index, time_ns)
+        for n in targets.notices:
+            tell.notice(self._log, n)
+        given = {t.id: t for t in targets.targets}
+        removed = [i for i in self._last if i not in given and i not in self._leaving]
+        self._leaving = self._lingering(removed)
+        for i in self._leaving:
+            given[i] = _ghost(self._last[i])
+        rows = _Rows([given[i] for i in sorted(given)], self._last)
+        self._tell_life(rows, removed, {(n.kind, s) for n in targets.notices for s in n.subjects})
+        for c in self._scene.step(time_ns, self._regions, rows.ids, rows.boxes, rows.of_split, rows.present):
+            tell.scene(self._log, c, self._regions.message.source)
+        changes, shell = self._relate(frame_index, time_ns, rows)
+        pairs, wrong = self._interact(frame_index, time_ns, rows, targets)
+        self._tell_disputes(rows)
+        self._tell_anomalies(changes, pairs, wrong)
+        self._last = given
+        self._known.update(rows.ids)
+        tracks = self._tracks(rows, shell)
+        return SceneAnnotation(
+            tracks=Tracks(frame_index, tracks),
+            relations=Relations(frame_index, self._relations()),
+            groups=Groups(frame_index, [_group(g) for g in self._groups.groups]),
+            events=self._log.events,
+            graph=self._graph.step(
+                frame_index, time_ns, Scene(tracks, self._groups.groups, self._book.edges, self._bonds())
+            ),
+        )
+
+    def _use(self, regions: Regions | None) -> None:
+        if regions is None:
+            self._regions = self._default
+        elif regions is not self._regions.message and regions != self._regions.message:
+            self._regions = SceneRegions(regions, self._region)
+
+    def _lingering(self, removed: Sequence[int]) -> list[int]:
+        """Which of the ids that disappear now were JOINT or grouped, and so stay for one frame more."""
+        states = self._interactions.states
+        return sorted(i for i in removed if states[i] & GROUPED or any(s == "JOINT" for _, s in self._book.of(i)))
+
+    def _tell_life(self, rows: _Rows, removed: Sequence[int], told: set[tuple[str, int]]) -> None:
+        """Events of the tracks' own life that the tracker has not told itself."""
+        for t in rows.targets:
+            if t.id in self._leaving:
+                continue
+            before = self._last.get(t.id)
+            if before is None:
+                kind = "track_recovered" if t.id in self._known else "track_confirmed"
+                if (kind, t.id) not in told:
+                    text = f"Target {t.id} is tracked again." if t.id in self._known else f"Target {t.id} is confirmed."
+                    tell.life(self._log, kind, t, {"born_of_split": t.born_of_split}, text)
+                continue
+            if t.present != before.present:
+                kind, words = ("track_recovered", "is found again") if t.present else ("track_lost", "is lost")
+                if (kind, t.id) not in told:
+                    tell.life(self._log, kind, t, {"blob": t.blob}, f"Target {t.id} {words}.")
+            if t.mode != before.mode and ("mode_changed", t.id) not in told:
+                text = f"Target {t.id} is tracked by {t.mode} (before: {before.mode})."
+                tell.life(self._log, "mode_changed", t, {"mode_before": before.mode}, text)
+        for i in sorted(removed):
+            if ("track_removed", i) not in told:
+                tell.life(self._log, "track_removed", self._last[i], {}, f"Target {i} is not tracked any more.")
+
+    def _relate(self, frame: int, ns: int, rows: _Rows) -> tuple[list[Change], Shells]:
+        shell = shells(rows.targets, self._shell)
+        objects = Objects(rows.ids, shell.centres, shell.radii, rows.blobs, rows.seen, rows.present, self._leaving)
+        changes = self._book.step(frame, ns, objects)
+        for c in changes:
+            tell.relation(self._log, c, circles_overlap_share(c.distance, c.radius_a, c.radius_b), self._margins)
+        return changes, shell
+
+    def _interact(self, frame: int, ns: int, rows: _Rows, targets: Targets) -> tuple[list[PairChange], list[Wrong]]:
+        book = self._interactions
+        states_before = dict(book.states)
+        partners_before = {i: _partners(book, i) for i, s in states_before.items() if s}
+        members = Members(
+            rows.ids, rows.boxes, rows.blobs, rows.seen, rows.present, rows.newborn, rows.of_split, self._leaving
+        )
+        changes, clusters = book.step(frame, ns, members, targets.group_tracks)
+        groups = self._group(frame, ns, rows, clusters)
+        for c in changes:
+            if c.after:
+                tell.pair(self._log, c, self._group_of_pair(c.a, c.b), self._interaction.safety_margin)
+        born = {i for c in changes if c.of_split for i in (c.a, c.b)}
+        wrong: list[Wrong] = []
+        for i, after in book.states.items():
+            if i not in states_before:
+                self.counter.begin(after)
+                continue
+            before = states_before[i]
+            if not self.counter.move(before, after, i in born):
+                wrong.append((i, before, after))
+            if before and not after:
+                tell.single(self._log, i, before, partners_before[i])
+        for g in groups:
+            tell.group(self._log, g)
+        return changes, wrong
+
+    def _group(self, frame: int, ns: int, rows: _Rows, clusters: Sequence[Cluster]) -> list[GroupChange]:
+        splitting = [p for p, bond in self._interactions.bonds.items() if bond.bit == SPLITTING]
+        entered = [
+            tuple(sorted([i, *self._interactions.partners(i, SPLITTING)]))
+            for i, split in zip(rows.ids, rows.of_split, strict=True)
+            if split and self._interactions.partners(i, SPLITTING)
+        ]
+        return self._groups.step(frame, ns, clusters, entered, splitting, rows.row)
+
+    def _group_of_pair(self, a: int, b: int) -> int | None:
+        label = self._groups.of(a)
+        return label if label is not None and label == self._groups.of(b) else None
+
+    def _bonds(self) -> list[tuple[int, int, Bond]]:
+        return [(a, b, self._interactions.bonds[a, b]) for a, b in sorted(self._interactions.bonds)]
+
+    def _tell_disputes(self, rows: _Rows) -> None:
+        """One event per episode in which a pair's two views contradict one another."""
+        disputes: list[tuple[int, int]] = []
+        for a, b, bond in self._bonds():
+            state = self._book.state_of(a, b)
+            if state == ("JOINT" if bond.bit == GROUPED else "INTERACTION"):
+                continue
+            disputes.append((a, b))
+            if (a, b) not in self._disputes:
+                edge = self._book.get(a, b)
+                measured: dict[str, Any] = {
+                    "safety_distance": bond.distance,
+                    "blobs": [rows.blobs[rows.row[a]], rows.blobs[rows.row[b]]],
+                    "interaction_since_frame": bond.since_frame,
+                }
+                if edge is not None:
+                    measured |= {"shell_gap_px": edge.gap, "relation_since_frame": edge.since_frame}
+                tell.disagreement(self._log, a, b, bond.bit, state, measured)
+        self._disputes = disputes
+
+    def _tell_anomalies(self, changes: Sequence[Change], pairs: Sequence[PairChange], wrong: Sequence[Wrong]) -> None:
+        for c in changes:
+            if c.anomaly and c.a not in self._leaving and c.b not in self._leaving:
+                tell.torn(self._log, c)
+        for p in pairs:
+            if p.jumped:
+                tell.jumped(self._log, p)
+        for i, before, after in wrong:
+            tell.forbidden(self._log, i, before, after)
+
+    def _tracks(self, rows: _Rows, shell: Shells) -> list[Track]:
+        book = self._interactions
+        zones = self._scene.targets
+        answer: list[Track] = []
+        for k, t in enumerate(rows.targets):
+            state = book.states[t.id]
+            presence = zones[t.id]
+            answer.append(
+                Track(
+                    id=t.id,
+                    box=t.box,
+                    ellipse=t.ellipse,
+                    velocity=t.velocity,
+                    shell_radius=float(shell.radii[k]),
+                    mode=t.mode,
+                    confidence=t.confidence,
+                    present=t.present,
+                    observed=t.observed,
+                    blob=t.blob,
+                    grouping=bool(state & GROUPING),
+                    grouped=bool(state & GROUPED),
+                    splitting=bool(state & SPLITTING),
+                    grouping_partners=book.partners(t.id, GROUPING),
+                    grouped_partners=book.partners(t.id, GROUPED),
+                    splitting_partners=book.partners(t.id, SPLITTING),
+                    group=self._groups.of(t.id) if state & (GROUPED | SPLITTING) else None,
+                    scene=presence.status,
+                    zones=sorted(presence.zones),
+                    hidden_parts=t.hidden_parts,
+                )
+            )
+        return answer
+
+    def _relations(self) -> list[Relation]:
+        answer: list[Relation] = []
+        for e in self._book.edges:
+            bit = self._interactions.bit_of(e.a, e.b)
+            answer.append(
+                Relation(
+                    a=e.a,
+                    b=e.b,
+                    state="JOINT" if e.state == "JOINT" else "INTERACTION",
+                    since_frame=e.since_frame,
+                    since_ns=e.since_ns,
+                    grouping=bit == GROUPING,
+                    grouped=bit == GROUPED,
+                    splitting=bit == SPLITTING,
+                    shell_overlap=circles_overlap_share(e.distance, e.radius_a, e.radius_b),
+                    rule=e.rule,
+                )
+            )
+        return answer
+
+    def state(self) -> dict[str, Any]:
+        """The whole state after the last frame as plain data (dict, list, str, int, float, bool, None)."""
+        default = self._regions is self._default
+        return {
+            "relations": self._book.state(),
+            "interactions": self._interactions.state(),
+            "groups": self._groups.state(),
+            "scene": self._scene.state(),
+            "graph": self._graph.state(),
+            "counter": self.counter.state(),
+            "next_event": self._log.next_id,
+            "regions": None if default else msgspec.to_builtins(self._regions.message),
+            "last": [msgspec.to_builtins(t) for t in self._last.values()],
+            "leaving": list(self._leaving),
+            "known": sorted(self._known),
+            "disputes": [list(p) for p in self._disputes],
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from what `state` gave, on a fresh instance of the same configuration and picture size."""
+        self._book.restore(state["relations"])
+        self._interactions.restore(state["interactions"])
+        self._groups.restore(state["groups"])
+        self._scene.restore(state["scene"])
+        self._graph.restore(state["graph"])
+        self.counter.restore(state["counter"])
+        self._log.next_id = state["next_event"]
+        self._use(None if state["regions"] is None else msgspec.convert(state["regions"], Regions))
+        self._last = {t.id: t for t in msgspec.convert(state["last"], list[Target])}
+        self._leaving = list(state["leaving"])
+        self._known = set(state["known"])
+        self._disputes = [(a, b) for a, b in state["disputes"]]
+
+
+class _Rows:
+    """A frame's targets as columns, ids ascending."""
+
+    def __init__(self, targets: Sequence[Target], before: Mapping[int, Target]) -> None:
+        self.targets = targets
+        self.ids = [t.id for t in targets]
+        self.row = {i: k for k, i in enumerate(self.ids)}
+        self.boxes: Floats = np.array([t.box for t in targets], np.float64).reshape(-1, 4)
+        self.blobs = [t.blob for t in targets]
+        self.seen = [t.observed for t in targets]
+        self.present = [t.present for t in targets]
+        self.newborn = [t.newborn or t.id not in before for t in targets]
+        self.of_split = [t.born_of_split and new for t, new in zip(targets, self.newborn, strict=True)]
+
+
+def _ghost(t: Target) -> Target:
+    return msgspec.structs.replace(
+        t, present=False, observed=False, mode="predicted", confidence=0.0, blob=NO_BLOB, newborn=False
+    )
+
+
+def _partners(book: InteractionBook, i: int) -> list[int]:
+    return sorted(p for bit in (GROUPING, GROUPED, SPLITTING) for p in book.partners(i, bit))
+
+
+def _group(g: Any) -> Group:
+    return Group(g.label, list(g.members), g.observed, g.since_frame, g.since_ns, list(g.formed_from))
+
+
+def _as(kind: type[Any], value: object) -> Any:
+    if not isinstance(value, kind):
+        raise TypeError(f"{kind.__name__} expected, not {type(value).__name__}")
+    return value

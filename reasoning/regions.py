@@ -1,0 +1,279 @@
+"""Scene events (EVENTS 3.2): region of interest, security border, outer zone, named zones.
+
+The rules are pure functions of the regions, a box and a status, so that trackers and the event reasoning share them:
+who may be born (`SceneRegions.may_start_low_level`, `SceneRegions.may_start_high_level`), who must go
+(`SceneRegions.must_remove`), and how a target's status goes on (`next_status`).
+
+Rules of ours where the paper is silent:
+
+- A target that was born partly outside ROI and border stays *entering* until it has come in; it is *exiting* only
+  if it was wholly inside ROI and border before.
+- *returned* is told when a target that was exiting lies wholly inside the ROI again, not as soon as it is back in
+  the border: the border is there to keep one who stands on an edge from coming and going all the time.
+- A target that was wholly outside and was not removed enters anew when it reaches the ROI.
+- A target that disappears while exiting has exited.
+- Named zones ask where the target stands: the middle of its box's lower side, or its centre.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from reasoning.geometry import OUTSIDE, PARTLY, WHOLLY, Area, Bools, Floats
+from recorders.messages import Box, Mode, Regions, SceneStatus
+from recorders.parameters import Parameters, param
+
+
+@dataclasses.dataclass(frozen=True)
+class RegionParameters(Parameters):
+    """Default regions and rules of removal (EVENTS 3.2)."""
+
+    roi_inset: float = param(
+        0.04, "default region of interest: the picture less this share of its shorter side", low=0.0, high=0.4
+    )
+    border_inset: float = param(
+        0.01, "default border's outer edge: the picture less this share of its shorter side", low=0.0, high=0.4
+    )
+    low_confidence: float = param(
+        0.3,
+        "a target partly in the outer zone and tracked by appearance under this confidence is removed",
+        low=0.0,
+        high=1.0,
+        source="EVENTS 3.2 (value ours)",
+    )
+    zone_point: str = param(
+        "foot", "where a target stands for named zones: foot of its box, or centre", choices=("foot", "centre")
+    )
+
+
+def default_regions(width: int, height: int, parameters: RegionParameters | None = None) -> Regions:
+    """Regions for a scene without a regions file: two rectangles inside the picture, ``source`` is ``default``."""
+    p = parameters if parameters is not None else RegionParameters()
+    side = min(width, height)
+    roi, border = (_inset(width, height, share * side) for share in (max(p.roi_inset, p.border_inset), p.border_inset))
+    return Regions(width, height, [roi], [border], source="default")
+
+
+def _inset(width: int, height: int, by: float) -> list[tuple[float, float]]:
+    x1, y1 = width - by, height - by
+    return [(by, by), (x1, by), (x1, y1), (by, y1)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Places:
+    """Where N boxes lie: ``roi`` and ``area`` (ROI and border together) as `OUTSIDE`, `PARTLY`, `WHOLLY`, int8 (N,)."""
+
+    roi: Any
+    area: Any
+
+
+class SceneRegions:
+    """The three regions and the named zones of a scene, ready to be asked."""
+
+    def __init__(self, regions: Regions, parameters: RegionParameters | None = None) -> None:
+        self.message = regions
+        self._p = parameters if parameters is not None else RegionParameters()
+        self._roi = Area(regions.roi)
+        self._area = _union(regions)
+        self._zones = [(z.name, Area([z.polygon])) for z in regions.zones]
+
+    @property
+    def zone_names(self) -> list[str]:
+        """Names of the zones as given."""
+        return [name for name, _ in self._zones]
+
+    def may_start_low_level(self, centroid: tuple[float, float]) -> bool:
+        """A detection is made and a low-level track starts where the centroid lies in ROI or border."""
+        return bool(self._area.contains([centroid])[0])
+
+    def may_start_low_level_all(self, centroids: Floats) -> Bools:
+        """The same for centroids (N, 2), (N,) bool."""
+        return self._area.contains(centroids)
+
+    def may_start_high_level(self, box: Box) -> bool:
+        """A high-level tracker starts where the target is at least partly in the ROI."""
+        return bool(self._roi.cover([box])[0] != OUTSIDE)
+
+    def must_remove(self, box: Box, mode: Mode, confidence: float) -> str | None:
+        """Why a tracker must go, None if it may stay: wholly outside ROI and border, or partly outside and
+        followed without motion (appearance or prediction) with low confidence.
+        """
+        place = int(self._area.cover([box])[0])
+        if place == OUTSIDE:
+            return "EVENTS 3.2: wholly outside region of interest and border"
+        if place == PARTLY and mode != "motion" and confidence < self._p.low_confidence:
+            return "EVENTS 3.2: partly in the outer zone, tracked by appearance with low confidence"
+        return None
+
+    def places(self, boxes: Floats) -> Places:
+        """Where boxes (N, 4) lie."""
+        return Places(self._roi.cover(boxes), self._area.cover(boxes))
+
+    def zones_of(self, boxes: Floats) -> list[list[str]]:
+        """The named zones in which each target of boxes (N, 4) stands."""
+        if not self._zones:
+            return [[] for _ in range(len(boxes))]
+        down = 1.0 if self._p.zone_point == "foot" else 0.5
+        points = np.stack([boxes[:, 0] + 0.5 * boxes[:, 2], boxes[:, 1] + down * boxes[:, 3]], axis=1)
+        inside = [(name, area.contains(points).tolist()) for name, area in self._zones]
+        return [[name for name, yes in inside if yes[k]] for k in range(len(boxes))]
+
+
+def _union(regions: Regions) -> Area:
+    """ROI and border together; an upright rectangle that holds the ROI's vertices holds it too, and is faster."""
+    border = Area(regions.border)
+    if border.is_rectangle and all(bool(border.contains(p).all()) for p in regions.roi if len(p)):
+        return border
+    return Area([*regions.roi, *regions.border])
+
+
+def first_status(born_of_split: bool) -> SceneStatus:
+    """A target starts as entering, unless it comes from a group that has split."""
+    return "inside" if born_of_split else "entering"
+
+
+def next_status(status: SceneStatus, been_in: bool, roi: int, area: int) -> SceneStatus:
+    """A target's status in the next frame.
+
+    Args:
+        status: its status so far.
+        been_in: it was wholly inside ROI and border before.
+        roi: how its box lies in the ROI: `OUTSIDE`, `PARTLY` or `WHOLLY`.
+        area: how its box lies in ROI and border together.
+
+    >>> next_status("inside", True, PARTLY, PARTLY), next_status("exiting", True, PARTLY, WHOLLY)
+    ('exiting', 'exiting')
+    """
+    if area == OUTSIDE:
+        return "outside"
+    if roi == WHOLLY:
+        return {"entering": "inside", "exiting": "returned", "outside": "entering"}.get(status, status)  # type: ignore[return-value]
+    if status == "outside":
+        return "entering" if roi != OUTSIDE else "outside"
+    if area == PARTLY and been_in and status != "exiting":
+        return "exiting"
+    return status
+
+
+STATUS_EVENTS: dict[tuple[SceneStatus, SceneStatus], str] = {
+    ("entering", "inside"): "entered",
+    ("entering", "exiting"): "exiting",
+    ("inside", "exiting"): "exiting",
+    ("returned", "exiting"): "exiting",
+    ("exiting", "returned"): "returned",
+    ("entering", "outside"): "exited",
+    ("inside", "outside"): "exited",
+    ("returned", "outside"): "exited",
+    ("exiting", "outside"): "exited",
+    ("outside", "entering"): "entering",
+}
+"""Which event tells a change of status."""
+
+
+@dataclasses.dataclass(slots=True)
+class Presence:
+    """A target's standing in the scene: its status since when, whether it has been wholly inside, zones since when."""
+
+    status: SceneStatus
+    since_ns: int
+    been_in: bool
+    zones: dict[str, int]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class SceneChange:
+    """A scene event of one target; ``zone`` for zone events; ``lasted_ns``: status or time in the zone before."""
+
+    kind: str
+    id: int
+    before: str
+    roi: int
+    area: int
+    lasted_ns: int
+    zone: str = ""
+    reason: str = ""
+
+
+class SceneBook:
+    """Every target's scene status and zones over time."""
+
+    def __init__(self) -> None:
+        self.targets: dict[int, Presence] = {}
+
+    def step(
+        self,
+        time_ns: int,
+        regions: SceneRegions,
+        ids: Sequence[int],
+        boxes: Floats,
+        born_of_split: Sequence[bool],
+        present: Sequence[bool],
+    ) -> list[SceneChange]:
+        """Take a frame's targets (N ids ascending, boxes (N, 4)); answer with every change, by id, zones by name.
+
+        A target that is not in the picture keeps its status and zones, except that its place may lie wholly outside.
+        """
+        places, zones = regions.places(boxes), regions.zones_of(boxes)
+        changes: list[SceneChange] = []
+        now = set(ids)
+        for i in sorted(set(self.targets) - now):
+            changes += self._vanish(i, time_ns)
+        for k, i in enumerate(ids):
+            at = int(places.roi[k]), int(places.area[k])
+            held = self.targets.get(i)
+            if held is None:
+                held = Presence(first_status(born_of_split[k]), time_ns, at[1] == WHOLLY, {})
+                self.targets[i] = held
+                if held.status == "entering":
+                    changes.append(SceneChange("entering", i, "", *at, 0))
+            elif present[k] or at[1] == OUTSIDE:
+                changes += self._move(i, held, time_ns, at)
+            if present[k]:
+                changes += self._zones(i, held, time_ns, zones[k], at)
+        return changes
+
+    def _move(self, i: int, held: Presence, ns: int, at: tuple[int, int]) -> list[SceneChange]:
+        status = next_status(held.status, held.been_in, *at)
+        held.been_in = (held.been_in or at[1] == WHOLLY) and status != "outside"
+        if status == held.status:
+            return []
+        change = SceneChange(STATUS_EVENTS[held.status, status], i, held.status, *at, ns - held.since_ns)
+        held.status, held.since_ns = status, ns
+        return [change]
+
+    def _zones(self, i: int, held: Presence, ns: int, zones: list[str], at: tuple[int, int]) -> list[SceneChange]:
+        if not zones and not held.zones:
+            return []
+        left = [z for z in sorted(held.zones) if z not in zones]
+        come = [z for z in sorted(zones) if z not in held.zones]
+        changes = [SceneChange("zone_left", i, "", *at, ns - held.zones.pop(z), z) for z in left]
+        held.zones.update(dict.fromkeys(come, ns))
+        return changes + [SceneChange("zone_entered", i, "", *at, 0, z) for z in come]
+
+    def _vanish(self, i: int, ns: int) -> list[SceneChange]:
+        held = self.targets.pop(i)
+        why = "the track ended here"
+        changes = [
+            SceneChange("zone_left", i, "", PARTLY, PARTLY, ns - begun, z, why)
+            for z, begun in sorted(held.zones.items())
+        ]
+        if held.status == "exiting":
+            changes.append(SceneChange("exited", i, "exiting", PARTLY, PARTLY, ns - held.since_ns, "", why))
+        return changes
+
+    def state(self) -> dict[str, Any]:
+        """The whole book as plain data."""
+        return {
+            "targets": [
+                [i, h.status, h.since_ns, h.been_in, [[z, ns] for z, ns in sorted(h.zones.items())]]
+                for i, h in sorted(self.targets.items())
+            ]
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from what `state` gave."""
+        self.targets = {i: Presence(s, ns, been, dict(z)) for i, s, ns, been, z in state["targets"]}

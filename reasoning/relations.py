@@ -1,0 +1,292 @@
+"""Relations between two objects (SHELLS 2.3): INDEPENDENT, INTERACTION, JOINT, and the five cases between them.
+
+`resolve` is the paper's table for one pair. `RelationBook` keeps it for all pairs over time: one record per pair, so
+that the lists L_i are symmetric by construction. Rules that the paper does not give:
+
+- JOINT with disjoint shells (an identity error, a dropped frame): INTERACTION in this frame, and the anomaly is told.
+- Same blob while INDEPENDENT: case II now, case III in the next frame.
+- Exactly one of two JOINT objects is unobserved and has no blob: it is hidden by the other, nothing shows that their
+  blobs differ, so they stay JOINT while their shells meet. The paper: an occluded object can reappear anywhere within
+  the shell of its occluder.
+- An object that is not in the picture keeps and loses relations but starts none.
+- An object that disappears ends its relations, and the change says who is gone.
+- Margins and durations may damp flicker; at their defaults the rule is the paper's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from reasoning.geometry import Floats
+from recorders.messages import NO_BLOB
+from recorders.parameters import Parameters, param
+
+RelationName = Literal["INDEPENDENT", "INTERACTION", "JOINT"]
+Pair = tuple[int, int]
+
+SECOND_NS = 1_000_000_000
+GONE = "SHELLS 2.3, ours: an object that disappears ends its relations"
+
+
+@dataclasses.dataclass(frozen=True)
+class RelationParameters(Parameters):
+    """Damping of the five cases; every default is the paper's rule."""
+
+    enter_margin: float = param(
+        0.0, "shells must overlap by this share of the smaller radius to meet (case II)", low=0.0, high=2.0
+    )
+    leave_margin: float = param(
+        0.0, "shells must be apart by this share of the smaller radius to be disjoint (case V)", low=0.0, high=10.0
+    )
+    enter_duration_s: float = param(0.0, "shells must have met for this long (case II)", unit="s", low=0.0, high=60.0)
+    leave_duration_s: float = param(
+        0.0, "shells must have been disjoint for this long (case V)", unit="s", low=0.0, high=60.0
+    )
+    blob_duration_s: float = param(
+        0.0, "blobs must have been the same or different for this long (cases III and IV)", unit="s", low=0.0, high=60.0
+    )
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Step:
+    """What a pair does in a frame: its state afterwards and the case, ``kept`` where nothing changes."""
+
+    after: RelationName
+    case: Literal["I", "II", "III", "IV", "V", "kept", "torn"]
+
+    @property
+    def rule(self) -> str:
+        """Paper and case, as events cite it."""
+        if self.case == "torn":
+            return "SHELLS 2.3, ours: JOINT with disjoint shells goes through INTERACTION"
+        return f"SHELLS 2.3 case {self.case}" if self.case != "kept" else "SHELLS 2.3, no case applies: kept"
+
+
+_TABLE: Mapping[tuple[RelationName, bool, bool], Step] = {
+    ("INDEPENDENT", False, False): Step("INDEPENDENT", "I"),
+    ("INDEPENDENT", False, True): Step("INDEPENDENT", "I"),
+    ("INDEPENDENT", True, False): Step("INTERACTION", "II"),
+    ("INDEPENDENT", True, True): Step("INTERACTION", "II"),
+    ("INTERACTION", True, False): Step("INTERACTION", "kept"),
+    ("INTERACTION", True, True): Step("JOINT", "III"),
+    ("INTERACTION", False, False): Step("INDEPENDENT", "V"),
+    ("INTERACTION", False, True): Step("INDEPENDENT", "V"),
+    ("JOINT", True, False): Step("INTERACTION", "IV"),
+    ("JOINT", True, True): Step("JOINT", "kept"),
+    ("JOINT", False, False): Step("INTERACTION", "torn"),
+    ("JOINT", False, True): Step("INTERACTION", "torn"),
+}
+
+
+def resolve(before: RelationName, meets: bool, same_blob: bool) -> Step:
+    """The five cases for one pair (SHELLS 2.3, equations 1 to 5) and our rule for a torn JOINT.
+
+    Args:
+        before: the pair's relation at t - 1.
+        meets: S_i and S_j have a point in common at t.
+        same_blob: B_i = B_j at t.
+
+    >>> resolve("INTERACTION", meets=True, same_blob=True)
+    Step(after='JOINT', case='III')
+    """
+    return _TABLE[before, meets, same_blob]
+
+
+def same_blob(blob_i: int, seen_i: bool, blob_j: int, seen_j: bool) -> bool | None:
+    """Whether two objects lie in one blob; None: one of them is hidden, so nothing is known of its blob."""
+    if NO_BLOB not in (blob_i, blob_j):
+        return blob_i == blob_j
+    hidden_i, hidden_j = not seen_i and blob_i == NO_BLOB, not seen_j and blob_j == NO_BLOB
+    return None if hidden_i != hidden_j else False
+
+
+@dataclasses.dataclass(slots=True)
+class Edge:
+    """A pair's relation that is not INDEPENDENT; ``rule`` is the one that began its present state.
+
+    ``distance`` and ``gap`` (distance minus both radii, negative: overlap) are of the last frame, in pixels.
+    """
+
+    a: int
+    b: int
+    state: RelationName
+    since_frame: int
+    since_ns: int
+    rule: str
+    distance: float
+    radius_a: float
+    radius_b: float
+    pending: str = ""
+    pending_ns: int = 0
+
+    @property
+    def gap(self) -> float:
+        """Room between the shells in pixels, negative where they overlap."""
+        return self.distance - (self.radius_a + self.radius_b)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Change:
+    """A pair's change of relation in one frame, with what was measured (pixels; ``lasted_ns``: the state before)."""
+
+    a: int
+    b: int
+    before: RelationName
+    after: RelationName
+    case: str
+    rule: str
+    distance: float
+    radius_a: float
+    radius_b: float
+    same_blob: bool | None
+    lasted_ns: int
+    since_frame: int
+    gone: tuple[int, ...] = ()
+
+    @property
+    def anomaly(self) -> bool:
+        """A JOINT pair was torn apart without having been seen to split."""
+        return self.case == "torn"
+
+
+@dataclasses.dataclass(frozen=True)
+class Objects:
+    """The N objects of a frame as rows, by id.
+
+    ``ids`` ascending; ``centres`` (N, 2), ``radii`` (N,) in pixels; ``blobs`` region ids; ``seen`` observed in this
+    frame; ``starts`` may start relations; ``leaving``: ids that must not stay JOINT (their last frame).
+    """
+
+    ids: Sequence[int]
+    centres: Floats
+    radii: Floats
+    blobs: Sequence[int]
+    seen: Sequence[bool]
+    starts: Sequence[bool]
+    leaving: Collection[int] = ()
+
+
+class RelationBook:
+    """All pairs' relations over time; the lists L_i of the paper are `of`."""
+
+    def __init__(self, parameters: RelationParameters | None = None) -> None:
+        self._p = parameters if parameters is not None else RelationParameters()
+        self._edges: dict[Pair, Edge] = {}
+        self._meeting: dict[Pair, int] = {}
+
+    @property
+    def edges(self) -> list[Edge]:
+        """Every relation that is not INDEPENDENT, by (a, b)."""
+        return [self._edges[p] for p in sorted(self._edges)]
+
+    def get(self, a: int, b: int) -> Edge | None:
+        """The pair's edge, None when INDEPENDENT."""
+        return self._edges.get((a, b) if a < b else (b, a))
+
+    def state_of(self, a: int, b: int) -> RelationName:
+        """The pair's relation."""
+        edge = self.get(a, b)
+        return "INDEPENDENT" if edge is None else edge.state
+
+    def of(self, i: int) -> list[tuple[int, RelationName]]:
+        """L_i: (j, relation) of everyone related to i, by j."""
+        return sorted((e.b if e.a == i else e.a, e.state) for p, e in self._edges.items() if i in p)
+
+    def step(self, frame: int, time_ns: int, objects: Objects) -> list[Change]:
+        """Take a frame's objects; answer with every change, by (a, b)."""
+        ids = objects.ids
+        row = {i: k for k, i in enumerate(ids)}
+        distance, gap, meets = self._measure(objects)
+        changes: list[Change] = []
+        for pair in list(self._edges):
+            if pair[0] not in row or pair[1] not in row:
+                changes.append(self._end_of_gone(pair, row, time_ns))
+                continue
+            m = (row[pair[0]], row[pair[1]])
+            change = self._advance(frame, time_ns, pair, m, objects, float(distance[m]), float(gap[m]))
+            if change is not None:
+                changes.append(change)
+        held = {(c.a, c.b) for c in changes if c.after == "INDEPENDENT"}
+        meeting: dict[Pair, int] = {}
+        for i, j in zip(*(k.tolist() for k in np.nonzero(meets)), strict=True):
+            pair = (ids[i], ids[j])
+            if pair in self._edges or pair in held or not (objects.starts[i] and objects.starts[j]):
+                continue
+            begun = meeting[pair] = self._meeting.get(pair, time_ns)
+            if time_ns - begun >= self._p.enter_duration_s * SECOND_NS:
+                changes.append(self._begin(frame, time_ns, pair, (i, j), objects, float(distance[i, j])))
+                del meeting[pair]
+        self._meeting = meeting
+        return sorted(changes, key=lambda c: (c.a, c.b))
+
+    def _measure(self, o: Objects) -> tuple[Floats, Floats, Any]:
+        """Distances and gaps (N, N) and which pairs i < j meet by the rule for entering."""
+        x, y = o.centres[:, 0], o.centres[:, 1]
+        dx, dy = x[:, None] - x, y[:, None] - y
+        distance = np.sqrt(dx * dx + dy * dy)
+        gap = distance - (o.radii[:, None] + o.radii)
+        limit: Floats | float = 0.0
+        if self._p.enter_margin:
+            limit = -self._p.enter_margin * np.minimum(o.radii[:, None], o.radii)
+        return distance, gap, np.triu(gap <= limit, 1)
+
+    def _begin(self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, distance: float) -> Change:
+        step = resolve("INDEPENDENT", meets=True, same_blob=False)
+        ra, rb = float(o.radii[m[0]]), float(o.radii[m[1]])
+        self._edges[pair] = Edge(*pair, step.after, frame, ns, step.rule, distance, ra, rb)
+        same = same_blob(o.blobs[m[0]], o.seen[m[0]], o.blobs[m[1]], o.seen[m[1]])
+        return Change(*pair, "INDEPENDENT", step.after, step.case, step.rule, distance, ra, rb, same, 0, frame)
+
+    def _advance(
+        self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, distance: float, gap: float
+    ) -> Change | None:
+        """One frame of a pair that is related: what its case demands, once it has lasted long enough."""
+        edge = self._edges[pair]
+        edge.distance, edge.radius_a, edge.radius_b = distance, float(o.radii[m[0]]), float(o.radii[m[1]])
+        meets = gap <= self._p.leave_margin * min(edge.radius_a, edge.radius_b)
+        same = same_blob(o.blobs[m[0]], o.seen[m[0]], o.blobs[m[1]], o.seen[m[1]])
+        leaving = pair[0] in o.leaving or pair[1] in o.leaving
+        one_blob = (edge.state == "JOINT" and not leaving) if same is None else same
+        step = resolve(edge.state, meets, one_blob)
+        if step.after == edge.state:
+            edge.pending = ""
+            return None
+        if edge.pending != step.case:
+            edge.pending, edge.pending_ns = step.case, ns
+        if not leaving and ns - edge.pending_ns < self._needed_ns(step.case):
+            return None
+        before, began, since = edge.state, edge.since_ns, edge.since_frame
+        edge.state, edge.since_frame, edge.since_ns, edge.rule, edge.pending = step.after, frame, ns, step.rule, ""
+        if step.after == "INDEPENDENT":
+            del self._edges[pair]
+        radii = (edge.radius_a, edge.radius_b)
+        return Change(*pair, before, step.after, step.case, step.rule, distance, *radii, same, ns - began, since)
+
+    def _needed_ns(self, case: str) -> float:
+        if case == "V":
+            return self._p.leave_duration_s * SECOND_NS
+        return self._p.blob_duration_s * SECOND_NS if case in ("III", "IV") else 0.0
+
+    def _end_of_gone(self, pair: Pair, row: Mapping[int, int], ns: int) -> Change:
+        e = self._edges.pop(pair)
+        gone = tuple(i for i in pair if i not in row)
+        radii, lasted = (e.radius_a, e.radius_b), ns - e.since_ns
+        return Change(
+            *pair, e.state, "INDEPENDENT", "gone", GONE, e.distance, *radii, None, lasted, e.since_frame, gone
+        )
+
+    def state(self) -> dict[str, Any]:
+        """The whole book as plain data."""
+        return {
+            "edges": [list(dataclasses.astuple(e)) for e in self.edges],
+            "meeting": [[a, b, ns] for (a, b), ns in sorted(self._meeting.items())],
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from what `state` gave."""
+        self._edges = {(e[0], e[1]): Edge(*e) for e in state["edges"]}
+        self._meeting = {(a, b): ns for a, b, ns in state["meeting"]}
