@@ -19,8 +19,8 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "record",
         "a video, pictures or detections into a scene log",
         "Record a source into a scene log (MCAP): pictures, foreground masks, detections, regions.\n\n"
-        "SOURCE is a video file, a folder of JPEG or PNG pictures (in the order of their numbers, their bytes kept as\n"
-        "they are), a MOTChallenge text file (.txt) or a CAVIAR XML file (.xml; its labelled identities are left out).\n"
+        "SOURCE is a video file, a folder of JPEG or PNG pictures (in the order of their numbers, bytes kept as they\n"
+        "are), a MOTChallenge text file (.txt) or a CAVIAR XML file (.xml; its labelled identities are left out).\n"
         "Exit code 3: recorded, but something had to be left out; stderr says what.",
         "scenetrace record video.avi --fps 7 -o scene.mcap\n"
         "scenetrace record img1 --fps 7 --detections det.txt -o scene.mcap\n"
