@@ -1,7 +1,7 @@
 """The bytes of MCAP records: strict parsing with bounds, and serialisation (mcap.dev/spec, version 0).
 
-Record types are those of the `mcap` package. Its own parsers read past a record's end, or overrun a map's declared
-length, without an error; these do not. Bytes after a record's known fields are allowed (the specification reserves
+The `mcap` package's parsers read past a record's end, or overrun a map's declared length, without an error; these do
+not, and say what is wrong. Bytes after a record's known fields are allowed (the specification reserves
 them for extensions).
 """
 
@@ -29,7 +29,7 @@ METADATA_INDEX = 0x0D
 SUMMARY_OFFSET = 0x0E
 DATA_END = 0x0F
 CHECKSUMS = 0x81
-"""Private record of this project, in the summary: see `encode_checksums`. Readers skip opcodes that they do not know."""
+"""This project's own record, in the summary (`encode_checksums`); other readers skip opcodes from 0x80 on."""
 
 OPCODE_NAMES = {
     HEADER: "Header",

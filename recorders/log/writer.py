@@ -86,6 +86,7 @@ class LogWriter:
         flush_interval_ns: int = FLUSH_INTERVAL_NS,
         chunk_bytes: int = CHUNK_BYTES,
         limits: Limits = DEFAULT_LIMITS,
+        profile: str = PROFILE,
     ) -> None:
         self.path = Path(path)
         if compression not in KNOWN:
@@ -96,6 +97,8 @@ class LogWriter:
         self._picture_topics = frozenset(picture_topics)
         self._flush_interval_ns = flush_interval_ns
         self._chunk_bytes = min(chunk_bytes, limits.max_chunk_bytes // 8)
+        self._max_chunk_bytes = limits.max_chunk_bytes - _HEAD.size
+        self._max_message_bytes = min(limits.max_message_bytes, self._max_chunk_bytes)
         self._pictures = _Chunk()
         self._small = _Chunk()
         self._channels: list[_Channel] = []
@@ -108,7 +111,7 @@ class LogWriter:
         self._crc = 0
         self._file = PartFile(path, force=force)
         self._put(wire.MAGIC)
-        self._put_checked(wire.record(wire.HEADER, wire.text(PROFILE), wire.text(LIBRARY)))
+        self._put_checked(wire.record(wire.HEADER, wire.text(profile), wire.text(LIBRARY)))
 
     def __enter__(self) -> Self:
         return self
@@ -127,11 +130,18 @@ class LogWriter:
         schema: Schema | None,
         message_encoding: str,
         metadata: Mapping[str, str] | None = None,
+        *,
+        picture: bool | None = None,
     ) -> int:
-        """Add a channel and return its id; each call makes a channel of its own, also for a topic that exists."""
+        """Add a channel and return its id; each call makes a channel of its own, also for a topic that exists.
+
+        ``picture`` says whether its messages go with the pictures; None asks ``picture_topics``.
+        """
         identity = len(self._channels) + 1
         self._check_limit(identity, "max_channels", "the number of channels", topic)
-        chunk = self._pictures if topic in self._picture_topics else self._small
+        if picture is None:
+            picture = topic in self._picture_topics
+        chunk = self._pictures if picture else self._small
         schema_id = 0
         if schema is not None:
             schema_id = self._schemas.setdefault(schema, len(self._schemas) + 1)
@@ -163,8 +173,8 @@ class LogWriter:
             channel = self._channels[channel_id - 1]
         except IndexError:
             raise RecordingError(f"no channel has the id {channel_id!r}", self.path) from None
-        if len(data) > self._limits.max_message_bytes:
-            self._check_limit(len(data), "max_message_bytes", "a message's size", channel.topic)
+        if len(data) > self._max_message_bytes:
+            self._check_message(len(data), channel.topic)
         number = channel.sequence if sequence is None else sequence
         publish_time = log_time_ns if publish_time_ns is None else publish_time_ns
         length = wire.MESSAGE_FIELDS_BYTES + len(data)
@@ -173,6 +183,8 @@ class LogWriter:
         except struct.error as error:
             self._bad_numbers(channel.topic, log_time_ns, publish_time, number, error)
         chunk = channel.chunk
+        if len(chunk.data) + len(data) > self._max_chunk_bytes:
+            self._flush()
         if chunk.start_ns == _NEVER:
             self._due_ns = min(self._due_ns, log_time_ns + self._flush_interval_ns)
         entries = chunk.entries.get(channel_id)
@@ -185,9 +197,9 @@ class LogWriter:
         buffer += data
         channel.sequence = (number + 1) & 0xFFFFFFFF
         channel.count += 1
-        if log_time_ns < chunk.start_ns:
+        if log_time_ns < chunk.start_ns:  # noqa: PLR1730 - calling min and max costs a tenth of the whole write
             chunk.start_ns = log_time_ns
-        if log_time_ns > chunk.end_ns:
+        if log_time_ns > chunk.end_ns:  # noqa: PLR1730
             chunk.end_ns = log_time_ns
         if len(buffer) > 4 * self._chunk_bytes:
             self._flush()
@@ -286,6 +298,10 @@ class LogWriter:
         allowed: int = getattr(self._limits, limit)
         if value > allowed:
             raise LimitError(f"{what} is {value}, over the limit {limit} = {allowed}", self.path, record=record)
+
+    def _check_message(self, size: int, topic: str) -> None:
+        self._check_limit(size, "max_message_bytes", "a message's size", topic)
+        self._check_limit(size + _HEAD.size, "max_chunk_bytes", "a message's size in its chunk", topic)
 
     def _bad_numbers(
         self, topic: str, log_time_ns: int, publish_time_ns: int, sequence: int, error: struct.error

@@ -1,0 +1,251 @@
+"""Recovering a log: everything up to the last whole record, damaged chunks left out, and all of it said."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from recorders.errors import RecordingError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.log import wire
+from recorders.log.blocks import records
+from recorders.log.index import Definitions
+from recorders.log.model import Schema
+from recorders.log.reader import read_attachment
+from recorders.log.salvage import Damage, Ending, read_ending, walk
+from recorders.log.storage import RawRecord, RecordFile
+from recorders.log.writer import LogWriter
+
+PICTURE_SCHEMAS = frozenset(
+    {
+        "foxglove.CompressedImage",
+        "foxglove.CompressedVideo",
+        "foxglove.RawImage",
+        "sensor_msgs/msg/CompressedImage",
+        "sensor_msgs/msg/Image",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """Something that is not in the recovered log: from which byte of the damaged one, what, and why."""
+
+    offset: int
+    record: str
+    reason: str
+
+
+@dataclass(slots=True)
+class RecoveryReport:
+    """What a recovery kept and what it could not.
+
+    ``messages_expected`` is what the damaged file's statistics count, None where they are lost.
+    """
+
+    path: Path
+    out: Path
+    messages: int = 0
+    channels: int = 0
+    metadata: int = 0
+    attachments: int = 0
+    messages_expected: int | None = None
+    losses: list[Loss] = field(default_factory=list)
+
+    @property
+    def is_complete(self) -> bool:
+        """Nothing was lost."""
+        return not self.losses
+
+
+def recover(path: str | Path, out: str | Path, force: bool = False, limits: Limits = DEFAULT_LIMITS) -> RecoveryReport:
+    """Write what is whole in the log at ``path`` to ``out``: messages with their times and sequence numbers.
+
+    Works on logs that were cut short, on part files of a killed writer, and around damaged bytes. A message is kept
+    when its chunk's CRC is right, or when it stands in no chunk.
+
+    Raises:
+        RecordingError: ``path`` is not a log at all, or ``out`` cannot be written.
+        OutputExistsError: ``out`` exists and ``force`` was not given.
+    """
+    with RecordFile(path, limits) as file:
+        if Path(out).exists() and Path(out).samefile(file.path):
+            raise file.error("a recovery never writes over the log that it reads; name another output")
+        report = RecoveryReport(file.path, Path(out))
+        start, profile = _start(file, report)
+        ending = read_ending(file)
+        with LogWriter(out, force=force, limits=limits, profile=profile) as log:
+            _Recovery(file, ending, log, report).run(start)
+    return report
+
+
+def _start(file: RecordFile, report: RecoveryReport) -> tuple[int, str]:
+    """Where the data section starts, and the profile."""
+    if file.size == 0:
+        raise file.error("the file is empty: there is nothing to recover")
+    size = len(wire.MAGIC)
+    if file.read(0, min(size, file.size)) != wire.MAGIC:
+        if file.size < 2 * size or file.read(file.size - size, size) != wire.MAGIC:
+            raise file.error("this is not an MCAP file: there is nothing to recover", 0)
+        report.losses.append(Loss(0, "magic bytes", "the first bytes are damaged"))
+    try:
+        raw = file.record_at(size)
+        if raw.opcode != wire.HEADER:
+            raise file.error("the header is damaged", size, "Header")
+        profile, _ = file.parse(wire.parse_header, raw)
+    except RecordingError as error:
+        report.losses.append(Loss(size, "Header", error.reason))
+        return size, ""
+    return raw.end, profile
+
+
+class _Recovery:
+    """One pass over the damaged file. Memory: one chunk or one attachment."""
+
+    def __init__(self, file: RecordFile, ending: Ending, log: LogWriter, report: RecoveryReport) -> None:
+        self.file = file
+        self.ending = ending
+        self.log = log
+        self.report = report
+        self.definitions = Definitions(file)
+        self.ids: dict[int, int] = {}
+        self.checksums: dict[tuple[int, int], int] = {}
+        self.proven = True
+        self.orphans: dict[int, tuple[int, int]] = {}
+
+    def run(self, start: int) -> None:
+        """Keep what is whole from byte ``start`` on."""
+        if self.ending.problem is not None:
+            problem = self.ending.problem
+            self._lose(self.file.size if problem.offset is None else problem.offset, "Footer", _plain(problem))
+        if self.ending.summary is not None:
+            self._learn_from_summary()
+        for found in walk(self.file, start, self.ending):
+            if isinstance(found, Damage):
+                what = f"{found.end - found.offset} bytes up to byte {found.end} hold no whole record: {found.reason}"
+                self._lose(found.offset, "data section", _plain_text(what))
+                continue
+            try:
+                self._keep(found)
+            except RecordingError as error:
+                if error.path != self.file.path:
+                    raise  # about the output
+                self._lose(found.offset, found.name, _plain(error))
+        for channel, (offset, count) in sorted(self.orphans.items()):
+            self._lose(offset, "Message", f"{count} messages of channel {channel}, whose Channel record is lost")
+        self._compare_counts()
+
+    def _lose(self, offset: int, record: str, reason: str) -> None:
+        self.report.losses.append(Loss(offset, record, reason))
+
+    def _learn_from_summary(self) -> None:
+        """The summary repeats the channels: messages are kept even where the chunk that defines theirs is lost."""
+        summary = self.ending.summary
+        assert summary is not None
+        self.checksums = summary.checksums
+        if summary.statistics is not None:
+            self.report.messages_expected = summary.statistics.message_count
+        for schema in summary.definitions.schemas.values():
+            self.definitions.schema(schema, 0)
+        for channel in sorted(summary.definitions.channels.values(), key=lambda c: c.id):
+            self._channel(channel, 0)
+
+    def _keep(self, raw: RawRecord) -> None:
+        checksum = self.checksums.get((raw.offset, raw.end - raw.offset))
+        if checksum is not None and self.file.crc(raw.offset, raw.end) != checksum:
+            raise self.file.error("the record's checksum differs: it is damaged", raw.offset, raw.name)
+        if checksum is None and raw.opcode in (wire.MESSAGE, wire.METADATA, wire.SCHEMA, wire.CHANNEL):
+            self.proven = False
+        if raw.opcode == wire.CHUNK:
+            self._chunk(raw)
+        elif raw.opcode in (wire.SCHEMA, wire.CHANNEL, wire.MESSAGE):
+            self._record(raw.opcode, self.file.content(raw), raw.offset)
+        elif raw.opcode == wire.ATTACHMENT:
+            found = read_attachment(self.file, raw)
+            self.log.attach(found.name, found.media_type, found.data, found.log_time_ns, found.create_time_ns)
+            self.report.attachments += 1
+        elif raw.opcode == wire.METADATA:
+            self.log.metadata(*self.file.parse(wire.parse_metadata, raw))
+            self.report.metadata += 1
+        elif raw.opcode == wire.DATA_END:
+            self._data_end(raw)
+
+    def _chunk(self, raw: RawRecord) -> None:
+        head = self.file.chunk_head(raw)
+        data = self.file.unpack(raw, head)
+        self.proven = self.proven and head.uncompressed_crc != 0
+        view = memoryview(data)
+        try:
+            for opcode, position, length in records(data):
+                if opcode in (wire.SCHEMA, wire.CHANNEL, wire.MESSAGE):
+                    start = position + wire.PREFIX_BYTES
+                    self._record(opcode, view[start : start + length], raw.offset)
+        except wire.WireError as error:
+            raise self.file.error(f"the rest of the chunk: {error}", raw.offset, raw.name) from error
+
+    def _record(self, opcode: int, content: bytes | memoryview, offset: int) -> None:
+        try:
+            if opcode == wire.SCHEMA:
+                self.definitions.schema(wire.parse_schema(content), offset)
+            elif opcode == wire.CHANNEL:
+                self._channel(wire.parse_channel(content), offset)
+            else:
+                self._message(content, offset)
+        except wire.WireError as error:
+            raise self.file.error(str(error), offset, wire.opcode_name(opcode)) from error
+
+    def _channel(self, found: wire.ChannelRecord, offset: int) -> None:
+        self.definitions.channel(found, offset)
+        if found.id in self.ids:
+            return
+        schema = self.definitions.schemas.get(found.schema_id)
+        self.ids[found.id] = self.log.channel(
+            found.topic,
+            None if schema is None else Schema(schema.name, schema.encoding, schema.data),
+            found.message_encoding,
+            found.metadata,
+            picture=schema is not None and schema.name in PICTURE_SCHEMAS,
+        )
+        self.report.channels += 1
+
+    def _message(self, content: bytes | memoryview, offset: int) -> None:
+        cursor = wire.Cursor(content)
+        channel, sequence = cursor.u16("channel id"), cursor.u32("sequence")
+        log_time, publish_time = cursor.u64("log time"), cursor.u64("publish time")
+        if channel not in self.ids:
+            first, count = self.orphans.get(channel, (offset, 0))
+            self.orphans[channel] = (first, count + 1)
+            return
+        data = bytes(content[cursor.position :])
+        self.file.check_limit(len(data), "max_message_bytes", "a message's size", offset, "Message")
+        self.log.write(self.ids[channel], data, log_time, publish_time, sequence)
+        self.report.messages += 1
+
+    def _data_end(self, raw: RawRecord) -> None:
+        crc = self.file.parse(wire.parse_data_end, raw)
+        # Where everything that was kept has a CRC of its own, only an index can be wrong, and that is made anew.
+        if crc and not self.proven and not self.report.losses and self.file.crc(0, raw.offset) != crc:
+            self._lose(
+                raw.offset,
+                "DataEnd",
+                "the CRC of the data section differs, though no damaged record shows: a message outside a chunk, "
+                "or a metadata record, may be wrong",
+            )
+
+    def _compare_counts(self) -> None:
+        expected = self.report.messages_expected
+        if expected is not None and expected != self.report.messages:
+            self._lose(
+                self.file.size,
+                "Statistics",
+                f"the file counted {expected} messages, {self.report.messages} are kept",
+            )
+
+
+def _plain(error: RecordingError) -> str:
+    return _plain_text(error.reason)
+
+
+def _plain_text(reason: str) -> str:
+    """The reason without the advice to do what is being done."""
+    return reason.split("; `scenetrace recover`", maxsplit=1)[0]
