@@ -25,8 +25,8 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "demo",
         "a synthetic scene, recorded, replayed, questioned and reported; no input needed",
-        "Render a scripted scene (people meet, group, part, hide and leave), record it from its pixels, replay it through\n"
-        "the default tracker, score it against the exact truth, ask who met whom, and write a report and a video.",
+        "Render a scripted scene (people meet, group, part, hide and leave), record it from its pixels, replay it\n"
+        "through a tracker, score it against the exact truth, ask who met whom, and write a report and a video.",
         "scenetrace demo -o demo-out",
     )
     p.add_argument("-o", "--output", type=Path, default=Path("demo-out"), metavar="DIR", help="default: demo-out")

@@ -1,0 +1,45 @@
+"""``scenetrace doctor``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from replay.cli import common
+
+FAILED = 1
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    p = common.command(
+        commands,
+        "doctor",
+        "check a log's structure and checksums",
+        "Read a log whole and check every checksum, length, index and order. Each finding says where it is.\n"
+        "Exit code 1 where there is an error; warnings alone are exit code 0.",
+        "scenetrace doctor scene.mcap",
+    )
+    p.add_argument("log", type=Path, metavar="LOG", help="any MCAP file")
+    p.add_argument("--json", action="store_true", help="the findings as JSON")
+    p.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Examine."""
+    from recorders.log.inspection import examine
+
+    findings = examine(args.log)
+    errors = sum(f.severity == "error" for f in findings)
+    if args.json:
+        print(json.dumps([asdict(f) for f in findings], indent=2))
+    else:
+        for f in findings:
+            print(f"{f.severity:<7} byte {f.offset:>10} {f.record}: {f.text}")
+        if not findings:
+            print(f"{args.log}: sound")
+    if errors:
+        common.say(f"{args.log}: {errors} errors; `scenetrace recover {args.log} -o OUT` keeps what is whole")
+    return FAILED if errors else 0

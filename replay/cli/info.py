@@ -1,0 +1,107 @@
+"""``scenetrace info``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from replay.cli import common
+
+if TYPE_CHECKING:
+    from recorders.log.inspection import LogInfo
+
+# Times before this are seconds from a recording's start, not dates.
+_FIRST_DATE_NS = 365 * 86_400 * common.NANOS
+_OURS = ("scenetrace", "scenetrace.recording")
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    p = common.command(
+        commands,
+        "info",
+        "what a log holds",
+        "Print what a log holds: size, time, channels, attachments, and where a scene was recorded or replayed with\n"
+        "scenetrace, everything that its result depends on: tracker, configuration, package versions, digests.",
+        "scenetrace info annotated.mcap\nscenetrace info annotated.mcap --json",
+    )
+    p.add_argument("log", type=Path, metavar="LOG", help="any MCAP file")
+    p.add_argument("--json", action="store_true", help="as JSON")
+    p.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print it."""
+    from recorders.log.inspection import inspect
+
+    info = inspect(args.log)
+    if args.json:
+        print(json.dumps(_plain(info), indent=2, sort_keys=True))
+    else:
+        _print(info)
+    return 0
+
+
+def _plain(info: LogInfo) -> dict[str, Any]:
+    channels = [
+        {
+            "topic": c.topic,
+            "schema": None if c.schema is None else c.schema.name,
+            "message_encoding": c.message_encoding,
+            "messages": c.message_count,
+        }
+        for c in info.channels
+    ]
+    return {
+        "file": str(info.path),
+        "size_bytes": info.size_bytes,
+        "profile": info.profile,
+        "library": info.library,
+        "messages": info.message_count,
+        "start_ns": info.start_ns,
+        "end_ns": info.end_ns,
+        "indexed": info.is_indexed,
+        "channels": channels,
+        "attachments": [asdict(a) for a in info.attachments],
+        "metadata": [{"name": name, "values": dict(values)} for name, values in info.metadata],
+        "compression": [asdict(c) for c in info.compression],
+    }
+
+
+def when(time_ns: int | None) -> str:
+    """A log time for a person: a date, or seconds where the recording has none."""
+    if time_ns is None:
+        return "-"
+    if time_ns < _FIRST_DATE_NS:
+        return f"{time_ns / common.NANOS:.3f} s"
+    seconds, nanos = divmod(time_ns, common.NANOS)
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{nanos // 1_000_000:03d}Z"
+
+
+def _print(info: LogInfo) -> None:
+    packed = ", ".join(f"{c.chunks} chunks {c.compression or 'uncompressed'}" for c in info.compression) or "no chunks"
+    print(f"file      {info.path}, {info.size_bytes:,} bytes, {packed}")
+    print(f"written   by {info.library or 'unknown'}, profile {info.profile or 'none'}")
+    if not info.is_indexed:
+        print("index     none: the file was scanned (unfinished or written without one)")
+    span = f"{info.duration_ns / common.NANOS:.3f} s, from {when(info.start_ns)} to {when(info.end_ns)}"
+    print(f"messages  {info.message_count:,}" + (f" over {span}" if info.message_count else ""))
+    width = max((len(c.topic) for c in info.channels), default=0)
+    for c in info.channels:
+        schema = "no schema" if c.schema is None else f"{c.schema.name} [{c.schema.encoding}]"
+        print(f"  {c.topic:<{width}}  {c.message_count if c.message_count is not None else '?':>7}  {schema}")
+    for a in info.attachments:
+        print(f"attached  {a.name}, {a.size_bytes:,} bytes, {a.media_type}, at {when(a.log_time_ns)}")
+    for name, values in info.metadata:
+        print(f"metadata  {name}")
+        for key, value in sorted(values.items()):
+            if name in _OURS and key == "configuration":
+                print(f"  {key}:")
+                for section, fields in sorted(json.loads(value).items()):
+                    print(f"    [{section}] " + ", ".join(f"{k}={v}" for k, v in sorted(fields.items())))
+            else:
+                print(f"  {key}: {value}")

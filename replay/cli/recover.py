@@ -1,0 +1,41 @@
+"""``scenetrace recover``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from replay.cli import common
+
+LOST = 3
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    p = common.command(
+        commands,
+        "recover",
+        "what is whole of a damaged log into a new one",
+        "Copy everything that is whole of a cut, unfinished (.part) or damaged log into a new one: up to the last\n"
+        "whole chunk, and past damaged chunks where the file goes on. Says what was lost; exit code 3 where anything was.",
+        "scenetrace recover scene.mcap.part -o scene.mcap",
+    )
+    p.add_argument("log", type=Path, metavar="LOG", help="a damaged log, or the part file of a stopped recording")
+    p.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the new log")
+    p.add_argument("--force", action="store_true", help="overwrite an existing output")
+    p.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Recover."""
+    from recorders.log.recovery import recover
+
+    report = recover(args.log, args.output, args.force)
+    expected = "" if report.messages_expected is None else f" of {report.messages_expected}"
+    print(
+        f"{args.output}: {report.messages}{expected} messages on {report.channels} channels, "
+        f"{report.metadata} metadata records, {report.attachments} attachments"
+    )
+    for loss in report.losses:
+        common.say(f"lost: at byte {loss.offset} ({loss.record}): {loss.reason}")
+    return LOST if report.losses else 0
