@@ -89,8 +89,8 @@ _SCENE_TEXT = {
 }
 
 
-def scene(log: EventLog, c: SceneChange, regions_source: str) -> None:
-    """A scene event (EVENTS 3.2) or an entry into a named zone."""
+def scene(log: EventLog, c: SceneChange, regions_source: str, box: Sequence[float]) -> None:
+    """A scene event (EVENTS 3.2) or an entry into a named zone; ``box``: the target's, its last one if it is gone."""
     evidence: dict[str, Any] = {}
     rule = "EVENTS 3.2"
     if c.zone:
@@ -104,7 +104,7 @@ def scene(log: EventLog, c: SceneChange, regions_source: str) -> None:
         evidence["reason"] = c.reason
     else:
         evidence |= {"in_roi": PLACES[c.roi], "in_roi_and_border": PLACES[c.area]}
-    evidence["regions"] = regions_source
+    evidence |= {"box": list(box), "regions": regions_source}
     text = _SCENE_TEXT[c.kind].format(i=c.id, z=c.zone, s=seconds(c.lasted_ns))
     log.add(c.kind, [c.id], rule, evidence, text)
 
@@ -151,6 +151,7 @@ def pair(log: EventLog, c: PairChange, group: int | None, safety_margin: float) 
         "safety_distance": c.distance,
         "collision_at_most": 1.0,
         "safety_margin": safety_margin,
+        "region": c.region or "none",
         "time_in_state_s": seconds(c.lasted_ns),
     }
     both = list_of([c.a, c.b])
@@ -167,9 +168,16 @@ def pair(log: EventLog, c: PairChange, group: int | None, safety_margin: float) 
     log.add(kind, [c.a, c.b], rule, evidence, text, [] if group is None else [group])
 
 
-def single(log: EventLog, target: int, before: int, left: Sequence[int]) -> None:
-    """A target collides with nobody any more."""
-    evidence = {"state_before": code(before), "state_before_name": name(before), "partners_before": list(left)}
+def single(log: EventLog, target: int, before: int, parted: Sequence[PairChange]) -> None:
+    """A target collides with nobody any more; ``parted``: the pairs that ended with this frame."""
+    evidence = {
+        "state_before": code(before),
+        "state_before_name": name(before),
+        "partners_before": [c.b if c.a == target else c.a for c in parted],
+        "safety_distances": [c.distance for c in parted],
+        "partners_gone": sorted(i for c in parted for i in c.gone),
+        "collision_at_most": 1.0,
+    }
     log.add("single", [target], "EVENTS 3.1 single", evidence, f"Target {target} is single: no partner is left.")
 
 

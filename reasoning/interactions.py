@@ -11,8 +11,8 @@ What the paper leaves open, and what is done here:
 - A target that is not in the picture keeps its partners while it collides, and gets no new ones.
 - A grouped target that is hidden (no observation, no blob) counts into the blob of the nearest partner that it was
   grouped with and still collides with.
-- Grouped targets that stop colliding at once (a jump, a frame rate too low) are splitting for one frame; it is told
-  as an anomaly.
+- Grouped targets that stop colliding at once are splitting for one frame. Where they lie over different regions then
+  (a jump, a frame rate too low), they were not seen to split, and it is told as an anomaly.
 """
 
 from __future__ import annotations
@@ -70,8 +70,9 @@ class Members:
 class PairChange:
     """A pair's bit changed: ``before`` and ``after`` are 0, GROUPING, GROUPED or SPLITTING.
 
-    ``distance`` is the safety distance (at most 1: collision), None where a partner is gone; ``jumped``: grouped
-    targets stopped colliding without having been seen to split.
+    ``distance`` is the safety distance (at most 1: collision), None where a partner is gone; ``of_split``: one of
+    them is born of a split; ``jumped``: grouped targets are apart without having been seen to split; ``region``: the
+    observed region that both lie over (its source and number), empty where there is none.
     """
 
     a: int
@@ -84,6 +85,7 @@ class PairChange:
     of_split: bool = False
     jumped: bool = False
     gone: tuple[int, ...] = ()
+    region: str = ""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -165,7 +167,8 @@ class InteractionBook:
         squared = safety_distances(m.boxes, self._p.safety_margin)
         collides = np.triu(squared <= 1.0, 1)
         touching = list(zip(*(k.tolist() for k in np.nonzero(collides)), strict=True))
-        clusters = self._clusters(m, squared, touching, group_tracks)
+        regions, source = self._regions(m, squared, group_tracks)
+        clusters = _clusters(m.ids, regions, source, touching)
         over = {i: k for k, c in enumerate(clusters) for i in c.members}
         row = {i: k for k, i in enumerate(m.ids)}
         changes: list[PairChange] = []
@@ -181,7 +184,10 @@ class InteractionBook:
             one_group = pair[0] in over and over[pair[0]] == over.get(pair[1])
             change = self._pair(frame, time_ns, pair, rows, m, one_group, float(squared[rows]), bool(collides[rows]))
             if change is not None:
-                changes.append(change)
+                number = regions[rows[0]]
+                same = number == regions[rows[1]] != NO_BLOB
+                region = f"{source} {number}"
+                changes.append(dataclasses.replace(change, region=region, jumped=False) if same else change)
         self._collect(m.ids)
         return sorted(changes, key=lambda c: (c.a, c.b)), clusters
 
@@ -208,32 +214,11 @@ class InteractionBook:
         jumped = before == GROUPED and not collides and not (pair[0] in m.leaving or pair[1] in m.leaving)
         return PairChange(*pair, before, after, distance, since, ns - began, split, jumped)
 
-    def _clusters(
-        self, m: Members, squared: Floats, touching: Sequence[Pair], tracks: Sequence[GroupTrack] | None
-    ) -> list[Cluster]:
-        """Colliding targets under one observed region, two or more, by their first member."""
+    def _regions(self, m: Members, squared: Floats, tracks: Sequence[GroupTrack] | None) -> tuple[list[int], str]:
+        """Each target's observed region (NO_BLOB: none), and what kind of region that is."""
         if tracks is None:
-            regions = self._blob_regions(m, squared)
-            source = "blob"
-        else:
-            regions = [self._track_of(k, m, tracks) for k in range(len(m.ids))]
-            source = "group track"
-        if sum(r != NO_BLOB for r in regions) < 2:
-            return []
-        root = list(range(len(m.ids)))
-        for i, j in touching:
-            if regions[i] == regions[j] != NO_BLOB:
-                ri, rj = _find(root, i), _find(root, j)
-                root[max(ri, rj)] = min(ri, rj)
-        found: dict[int, list[int]] = {}
-        for k in range(len(m.ids)):
-            if regions[k] != NO_BLOB:
-                found.setdefault(_find(root, k), []).append(k)
-        return [
-            Cluster(tuple(m.ids[k] for k in rows), source, regions[rows[0]])
-            for rows in found.values()
-            if len(rows) >= 2
-        ]
+            return self._blob_regions(m, squared), "blob"
+        return [self._track_of(k, m, tracks) for k in range(len(m.ids))], "group track"
 
     def _may_lie_over(self, k: int, m: Members) -> bool:
         """Newborn and leaving targets belong to no group's region; absent ones only if they were grouped before."""
@@ -294,6 +279,22 @@ class InteractionBook:
         """Continue from what `state` gave."""
         self.bonds = {(a, b): Bond(*rest) for a, b, *rest in state["bonds"]}
         self._collect(state["ids"])
+
+
+def _clusters(ids: Sequence[int], regions: Sequence[int], source: str, touching: Sequence[Pair]) -> list[Cluster]:
+    """Colliding targets over one region, two or more, by their first member."""
+    if sum(r != NO_BLOB for r in regions) < 2:
+        return []
+    root = list(range(len(ids)))
+    for i, j in touching:
+        if regions[i] == regions[j] != NO_BLOB:
+            ri, rj = _find(root, i), _find(root, j)
+            root[max(ri, rj)] = min(ri, rj)
+    found: dict[int, list[int]] = {}
+    for k in range(len(ids)):
+        if regions[k] != NO_BLOB:
+            found.setdefault(_find(root, k), []).append(k)
+    return [Cluster(tuple(ids[k] for k in rows), source, regions[rows[0]]) for rows in found.values() if len(rows) >= 2]
 
 
 def _find(root: list[int], i: int) -> int:

@@ -125,7 +125,8 @@ class Reasoner:
         rows = _Rows([given[i] for i in sorted(given)], self._last)
         self._tell_life(rows, removed, {(n.kind, s) for n in targets.notices for s in n.subjects})
         for c in self._scene.step(time_ns, self._regions, rows.ids, rows.boxes, rows.of_split, rows.present):
-            tell.scene(self._log, c, self._regions.message.source)
+            box = (given if c.id in given else self._last)[c.id].box
+            tell.scene(self._log, c, self._regions.message.source, box)
         changes, shell = self._relate(frame_index, time_ns, rows)
         pairs, wrong = self._interact(frame_index, time_ns, rows, targets)
         self._tell_disputes(rows)
@@ -188,7 +189,6 @@ class Reasoner:
     def _interact(self, frame: int, ns: int, rows: _Rows, targets: Targets) -> tuple[list[PairChange], list[Wrong]]:
         book = self._interactions
         states_before = dict(book.states)
-        partners_before = {i: _partners(book, i) for i, s in states_before.items() if s}
         members = Members(
             rows.ids, rows.boxes, rows.blobs, rows.seen, rows.present, rows.newborn, rows.of_split, self._leaving
         )
@@ -207,7 +207,7 @@ class Reasoner:
             if not self.counter.move(before, after, i in born):
                 wrong.append((i, before, after))
             if before and not after:
-                tell.single(self._log, i, before, partners_before[i])
+                tell.single(self._log, i, before, [c for c in changes if not c.after and i in (c.a, c.b)])
         for g in groups:
             tell.group(self._log, g)
         return changes, wrong
@@ -215,11 +215,11 @@ class Reasoner:
     def _group(self, frame: int, ns: int, rows: _Rows, clusters: Sequence[Cluster]) -> list[GroupChange]:
         splitting = [p for p, bond in self._interactions.bonds.items() if bond.bit == SPLITTING]
         entered = [
-            tuple(sorted([i, *self._interactions.partners(i, SPLITTING)]))
+            [i, *self._interactions.partners(i, SPLITTING)]
             for i, split in zip(rows.ids, rows.of_split, strict=True)
-            if split and self._interactions.partners(i, SPLITTING)
+            if split
         ]
-        return self._groups.step(frame, ns, clusters, entered, splitting, rows.row)
+        return self._groups.step(frame, ns, clusters, _united(entered), splitting, rows.row)
 
     def _group_of_pair(self, a: int, b: int) -> int | None:
         label = self._groups.of(a)
@@ -366,8 +366,14 @@ def _ghost(t: Target) -> Target:
     )
 
 
-def _partners(book: InteractionBook, i: int) -> list[int]:
-    return sorted(p for bit in (GROUPING, GROUPED, SPLITTING) for p in book.partners(i, bit))
+def _united(sets: Sequence[Sequence[int]]) -> list[tuple[int, ...]]:
+    """Sets that share a member become one; ascending, by the first member."""
+    whole: list[list[int]] = []
+    for s in sets:
+        apart = [w for w in whole if not set(w).intersection(s)]
+        together = [i for w in whole if set(w).intersection(s) for i in w]
+        whole = [*apart, sorted({*together, *s})]
+    return sorted(tuple(w) for w in whole)
 
 
 def _group(g: Any) -> Group:
