@@ -83,7 +83,8 @@ class Detections(Struct, frozen=True):
 
     ``blobs[k]`` is the id of the blob that detection k came from, `NO_BLOB` where there is no mask; several
     detections may come from one blob. ``components`` holds the blobs as they are in the mask, whatever boxes were
-    drawn into them.
+    drawn into them. ``size_model`` holds the numbers of the size model that the segmentation had learnt
+    (`recorders.segmentation.sizes.SizeModel.from_list`), empty where there is none.
     """
 
     frame: Count
@@ -95,6 +96,7 @@ class Detections(Struct, frozen=True):
     ellipses: list[Ellipse | None] = []
     blobs: list[int] = []
     components: list[Blob] = []
+    size_model: list[float] = []
 
 
 class Zone(Struct, frozen=True):

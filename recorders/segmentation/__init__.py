@@ -10,4 +10,4 @@ SEGMENTERS: dict[str, SegmenterFactory] = {
     "motion": MotionSegmenter,
 }
 
-__all__ = ["SEGMENTERS", "Segmented", "SegmentationParameters", "Segmenter", "SegmenterFactory"]
+__all__ = ["SEGMENTERS", "SegmentationParameters", "Segmented", "Segmenter", "SegmenterFactory"]

@@ -1,12 +1,12 @@
-"""The background in hindsight: each pixel's most common value over pictures sampled from the whole recording.
+"""The background: each pixel's most common value over pictures sampled from a recording.
 
-What stands still at the start and leaves later, or comes and stays, is foreground in every frame; the first frames
-leave no ghosts.
+In hindsight the samples are spread over the whole recording: what stands still at the start and leaves later, or comes
+and stays, is foreground in every frame; the first frames leave no ghosts. Live they are spread over the past.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,29 +15,60 @@ from recorders.vision import cv2
 
 MAX_SAMPLES = 60
 MAX_SAMPLE_BYTES = 192 * 1024 * 1024
+MIN_SAMPLES = 5
 
 
-def sample(frames: Iterable[Image], most: int = MAX_SAMPLES, most_bytes: int = MAX_SAMPLE_BYTES) -> list[Image]:
+@dataclass
+class Samples:
     """Pictures spread evenly over a sequence of unknown length, in bounded memory.
 
     Every ``stride``-th picture is kept; when there are too many, every second one is dropped and the stride doubles.
+    With ``max_stride`` the stride stops there, and the oldest picture makes room for the newest.
+
+    Attributes:
+        most: largest number of pictures to keep.
+        most_bytes: largest number of bytes, though never fewer than `MIN_SAMPLES` pictures.
+        max_stride: largest distance of two kept pictures, in frames; 0 for no bound.
     """
-    kept: list[Image] = []
-    stride = 1
-    for index, frame in enumerate(frames):
-        if index % stride:
-            continue
-        if kept and (len(kept) >= most or (len(kept) + 1) * frame.nbytes > max(most_bytes, 3 * frame.nbytes)):
-            kept = kept[::2]
-            stride *= 2
-            if index % stride:
-                continue
-        kept.append(frame)
-    return kept
+
+    most: int = MAX_SAMPLES
+    most_bytes: int = MAX_SAMPLE_BYTES
+    max_stride: int = 0
+    kept: list[Image] = field(default_factory=list)
+    _stride: int = 1
+    _seen: int = 0
+
+    def wants_next(self) -> bool:
+        """Whether the next picture will be kept."""
+        return self._seen % self._stride == 0
+
+    def add(self, picture: Image) -> bool:
+        """Take the next picture; True if it was kept. It must not be written into afterwards."""
+        wanted = self.wants_next()
+        self._seen += 1
+        if not wanted:
+            return False
+        room = max(MIN_SAMPLES, min(self.most, self.most_bytes // max(1, picture.nbytes)))
+        if len(self.kept) >= room:
+            if self.max_stride and 2 * self._stride > self.max_stride:
+                del self.kept[0]
+            else:
+                del self.kept[1::2]
+                self._stride *= 2
+                if (self._seen - 1) % self._stride:
+                    return False
+        self.kept.append(picture)
+        return True
+
+    def skip(self) -> None:
+        """Count a picture that `wants_next` did not want."""
+        self._seen += 1
 
 
 def sort_stack(stack: list[Image]) -> list[Image]:
     """Sort each pixel's values over a stack, by Batcher's odd-even merge network of minima and maxima.
+
+    K. E. Batcher, Sorting networks and their applications, 1968. A network needs whole-picture operations alone.
 
     Args:
         stack: n arrays of one shape, uint8.
@@ -55,28 +86,86 @@ def sort_stack(stack: list[Image]) -> list[Image]:
                 for i in range(min(k, n - j - k)):
                     if (i + j) // (2 * p) == (i + j + k) // (2 * p):
                         a, b = s[i + j], s[i + j + k]
-                        s[i + j], s[i + j + k] = cv2.min(a, b), cv2.max(a, b)
+                        s[i + j], s[i + j + k] = np.minimum(a, b), np.maximum(a, b)
             k //= 2
         p *= 2
     return s
 
 
 def most_common(stack: list[Image]) -> tuple[Image, Image]:
-    """Each pixel's background and its spread: centre and half width of the shortest interval with half the values.
+    """Each pixel's background and its spread: centre and width of the shortest interval with half of the values.
 
-    The shortest half (least median of squares) withstands up to half of the samples showing something else.
-    Equally short intervals: the one of the smallest values.
+    The shortest half (least median of squares, Rousseeuw 1984) withstands up to half of the samples showing something
+    else. Equally short intervals: the one of the smallest values.
+
+    Args:
+        stack: at least one array of one shape, uint8.
 
     Returns:
         Two arrays of the stack's shape, uint8.
     """
     s = sort_stack(stack)
     m = len(s) // 2
-    best = cv2.subtract(s[m], s[0])
-    twice = cv2.addWeighted(s[m], 0.5, s[0], 0.5, 0)
+    width = s[m] - s[0]
+    low = s[0].copy()
     for i in range(1, len(s) - m):
-        width = cv2.subtract(s[i + m], s[i])
-        shorter = cv2.compare(width, best, cv2.CMP_LT)
-        best = cv2.min(width, best)
-        cv2.copyTo(cv2.addWeighted(s[i + m], 0.5, s[i], 0.5, 0), shorter, twice)
-    return twice, best
+        other = s[i + m] - s[i]
+        np.copyto(low, s[i], where=other < width)
+        np.minimum(other, width, out=width)
+    return low + (width >> 1), width
+
+
+@dataclass
+class Background:
+    """A background in Y, Cr, Cb that follows the light.
+
+    Attributes:
+        colour: (H, W, 3) uint8, the background.
+        level: (H, W) uint8, the least difference that is foreground, by pixel: larger where the background itself
+            changes (leaves, tape in the wind, screens, a burnt-in clock).
+    """
+
+    colour: Image
+    level: Image
+
+    @classmethod
+    def learn(cls, stack: list[Image], threshold: float, spread_weight: float) -> Background:
+        """From (H, W, 3) uint8 pictures in Y, Cr, Cb."""
+        colour, spread = most_common(stack)
+        level = np.maximum(weigh(spread).astype(np.float32) * np.float32(spread_weight), np.float32(threshold))
+        return cls(colour, np.minimum(level, np.float32(MAX_LEVEL)).astype(np.uint8))
+
+    def in_light_of(self, picture: Image) -> Image:
+        """The background under the picture's light: brightness shifted by the median difference (H, W, 3) uint8.
+
+        Only where most of the picture agrees on the shift, so that something large does not become the light.
+        """
+        step = max(1, min(picture.shape[:2]) // 48)
+        difference = picture[::step, ::step, 0].astype(np.int16) - self.colour[::step, ::step, 0]
+        counts = np.bincount((difference + 255).ravel(), minlength=511)
+        shift = int(np.searchsorted(np.cumsum(counts), difference.size / 2)) - 255
+        agreeing = counts[max(0, shift + 255 - 8) : shift + 255 + 9].sum()
+        if abs(shift) < 2 or 2 * agreeing < difference.size:
+            return self.colour
+        luma = self.colour[..., 0].astype(np.int16) + shift
+        lit = self.colour.copy()
+        lit[..., 0] = np.clip(luma, 0, 255)
+        return lit
+
+    def follow(self, picture: Image, still: Image) -> None:
+        """Move the background by one level towards the picture where ``still`` (H, W) is not zero."""
+        up = cv2.compare(picture, self.colour, cv2.CMP_GT) & 1
+        down = cv2.compare(picture, self.colour, cv2.CMP_LT) & 1
+        moved = cv2.subtract(cv2.add(self.colour, up), down)
+        cv2.copyTo(moved, still, self.colour)
+
+
+MAX_LEVEL = 120
+
+
+def weigh(difference: Image) -> Image:
+    """One number for a difference in Y, Cr, Cb, (H, W, 3) uint8 -> (H, W) uint8: |dY| + 2 (|dCr| + |dCb|)."""
+    dy, dr, db = cv2.split(difference)
+    chroma = cv2.add(dr, db)
+    total: Image = cv2.add(dy, cv2.add(chroma, chroma))  # type: ignore[assignment]
+    return total

@@ -1,0 +1,102 @@
+"""From blobs to detections: by the size of bodies where it can be learnt, else blob by blob."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from recorders.messages import NO_BLOB, Blob, Box, Detections, Ellipse
+from recorders.segmentation.blobs import Labels, ellipse_of
+from recorders.segmentation.explain import Explainer, Floats
+from recorders.segmentation.segmenter import Image
+from recorders.segmentation.sizes import MIN_BLOBS, SizeModel, learn
+
+MAX_BLOBS = 4096
+LONE_SCORE = 0.5
+"""Score of a blob that is a detection for want of anything that is known of bodies' sizes."""
+
+
+class Bodies:
+    """The bodies of one recording: learns their size from blobs, and finds them in masks."""
+
+    def __init__(self, use_size: bool, width: int, height: int) -> None:
+        self._use_size = use_size
+        self._width, self._height = width, height
+        self._seen: list[tuple[float, float, float, float, float]] = []
+        self._due = 2 * MIN_BLOBS
+        self.model: SizeModel | None = None
+        self._explainer: Explainer | None = None
+
+    def observe(self, blobs: list[Blob]) -> None:
+        """Take in the blobs of one frame; the oldest of very many are forgotten."""
+        if self._use_size:
+            self._seen += [(*b.box, b.ellipse.w) for b in blobs]
+            del self._seen[:-MAX_BLOBS]
+
+    def learn(self) -> None:
+        """Fit the size model to the blobs so far."""
+        if not self._seen:
+            return
+        seen = np.array(self._seen, np.float64)
+        self.model = learn(seen[:, :4], seen[:, 4], self._width, self._height)
+        self._explainer = None if self.model is None else Explainer(self.model, self._width, self._height)
+
+    def learn_when_due(self) -> None:
+        """`learn` whenever the number of blobs has grown by half."""
+        if len(self._seen) >= self._due:
+            self._due += self._due // 2
+            self.learn()
+
+    def detect(self, index: int, mask: Image, labels: Labels, blobs: list[Blob]) -> Detections:
+        """The detections of one frame.
+
+        Args:
+            index: the frame's number.
+            mask: (H, W) uint8, 0 or 255.
+            labels: (H, W) int32, the mask's components from 1.
+            blobs: blob k - 1 is label k.
+        """
+        boxes: list[Box] = [b.box for b in blobs]
+        scores = [LONE_SCORE] * len(blobs)
+        ellipses: list[Ellipse | None] = [b.ellipse for b in blobs]
+        ids = [b.id for b in blobs]
+        if self._explainer is not None and blobs:
+            found = self._explainer.explain(mask)
+            boxes = [_clipped(box, self._width, self._height) for box in found.boxes]
+            scores = [float(s) for s in found.scores]
+            ids, ellipses = [], []
+            for box in boxes:
+                blob, ellipse = _blob_in(box, labels, blobs)
+                ids.append(blob)
+                ellipses.append(ellipse)
+        return Detections(
+            frame=index,
+            width=self._width,
+            height=self._height,
+            boxes=boxes,
+            scores=scores,
+            labels=["object"] * len(boxes),
+            ellipses=ellipses,
+            blobs=ids,
+            components=blobs,
+            size_model=self.model.as_list() if self.model is not None else [],
+        )
+
+
+def _clipped(box: Floats, width: int, height: int) -> Box:
+    """The part of a box that lies in the picture."""
+    x, y, w, h = (float(v) for v in box)
+    left, top, right, bottom = max(0.0, x), max(0.0, y), min(float(width), x + w), min(float(height), y + h)
+    return (left, top, right - left, bottom - top)
+
+
+def _blob_in(box: Box, labels: Labels, blobs: list[Blob]) -> tuple[int, Ellipse | None]:
+    """The blob with the most pixels in the box (the lowest id of equals), and the ellipse of those pixels."""
+    x1, y1 = round(box[0]), round(box[1])
+    inside = labels[y1 : round(box[1] + box[3]), x1 : round(box[0] + box[2])]
+    counts = np.bincount(inside.ravel(), minlength=2)
+    blob = int(np.argmax(counts[1:])) + 1
+    if not counts[blob]:
+        return NO_BLOB, None
+    if counts[blob] == blobs[blob - 1].area:
+        return blob, blobs[blob - 1].ellipse
+    return blob, ellipse_of((inside == blob).view(np.uint8), x1, y1)
