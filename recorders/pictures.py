@@ -129,7 +129,7 @@ def is_whole(data: bytes, picture_format: Format) -> bool:
     """Whether a JPEG or PNG has its end: what a cut-off copy lacks."""
     # Decoders fill what is missing with grey and say nothing: look for the end that the format demands.
     if picture_format == "png":
-        return data.rfind(b"IEND") > 0
+        return 0 < data.rfind(b"IEND") <= len(data) - 8
     return data.rfind(b"\xff\xd9") > data.find(b"\xff\xda") > 0
 
 
@@ -227,7 +227,8 @@ class VideoDecoder:
         context: Any = av.CodecContext.create("h264", "r")
         context.thread_count = 1
         context.flags |= av.codec.context.Flags.low_delay
-        context.options = {"max_pixels": str(self._limits.max_picture_pixels)}
+        # Damage is an error, not something to be painted over.
+        context.options = {"max_pixels": str(self._limits.max_picture_pixels), "err_detect": "explode", "ec": "0"}
         return context
 
     def decode(self, data: bytes) -> Image:
@@ -251,6 +252,8 @@ class VideoDecoder:
         if len(frames) != 1:
             raise RecordingError(f"H.264 data that hold {len(frames)} frames, one per message is wanted", self._path)
         frame = frames[0]
+        if frame.is_corrupt:
+            raise RecordingError("a damaged H.264 frame", self._path)
         check_size(frame.width, frame.height, self._path, self._limits)
         if frame.format.name != "yuv420p" or frame.width % 2 or frame.height % 2:
             kind = f"{frame.format.name} {frame.width} x {frame.height}"

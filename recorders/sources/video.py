@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from recorders.errors import SourceError
+from recorders.errors import LimitError, SourceError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.pictures import check_size, from_i420
 from recorders.sources.source import NANOS, Image, Rate, SourceFrame, existing_file, rate_or_assumed, sha256, spread
@@ -52,6 +52,9 @@ class VideoSource:
             stream = self._stream(container)
             self._turns = 0
             self.width, self.height = stream.width, stream.height
+            if not self.width or not self.height:
+                limit = f"the limit of {limits.max_picture_pixels} pixels (max_picture_pixels)"
+                raise LimitError(f"the video's pictures have no known size, or one over {limit}", path)
             check_size(self.width, self.height, path, limits)
             self.frame_count: int | None = stream.frames or None
             self._announced = stream.frames
@@ -255,7 +258,7 @@ def _has_times(container: Any, stream: Any) -> bool:
             break
     if not stamps or any(s is None for s in stamps):
         return False
-    growing = all(a < b for a, b in itertools.pairwise(stamps))
+    growing = all(a <= b for a, b in itertools.pairwise(stamps))
     return not (growing and stream.codec_context.has_b_frames)
 
 
