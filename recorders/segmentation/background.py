@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from recorders.segmentation.segmenter import Image
+from recorders.segmentation.segmenter import Image, as_image
 from recorders.vision import cv2
 
 MAX_SAMPLES = 60
@@ -154,9 +154,7 @@ class Background:
 
     def follow(self, picture: Image, still: Image) -> None:
         """Move the background by one level towards the picture where ``still`` (H, W) is not zero."""
-        up = cv2.compare(picture, self.colour, cv2.CMP_GT) & 1
-        down = cv2.compare(picture, self.colour, cv2.CMP_LT) & 1
-        moved = cv2.subtract(cv2.add(self.colour, up), down)
+        moved = self.colour + (picture > self.colour) - (picture < self.colour)
         cv2.copyTo(moved, still, self.colour)
 
 
@@ -167,5 +165,4 @@ def weigh(difference: Image) -> Image:
     """One number for a difference in Y, Cr, Cb, (H, W, 3) uint8 -> (H, W) uint8: |dY| + 2 (|dCr| + |dCb|)."""
     dy, dr, db = cv2.split(difference)
     chroma = cv2.add(dr, db)
-    total: Image = cv2.add(dy, cv2.add(chroma, chroma))  # type: ignore[assignment]
-    return total
+    return as_image(cv2.add(dy, cv2.add(chroma, chroma)))

@@ -56,14 +56,15 @@ def components(mask: Image, min_area: float) -> tuple[Image, Labels, list[Blob]]
     Returns:
         The mask of what was kept (0 or 255), its labels (H, W) int32 from 1, and blob k of label k in this order.
     """
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_32S)
+    count, found, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_32S)
+    labels = found.astype(np.int32, copy=False)
     kept = [k for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] >= max(1.0, min_area)]
     if len(kept) < count - 1:
         # Labels are in scan order of each component's first pixel, so leaving some out keeps the others' order.
         new = np.zeros(count, np.int32)
         new[kept] = np.arange(1, len(kept) + 1)
         labels = new[labels]
-    clean = cv2.compare(labels.astype(np.uint8) if len(kept) < 256 else (labels > 0).astype(np.uint8), 0, cv2.CMP_NE)
+    clean = np.where(labels > 0, np.uint8(255), np.uint8(0))
     blobs: list[Blob] = []
     for number, k in enumerate(kept, 1):
         x, y, w, h, area = (int(v) for v in stats[k])

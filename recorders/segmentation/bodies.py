@@ -37,7 +37,7 @@ class Bodies:
         if not self._seen:
             return
         seen = np.array(self._seen, np.float64)
-        self.model = learn(seen[:, :4], seen[:, 4], self._width, self._height)
+        self.model = learn(seen[:, :4], self._width, self._height, seen[:, 4])
         self._explainer = None if self.model is None else Explainer(self.model, self._width, self._height)
 
     def learn_when_due(self) -> None:

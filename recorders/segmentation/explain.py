@@ -215,7 +215,8 @@ def _corners(x1: Floats, y1: Floats, x2: Floats, y2: Floats, width: int, height:
 
 def _sums(flat: Integral, corners: Ints) -> Ints:
     a, b, c, d = flat[corners].astype(np.int64)
-    return a - b - c + d
+    total: Ints = a - b - c + d
+    return total
 
 
 def _pixels(boxes: Floats) -> list[tuple[int, int, int, int]]:

@@ -15,7 +15,7 @@ from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
 from recorders.segmentation.blobs import components
 from recorders.segmentation.bodies import Bodies
 from recorders.segmentation.parameters import SegmentationParameters
-from recorders.segmentation.segmenter import Image, Segmented
+from recorders.segmentation.segmenter import Image, Segmented, as_image
 from recorders.vision import cv2
 
 NEUTRAL = 128
@@ -47,7 +47,7 @@ class MotionSegmenter:
         samples = Samples()
         for frame in frames:
             if samples.wants_next():
-                samples.add(cv2.cvtColor(frame, cv2.COLOR_BGR2YCrCb))
+                samples.add(as_image(cv2.cvtColor(frame, cv2.COLOR_BGR2YCrCb)))
             else:
                 samples.skip()
         if len(samples.kept) < MIN_SAMPLES:
@@ -60,13 +60,13 @@ class MotionSegmenter:
 
     def segment(self, index: int, image: Image) -> Segmented:
         """Segment the next frame."""
-        picture: Image = cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb)  # type: ignore[assignment]
+        picture = as_image(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb))
         background = self._background_at(picture)
         mask, labels, blobs = components(self._foreground(picture, background), self._min_area)
         self._steps += 1
         if self._steps % self._follow_every == 0:
             everywhere = self._steps % (self._follow_every * SLOW_FOREGROUND) == 0
-            background.follow(picture, np.full_like(mask, 255) if everywhere else cv2.bitwise_not(mask))
+            background.follow(picture, np.full_like(mask, 255) if everywhere else as_image(cv2.bitwise_not(mask)))
         if self._past is not None and self._steps % self._follow_every == 0:
             self._bodies.observe(blobs)
             self._bodies.learn_when_due()
@@ -85,14 +85,14 @@ class MotionSegmenter:
         chroma = cv2.add(dr, db)
         difference = cv2.add(dy, cv2.add(chroma, chroma))
         y, behind_y = cv2.extractChannel(picture, 0), cv2.extractChannel(behind, 0)
-        shadow = cv2.compare(y, behind_y, cv2.CMP_LT)
-        shadow &= cv2.compare(y, cv2.LUT(behind_y, self._darkest), cv2.CMP_GE)
-        shadow &= cv2.compare(chroma, self._p.shadow_colour_levels, cv2.CMP_LE)
+        darker = cv2.bitwise_and(
+            cv2.compare(y, behind_y, cv2.CMP_LT), cv2.compare(y, cv2.LUT(behind_y, self._darkest), cv2.CMP_GE)
+        )
+        shadow = cv2.bitwise_and(darker, cv2.compare(chroma, self._p.shadow_colour_levels, cv2.CMP_LE))
         difference = cv2.subtract(difference, shadow)
         level = background.level
         evidence = cv2.min(difference, cv2.add(level, level))
         evidence = cv2.subtract(cv2.add(evidence, np.full_like(level, NEUTRAL)), level)
         if self._window > 1:
             evidence = cv2.GaussianBlur(evidence, (self._window, self._window), 0)
-        mask: Image = cv2.compare(evidence, NEUTRAL, cv2.CMP_GT)  # type: ignore[assignment]
-        return mask
+        return as_image(cv2.compare(evidence, NEUTRAL, cv2.CMP_GT))

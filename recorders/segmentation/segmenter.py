@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,11 @@ from recorders.messages import Detections
 from recorders.segmentation.parameters import SegmentationParameters
 
 Image = NDArray[np.uint8]
+
+
+def as_image(picture: object) -> Image:
+    """What OpenCV gives for 8-bit input, for the type checker."""
+    return cast("Image", picture)
 
 
 @dataclass(frozen=True)

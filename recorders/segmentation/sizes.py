@@ -23,6 +23,8 @@ MIN_AGREEING = 0.4
 """Share of blobs that have to agree."""
 MAX_ASPECT = 0.9
 """Bodies are upright: width over height below this."""
+TRUNK = 0.83
+"""Width of a body's trunk, of its box."""
 HYPOTHESES = 1500
 
 
@@ -70,15 +72,15 @@ class SizeModel:
         return cls(*numbers) if len(numbers) == 5 else None
 
 
-def learn(boxes: Floats, minor_axes: Floats, width: int, height: int) -> SizeModel | None:
+def learn(boxes: Floats, width: int, height: int, minor_axes: Floats | None = None) -> SizeModel | None:
     """Fit the size model to blobs.
 
     Args:
         boxes: (N, 4) x, y, w, h in px of blobs from many frames.
-        minor_axes: (N,) minor axes of the blobs' ellipses, px: the width of the trunk, on which arms and striding legs
-            weigh little.
         width: the picture's width, px.
         height: the picture's height, px.
+        minor_axes: (N,) minor axes of the blobs' ellipses, px: the width of the trunk, on which arms and striding legs
+            weigh little; without, a usual share of the boxes' widths.
 
     Returns:
         The model, or None where the blobs do not agree on one (few of them, other kinds of bodies).
@@ -86,7 +88,8 @@ def learn(boxes: Floats, minor_axes: Floats, width: int, height: int) -> SizeMod
     inside = (boxes[:, 0] > 1) & (boxes[:, 1] > 1)
     inside &= (boxes[:, 0] + boxes[:, 2] < width - 1) & (boxes[:, 1] + boxes[:, 3] < height - 1)
     upright = inside & (boxes[:, 2] < MAX_ASPECT * boxes[:, 3])
-    b, trunk = boxes[upright], minor_axes[upright]
+    b = boxes[upright]
+    trunk = TRUNK * b[:, 2] if minor_axes is None else minor_axes[upright]
     if len(b) < MIN_BLOBS or len(b) < MIN_AGREEING * np.count_nonzero(inside):
         return None
     foot, h = b[:, 1] + b[:, 3], b[:, 3]
