@@ -135,7 +135,8 @@ def test_other_processes_hash_seeds_threads_and_kernels_give_the_same_digest(
     scene: Path, tmp_path: Path, tracker: str
 ) -> None:
     program = (
-        "import sys; from replay.cli import main; from recorders.vision import cv2; cv2.setNumThreads(int(sys.argv[1]));"
+        "import sys; from replay.cli import main; from recorders.vision import cv2; "
+        "cv2.setNumThreads(int(sys.argv[1]));"
         "sys.exit(main(['replay', sys.argv[2], '-o', sys.argv[3], '--tracker', sys.argv[4]]))"
     )
     digests = set()
