@@ -19,8 +19,11 @@ class EventsParameters(Parameters):
         0.12, "standard deviation of a measured width or height", unit="sizes", low=0.001, high=10
     )
     agility: float = param(1.0, "standard deviation of a target's acceleration", unit="sizes/s^2", low=0.0, high=1e3)
-    size_agility: float = param(
-        0.2, "standard deviation of the acceleration of width and height", unit="sizes/s^2", low=0.0, high=1e3
+    size_drift: float = param(
+        0.1, "standard deviation of the change of width and height in a second", unit="sizes", low=0.0, high=1e3
+    )
+    body_spread: float = param(
+        0.12, "standard deviation of bodies' sizes around the learnt model", unit="heights", low=0.001, high=10.0
     )
     speed: float = param(1.5, "standard deviation of a new target's speed", unit="sizes/s", low=0.0, high=1e3)
     gate: float = param(3.0, "furthest innovation that is associated", unit="standard deviations", low=0.1, high=100.0)
@@ -32,3 +35,15 @@ class EventsParameters(Parameters):
     coast_s: float = param(0.3, "an unseen target is held present for this time", unit="s", low=0.0, high=60.0)
     keep_s: float = param(4.0, "an unseen target may come back within this time", unit="s", low=0.0, high=3600.0)
     half_life_s: float = param(0.5, "an unseen target's confidence halves in this time", unit="s", low=0.001, high=3600)
+    size_tolerance: float = param(
+        0.3, "a blob this much higher or lower than its target is not the target alone", low=0.01, high=10.0
+    )
+    patience_s: float = param(
+        0.7, "a lone target's blob is believed after differing in size for this time", unit="s", low=0.0, high=60.0
+    )
+    ring_weight: float = param(0.6, "cost of foreground around a placed box", low=0.0, high=10.0)
+    colour_weight: float = param(0.5, "worth of pixels with the target's own colours", low=0.0, high=10.0)
+    prior_weight: float = param(0.02, "cost of a place one standard deviation off the prediction", low=0.0, high=10.0)
+    sweeps: int = param(2, "rounds in which merged targets are placed against one another", low=1, high=10)
+    min_own: float = param(0.2, "least share of a placed box that is foreground of its own", low=0.0, high=1.0)
+    min_unexplained: float = param(0.5, "a detection with less foreground of its own is explained", low=0.0, high=1.0)

@@ -46,7 +46,18 @@ class Track:
     lost: bool = False
     split: bool = False
     measured: Box | None = None
+    now: Mode = "motion"
+    sized: bool = True
+    misfit_s: float = 0.0
+    hidden: float = 0.0
     sightings: list[list[float]] = field(default_factory=list)
+
+    def begin_frame(self) -> None:
+        """Forget what was true of the last frame alone."""
+        self.newborn = self.observed = False
+        self.sized = False
+        self.measured = None
+        self.hidden = 0.0
 
 
 class Tracks:
@@ -84,23 +95,34 @@ class Tracks:
         return np.asarray((sizes[:, None] * noise) ** 2)
 
     def predict(self, dt: float) -> None:
-        """Advance all tracks by dt seconds; the size keeps within sensible bounds."""
+        """Advance all tracks by dt seconds: places move on, sizes stay and become less certain."""
         if not self.items or dt <= 0:
             return
         p = self._p
-        agility = np.array([p.agility, p.agility, p.size_agility, p.size_agility])
-        self.bank.predict(dt, (self.sizes[:, None] * agility) ** 2)
-        low = self.bank.value[:, 2:] < 1.0
-        if low.any():
-            self.bank.value[:, 2:][low] = 1.0
-            self.bank.rate[:, 2:][low] = 0.0
+        sizes = self.sizes[:, None]
+        agility = np.array([p.agility, p.agility, 0.0, 0.0])
+        self.bank.predict(dt, (sizes * agility) ** 2)
+        self.bank.p00[:, 2:] += (sizes * p.size_drift) ** 2 * dt
 
-    def correct(self, rows: NDArray[np.intp], boxes: Floats) -> None:
-        """Correct the given rows with measured boxes (M, 4)."""
-        if len(rows):
-            measured = centred(boxes)
-            sizes = np.sqrt(np.maximum(measured[:, 2] * measured[:, 3], 1.0))
-            self.bank.update(rows, measured, self.measurement_variance(sizes))
+    def lean(self, rows: NDArray[np.intp], expected: Floats) -> None:
+        """Let sizes that were not measured lean towards those that are expected at their places (M, 2)."""
+        bank = self.bank
+        noise = (self._p.body_spread * expected[:, 1:]) ** 2
+        gain = bank.p00[rows, 2:] / (bank.p00[rows, 2:] + noise)
+        foot = bank.value[rows, 1] + bank.value[rows, 3] / 2
+        bank.value[rows, 2:] += gain * (expected - bank.value[rows, 2:])
+        bank.p00[rows, 2:] *= 1 - gain
+        bank.value[rows, 1] = foot - bank.value[rows, 3] / 2
+
+    def correct(self, row: int, box: Floats, sized: bool = True) -> None:
+        """Correct a row with a measured box (4,); ``sized`` False: its size tells nothing and its place less."""
+        measured = centred(box[None])
+        size = np.array([math.sqrt(max(float(measured[0, 2] * measured[0, 3]), 1.0))])
+        variance = self.measurement_variance(size)
+        if not sized:
+            variance[:, :2] *= 4.0
+            variance[:, 2:] = 1e12
+        self.bank.update(np.array([row]), measured, variance)
 
     def start(self, box: Floats, track: Track) -> None:
         """Append a track at a measured box (4,)."""
@@ -108,7 +130,7 @@ class Tracks:
         size = math.sqrt(max(measured[0, 2] * measured[0, 3], 1.0))
         variance = self.measurement_variance(np.array([size]))
         p = self._p
-        speed = np.array([p.speed, p.speed, p.size_agility, p.size_agility])
+        speed = np.array([p.speed, p.speed, 0.0, 0.0])
         self.bank.add(measured, variance, (size * speed) ** 2)
         self.items.append(track)
 

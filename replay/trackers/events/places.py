@@ -1,0 +1,358 @@
+"""Feedback (EVENTS, Figure 1): predictions are proposals that explain the foreground, also where blobs are merged.
+
+A target alone in its blob is measured by the blob's own box. Targets that share a blob, or whose blob is cut, too
+large or in pieces, are placed one by one: a box of the target's own size is moved over the foreground around its
+prediction to where it is full of foreground that no other target explains, empty around, like the target's own
+colours and not far from where the target was expected. Ties go to the place nearest to the prediction's top left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.messages import NO_BLOB, Blob
+from recorders.vision import cv2
+from replay.trackers.association import intersection
+from replay.trackers.events.parameters import EventsParameters
+from replay.trackers.tracker import Image
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+OWN, SHARED = 4, 1
+"""Weights of a foreground pixel that nobody else, or somebody else too, explains."""
+GRID = 9
+
+
+class Integral:
+    """Sums over boxes of an image, from its integral image.
+
+    Args:
+        image: (H, W) uint8 or float32.
+        left, top: place of its top left pixel in the picture.
+    """
+
+    def __init__(self, image: NDArray[np.uint8] | NDArray[np.float32], left: int = 0, top: int = 0) -> None:
+        self.height, self.width = image.shape
+        self.left, self.top = left, top
+        self._flat = np.asarray(
+            cv2.integral(image, sdepth=cv2.CV_32S if image.dtype == np.uint8 else cv2.CV_64F)
+        ).ravel()
+
+    def sums(self, boxes: Floats) -> Floats:
+        """Sums over boxes (N, 4) in the picture, (N,); what lies outside of the image counts nothing."""
+        left = np.clip(np.rint(boxes[:, 0]) - self.left, 0, self.width).astype(np.int64)
+        top = np.clip(np.rint(boxes[:, 1]) - self.top, 0, self.height).astype(np.int64)
+        right = np.clip(np.rint(boxes[:, 0] + boxes[:, 2]) - self.left, 0, self.width).astype(np.int64)
+        bottom = np.clip(np.rint(boxes[:, 1] + boxes[:, 3]) - self.top, 0, self.height).astype(np.int64)
+        top *= self.width + 1
+        bottom *= self.width + 1
+        f = self._flat
+        return np.asarray((f[bottom + right] - f[top + right] - f[bottom + left] + f[top + left]), np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a target was found in this frame.
+
+    Attributes:
+        box: x, y, w, h in pixels.
+        alone: measured by its blob's own box.
+        own: share of the box that is foreground which no other target explains.
+        shared: share of the box that is foreground which another target explains too.
+        blob: the blob that it mostly lies in, `NO_BLOB` for none.
+        score: the search's score, 1 where no search was needed.
+    """
+
+    box: tuple[float, float, float, float]
+    alone: bool
+    own: float
+    shared: float
+    blob: int
+    score: float = 1.0
+
+
+class Foreground:
+    """One frame's foreground and what explains it."""
+
+    def __init__(self, mask: Image, components: Sequence[Blob], p: EventsParameters) -> None:
+        self._p = p
+        self.mask = mask
+        self.components = components
+        self.boxes = np.array([c.box for c in components], np.float64).reshape(-1, 4)
+        self.areas = np.array([c.area for c in components], np.float64)
+        self.integral = Integral(np.minimum(mask, np.uint8(1)))
+        self._labels: NDArray[np.uint16] | None = None
+
+    @property
+    def labels(self) -> NDArray[np.uint16]:
+        """The blobs' labels, (H, W) uint16."""
+        if self._labels is None:
+            labels = cv2.connectedComponents(self.mask, connectivity=8, ltype=cv2.CV_16U)[1]
+            self._labels = np.asarray(labels, np.uint16)
+        return self._labels
+
+    def links(self, boxes: Floats) -> Floats:
+        """Foreground pixels of each blob's box within each of the boxes (N, 4), (N, M)."""
+        n, m = len(boxes), len(self.boxes)
+        if not n or not m:
+            return np.zeros((n, m))
+        a, b = boxes[:, None, :], self.boxes[None, :, :]
+        corner = np.maximum(a[..., :2], b[..., :2])
+        size = np.minimum(a[..., :2] + a[..., 2:], b[..., :2] + b[..., 2:]) - corner
+        cut = np.concatenate([corner, np.maximum(size, 0.0)], axis=2).reshape(-1, 4)
+        meet = np.flatnonzero((cut[:, 2] > 0) & (cut[:, 3] > 0))
+        out = np.zeros(n * m)
+        out[meet] = self.integral.sums(cut[meet])
+        return out.reshape(n, m)
+
+    def cut(self, blobs: Sequence[int], around: Floats) -> Cut:
+        """The pixels of the given blobs around boxes (N, 4)."""
+        height, width = self.mask.shape
+        left, top = max(0, int(around[:, 0].min())), max(0, int(around[:, 1].min()))
+        right = min(width, int((around[:, 0] + around[:, 2]).max()) + 1)
+        bottom = min(height, int((around[:, 1] + around[:, 3]).max()) + 1)
+        part = self.labels[top : max(bottom, top + 1), left : max(right, left + 1)]
+        table = np.zeros(max(len(self.components), *blobs) + 1, np.uint8)
+        table[list(blobs)] = 1
+        return Cut(table[part], left, top)
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """N targets as they are expected in this frame.
+
+    Attributes:
+        boxes: (N, 4) predicted boxes.
+        reach: (N,) standard deviations of the predicted places, pixels.
+        doubt: (N, 2) standard deviations of the predicted widths and heights, pixels.
+        patient: (N,) bool: these have not fitted their blob for so long that it is believed.
+    """
+
+    boxes: Floats
+    reach: Floats
+    doubt: Floats
+    patient: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """A cut out of the foreground: pixels (H, W) uint8 0 or 1, and its top left corner in the picture."""
+
+    pixels: Image
+    left: int
+    top: int
+
+
+Likeness = NDArray[np.float32] | None
+"""How much each pixel of a cut looks like a target rather than like what is around it, (H, W) in [-1, 1]."""
+Look = Callable[[list[int], Cut], list[Likeness]]
+"""(rows of the targets, cut) -> their likenesses."""
+
+
+def search(
+    cut: Cut, boxes: Floats, reach: Floats, extra: Sequence[Floats], likeness: Sequence[Likeness], p: EventsParameters
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Place N targets in the foreground by moving boxes of their size, each against the places of all others.
+
+    Args:
+        cut: the foreground that they share.
+        boxes: (N, 4) predictions.
+        reach: (N,) standard deviation of the predicted places, pixels.
+        extra: for each target further centres (K, 2) to be tried.
+        likeness: for each target the pixels' scores.
+        p: the parameters.
+
+    Returns:
+        Boxes (N, 4), own and shared shares of foreground (N,), scores (N,).
+    """
+    pixels, left, top = cut.pixels, cut.left, cut.top
+    now = boxes.copy()
+    own, shared, scores = np.zeros(len(boxes)), np.zeros(len(boxes)), np.zeros(len(boxes))
+    order = np.argsort(-(boxes[:, 1] + boxes[:, 3]), kind="stable")
+    whole = pixels * np.uint8(OWN)
+    colours = [None if a is None else Integral(a * pixels, left, top) for a in likeness]
+    for sweep in range(p.sweeps):
+        for t in order.tolist():
+            rest = whole.copy()
+            for u in range(len(boxes)):
+                if u != t:
+                    x, y, w, h = now[u]
+                    x1, y1 = max(0, round(x + 0.1 * w) - left), max(0, round(y) - top)
+                    x2, y2 = max(0, round(x + 0.9 * w) - left), max(0, round(y + h) - top)
+                    rest[y1:y2, x1:x2] = np.minimum(rest[y1:y2, x1:x2], SHARED)
+            free = Integral(rest, left, top)
+            tried = _candidates(boxes[t], now[t] if sweep else boxes[t], float(reach[t]), extra[t], sweep)
+            score = _score(tried, free, colours[t], boxes[t], float(reach[t]), p)
+            best = int(np.argmax(score))
+            now[t], scores[t] = tried[best], score[best]
+            area = max(1.0, float(now[t, 2] * now[t, 3]))
+            weighted = float(free.sums(now[t][None])[0])
+            total = float(Integral(whole, left, top).sums(now[t][None])[0]) if sweep == p.sweeps - 1 else weighted
+            # weighted = OWN own + SHARED shared, total = OWN (own + shared)
+            shared[t] = (total - weighted) / (OWN - SHARED) / area
+            own[t] = total / OWN / area - shared[t]
+    return now, own, shared, scores
+
+
+def _candidates(expected: Floats, now: Floats, reach: float, extra: Floats, sweep: int) -> Floats:
+    """Places to try: a grid around the expected place first, later a finer one around the best so far."""
+    size = float(np.sqrt(expected[2] * expected[3]))
+    span = min(max(2.0 * reach, 0.2 * size), 0.6 * size) if not sweep else 0.12 * size
+    steps = np.linspace(-span, span, GRID if not sweep else 5)
+    dx, dy = (a.ravel() for a in np.meshgrid(steps, steps))
+    x, y = now[0] + dx, now[1] + dy
+    if len(extra) and not sweep:
+        x = np.concatenate([x, extra[:, 0] - expected[2] / 2])
+        y = np.concatenate([y, extra[:, 1] - expected[3] / 2])
+    out = np.empty((len(x), 4))
+    out[:, 0], out[:, 1], out[:, 2], out[:, 3] = x, y, expected[2], expected[3]
+    return out
+
+
+def _score(
+    tried: Floats, free: Integral, colour: Integral | None, expected: Floats, reach: float, p: EventsParameters
+) -> Floats:
+    area = max(1.0, float(expected[2] * expected[3]))
+    ring = 0.3 * expected[2]
+    around = tried + np.array([-ring, -ring / 2, 2 * ring, ring])
+    inside = free.sums(tried)
+    outside = free.sums(around) - inside
+    score = (inside - p.ring_weight * outside) / (OWN * area)
+    if colour is not None:
+        score = score + p.colour_weight * colour.sums(tried) / area
+    offset2 = (tried[:, 0] - expected[0]) ** 2 + (tried[:, 1] - expected[1]) ** 2
+    scale2 = max(reach * reach, (0.05 * float(np.sqrt(area))) ** 2)
+    return np.asarray(score - p.prior_weight * offset2 / scale2)
+
+
+def place(
+    fg: Foreground, expected: Expected, detections: Floats, detection_blobs: Ints, look: Look, p: EventsParameters
+) -> list[Place | None]:
+    """Find each of N targets in the foreground.
+
+    Args:
+        fg: the frame's foreground.
+        expected: the targets.
+        detections: (K, 4) recorded boxes, further proposals.
+        detection_blobs: (K,) the blobs they came from.
+        look: asked for the targets' likenesses where blobs are shared.
+        p: the parameters.
+
+    Returns:
+        For each target its place, None where there is no foreground at all.
+    """
+    boxes = expected.boxes
+    n, m = len(boxes), len(fg.boxes)
+    if not n or not m:
+        return [None] * n
+    area = np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)
+    pixels = fg.links(boxes)
+    linked = (pixels >= 0.08 * area[:, None]) | (pixels >= 0.5 * fg.areas[None, :])
+    linked &= pixels > 0
+    tenants = linked.sum(axis=0)
+    held = np.bincount(np.clip(detection_blobs, 0, m), minlength=m + 1)[1:]
+    fits = _fits(expected, fg, p) | expected.patient[:, None]
+    out: list[Place | None] = [None] * n
+    searched: list[int] = []
+    for i in range(n):
+        mine = np.flatnonzero(linked[i])
+        if not len(mine):
+            continue
+        main = int(mine[np.argmax(pixels[i, mine])])
+        if tenants[main] == 1 and held[main] <= 1 and fits[i, main]:
+            box = fg.boxes[main]
+            fill = float(fg.areas[main] / max(1.0, box[2] * box[3]))
+            out[i] = Place((float(box[0]), float(box[1]), float(box[2]), float(box[3])), True, fill, 0.0, main + 1)
+        else:
+            searched.append(i)
+    for rows in _clusters(searched, linked):
+        blobs = (np.flatnonzero(linked[rows].any(axis=0)) + 1).tolist()
+        near = detections[np.isin(detection_blobs, blobs)]
+        for i, at in zip(rows, _place_cluster(fg, blobs, rows, expected, near, look, p), strict=True):
+            out[i] = at
+    return out
+
+
+def _fits(expected: Expected, fg: Foreground, p: EventsParameters) -> NDArray[np.bool_]:
+    """Whether each of M blobs may be each of N targets alone, by its size, (N, M).
+
+    What the picture's border cuts may be smaller.
+    """
+    boxes, doubt, blobs = expected.boxes, expected.doubt, fg.boxes
+    height, width = fg.mask.shape
+    ratio = blobs[None, :, 2:] / np.maximum(boxes[:, None, 2:], 1.0)
+    allowed = 1.0 + p.size_tolerance + 2.0 * (doubt / np.maximum(boxes[:, 2:], 1.0))[:, None, :]
+    # Legs and arms change the width twice as much as the height.
+    allowed = np.stack([allowed[..., 0] ** 2, allowed[..., 1]], axis=2)
+    low = ratio >= 1 / allowed
+    low[..., 0] |= ((blobs[:, 0] <= 0) | (blobs[:, 0] + blobs[:, 2] >= width))[None, :]
+    low[..., 1] |= ((blobs[:, 1] <= 0) | (blobs[:, 1] + blobs[:, 3] >= height))[None, :]
+    return np.asarray((low & (ratio <= allowed)).all(axis=2))
+
+
+def _clusters(rows: list[int], linked: NDArray[np.bool_]) -> list[list[int]]:
+    """Rows that share blobs, directly or through others, in order."""
+    clusters: list[tuple[list[int], NDArray[np.bool_]]] = []
+    for i in rows:
+        together, blobs = [i], linked[i].copy()
+        rest = []
+        for members, theirs in clusters:
+            if bool((theirs & blobs).any()):
+                together, blobs = members + together, theirs | blobs
+            else:
+                rest.append((members, theirs))
+        clusters = [*rest, (together, blobs)]
+    return [sorted(members) for members, _ in sorted(clusters, key=lambda c: min(c[0]))]
+
+
+def _place_cluster(
+    fg: Foreground,
+    blobs: list[int],
+    rows: list[int],
+    expected: Expected,
+    detections: Floats,
+    look: Look,
+    p: EventsParameters,
+) -> list[Place]:
+    """Place the targets of some rows that share some blobs."""
+    mine = expected.boxes[rows]
+    size = np.sqrt(mine[:, 2] * mine[:, 3])
+    margin = size[:, None] * np.array([-1.0, -1.0, 2.0, 2.0])
+    cut = fg.cut(blobs, mine + margin)
+    centres = detections[:, :2] + detections[:, 2:] / 2
+    extra = []
+    for b, s in zip(mine, size, strict=True):
+        away = np.abs(centres - (b[:2] + b[2:] / 2)) if len(centres) else np.zeros((0, 2))
+        extra.append(centres[(away <= 0.6 * s).all(axis=1)])
+    found, own, shared, scores = search(cut, mine, expected.reach[rows], extra, look(rows, cut), p)
+    links = fg.links(found)[:, [b - 1 for b in blobs]]
+    out: list[Place] = []
+    for k in range(len(rows)):
+        x, y, w, h = found[k].tolist()
+        blob = blobs[int(np.argmax(links[k]))] if links[k].max() > 0 else NO_BLOB
+        out.append(Place((x, y, w, h), False, float(own[k]), float(shared[k]), blob, float(scores[k])))
+    return out
+
+
+def unexplained(fg: Foreground, places: Sequence[Place | None], detections: Floats) -> Floats:
+    """Share of each detection's (K, 4) foreground that no placed target explains, (K,)."""
+    rest = np.minimum(fg.mask, np.uint8(1))
+    for found in places:
+        if found is None:
+            continue
+        x, y, w, h = found.box
+        x1, y1 = max(0, round(x - 0.1 * w)), max(0, round(y - 0.05 * h))
+        x2, y2 = max(0, round(x + 1.1 * w)), max(0, round(y + 1.05 * h))
+        rest[y1:y2, x1:x2] = 0
+    total = fg.integral.sums(detections)
+    return np.asarray(Integral(rest).sums(detections) / np.maximum(total, 1.0))
+
+
+def overlap_share(a: Floats, b: Floats) -> Floats:
+    """Share of each box of a (N, 4) that lies in each box of b (M, 4), (N, M)."""
+    return np.asarray(intersection(a, b) / np.maximum(a[:, 2] * a[:, 3], 1.0)[:, None])
