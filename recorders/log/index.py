@@ -1,9 +1,9 @@
 """Where everything stands in a log, from its summary where that can be trusted, else from one scan.
 
-The summary is trusted when its CRC is there and right, when its statistics count exactly the channels, schemas,
-chunks, attachments and metadata records that it lists, and when what it lists tiles the data section: every byte
-between the header and the end of the data belongs to a listed record, or to records that hold no messages. Anything
-else is scanned: once through the whole file, checking every CRC on the way.
+The summary is trusted when its CRC is there and right, when its statistics count what it lists (chunks, attachments,
+metadata records, no more channels and schemas than there are), and when what it lists tiles the data section: every
+byte between the header and the end of the data belongs to a listed record, or to records that hold no messages.
+Anything else is scanned: once through the whole file, checking every CRC on the way.
 """
 
 from __future__ import annotations
@@ -100,13 +100,22 @@ class Summary:
 
     @property
     def is_complete(self) -> bool:
-        """Its statistics are there and count what it lists."""
+        """Its statistics are there and count what it lists, and every channel that is counted or indexed is listed.
+
+        More channels and schemas than counted are fine: some writers list those without messages too.
+        """
         counts = self.statistics
-        return counts is not None and (
+        if counts is None:
+            return False
+        by_channel = counts.channel_message_counts
+        mentioned = set(by_channel).union(*(chunk.message_index_offsets for chunk in self.chunks))
+        return (
             (counts.chunk_count, counts.attachment_count, counts.metadata_count)
             == (len(self.chunks), len(self.attachments), len(self.metadata))
-            and counts.channel_count == len(self.definitions.channels)
-            and counts.schema_count == len(self.definitions.schemas)
+            and counts.channel_count <= len(self.definitions.channels)
+            and counts.schema_count <= len(self.definitions.schemas)
+            and mentioned <= set(self.definitions.channels)
+            and (not by_channel or sum(by_channel.values()) == counts.message_count)
         )
 
 

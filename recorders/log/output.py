@@ -15,8 +15,11 @@ except ImportError:  # not a POSIX system: an exclusive part file is all the pro
     fcntl = None  # type: ignore[assignment]
 
 
+PART_SUFFIX = ".part"
+
+
 class PartFile:
-    """Writes ``<path>.part``; `finish` makes it ``path`` (fsync, rename, fsync of the folder), `discard` removes it.
+    """Writes ``<path><suffix>``; `finish` makes it ``path`` (fsync, rename, fsync of the folder), `discard` removes it.
 
     ``path`` is never overwritten without ``force``: checked at the start, and again by the rename itself. Two
     writers of one output cannot meet: the part file is created exclusively and locked while it is written. A part
@@ -27,9 +30,9 @@ class PartFile:
         RecordingError: it cannot be written; a full disk says so.
     """
 
-    def __init__(self, path: str | Path, *, force: bool = False) -> None:
+    def __init__(self, path: str | Path, *, force: bool = False, suffix: str = PART_SUFFIX) -> None:
         self.path = Path(path)
-        self.part = self.path.with_name(self.path.name + ".part")
+        self.part = self.path.with_name(self.path.name + suffix)
         self._force = force
         if self.path.is_dir():
             raise RecordingError("this is a folder; name a file to write", self.path)

@@ -16,6 +16,8 @@ from recorders.log.salvage import Damage, Ending, read_ending, walk
 from recorders.log.storage import RawRecord, RecordFile
 from recorders.log.writer import LogWriter
 
+# Not the suffix that writers use: `x.mcap.part` is recovered to `x.mcap`, and must not be written over meanwhile.
+_PART_SUFFIX = ".recovering.part"
 PICTURE_SCHEMAS = frozenset(
     {
         "foxglove.CompressedImage",
@@ -74,7 +76,7 @@ def recover(path: str | Path, out: str | Path, force: bool = False, limits: Limi
         report = RecoveryReport(file.path, Path(out))
         start, profile = _start(file, report)
         ending = read_ending(file)
-        with LogWriter(out, force=force, limits=limits, profile=profile) as log:
+        with LogWriter(out, force=force, limits=limits, profile=profile, part_suffix=_PART_SUFFIX) as log:
             _Recovery(file, ending, log, report).run(start)
     return report
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -78,6 +78,8 @@ def walk(file: RecordFile, start: int, ending: Ending) -> Iterator[RawRecord | D
             raw = file.record_at(position, limit)
             if raw.opcode not in _PLAUSIBLE or not _ends_well(raw, ending, limit):
                 reason = f"no record can start with byte 0x{raw.opcode:02x} here"
+            elif bisect_left(known, raw.end) > bisect_right(known, raw.offset):
+                reason = f"a {raw.name} of {raw.length} bytes would reach over a record that the summary places"
         except RecordingError as error:
             reason = error.reason
         if not reason:

@@ -16,7 +16,7 @@ from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import wire
 from recorders.log.compression import KNOWN, compress
 from recorders.log.model import Schema
-from recorders.log.output import PartFile
+from recorders.log.output import PART_SUFFIX, PartFile
 from recorders.log.summary import SummaryBuilder
 
 LIBRARY = "scenetrace"
@@ -64,7 +64,7 @@ class LogWriter:
     Two chunks are filled side by side, one for ``picture_topics``, one for everything else, so that reading
     detections never unpacks pictures. Messages of one log time keep their order in what is read back, except that
     those of picture topics come before the others; a chunk ends only where the log time changes (or when it reaches
-    four times ``chunk_bytes``), so this holds whatever the chunk size.
+    four times ``chunk_bytes`` and 1 MiB), so this holds whatever the chunk size.
 
     A chunk goes to the file when it holds ``chunk_bytes`` or spans ``flush_interval_ns`` of log time: what a killed
     process leaves in ``<path>.part`` lacks no more than that (see `recorders.log.recovery`).
@@ -87,6 +87,7 @@ class LogWriter:
         chunk_bytes: int = CHUNK_BYTES,
         limits: Limits = DEFAULT_LIMITS,
         profile: str = PROFILE,
+        part_suffix: str = PART_SUFFIX,
     ) -> None:
         self.path = Path(path)
         if compression not in KNOWN:
@@ -97,6 +98,7 @@ class LogWriter:
         self._picture_topics = frozenset(picture_topics)
         self._flush_interval_ns = flush_interval_ns
         self._chunk_bytes = min(chunk_bytes, limits.max_chunk_bytes // 8)
+        self._overfull_bytes = max(4 * self._chunk_bytes, 1 << 20)
         self._max_chunk_bytes = limits.max_chunk_bytes - _HEAD.size
         self._max_message_bytes = min(limits.max_message_bytes, self._max_chunk_bytes)
         self._pictures = _Chunk()
@@ -109,7 +111,7 @@ class LogWriter:
         self._due_ns = _NEVER
         self._offset = 0
         self._crc = 0
-        self._file = PartFile(path, force=force)
+        self._file = PartFile(path, force=force, suffix=part_suffix)
         self._put(wire.MAGIC)
         self._put_checked(wire.record(wire.HEADER, wire.text(profile), wire.text(LIBRARY)))
 
@@ -201,7 +203,7 @@ class LogWriter:
             chunk.start_ns = log_time_ns
         if log_time_ns > chunk.end_ns:  # noqa: PLR1730
             chunk.end_ns = log_time_ns
-        if len(buffer) > 4 * self._chunk_bytes:
+        if len(buffer) > self._overfull_bytes:
             self._flush()
 
     def attach(self, name: str, media_type: str, data: bytes, log_time_ns: int = 0, create_time_ns: int = 0) -> None:
