@@ -1,1 +1,6 @@
 """Questions to annotated logs: tables, SQL, ready questions, patterns."""
+
+from reasoning.questions.case import Answer, Case, QueryError, QueryLimits
+from reasoning.questions.schema import CONTRACT, TABLES
+
+__all__ = ["CONTRACT", "TABLES", "Answer", "Case", "QueryError", "QueryLimits"]

@@ -1,0 +1,332 @@
+"""A case: annotated logs, indexes and Parquet folders behind one set of tables, and a safe way to ask them.
+
+A query reads the tables and nothing else: one SELECT (or EXPLAIN, DESCRIBE, SUMMARIZE), no other file, no setting, no
+extension, no other database, within a time and a memory limit. DuckDB enforces the file and memory part with external
+access off and its configuration locked; the kind of statement is checked before it runs; a timer interrupts it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import duckdb
+
+from reasoning.encounters import EncounterParameters
+from reasoning.questions.macros import macro_statements
+from reasoning.questions.reading import file_digest, read_recordings
+from reasoning.questions.schema import TABLES, create_statements
+from reasoning.questions.store import insert
+from recorders.errors import RecordingError, SceneTraceError, UsageError
+from recorders.limits import DEFAULT_LIMITS, Limits
+
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+DUCKDB_MAGIC = b"DUCK"
+PART_PREFIX = "part-"
+_LOGS = "logs"
+_FETCH = 2_000
+_ALLOWED = ("SELECT", "EXPLAIN")
+
+
+@dataclass(frozen=True, slots=True)
+class QueryLimits:
+    """What one query may take.
+
+    Attributes:
+        seconds: time until it is interrupted.
+        memory_mib: memory of the tables in memory and the query together.
+        threads: threads it may use.
+    """
+
+    seconds: float = 60.0
+    memory_mib: int = 2048
+    threads: int = 2
+
+
+class QueryError(SceneTraceError):
+    """A query was refused, is wrong, or went over a limit."""
+
+
+def locked_down(limits: QueryLimits) -> dict[str, str | bool | int | float | list[str]]:
+    """DuckDB settings for a connection that never loads code and never spills to disk."""
+    return {
+        "threads": str(limits.threads),
+        "memory_limit": f"{limits.memory_mib}MiB",
+        "temp_directory": "",
+        "autoinstall_known_extensions": "false",
+        "autoload_known_extensions": "false",
+        "allow_community_extensions": "false",
+        "python_enable_replacements": "false",
+    }
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A query's result: column names, DuckDB types, and rows that are fetched while they are read."""
+
+    columns: list[str]
+    types: list[str]
+    rows: Iterator[tuple[Any, ...]]
+
+
+class Case:
+    """Tables over any number of inputs, open for questions.
+
+    Attributes:
+        inputs: what was opened.
+        limits: what one query may take.
+    """
+
+    def __init__(
+        self,
+        inputs: Sequence[str | Path],
+        limits: QueryLimits | None = None,
+        *,
+        log_limits: Limits = DEFAULT_LIMITS,
+        encounters: EncounterParameters | None = None,
+    ) -> None:
+        """Open and read the inputs.
+
+        Raises:
+            RecordingError: an input is neither log, index nor Parquet folder, or is damaged.
+        """
+        if not inputs:
+            raise UsageError("no recordings to ask; give annotated logs, an index, or a folder of Parquet")
+        self.inputs = [Path(p) for p in inputs]
+        self.limits = limits or QueryLimits()
+        self._con = duckdb.connect(":memory:", config=locked_down(self.limits))
+        self._sources: list[Callable[[str], str]] = []
+        self._folders: list[str] = []
+        self._known: dict[tuple[str, str], str] = {}
+        try:
+            self._open(log_limits, encounters)
+        except duckdb.OutOfMemoryException as e:
+            self._con.close()
+            raise QueryError(
+                f"the recordings need more than {self.limits.memory_mib} MiB (--memory); "
+                "make an index of them with `scenetrace index` and ask that"
+            ) from e
+        except BaseException:
+            self._con.close()
+            raise
+
+    def __enter__(self) -> Case:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the tables."""
+        self._con.close()
+
+    def _open(self, log_limits: Limits, encounters: EncounterParameters | None) -> None:
+        logs = []
+        for path in self.inputs:
+            kind = kind_of(path)
+            if kind == "log":
+                logs.append(path)
+            elif kind == "index":
+                self._attach(path)
+            else:
+                self._folder(path)
+        if logs:
+            self._read_logs(logs, log_limits, encounters)
+        for table in TABLES:
+            parts = " UNION ALL BY NAME ".join(f"SELECT * FROM {place(table)}" for place in self._sources)  # noqa: S608
+            self._con.execute(f"CREATE VIEW {table} AS {parts}")
+        for statement in macro_statements():
+            self._con.execute(statement)
+        self._con.execute("SET TimeZone = 'UTC'")
+        if self._folders:
+            self._con.execute(f"SET allowed_directories = {self._folders!r}")
+        self._con.execute("SET enable_external_access = false")
+        self._con.execute("SET lock_configuration = true")
+
+    def _attach(self, path: Path) -> None:
+        name = f"source_{len(self._sources)}"
+        try:
+            self._con.execute(f"ATTACH {_quoted(path)} AS {name} (READ_ONLY)")
+            tables = {row[0] for row in self._con.execute(
+                "SELECT table_name FROM duckdb_tables() WHERE database_name = ?", [name]
+            ).fetchall()}  # fmt: skip
+        except duckdb.Error as e:
+            raise RecordingError(f"cannot be opened as an index: {_first_line(e)}", path) from e
+        missing = [t for t in TABLES if t not in tables]
+        if missing:
+            raise RecordingError(f"no index of scenetrace: it has no table {missing[0]}", path)
+        self._add(lambda table: f"{name}.{table}", path)
+
+    def _folder(self, path: Path) -> None:
+        parts = [p.resolve() for p in parquet_parts(path)]
+        self._folders.append(f"{path.resolve()}/")
+        self._add(lambda table: f"read_parquet([{', '.join(_quoted(p / f'{table}.parquet') for p in parts)}])", path)
+
+    def _add(self, place: Callable[[str], str], path: Path) -> None:
+        """Take an input in, unless it holds a recording that another one holds already."""
+        try:
+            rows = self._con.execute(f"SELECT digest, camera, recording FROM {place('recordings')}").fetchall()  # noqa: S608
+        except duckdb.Error as e:
+            raise RecordingError(f"cannot be read as an index: {_first_line(e)}", path) from e
+        for digest, camera, name in rows:
+            if (digest, camera) in self._known or name in self._known.values():
+                raise UsageError(f"{path}: recording {name!r} is in another input already; give one of them")
+            self._known[digest, camera] = name
+        self._sources.append(place)
+
+    def _read_logs(self, logs: list[Path], limits: Limits, encounters: EncounterParameters | None) -> None:
+        self._con.execute(f"CREATE SCHEMA {_LOGS}")
+        for statement in create_statements():
+            self._con.execute(statement.replace("CREATE TABLE ", f"CREATE TABLE {_LOGS}.", 1))
+        self._con.execute(f"USE {_LOGS}")
+        digests = {digest for digest, _ in self._known}
+        for path in logs:
+            digest = file_digest(path)
+            if digest in digests:
+                continue
+            digests.add(digest)
+            name = free_name(path.stem, self._known.values())
+            for facts in read_recordings(
+                path, self._insert, name=name, digest=digest, limits=limits, encounters=encounters
+            ):
+                self._known[digest, facts.camera] = facts.recording
+        self._con.execute("USE memory.main")
+        self._sources.append(lambda table: f"{_LOGS}.{table}")
+
+    def _insert(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
+        insert(self._con, table, rows)
+
+    def sql(self, query: str, parameters: Sequence[Any] | Mapping[str, Any] = ()) -> Answer:
+        """Ask one question in SQL; rows are fetched as they are read, within the time limit.
+
+        Raises:
+            QueryError: refused, wrong, over a limit; also while rows are read.
+        """
+        self._check(query)
+        deadline = time.monotonic() + self.limits.seconds
+        with self._guarded(deadline):
+            cursor = self._con.execute(query, parameters or None)
+            described = cursor.description or []
+        return Answer([d[0] for d in described], [str(d[1]) for d in described], self._rows(cursor, deadline))
+
+    def rows(self, query: str, parameters: Sequence[Any] | Mapping[str, Any] = ()) -> list[tuple[Any, ...]]:
+        """All rows of a query."""
+        return list(self.sql(query, parameters).rows)
+
+    def _rows(self, cursor: duckdb.DuckDBPyConnection, deadline: float) -> Iterator[tuple[Any, ...]]:
+        while True:
+            with self._guarded(deadline):
+                batch = cursor.fetchmany(_FETCH)
+            if not batch:
+                return
+            yield from batch
+
+    def write_parquet(self, query: str, out: Path, parameters: Sequence[Any] | Mapping[str, Any] = ()) -> None:
+        """Write a query's rows as Parquet. The file is written by us, not by the query's connection."""
+        from reasoning.questions.parquet import write_parquet
+
+        write_parquet(self.sql(query, parameters), out, self.limits)
+
+    def _check(self, query: str) -> None:
+        try:
+            statements = self._con.extract_statements(query)
+        except duckdb.Error as e:
+            raise QueryError(f"SQL: {_told(e)}") from e
+        if len(statements) != 1:
+            raise QueryError(f"SQL: one statement is wanted, this is {len(statements)}")
+        kind = statements[0].type.name
+        words = query.split()
+        if kind not in _ALLOWED or (kind == "EXPLAIN" and "ANALYZE" in (w.upper().strip("(),") for w in words)):
+            shown = "EXPLAIN ANALYZE" if kind == "EXPLAIN" else kind
+            raise QueryError(f"SQL: {shown} is refused; a query may only read: SELECT, DESCRIBE, SUMMARIZE, EXPLAIN")
+
+    @contextmanager
+    def _guarded(self, deadline: float) -> Iterator[None]:
+        over = threading.Event()
+
+        def stop() -> None:
+            over.set()
+            self._con.interrupt()
+
+        timer = threading.Timer(max(0.001, deadline - time.monotonic()), stop)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        except duckdb.InterruptException as e:
+            if not over.is_set():
+                raise
+            raise QueryError(f"SQL: stopped after {self.limits.seconds:g} s (--time-limit)") from e
+        except (duckdb.OutOfMemoryException, MemoryError) as e:
+            raise QueryError(f"SQL: needs more than {self.limits.memory_mib} MiB of memory (--memory)") from e
+        except duckdb.PermissionException as e:
+            raise QueryError(f"SQL: refused, a query may read the tables and nothing else: {_first_line(e)}") from e
+        except (duckdb.Error, RuntimeError) as e:
+            raise QueryError(f"SQL: {_told(e)}") from e
+        finally:
+            timer.cancel()
+
+
+def kind_of(path: Path) -> str:
+    """``log``, ``index`` or ``parquet``, by content.
+
+    Raises:
+        RecordingError: none of them.
+    """
+    if path.is_dir():
+        if not parquet_parts(path):
+            raise RecordingError(f"a folder without parts ({PART_PREFIX}*/) of an index in Parquet", path)
+        return "parquet"
+    try:
+        with path.open("rb") as f:
+            head = f.read(16)
+    except OSError as e:
+        raise RecordingError(f"cannot be read: {e.strerror}", path) from e
+    if head.startswith(MCAP_MAGIC):
+        return "log"
+    if head[8:12] == DUCKDB_MAGIC:
+        return "index"
+    what = "an empty file" if not head else "neither an MCAP log nor an index"
+    raise RecordingError(f"{what}; give annotated logs, an index of `scenetrace index`, or a folder of Parquet", path)
+
+
+def parquet_parts(folder: Path) -> list[Path]:
+    """The whole parts of a Parquet index, in order."""
+    return sorted(p for p in folder.glob(f"{PART_PREFIX}*") if (p / "recordings.parquet").is_file())
+
+
+def free_name(stem: str, taken: Iterable[str]) -> str:
+    """The stem, or the stem with the lowest free number behind it."""
+    used = set(taken)
+    name, k = stem, 2
+    while name in used or any(u.startswith(f"{name}/") for u in used):
+        name, k = f"{stem}~{k}", k + 1
+    return name
+
+
+def _quoted(path: Path) -> str:
+    return "'" + str(path).replace("'", "''") + "'"
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
+def _told(error: Exception) -> str:
+    """DuckDB's message on one line, with the caret's position as a column number, and its suggestion."""
+    lines = [line.rstrip() for line in str(error).strip().splitlines()]
+    kept = [line.strip() for line in lines if line.strip(" ^") and not line.startswith("LINE ")]
+    caret = next((line for line in lines if line.strip() and not line.strip(" ^")), None)
+    marked = next((line for line in lines if line.startswith("LINE ")), None)
+    if caret is not None and marked is not None:
+        column = caret.index("^") - marked.index(":") - 1
+        kept.append(f"at line {marked[5 : marked.index(':')]}, column {max(1, column)}")
+    return "; ".join(kept) if kept else type(error).__name__

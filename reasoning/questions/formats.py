@@ -1,0 +1,111 @@
+"""Answers as text: a table for people, JSON and CSV for machines, written row by row."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Iterator
+from datetime import date, datetime, time
+from itertools import chain, islice
+from typing import IO, Any
+
+from reasoning.questions.case import Answer
+from reasoning.questions.parquet import unique
+
+FORMATS = ("table", "json", "csv", "parquet")
+_MEASURED = 1_000
+_WIDEST = 80
+
+
+def write(answer: Answer, form: str, out: IO[str]) -> int:
+    """Write an answer as ``table``, ``json`` or ``csv``; returns the number of rows."""
+    if form == "json":
+        return _json(answer, out)
+    if form == "csv":
+        return _csv(answer, out)
+    return _table(answer, out)
+
+
+def _json(answer: Answer, out: IO[str]) -> int:
+    names = unique(answer.columns)
+    nested = [kind == "JSON" for kind in answer.types]
+    count = 0
+    out.write("[")
+    for row in answer.rows:
+        values = [
+            json.loads(v) if is_json and isinstance(v, str) else plain(v)
+            for v, is_json in zip(row, nested, strict=True)
+        ]
+        out.write(",\n " if count else "\n ")
+        out.write(json.dumps(dict(zip(names, values, strict=True)), ensure_ascii=False, allow_nan=False))
+        count += 1
+    out.write("\n]\n" if count else "]\n")
+    return count
+
+
+def plain(value: Any) -> Any:
+    """A value that JSON can hold: times as ISO 8601, what is not finite as null, what is foreign as text."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (datetime, date, time)):
+        return value.isoformat()
+    return str(value)
+
+
+def _csv(answer: Answer, out: IO[str]) -> int:
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(answer.columns)
+    count = 0
+    for row in answer.rows:
+        writer.writerow(["" if v is None else _text(v) for v in row])
+        count += 1
+    return count
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_text(v) for v in value) + "]"
+    return str(value.isoformat()) if isinstance(value, (datetime, date, time)) else str(value)
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    text = f"{value:.10g}" if isinstance(value, float) else _text(value)
+    # A recording's text must not steer the terminal.
+    clean = "".join(c if c.isprintable() else " " for c in text)
+    return clean if len(clean) <= _WIDEST else clean[: _WIDEST - 1] + "…"
+
+
+def _table(answer: Answer, out: IO[str]) -> int:
+    """Columns as wide as the first rows need; numbers to the right."""
+    rows: Iterator[list[str]] = ([_cell(v) for v in row] for row in answer.rows)
+    first = list(islice(rows, _MEASURED))
+    names = [_cell(c) for c in answer.columns]
+    widths = [max(len(n), *(len(r[k]) for r in first), 0) for k, n in enumerate(names)]
+    numeric = [_is_number(kind) for kind in answer.types]
+
+    def line(cells: list[str]) -> str:
+        padded = (c.rjust(w) if n else c.ljust(w) for c, w, n in zip(cells, widths, numeric, strict=True))
+        return "  ".join(padded).rstrip() + "\n"
+
+    out.write(line(names))
+    out.write("  ".join("-" * w for w in widths) + "\n")
+    count = 0
+    for row in chain(first, rows):
+        out.write(line(row))
+        count += 1
+    return count
+
+
+def _is_number(kind: str) -> bool:
+    return kind in ("DOUBLE", "FLOAT") or kind.startswith("DECIMAL") or (kind.endswith("INT") or kind == "INTEGER")

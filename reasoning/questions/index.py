@@ -1,0 +1,208 @@
+"""The index of a case: many annotated logs in one DuckDB file or in a folder of Parquet, each recording once.
+
+A recording is known by the SHA-256 of its file. Into a DuckDB file every log goes in a transaction of its own; into a
+folder, logs go in parts that appear whole (written beside, then renamed). So a run that was interrupted leaves what was
+finished, and the same command again does the rest.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import duckdb
+
+from reasoning.encounters import EncounterParameters
+from reasoning.questions.case import PART_PREFIX, QueryLimits, free_name, kind_of, locked_down, parquet_parts
+from reasoning.questions.reading import Facts, file_digest, read_recordings
+from reasoning.questions.schema import TABLES, create_statements
+from reasoning.questions.store import insert
+from recorders.errors import RecordingError, SceneTraceError, UsageError
+from recorders.limits import DEFAULT_LIMITS, Limits
+
+PART_RECORDINGS = 32
+Told = Callable[[str, int], None]
+
+
+@dataclass(frozen=True)
+class IndexSummary:
+    """What a run did: recordings added, logs that were there already, and logs that could not be read (path, why)."""
+
+    added: list[Facts]
+    known: list[Path]
+    failed: list[tuple[Path, str]]
+
+
+def build_index(
+    logs: Sequence[Path],
+    out: Path,
+    *,
+    keep_going: bool = False,
+    limits: Limits = DEFAULT_LIMITS,
+    encounters: EncounterParameters | None = None,
+    progress: Told | None = None,
+) -> IndexSummary:
+    """Add logs to an index; a name with ``.duckdb`` (or ``.db``) is a file, any other a folder of Parquet.
+
+    Args:
+        logs: annotated logs.
+        out: the index; made if it is not there, added to if it is.
+        keep_going: note a log that cannot be read and go on, instead of raising.
+        limits: bounds on what a log may make us allocate.
+        encounters: thresholds for the encounters.
+        progress: called with a stage and the number of logs done.
+
+    Raises:
+        RecordingError, SceneTraceError: a log or the index cannot be read or written.
+    """
+    target: _DuckDB | _Parquet = _DuckDB(out) if out.suffix in (".duckdb", ".db") else _Parquet(out)
+    added: list[Facts] = []
+    known: list[Path] = []
+    failed: list[tuple[Path, str]] = []
+    try:
+        for done, log in enumerate(logs):
+            try:
+                if kind_of(log) != "log":
+                    raise RecordingError("an index itself; give annotated logs", log)
+                digest = file_digest(log)
+                if digest in target.digests:
+                    known.append(log)
+                else:
+                    added += target.add(log, digest, limits, encounters)
+            except RecordingError as e:
+                if not keep_going:
+                    raise
+                failed.append((log, str(e)))
+            if progress is not None:
+                progress("index", done)
+        target.finish()
+    finally:
+        target.close()
+    return IndexSummary(added, known, failed)
+
+
+class _DuckDB:
+    """One database file; one transaction per log."""
+
+    def __init__(self, path: Path) -> None:
+        if path.exists() and kind_of(path) != "index":
+            raise RecordingError("exists and is no index", path)
+        try:
+            self._con = duckdb.connect(str(path), config={**locked_down(QueryLimits()), "temp_directory": ""})
+            tables = {r[0] for r in self._con.execute("SELECT table_name FROM duckdb_tables()").fetchall()}
+            if not tables:
+                for statement in create_statements():
+                    self._con.execute(statement)
+            elif not set(TABLES) <= tables:
+                self._con.close()
+                raise RecordingError("a database, but no index of scenetrace", path)
+            rows = self._con.execute("SELECT digest, recording FROM recordings").fetchall()
+        except duckdb.Error as e:
+            raise RecordingError(f"cannot be opened for writing: {str(e).splitlines()[0]}", path) from e
+        self._path = path
+        self.digests = {digest for digest, _ in rows}
+        self._names = [name for _, name in rows]
+
+    def add(self, log: Path, digest: str, limits: Limits, encounters: EncounterParameters | None) -> list[Facts]:
+        """Add one log, or nothing of it."""
+        name = free_name(log.stem, self._names)
+        self._con.execute("BEGIN TRANSACTION")
+        try:
+            found = read_recordings(log, self._insert, name=name, digest=digest, limits=limits, encounters=encounters)
+            self._con.execute("COMMIT")
+        except BaseException:
+            self._con.execute("ROLLBACK")
+            raise
+        self.digests.add(digest)
+        self._names += [f.recording for f in found]
+        return found
+
+    def _insert(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
+        insert(self._con, table, rows)
+
+    def finish(self) -> None:
+        """Fold the write-ahead log into the file."""
+        self._con.execute("CHECKPOINT")
+
+    def close(self) -> None:
+        self._con.close()
+
+
+class _Parquet:
+    """A folder of parts, each a folder with one Parquet file per table."""
+
+    def __init__(self, folder: Path) -> None:
+        if folder.exists() and not folder.is_dir():
+            raise RecordingError("exists and is no folder; a database's name ends in .duckdb", folder)
+        strangers = (
+            [p.name for p in folder.iterdir() if not p.name.lstrip(".").startswith(PART_PREFIX)]
+            if folder.exists()
+            else []
+        )
+        if strangers:
+            raise UsageError(f"{folder}: holds {strangers[0]!r}, which is no part of an index; give an own folder")
+        folder.mkdir(parents=True, exist_ok=True)
+        for leftover in folder.glob(f".{PART_PREFIX}*"):
+            shutil.rmtree(leftover)
+        self._folder = folder
+        self._con = duckdb.connect(":memory:", config=locked_down(QueryLimits()))
+        rows: list[tuple[str, str]] = []
+        parts = parquet_parts(folder)
+        try:
+            for part in parts:
+                rows += self._con.execute(
+                    "SELECT digest, recording FROM read_parquet(?)", [str(part / "recordings.parquet")]
+                ).fetchall()
+            for statement in create_statements():
+                self._con.execute(statement)
+        except duckdb.Error as e:
+            raise RecordingError(f"a part cannot be read: {str(e).splitlines()[0]}", folder) from e
+        self._next = 1 + max((int(p.name.removeprefix(PART_PREFIX)) for p in parts), default=-1)
+        self._waiting = 0
+        self.digests = {digest for digest, _ in rows}
+        self._names = [name for _, name in rows]
+
+    def add(self, log: Path, digest: str, limits: Limits, encounters: EncounterParameters | None) -> list[Facts]:
+        """Add one log; it is safe on disk once its part is written."""
+        name = free_name(log.stem, self._names)
+        self._con.execute("BEGIN TRANSACTION")
+        try:
+            found = read_recordings(log, self._insert, name=name, digest=digest, limits=limits, encounters=encounters)
+            self._con.execute("COMMIT")
+        except BaseException:
+            self._con.execute("ROLLBACK")
+            raise
+        self.digests.add(digest)
+        self._names += [f.recording for f in found]
+        self._waiting += 1
+        if self._waiting >= PART_RECORDINGS:
+            self._write()
+        return found
+
+    def _insert(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
+        insert(self._con, table, rows)
+
+    def _write(self) -> None:
+        name = f"{PART_PREFIX}{self._next:06d}"
+        beside = self._folder / f".{name}"
+        beside.mkdir()
+        for table in TABLES:
+            file = str(beside / f"{table}.parquet").replace("'", "''")
+            try:
+                self._con.execute(f"COPY {table} TO '{file}' (FORMAT parquet)")
+                self._con.execute(f"TRUNCATE {table}")
+            except duckdb.Error as e:
+                raise SceneTraceError(f"{beside}: cannot be written: {str(e).splitlines()[0]}") from e
+        beside.rename(self._folder / name)
+        self._next, self._waiting = self._next + 1, 0
+
+    def finish(self) -> None:
+        """Write the last, smaller part."""
+        if self._waiting:
+            self._write()
+
+    def close(self) -> None:
+        self._con.close()

@@ -1,0 +1,64 @@
+"""An answer as a Parquet file, written by a connection of our own that never sees the query."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import duckdb
+import numpy as np
+
+if TYPE_CHECKING:
+    from reasoning.questions.case import Answer, QueryLimits
+
+_BATCH = 50_000
+
+
+def write_parquet(answer: Answer, out: Path, limits: QueryLimits) -> None:
+    """Write all rows, whole or not at all."""
+    part = out.with_name(f"{out.name}.part")
+    con = duckdb.connect(":memory:", config={"threads": str(limits.threads)})
+    try:
+        names = [f'"{c.replace(chr(34), chr(34) * 2)}"' for c in unique(answer.columns)]
+        columns = ", ".join(f"{name} {kind}" for name, kind in zip(names, answer.types, strict=True))
+        con.execute(f"CREATE TABLE answer ({columns})")
+        for batch in _batches(answer.rows):
+            _append(con, batch, answer.types)
+        con.execute(f"COPY answer TO '{str(part).replace(chr(39), chr(39) * 2)}' (FORMAT parquet)")
+        with part.open("rb+") as f:
+            os.fsync(f.fileno())
+        part.replace(out)
+    finally:
+        part.unlink(missing_ok=True)
+        con.close()
+
+
+def unique(columns: list[str]) -> list[str]:
+    """Column names without repeats: a second ``t`` becomes ``t_2``."""
+    out: list[str] = []
+    for name in columns:
+        new, k = name, 2
+        while new.lower() in (o.lower() for o in out):
+            new, k = f"{name}_{k}", k + 1
+        out.append(new)
+    return out
+
+
+def _batches(rows: Iterator[tuple[Any, ...]]) -> Iterator[list[tuple[Any, ...]]]:
+    while batch := list(islice(rows, _BATCH)):
+        yield batch
+
+
+def _append(con: duckdb.DuckDBPyConnection, batch: list[tuple[Any, ...]], types: list[str]) -> None:
+    columns = {}
+    for k, values in enumerate(zip(*batch, strict=True)):
+        column = np.empty(len(values), object)
+        column[:] = values
+        columns[f"c{k}"] = column
+    con.register("batch", columns)
+    selected = ", ".join(f"CAST(c{k} AS {kind})" for k, kind in enumerate(types))
+    con.execute(f"INSERT INTO answer SELECT {selected} FROM batch")  # noqa: S608 - our own names, DuckDB's types
+    con.unregister("batch")

@@ -1,0 +1,357 @@
+"""An annotated log as rows of the tables, reading its small channels alone: no picture is touched.
+
+The log is streamed; rows of tracks are handed on in batches. What stays in memory is one open interval per running
+relation, group, zone and track, and the boxes of the tracks (40 bytes per track and frame) for the encounters.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from statistics import median_low
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from reasoning.encounters import EncounterParameters, History, find_encounters
+from reasoning.questions.schema import TABLES
+from recorders import channels
+from recorders.errors import LimitError, RecordingError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.log import LogReader
+from recorders.messages import Event, Groups, Relations, Tracks
+
+Row = tuple[Any, ...]
+Sink = Callable[[str, Sequence[Row]], None]
+Interval = tuple[int, int, float, float]
+BATCH_ROWS = 50_000
+BITS = ("grouping", "grouped", "splitting")
+ENDING = ("group_changed", "group_ended")
+_READ = ("detections", "tracks", "relations", "groups", "events")
+_INT32 = 2**31 - 1
+
+
+@dataclass
+class Facts:
+    """What is known of one camera of an annotated log."""
+
+    recording: str
+    digest: str
+    path: str
+    camera: str
+    tracker: str = ""
+    width: int = 0
+    height: int = 0
+    frames: int = 0
+    start_ns: int = 0
+    seconds: float = 0.0
+    output_digest: str = ""
+
+    def row(self) -> Row:
+        """The row of ``recordings``."""
+        return tuple(getattr(self, column) for column, _ in TABLES["recordings"])
+
+
+def file_digest(path: str | Path) -> str:
+    """SHA-256 of the file: what makes a recording the same recording.
+
+    Raises:
+        RecordingError: it cannot be read.
+    """
+    try:
+        with Path(path).open("rb") as f:
+            return hashlib.file_digest(f, "sha256").hexdigest()
+    except OSError as e:
+        raise RecordingError(f"cannot be read: {e.strerror}", path) from e
+
+
+def read_recordings(
+    path: str | Path,
+    sink: Sink,
+    *,
+    name: str | None = None,
+    digest: str = "",
+    limits: Limits = DEFAULT_LIMITS,
+    encounters: EncounterParameters | None = None,
+) -> list[Facts]:
+    """Send every table's rows of a log to ``sink``; one recording per camera that has tracks.
+
+    Args:
+        path: an annotated log.
+        sink: takes a table's name and rows in the order of its columns.
+        name: the recording's name, by default the file's stem; with several cameras ``/camera`` is appended.
+        digest: the file's digest, written into ``recordings``.
+        limits: bounds on what the log may make us allocate.
+        encounters: thresholds for the encounters.
+
+    Raises:
+        RecordingError: no annotated log, or a damaged one.
+    """
+    with LogReader(path, limits) as log:
+        topics = [channels.split(c.topic) for c in log.channels]
+        cameras = sorted({camera for camera, channel in topics if camera and channel == "tracks"})
+        if not cameras:
+            raise RecordingError(
+                "holds no tracks, so there is nothing to ask; make an annotated log of it with "
+                f"`scenetrace replay {path} -o annotated.mcap --tracker events`",
+                path,
+            )
+        base = name or Path(path).stem
+        found = []
+        for camera in cameras:
+            facts = Facts(base if len(cameras) == 1 else f"{base}/{camera}", digest, str(path), camera)
+            _Camera(log, facts, sink, limits, encounters or EncounterParameters()).read()
+            found.append(facts)
+        return found
+
+
+@dataclass
+class _Open:
+    """A run of frames in which something stayed the same."""
+
+    value: Hashable
+    start_frame: int
+    start_t: float
+    end_frame: int
+    end_t: float
+
+    @property
+    def interval(self) -> Interval:
+        return self.start_frame, self.end_frame, self.start_t, self.end_t
+
+
+class Runs:
+    """Turns what holds frame by frame into intervals: a run ends with the first frame in which it does not hold."""
+
+    def __init__(self) -> None:
+        self._open: dict[Hashable, _Open] = {}
+
+    def step(self, frame: int, t: float, now: dict[Hashable, Hashable]) -> list[tuple[Hashable, Hashable, Interval]]:
+        """Take what holds in this frame (key to value); the runs that are over, as (key, value, interval)."""
+        over: list[tuple[Hashable, Hashable, Interval]] = []
+        for key in [k for k, run in self._open.items() if k not in now or now[k] != run.value]:
+            run = self._open.pop(key)
+            over.append((key, run.value, run.interval))
+        for key, value in now.items():
+            held = self._open.get(key)
+            if held is None:
+                self._open[key] = _Open(value, frame, t, frame, t)
+            else:
+                held.end_frame, held.end_t = frame, t
+        return over
+
+    def close(self) -> list[tuple[Hashable, Hashable, Interval]]:
+        """All runs that are still open, as `step` gives them."""
+        over = [(key, run.value, run.interval) for key, run in self._open.items()]
+        self._open = {}
+        return over
+
+
+@dataclass
+class _Boxes:
+    frames: list[int] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    boxes: list[tuple[float, float, float, float]] = field(default_factory=list)
+
+    def history(self) -> History:
+        return History(
+            np.array(self.frames, np.int64), np.array(self.times), np.array(self.boxes, np.float64).reshape(-1, 4)
+        )
+
+
+class _Camera:
+    """Reads one camera of one log."""
+
+    def __init__(
+        self, log: LogReader, facts: Facts, sink: Sink, limits: Limits, encounters: EncounterParameters
+    ) -> None:
+        self._log, self._facts, self._sink, self._limits, self._parameters = log, facts, sink, limits, encounters
+        self._rows: dict[str, list[Row]] = {table: [] for table in TABLES}
+        self._relations, self._groups, self._presence = Runs(), Runs(), Runs()
+        self._zones, self._bits = Runs(), Runs()
+        self._formed: dict[int, tuple[int, ...]] = {}
+        self._ended: dict[int, list[tuple[int, str]]] = {}
+        self._group_rows: list[tuple[int, tuple[int, ...], Interval]] = []
+        self._joint: dict[tuple[int, int], list[tuple[int, int]]] = {}
+        self._boxes: dict[int, _Boxes] = {}
+        self._t, self._frame = 0.0, -1
+
+    def read(self) -> None:
+        facts = self._facts
+        stated = dict(next((v for n, v in self._log.metadata() if n == "scenetrace"), {}))
+        facts.tracker, facts.output_digest = stated.get("tracker", ""), stated.get("output_digest", "")
+        facts.start_ns = self._start()
+        for now, group in self._frames():
+            self._take(now, group)
+        self._finish()
+        for table, rows in self._rows.items():
+            if rows:
+                self._sink(table, rows)
+        self._sink("recordings", [facts.row()])
+
+    def _topics(self, *names: str) -> list[str]:
+        return [channels.topic(self._facts.camera, n) for n in names]
+
+    def _start(self) -> int:
+        """Log time of frame 0; where a span was cut out, reckoned back at the frames' nominal time."""
+        first: tuple[int, int] | None = None
+        times: list[int] = []
+        for message in self._log.messages(self._topics("tracks")):
+            if first is None:
+                first = (message.log_time_ns, self._decode("tracks", message.data).frame)
+            times.append(message.log_time_ns)
+            if len(times) > 64 or first[1] == 0:
+                break
+        if first is None or first[1] == 0 or len(times) < 2:
+            return first[0] if first else 0
+        return first[0] - first[1] * median_low([b - a for a, b in pairwise(times)])
+
+    def _frames(self) -> Iterator[tuple[int, dict[str, list[bytes]]]]:
+        names = dict(zip(self._topics(*_READ), _READ, strict=True))
+        present = {c.topic for c in self._log.channels}
+        wanted = [t for t in names if t in present and (names[t] != "detections")]
+        self._size(names, present)
+        now: int | None = None
+        group: dict[str, list[bytes]] = {}
+        count = 0
+        for message in self._log.messages(wanted):
+            if message.log_time_ns != now:
+                if now is not None and "tracks" in group:
+                    yield now, group
+                now, group, count = message.log_time_ns, {}, 0
+            count += 1
+            if count > self._limits.max_messages_per_frame:
+                limit = self._limits.max_messages_per_frame
+                raise LimitError(f"over {limit} messages at {now} ns (max_messages_per_frame)", self._facts.path)
+            group.setdefault(names[message.topic], []).append(message.data)
+        if now is not None and "tracks" in group:
+            yield now, group
+
+    def _size(self, names: dict[str, str], present: set[str]) -> None:
+        for topic, name in names.items():
+            if name == "detections" and topic in present:
+                for message in self._log.messages([topic]):
+                    found = self._decode("detections", message.data)
+                    self._facts.width, self._facts.height = found.width, found.height
+                    return
+
+    def _decode(self, name: str, data: bytes) -> Any:
+        return channels.decode(name, data, path=self._facts.path, limits=self._limits)
+
+    def _take(self, now: int, group: dict[str, list[bytes]]) -> None:
+        tracks: Tracks = self._decode("tracks", group["tracks"][-1])
+        t = (now - self._facts.start_ns) / channels.NANOS
+        if tracks.frame <= self._frame or tracks.frame > _INT32:
+            raise RecordingError(
+                f"frame {tracks.frame} after frame {self._frame}; frames must rise", self._facts.path, record="tracks"
+            )
+        self._frame, self._t = tracks.frame, t
+        self._facts.frames += 1
+        self._add("frames", tracks.frame, t)
+        self._take_tracks(tracks, t)
+        relations = group.get("relations")
+        self._take_relations(self._decode("relations", relations[-1]) if relations else Relations(tracks.frame), t)
+        groups = group.get("groups")
+        self._take_groups(self._decode("groups", groups[-1]) if groups else Groups(tracks.frame), t)
+        for data in group.get("events", ()):
+            self._take_event(self._decode("events", data))
+
+    def _add(self, table: str, *values: Any) -> None:
+        rows = self._rows[table]
+        rows.append((self._facts.recording, *values))
+        if len(rows) >= BATCH_ROWS:
+            self._sink(table, rows)
+            self._rows[table] = []
+
+    def _take_tracks(self, tracks: Tracks, t: float) -> None:
+        present: dict[Hashable, Hashable] = {}
+        zones: dict[Hashable, Hashable] = {}
+        bits: dict[Hashable, Hashable] = {}
+        for k in tracks.tracks:
+            self._add(
+                "tracks", tracks.frame, t, k.id, *k.box, *k.velocity, k.mode, k.confidence,
+                k.grouping, k.grouped, k.splitting, k.group, k.scene,
+            )  # fmt: skip
+            if not k.present:
+                continue
+            present[k.id] = True
+            zones.update({(k.id, zone): True for zone in k.zones})
+            for bit in BITS:
+                if getattr(k, bit):
+                    bits[(k.id, bit)] = tuple(sorted(getattr(k, f"{bit}_partners")))
+            own = self._boxes.setdefault(k.id, _Boxes())
+            own.frames.append(tracks.frame)
+            own.times.append(t)
+            own.boxes.append(k.box)
+        for key, _, interval in self._presence.step(tracks.frame, t, present):
+            self._add("presence", key, *interval)
+        self._end_zones(self._zones.step(tracks.frame, t, zones))
+        self._end_bits(self._bits.step(tracks.frame, t, bits))
+
+    def _end_zones(self, over: list[tuple[Any, Any, Interval]]) -> None:
+        for (track, zone), _, interval in over:
+            self._add("zones", track, zone, *interval)
+
+    def _end_bits(self, over: list[tuple[Any, Any, Interval]]) -> None:
+        for (track, bit), partners, interval in over:
+            self._add("bits", track, bit, list(partners), *interval)
+
+    def _take_relations(self, relations: Relations, t: float) -> None:
+        # A run is one interval of a state: the same state with a later `since` is a new interval.
+        now: dict[Hashable, Hashable] = {(r.a, r.b): (r.state, r.since_frame) for r in relations.relations}
+        self._end_relations(self._relations.step(relations.frame, t, now))
+
+    def _end_relations(self, over: list[tuple[Any, Any, Interval]]) -> None:
+        for (a, b), (state, _), interval in over:
+            self._add("relations", a, b, state, *interval)
+            if state == "JOINT":
+                self._joint.setdefault((a, b), []).append(interval[:2])
+
+    def _take_groups(self, groups: Groups, t: float) -> None:
+        now: dict[Hashable, Hashable] = {g.label: tuple(sorted(g.members)) for g in groups.groups}
+        for g in groups.groups:
+            self._formed.setdefault(g.label, tuple(g.formed_from))
+        self._end_groups(self._groups.step(groups.frame, t, now))
+
+    def _end_groups(self, over: list[tuple[Any, Any, Interval]]) -> None:
+        self._group_rows += [(label, members, interval) for label, members, interval in over]
+
+    def _take_event(self, e: Event) -> None:
+        t = (e.time_ns - self._facts.start_ns) / channels.NANOS
+        evidence = msgspec.json.encode(e.evidence).decode()
+        self._add("events", e.id, e.kind, e.frame, t, list(e.subjects), e.rule, evidence, e.text)
+        for label in e.groups:
+            self._add("event_groups", e.id, label)
+            if e.kind in ENDING:
+                self._ended.setdefault(label, []).append((e.frame, e.kind))
+
+    def _finish(self) -> None:
+        self._facts.seconds = self._t
+        for key, _, interval in self._presence.close():
+            self._add("presence", key, *interval)
+        self._end_zones(self._zones.close())
+        self._end_bits(self._bits.close())
+        self._end_relations(self._relations.close())
+        self._end_groups(self._groups.close())
+        for label, members, interval in sorted(self._group_rows, key=lambda g: (g[2][0], g[0])):
+            self._add("groups", label, list(members), *interval, list(self._formed[label]), self._end(label, interval))
+        self._find_encounters()
+
+    def _end(self, label: int, interval: Interval) -> str | None:
+        """The kind of the first event after the group's last frame that names it; None if it lived to the end."""
+        after = [kind for frame, kind in self._ended.get(label, ()) if frame >= interval[1]]
+        return after[0] if after and interval[1] < self._frame else None
+
+    def _find_encounters(self) -> None:
+        histories = {track: self._boxes[track].history() for track in sorted(self._boxes)}
+        for e in find_encounters(histories, self._parameters, joint=self._joint):
+            self._add("encounters", e.a, e.b, e.kind, e.start_frame, e.end_frame, e.start_s, e.end_s, e.confidence)
+            for p in e.phases:
+                self._add("phases", e.a, e.b, p.kind, p.start_frame, p.end_frame, p.start_s, p.end_s)
+            self._add(
+                "encounter_evidence", e.a, e.b, e.start_frame, e.near_s, e.distance, e.relative_speed, e.sure_frame
+            )

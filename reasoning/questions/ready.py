@@ -1,0 +1,180 @@
+"""The ready questions: a name, its arguments, and the SQL that answers it.
+
+Every answer row has a column ``explain``: what to give to ``scenetrace explain`` to see frames, rule and values behind
+the row (``event:12``, ``relation:1-2@40``: the interval of 1 and 2 that starts in frame 40, ``group:3``,
+``encounter:1-2@65``, ``zone:4@160``, ``track:7@31``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from string import Template
+
+from reasoning.questions import ready_sql as q
+from reasoning.questions.values import Moment, identity, literal
+from recorders.errors import UsageError
+
+SOURCES: Mapping[str, str] = {
+    "relations": q.BY_RELATIONS,
+    "joint": q.BY_JOINT,
+    "encounters": q.BY_ENCOUNTERS,
+    "groups": q.BY_GROUPS,
+}
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options that ready questions take.
+
+    Attributes:
+        recording: only this recording.
+        at: the moment of who-was-in, the start of contacts.
+        least_s: shortest stay of loitered.
+        within_s: how far back (before), or how close together (left-with).
+        gap_s: stays with a gap up to this are one.
+        depth: longest chain of contacts.
+        by: what counts as a contact.
+    """
+
+    recording: str | None = None
+    at: Moment | None = None
+    least_s: float | None = None
+    within_s: float | None = None
+    gap_s: float | None = None
+    depth: int = 3
+    by: str = "relations"
+
+
+Build = Callable[[Sequence[str], Options], Mapping[str, str]]
+
+
+@dataclass(frozen=True)
+class Question:
+    """A ready question.
+
+    Attributes:
+        name: what it is called on the command line.
+        arguments: its arguments as shown to people; brackets mark what may be left out.
+        about: one line on what it answers.
+        template: its SQL, with ``$name`` where values go.
+        build: the values.
+    """
+
+    name: str
+    arguments: str
+    about: str
+    template: str
+    build: Build
+
+    def sql(self, words: Sequence[str], options: Options) -> str:
+        """The SQL for these arguments.
+
+        Raises:
+            UsageError: too few, too many or wrong arguments; says which are wanted.
+        """
+        wanted = self.arguments.split()
+        names = [w for w in wanted if not w.startswith("-") and not (wanted[wanted.index(w) - 1].startswith("-"))]
+        least = sum(not n.startswith("[") for n in names)
+        if not least <= len(words) <= len(names):
+            raise UsageError(f"--ask {self.name} {self.arguments}: {len(words)} arguments given; {self.about}")
+        values = {"only": _only(options), **self.build(words, options)}
+        return Template(self.template).substitute(values).strip()
+
+
+def _only(options: Options) -> str:
+    return "" if options.recording is None else f" AND recording = {literal(options.recording)}"
+
+
+def _met(words: Sequence[str], _: Options) -> Mapping[str, str]:
+    a = identity(words[0])
+    other = f" AND (a = {identity(words[1])} OR b = {identity(words[1])})" if len(words) > 1 else ""
+    return {"a": str(a), "other": other}
+
+
+def _two(words: Sequence[str], _: Options) -> Mapping[str, str]:
+    a, b = identity(words[0]), identity(words[1])
+    if a == b:
+        raise UsageError(f"--ask together {a} {b}: two different tracks are wanted")
+    return {"a": str(min(a, b)), "b": str(max(a, b))}
+
+
+def _one(words: Sequence[str], options: Options) -> Mapping[str, str]:
+    return {"a": str(identity(words[0])), "within": repr(10.0 if options.within_s is None else options.within_s)}
+
+
+def _stays(words: Sequence[str]) -> str:
+    if words[0] == "scene":
+        return q.SCENE_STAYS
+    return Template(q.ZONE_STAYS).substitute(zone=literal(words[0]))
+
+
+def _zone_at(words: Sequence[str], options: Options) -> Mapping[str, str]:
+    if options.at is None:
+        raise UsageError("--ask who-was-in ZONE --at T: give --at (seconds, frame:N, or RFC 3339)")
+    return {"stays": _stays(words), "at": options.at.sql("s")}
+
+
+def _loitered(words: Sequence[str], options: Options) -> Mapping[str, str]:
+    least = 30.0 if options.least_s is None else options.least_s
+    return {"stays": _stays(words), "least": repr(least), "gap": repr(2.0 if options.gap_s is None else options.gap_s)}
+
+
+def _nothing(_: Sequence[str], __: Options) -> Mapping[str, str]:
+    return {}
+
+
+def _label(words: Sequence[str], _: Options) -> Mapping[str, str]:
+    return {"label": str(identity(words[0]))}
+
+
+def _before(words: Sequence[str], options: Options) -> Mapping[str, str]:
+    within = 60.0 if options.within_s is None else options.within_s
+    return {"event": str(identity(words[0].removeprefix("event:"))), "within": repr(within)}
+
+
+def _contacts(words: Sequence[str], options: Options) -> Mapping[str, str]:
+    if not 1 <= options.depth <= 100:
+        raise UsageError(f"--depth {options.depth}: must be 1 to 100")
+    if options.by not in SOURCES:
+        raise UsageError(f"--by {options.by}: must be one of {', '.join(SOURCES)}")
+    since = "-1e18" if options.at is None else options.at.sql("r")
+    return {
+        "a": str(identity(words[0])),
+        "contacts": Template(SOURCES[options.by]).substitute(only=_only(options)).strip(),
+        "since": since,
+        "depth": str(options.depth),
+    }
+
+
+QUESTIONS: Mapping[str, Question] = {
+    x.name: x
+    for x in (
+        Question("met", "A [B]", "whom A met (whose shells touched A's), when, and how long", q.MET, _met),
+        Question("together", "A B", "when A and B were socially together, in hindsight", q.TOGETHER, _two),
+        Question("left-with", "A --within 10s", "who left with A, having been in contact with A just before",
+                 q.LEFT_WITH, _one),
+        Question("who-was-in", "ZONE --at T", "who was in a zone at a moment (zone `scene`: anywhere)",
+                 q.WHO_WAS_IN, _zone_at),
+        Question("loitered", "ZONE --min 30s", "who stayed in a zone at least so long (gaps up to --gap 2s closed)",
+                 q.LOITERED, _loitered),
+        Question("entered-never-left", "", "who came in and was never seen to leave", q.ENTERED_NEVER_LEFT, _nothing),
+        Question("grouping-and-splitting", "", "who joined some while leaving others, with both partner lists",
+                 q.GROUPING_AND_SPLITTING, _nothing),
+        Question("group-history", "LABEL", "the groups that a group came from and went into", q.GROUP_HISTORY, _label),
+        Question("before", "EVENT --within 60s", "who was near the event's subjects before it", q.BEFORE, _before),
+        Question("contacts", "A --depth 3", "chains of contacts from A that respect time", q.CONTACTS, _contacts),
+        Question("timeline", "A", "everything about A in order", q.TIMELINE, _one),
+    )
+}  # fmt: skip
+
+
+def question(name: str) -> Question:
+    """The ready question of that name.
+
+    Raises:
+        UsageError: there is none; names those that there are.
+    """
+    if name not in QUESTIONS:
+        raise UsageError(f"no ready question {name!r}; there are: {', '.join(QUESTIONS)} (--ask list)")
+    return QUESTIONS[name]

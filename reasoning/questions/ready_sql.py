@@ -1,0 +1,204 @@
+"""The SQL of the ready questions. ``$only`` narrows to one recording; other ``$names`` are values."""
+
+MET = """
+-- intervals of A with one partner that follow one another without a gap are one meeting
+WITH mine AS (
+  SELECT recording, if(a = $a, b, a) AS other, state, start_frame, end_frame, start_t, end_t
+  FROM relations WHERE (a = $a OR b = $a)$other$only),
+marked AS (
+  SELECT *, start_frame > 1 + coalesce(max(end_frame) OVER (
+    PARTITION BY recording, other ORDER BY start_frame, end_frame
+    ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING), -2) AS fresh FROM mine),
+numbered AS (
+  SELECT *, sum(fresh::INTEGER) OVER (PARTITION BY recording, other ORDER BY start_frame, end_frame) AS meeting
+  FROM marked)
+SELECT recording, $a AS track, other, min(start_frame) AS start_frame, max(end_frame) AS end_frame,
+  min(start_t) AS start_t, max(end_t) AS end_t, round(max(end_t) - min(start_t), 3) AS seconds,
+  round(coalesce(sum(end_t - start_t) FILTER (state = 'JOINT'), 0), 3) AS joint_s,
+  format('relation:{}-{}@{}', least($a, other), greatest($a, other), min(start_frame)) AS explain
+FROM numbered GROUP BY recording, other, meeting ORDER BY recording, start_frame, other
+"""
+
+TOGETHER = """
+SELECT e.recording, e.a, e.b, e.kind, e.start_frame, e.end_frame, e.start_t, e.end_t,
+  round(e.end_t - e.start_t, 3) AS seconds, e.confidence, round(v.distance, 2) AS body_sizes_apart,
+  round(v.relative_speed, 2) AS relative_speed, format('encounter:{}-{}@{}', e.a, e.b, e.start_frame) AS explain
+FROM encounters e LEFT JOIN encounter_evidence v USING (recording, a, b, start_frame)
+WHERE e.a = $a AND e.b = $b$only ORDER BY e.recording, e.start_frame
+"""
+
+LEFT_WITH = """
+-- leaving is the last exit; without one, the last sight of a track that was gone before the recording ended
+WITH departures AS (
+  SELECT p.recording, p.track, p.end_frame AS frame, coalesce(x.t, p.end_t) AS t, x.event
+  FROM (SELECT recording, track, max(end_frame) AS end_frame, max(end_t) AS end_t FROM presence
+        WHERE true$only GROUP BY recording, track) p
+  LEFT JOIN (SELECT recording, unnest(subjects) AS track, max(t) AS t, arg_max(event, t) AS event FROM events
+             WHERE kind = 'exited'$only GROUP BY recording, track) x USING (recording, track)
+  JOIN recordings r ON r.recording = p.recording
+  WHERE x.event IS NOT NULL OR p.end_t < r.seconds),
+leaver AS (SELECT * FROM departures WHERE track = $a),
+contact AS (
+  SELECT recording, if(a = $a, b, a) AS other, start_t, end_t, format('relation:{}-{}@{}', a, b, start_frame) AS why
+  FROM relations WHERE (a = $a OR b = $a)$only
+  UNION ALL
+  SELECT recording, if(a = $a, b, a), start_t, end_t, format('encounter:{}-{}@{}', a, b, start_frame)
+  FROM encounters WHERE (a = $a OR b = $a)$only)
+SELECT d.recording, $a AS track, d.track AS other, l.t AS track_left_t, d.t AS other_left_t,
+  round(d.t - l.t, 3) AS seconds_after, max(c.end_t) AS last_contact_t,
+  concat_ws(' ', arg_max(c.why, c.end_t), if(d.event IS NULL, format('track:{}@{}', d.track, d.frame),
+    format('event:{}', d.event))) AS explain
+FROM leaver l JOIN departures d ON d.recording = l.recording AND d.track <> l.track AND abs(d.t - l.t) <= $within
+JOIN contact c ON c.recording = l.recording AND c.other = d.track
+  AND c.start_t <= least(l.t, d.t) AND c.end_t >= least(l.t, d.t) - $within
+GROUP BY d.recording, d.track, l.t, d.t, d.event, d.frame ORDER BY d.recording, abs(d.t - l.t), d.track
+"""
+
+ZONE_STAYS = """SELECT recording, track, start_frame, end_frame, start_t, end_t,
+  format('zone:{}@{}', track, start_frame) AS explain FROM zones WHERE zone = $zone"""
+
+SCENE_STAYS = """SELECT recording, track, start_frame, end_frame, start_t, end_t,
+  format('track:{}@{}', track, start_frame) AS explain FROM presence WHERE true"""
+
+WHO_WAS_IN = """
+WITH stays AS ($stays$only)
+SELECT s.recording, s.track, s.start_frame AS since_frame, s.end_frame AS until_frame,
+  s.start_t AS since_t, s.end_t AS until_t, s.explain
+FROM stays s WHERE $at BETWEEN s.start_t AND s.end_t ORDER BY s.recording, s.track
+"""
+
+LOITERED = """
+WITH stays AS ($stays$only),
+marked AS (
+  SELECT *, start_t > $gap + coalesce(max(end_t) OVER (PARTITION BY recording, track ORDER BY start_frame
+    ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING), -1e18) AS fresh FROM stays),
+numbered AS (
+  SELECT *, sum(fresh::INTEGER) OVER (PARTITION BY recording, track ORDER BY start_frame) AS stay FROM marked)
+SELECT recording, track, min(start_frame) AS start_frame, max(end_frame) AS end_frame, min(start_t) AS start_t,
+  max(end_t) AS end_t, round(max(end_t) - min(start_t), 3) AS seconds, arg_min(explain, start_frame) AS explain
+FROM numbered GROUP BY recording, track, stay
+HAVING max(end_t) - min(start_t) >= $least ORDER BY recording, start_frame, track
+"""
+
+ENTERED_NEVER_LEFT = """
+WITH told AS (
+  SELECT recording, unnest(subjects) AS track, event, kind, frame, t FROM events
+  WHERE kind IN ('entering', 'entered', 'returned', 'exited')$only),
+entered AS (
+  SELECT recording, track, min(frame) AS frame, min(t) AS t, arg_min(event, (frame, event)) AS event FROM told
+  WHERE kind IN ('entering', 'entered') GROUP BY recording, track),
+last_seen AS (
+  SELECT recording, track, max(end_frame) AS frame, max(end_t) AS t FROM presence WHERE true$only
+  GROUP BY recording, track)
+SELECT e.recording, e.track, e.frame AS entered_frame, e.t AS entered_t, s.frame AS last_seen_frame,
+  s.t AS last_seen_t, s.t >= r.seconds AS there_at_the_end,
+  format('event:{} track:{}@{}', e.event, e.track, s.frame) AS explain
+FROM entered e JOIN last_seen s USING (recording, track) JOIN recordings r USING (recording)
+WHERE NOT EXISTS (FROM told x WHERE x.recording = e.recording AND x.track = e.track AND x.kind = 'exited')
+ORDER BY e.recording, e.frame, e.track
+"""
+
+GROUPING_AND_SPLITTING = """
+SELECT g.recording, g.track, greatest(g.start_frame, s.start_frame) AS start_frame,
+  least(g.end_frame, s.end_frame) AS end_frame, greatest(g.start_t, s.start_t) AS start_t,
+  least(g.end_t, s.end_t) AS end_t, g.partners AS grouping_with, s.partners AS splitting_from,
+  format('track:{}@{}', g.track, greatest(g.start_frame, s.start_frame)) AS explain
+FROM (FROM bits WHERE bit = 'grouping'$only) g JOIN (FROM bits WHERE bit = 'splitting'$only) s
+  ON g.recording = s.recording AND g.track = s.track
+  AND g.start_frame <= s.end_frame AND s.start_frame <= g.end_frame
+ORDER BY g.recording, start_frame, g.track
+"""
+
+GROUP_HISTORY = """
+WITH RECURSIVE links AS (
+  SELECT DISTINCT recording, unnest(formed_from) AS parent, group_id AS child FROM groups WHERE true$only),
+older(recording, group_id, generation) AS (
+  SELECT recording, $label, 0 FROM groups WHERE group_id = $label$only
+  UNION SELECT l.recording, l.parent, o.generation - 1 FROM older o
+    JOIN links l ON l.recording = o.recording AND l.child = o.group_id WHERE o.generation > -1000),
+younger(recording, group_id, generation) AS (
+  SELECT recording, $label, 0 FROM groups WHERE group_id = $label$only
+  UNION SELECT l.recording, l.child, y.generation + 1 FROM younger y
+    JOIN links l ON l.recording = y.recording AND l.parent = y.group_id WHERE y.generation < 1000),
+family AS (
+  SELECT recording, group_id, max(generation) AS generation FROM older GROUP BY ALL
+  UNION SELECT recording, group_id, min(generation) FROM younger GROUP BY ALL)
+SELECT f.recording, CASE WHEN f.generation < 0 THEN 'ancestor' WHEN f.generation > 0 THEN 'descendant'
+  ELSE 'itself' END AS is, f.generation, f.group_id, g.members, g.start_frame, g.end_frame, g.start_t, g.end_t,
+  g.formed_from, g.ended_by, format('group:{}', f.group_id) AS explain
+FROM family f JOIN groups g USING (recording, group_id) ORDER BY f.recording, f.generation, g.start_frame, f.group_id
+"""
+
+BEFORE = """
+WITH event AS (
+  SELECT recording, event, t, frame, unnest(subjects) AS subject FROM events WHERE event = $event$only),
+near AS (
+  SELECT recording, a AS subject, b AS other, state AS how, start_frame, start_t, end_t,
+    format('relation:{}-{}@{}', a, b, start_frame) AS explain FROM relations WHERE true$only
+  UNION ALL SELECT recording, b, a, state, start_frame, start_t, end_t,
+    format('relation:{}-{}@{}', a, b, start_frame) FROM relations WHERE true$only
+  UNION ALL SELECT recording, a, b, 'together: ' || kind, start_frame, start_t, end_t,
+    format('encounter:{}-{}@{}', a, b, start_frame) FROM encounters WHERE true$only
+  UNION ALL SELECT recording, b, a, 'together: ' || kind, start_frame, start_t, end_t,
+    format('encounter:{}-{}@{}', a, b, start_frame) FROM encounters WHERE true$only)
+SELECT e.recording, e.event, e.subject, n.other, n.how, greatest(n.start_t, e.t - $within) AS from_t,
+  least(n.end_t, e.t) AS until_t, round(e.t - least(n.end_t, e.t), 3) AS seconds_before,
+  n.explain || format(' event:{}', e.event) AS explain
+FROM event e JOIN near n ON n.recording = e.recording AND n.subject = e.subject
+  AND n.start_t < e.t AND n.end_t >= e.t - $within
+ORDER BY e.recording, seconds_before, from_t, e.subject, n.other, n.how
+"""
+
+BY_RELATIONS = """
+SELECT recording, a, b, start_t, end_t, format('relation:{}-{}@{}', a, b, start_frame) AS why
+FROM relations WHERE true$only"""
+
+BY_JOINT = BY_RELATIONS.replace("WHERE true", "WHERE state = 'JOINT'")
+
+BY_ENCOUNTERS = """
+SELECT recording, a, b, start_t, end_t, format('encounter:{}-{}@{}', a, b, start_frame) AS why
+FROM encounters WHERE kind <> 'separation'$only"""
+
+BY_GROUPS = """
+SELECT g.recording, m.a, n.b, g.start_t, g.end_t, format('group:{}', g.group_id) AS why
+FROM (FROM groups WHERE true$only) g, unnest(g.members) AS m(a), unnest(g.members) AS n(b) WHERE m.a < n.b"""
+
+CONTACTS = """
+-- a contact passes on only what came before its end; per track the earliest arrival over at most so many contacts
+WITH RECURSIVE contact AS MATERIALIZED ($contacts),
+directed AS (
+  SELECT recording, a AS giver, b AS taker, start_t, end_t, why FROM contact
+  UNION ALL SELECT recording, b, a, start_t, end_t, why FROM contact),
+reached(recording, track, t, contacts, via, explain) USING KEY (recording, track) AS (
+  SELECT DISTINCT r.recording, $a, $since, 0, CAST([] AS INTEGER[]), CAST([] AS VARCHAR[])
+  FROM directed r WHERE giver = $a
+  UNION (
+    SELECT d.recording, d.taker, min(greatest(s.t, d.start_t)), any_value(s.contacts) + 1,
+      arg_min(list_append(s.via, s.track), (greatest(s.t, d.start_t), s.track, d.start_t, d.why)),
+      arg_min(list_append(s.explain, d.why), (greatest(s.t, d.start_t), s.track, d.start_t, d.why))
+    FROM reached s JOIN directed d ON d.recording = s.recording AND d.giver = s.track AND d.end_t >= s.t
+    LEFT JOIN recurring.reached k ON k.recording = d.recording AND k.track = d.taker
+    WHERE s.contacts < $depth AND (k.t IS NULL OR greatest(s.t, d.start_t) < k.t)
+    GROUP BY d.recording, d.taker))
+SELECT recording, track, contacts, t AS reached_t, via, array_to_string(explain, ' ') AS explain
+FROM reached WHERE contacts > 0 ORDER BY recording, t, contacts, track
+"""
+
+TIMELINE = """
+WITH told AS (
+  SELECT recording, start_t, end_t, start_frame, 'present' AS what, CAST([] AS INTEGER[]) AS others, '' AS text,
+    format('track:{}@{}', track, start_frame) AS explain FROM presence WHERE track = $a$only
+  UNION ALL SELECT recording, start_t, end_t, start_frame, 'in ' || zone, [], '',
+    format('zone:{}@{}', track, start_frame) FROM zones WHERE track = $a$only
+  UNION ALL SELECT recording, start_t, end_t, start_frame, state, [if(a = $a, b, a)], '',
+    format('relation:{}-{}@{}', a, b, start_frame) FROM relations WHERE (a = $a OR b = $a)$only
+  UNION ALL SELECT recording, start_t, end_t, start_frame, 'group ' || group_id,
+    list_filter(members, lambda x: x <> $a), coalesce(ended_by, ''), format('group:{}', group_id) FROM groups WHERE list_contains(members, $a)$only
+  UNION ALL SELECT recording, start_t, end_t, start_frame, 'together: ' || kind, [if(a = $a, b, a)],
+    format('confidence {}', confidence), format('encounter:{}-{}@{}', a, b, start_frame)
+    FROM encounters WHERE (a = $a OR b = $a)$only
+  UNION ALL SELECT recording, t, t, frame, 'event ' || kind, list_filter(subjects, lambda x: x <> $a), text,
+    format('event:{}', event) FROM events WHERE list_contains(subjects, $a)$only)
+SELECT recording, start_t, end_t, what, others, text, explain FROM told
+ORDER BY recording, start_t, end_t DESC, what, others, explain
+"""

@@ -1,0 +1,114 @@
+"""The tables that questions are asked of: names, columns, types, and what a column means.
+
+Times ``t`` are seconds from the recording's start, frames count from 0, intervals include both ends. Every table has a
+``recording`` column. The first seven are the contract; those after them hold what the others cannot say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+SPAN = (("start_frame", "INTEGER"), ("end_frame", "INTEGER"), ("start_t", "DOUBLE"), ("end_t", "DOUBLE"))
+Columns = tuple[tuple[str, str], ...]
+
+TABLES: Mapping[str, Columns] = {
+    "frames": (("recording", "VARCHAR"), ("frame", "INTEGER"), ("t", "DOUBLE")),
+    "tracks": (
+        ("recording", "VARCHAR"),
+        ("frame", "INTEGER"),
+        ("t", "DOUBLE"),
+        ("track", "INTEGER"),
+        ("x", "DOUBLE"),
+        ("y", "DOUBLE"),
+        ("w", "DOUBLE"),
+        ("h", "DOUBLE"),
+        ("vx", "DOUBLE"),
+        ("vy", "DOUBLE"),
+        ("mode", "VARCHAR"),
+        ("confidence", "DOUBLE"),
+        ("grouping", "BOOLEAN"),
+        ("grouped", "BOOLEAN"),
+        ("splitting", "BOOLEAN"),
+        ("group_id", "INTEGER"),
+        ("scene", "VARCHAR"),
+    ),
+    "relations": (("recording", "VARCHAR"), ("a", "INTEGER"), ("b", "INTEGER"), ("state", "VARCHAR"), *SPAN),
+    "groups": (
+        ("recording", "VARCHAR"),
+        ("group_id", "INTEGER"),
+        ("members", "INTEGER[]"),
+        *SPAN,
+        ("formed_from", "INTEGER[]"),
+        ("ended_by", "VARCHAR"),
+    ),
+    "encounters": (
+        ("recording", "VARCHAR"),
+        ("a", "INTEGER"),
+        ("b", "INTEGER"),
+        ("kind", "VARCHAR"),
+        *SPAN,
+        ("confidence", "DOUBLE"),
+    ),
+    "events": (
+        ("recording", "VARCHAR"),
+        ("event", "INTEGER"),
+        ("kind", "VARCHAR"),
+        ("frame", "INTEGER"),
+        ("t", "DOUBLE"),
+        ("subjects", "INTEGER[]"),
+        ("rule", "VARCHAR"),
+        ("evidence", "JSON"),
+        ("text", "VARCHAR"),
+    ),
+    "recordings": (
+        ("recording", "VARCHAR"),
+        ("digest", "VARCHAR"),
+        ("path", "VARCHAR"),
+        ("camera", "VARCHAR"),
+        ("tracker", "VARCHAR"),
+        ("width", "INTEGER"),
+        ("height", "INTEGER"),
+        ("frames", "INTEGER"),
+        ("start_ns", "BIGINT"),
+        ("seconds", "DOUBLE"),
+        ("output_digest", "VARCHAR"),
+    ),
+    "presence": (("recording", "VARCHAR"), ("track", "INTEGER"), *SPAN),
+    "bits": (("recording", "VARCHAR"), ("track", "INTEGER"), ("bit", "VARCHAR"), ("partners", "INTEGER[]"), *SPAN),
+    "zones": (("recording", "VARCHAR"), ("track", "INTEGER"), ("zone", "VARCHAR"), *SPAN),
+    "phases": (("recording", "VARCHAR"), ("a", "INTEGER"), ("b", "INTEGER"), ("kind", "VARCHAR"), *SPAN),
+    "encounter_evidence": (
+        ("recording", "VARCHAR"),
+        ("a", "INTEGER"),
+        ("b", "INTEGER"),
+        ("start_frame", "INTEGER"),
+        ("near_s", "DOUBLE"),
+        ("distance", "DOUBLE"),
+        ("relative_speed", "DOUBLE"),
+        ("sure_frame", "INTEGER"),
+    ),
+    "event_groups": (("recording", "VARCHAR"), ("event", "INTEGER"), ("group_id", "INTEGER")),
+}
+CONTRACT = ("frames", "tracks", "relations", "groups", "encounters", "events")
+
+MEANING: Mapping[str, str] = {
+    "frames": "one row per frame",
+    "tracks": "one row per track and frame; x, y, w, h in pixels, vx, vy in pixels per second",
+    "relations": "one row per interval in which a and b (a < b) were in INTERACTION or JOINT",
+    "groups": "one row per group's life; ended_by is the kind of the event that ended it, NULL at the recording's end",
+    "encounters": "who was socially together, in hindsight: meeting, moving, contact or separation",
+    "events": "what happened, by which rule, with the measured values",
+    "recordings": "one row per recording: where it came from; start_ns is its first frame's log time",
+    "presence": "one row per unbroken time in which a track was present",
+    "bits": "one row per time in which a track was grouping, grouped or splitting with the same partners",
+    "zones": "one row per stay of a track in a named zone",
+    "phases": "the parts of each encounter, in order",
+    "encounter_evidence": "the measured values behind each encounter, in body sizes and seconds",
+    "event_groups": "the groups that an event names",
+}
+
+
+def create_statements(temporary: bool = False) -> list[str]:
+    """One CREATE TABLE per table."""
+    word = "CREATE TEMP TABLE" if temporary else "CREATE TABLE"
+    return [f"{word} {name} ({', '.join(f'{c} {t}' for c, t in columns)})" for name, columns in TABLES.items()]

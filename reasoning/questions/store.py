@@ -1,0 +1,49 @@
+"""Rows into DuckDB tables, a batch at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import duckdb
+import numpy as np
+
+from reasoning.questions.reading import Row
+from reasoning.questions.schema import TABLES
+from recorders.errors import SceneTraceError
+
+_BATCH = "scenetrace_batch"
+_DTYPES = {"INTEGER": np.int64, "BIGINT": np.int64, "DOUBLE": np.float64, "BOOLEAN": np.bool_}
+
+
+def insert(con: duckdb.DuckDBPyConnection, table: str, rows: Sequence[Row]) -> None:
+    """Insert rows whose values are in the order of the table's columns; lists become INTEGER[].
+
+    Raises:
+        SceneTraceError: a value does not fit its column (an id over 2^31).
+    """
+    if not rows:
+        return
+    batch, selected = {}, []
+    for k, ((name, kind), values) in enumerate(zip(TABLES[table], zip(*rows, strict=True), strict=True)):
+        batch[f"c{k}"] = _column(kind, values)
+        selected.append(f"CAST(c{k} AS {kind}) AS {name}")
+    try:
+        con.register(_BATCH, batch)
+        con.execute(f"INSERT INTO {table} SELECT {', '.join(selected)} FROM {_BATCH}")  # noqa: S608 - our own names
+        con.unregister(_BATCH)
+    except (duckdb.Error, OverflowError) as e:
+        raise SceneTraceError(f"a row of {table} does not fit its columns: {str(e).splitlines()[0]}") from e
+
+
+def _column(kind: str, values: Sequence[Any]) -> np.ndarray[Any, Any]:
+    if kind.endswith("[]"):
+        return np.array([str(v) for v in values], object)
+    if kind not in _DTYPES or any(v is None for v in values):
+        out = np.empty(len(values), object)
+        out[:] = values
+        return out
+    try:
+        return np.array(values, _DTYPES[kind])
+    except OverflowError:
+        return np.array(values, object)

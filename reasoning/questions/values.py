@@ -1,0 +1,89 @@
+"""What a person types into a question: durations, moments, ids, names; and SQL literals of them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import datetime
+
+from recorders.errors import UsageError
+
+_UNITS = {"ms": 0.001, "s": 1.0, "sec": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
+_DURATION = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*([a-z]*)")
+_NANOS = 1_000_000_000
+_LARGEST = 2**31 - 1
+
+
+def duration(text: str) -> float:
+    """Seconds of ``30``, ``30s``, ``500ms``, ``2min``, ``1.5h``.
+
+    >>> duration("2min")
+    120.0
+
+    Raises:
+        UsageError: it is no duration.
+    """
+    match = _DURATION.fullmatch(text.strip().lower())
+    if match is None or match[2] not in ("", *_UNITS):
+        raise UsageError(f"duration {text!r}: must be a number with ms, s, min or h, like 30s")
+    seconds = float(match[1]) * _UNITS[match[2] or "s"]
+    if seconds > 1e9:
+        raise UsageError(f"duration {text!r}: must be at most 1e9 s")
+    return seconds
+
+
+def identity(text: str) -> int:
+    """A track id, group label or event number.
+
+    Raises:
+        UsageError: it is none.
+    """
+    if not re.fullmatch(r"\d{1,10}", text) or int(text) > _LARGEST:
+        raise UsageError(f"id {text!r}: must be a number from 0 to {_LARGEST}, as the table tracks gives it")
+    return int(text)
+
+
+def literal(value: str | float) -> str:
+    """A SQL literal."""
+    if isinstance(value, str):
+        return "'" + value.replace("'", "''") + "'"
+    return repr(value)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A moment in a recording: seconds from its start, a frame, or a wall time (``since_ns``: ns since 1970)."""
+
+    seconds: float | None = None
+    frame: int | None = None
+    since_ns: int | None = None
+
+    def sql(self, row: str) -> str:
+        """Seconds from the start of the recording that the row (an alias with a ``recording``) belongs to."""
+        if self.seconds is not None:
+            return repr(self.seconds)
+        if self.frame is not None:
+            return f"(SELECT f.t FROM frames f WHERE f.recording = {row}.recording AND f.frame = {self.frame})"  # noqa: S608
+        return f"(SELECT ({self.since_ns} - r.start_ns) / 1e9 FROM recordings r WHERE r.recording = {row}.recording)"  # noqa: S608
+
+
+def moment(text: str) -> Moment:
+    """``12.5`` (or ``12.5s``), ``frame:300``, or RFC 3339.
+
+    Raises:
+        UsageError: it is none of them.
+    """
+    if match := re.fullmatch(r"frame:(\d{1,10})", text):
+        return Moment(frame=identity(match[1]))
+    if _DURATION.fullmatch(text.lower()):
+        return Moment(seconds=duration(text))
+    try:
+        when = datetime.fromisoformat(text.replace("Z", "+00:00").replace("z", "+00:00"))
+        if when.tzinfo is None:
+            raise ValueError(text)
+    except ValueError:
+        raise UsageError(
+            f"time {text!r}: must be seconds from the start (12.5), frame:300, or RFC 3339 (2026-01-31T12:00:00Z)"
+        ) from None
+    whole = int(when.replace(microsecond=0).timestamp())
+    return Moment(since_ns=whole * _NANOS + when.microsecond * 1000)

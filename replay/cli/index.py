@@ -1,0 +1,56 @@
+"""`scenetrace index`: many annotated logs into one database."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from replay.cli.common import command, progress, say
+
+EXAMPLE = """\
+scenetrace index monday.mcap tuesday.mcap -o case.duckdb
+scenetrace index recordings/ -o case.duckdb      # every .mcap below the folder
+scenetrace index recordings/ -o case-parquet/    # as Parquet, for other tools
+scenetrace query case.duckdb --ask met 3"""
+DESCRIPTION = """Collect the tables of annotated logs, so that questions to many hours take no time.
+
+An index is added to: each recording goes in once (known by its SHA-256), so the same command after an interruption does
+the rest. No picture is decoded."""
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    p = command(commands, "index", "many annotated logs into one database", DESCRIPTION, EXAMPLE)
+    p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help="annotated logs, or folders of them")
+    p.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="INDEX", help="NAME.duckdb, or a folder for Parquet"
+    )
+    p.add_argument("--keep-going", action="store_true", help="leave out logs that cannot be read (exit code 3)")
+    p.add_argument("--json", action="store_true", help="what was done, as JSON")
+    p.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Index."""
+    import json
+
+    from reasoning.questions.index import build_index
+    from recorders.errors import UsageError
+
+    logs: list[Path] = []
+    for path in args.logs:
+        logs += sorted(path.rglob("*.mcap")) if path.is_dir() else [path]
+    if not logs:
+        raise UsageError(f"no .mcap below {args.logs[0]}")
+    with progress(len(logs), "logs") as told:
+        done = build_index(logs, args.output, keep_going=args.keep_going, progress=told)
+    for path, why in done.failed:
+        say(f"left out {path}: {why}")
+    say(f"{args.output}: {len(done.added)} recordings added, {len(done.known)} were there, {len(done.failed)} left out")
+    if args.json:
+        print(json.dumps({
+            "added": [f.recording for f in done.added],
+            "known": [str(p) for p in done.known],
+            "left_out": [{"path": str(p), "why": why} for p, why in done.failed],
+        }))  # fmt: skip
+    return 3 if done.failed else 0

@@ -1,0 +1,199 @@
+"""`scenetrace query`: SQL, ready questions and patterns over annotated logs and indexes."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from recorders.errors import OutputExistsError, UsageError
+from replay.cli.common import command, say
+
+EXAMPLE = """\
+scenetrace query annotated.mcap "SELECT kind, t, subjects, text FROM events ORDER BY t"
+scenetrace query annotated.mcap --ask met 3
+scenetrace query monday.mcap tuesday.mcap --ask who-was-in bench --at 12.5 --format json
+scenetrace query case.duckdb --ask contacts 3 --depth 4 --show-sql
+scenetrace query case.duckdb --pattern "meeting(a,b) ; joint(a,b)[>2s] ; exited(a)[<30s]"
+scenetrace query --ask list"""
+DESCRIPTION = """Ask annotated logs, an index, or a folder of Parquet.
+
+Tables: frames, tracks, relations, groups, encounters, events; also recordings, presence, bits, zones, phases
+(`query LOG "DESCRIBE tracks"` shows columns). Times are seconds from the recording's start, frames count from 0.
+A query only reads: no files, no settings, no extensions, within --time-limit and --memory."""
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    p = command(commands, "query", "ask annotated logs: SQL or a ready question", DESCRIPTION, EXAMPLE)
+    p.add_argument(
+        "words", nargs="*", metavar='ANNOTATED... "SQL"', help="logs, indexes, Parquet folders; then the SQL"
+    )
+    p.add_argument("--ask", nargs="+", metavar=("NAME", "ARG"), help="a ready question; `--ask list` shows them")
+    p.add_argument(
+        "--pattern", metavar="PATTERN", help="a pattern over time, or the name of a shipped one; `list` shows them"
+    )
+    p.add_argument("--format", choices=("table", "json", "csv", "parquet"), help="default: table")
+    p.add_argument("--json", action="store_true", help="the same as --format json")
+    p.add_argument("-o", "--output", type=Path, metavar="OUT", help="write there instead of to stdout")
+    p.add_argument("--force", action="store_true", help="overwrite OUT")
+    p.add_argument("--show-sql", action="store_true", help="print the question's SQL instead of its answer")
+    asking = p.add_argument_group("options of questions")
+    asking.add_argument("--recording", metavar="NAME", help="only this recording")
+    asking.add_argument("--at", metavar="T", help="a moment: seconds, frame:N, or RFC 3339")
+    asking.add_argument("--min", metavar="TIME", dest="least", help="shortest stay, like 30s")
+    asking.add_argument("--within", metavar="TIME", help="how far apart in time, like 60s")
+    asking.add_argument("--gap", metavar="TIME", help="gaps in a stay up to this are closed, like 2s")
+    asking.add_argument("--depth", type=int, default=3, metavar="N", help="longest chain of contacts (default 3)")
+    asking.add_argument("--by", default="relations", metavar="WHAT",
+                        help="a contact is: relations, joint, encounters, groups")  # fmt: skip
+    limits = p.add_argument_group("limits")
+    limits.add_argument("--time-limit", type=float, default=60.0, metavar="S", help="seconds (default 60)")
+    limits.add_argument("--memory", type=int, default=2048, metavar="MIB", help="memory in MiB (default 2048)")
+    p.set_defaults(run=run)
+    _take_words_anywhere(p)
+
+
+def _take_words_anywhere(parser: argparse.ArgumentParser) -> None:
+    """Let options stand between the inputs and the SQL, which argparse does not do in a subcommand by itself."""
+    plain, mixing = parser.parse_known_args, False
+
+    def parse(args: Any = None, namespace: Any = None) -> tuple[argparse.Namespace, list[str]]:
+        nonlocal mixing
+        if mixing:
+            return plain(args, namespace)
+        mixing = True
+        try:
+            return parser.parse_known_intermixed_args(args, namespace)
+        finally:
+            mixing = False
+
+    parser.parse_known_args = parse  # type: ignore[method-assign, assignment]
+
+
+def run(args: argparse.Namespace) -> int:
+    """Answer."""
+    from reasoning.questions import Case, QueryLimits
+    from reasoning.questions.guard import guarded
+
+    if _listed(args):
+        return 0
+    form = _format(args)
+    inputs, query = _split(args)
+    if args.show_sql and args.ask is not None:
+        print(query)
+        return 0
+    if not 0 < args.time_limit <= 1e6 or not 16 <= args.memory <= 1_048_576:
+        raise UsageError("--time-limit must be over 0 and at most 1e6 seconds, --memory 16 to 1048576 MiB")
+    if args.output is not None and args.output.exists() and not args.force:
+        raise OutputExistsError(args.output)
+    with Case(inputs, QueryLimits(args.time_limit, args.memory)) as case:
+        if args.pattern is not None:
+            from reasoning.questions.patterns import plan
+
+            query = plan(args.pattern, recording=args.recording)
+            if args.show_sql:
+                print(query)
+                return 0
+        with guarded(case.limits):
+            _answer(case, query, form, args)
+    return 0
+
+
+def _format(args: argparse.Namespace) -> str:
+    if args.json and args.format not in (None, "json"):
+        raise UsageError(f"--json and --format {args.format}: give one of them")
+    return "json" if args.json else (args.format or "table")
+
+
+def _listed(args: argparse.Namespace) -> bool:
+    if args.ask is not None and args.pattern is not None:
+        raise UsageError("--ask and --pattern: give one of them")
+    if args.ask == ["list"]:
+        from reasoning.questions.ready import QUESTIONS
+
+        for q in QUESTIONS.values():
+            print(f"{q.name + ' ' + q.arguments:34s} {q.about}")
+        return True
+    if args.pattern == "list":
+        from reasoning.questions.patterns import SHIPPED
+
+        for name, shipped in SHIPPED.items():
+            print(f"{name}: {shipped.about}\n    {shipped.text}")
+        return True
+    return False
+
+
+def _split(args: argparse.Namespace) -> tuple[list[Path], str]:
+    """The inputs and the SQL; for a ready question the SQL that answers it."""
+    words = list(args.words)
+    if args.ask is not None:
+        from reasoning.questions.ready import Options, question
+        from reasoning.questions.values import duration, moment
+
+        def seconds(text: str | None) -> float | None:
+            return None if text is None else duration(text)
+
+        options = Options(
+            recording=args.recording,
+            at=None if args.at is None else moment(args.at),
+            least_s=seconds(args.least),
+            within_s=seconds(args.within),
+            gap_s=seconds(args.gap),
+            depth=args.depth,
+            by=args.by,
+        )
+        query = question(args.ask[0]).sql(args.ask[1:], options)
+    elif args.pattern is not None:
+        query = ""
+    else:
+        if not words:
+            raise UsageError('give annotated logs and a query: scenetrace query annotated.mcap "SELECT * FROM events"')
+        query = words.pop()
+        if not words and Path(query).exists():
+            raise UsageError(f"{query}: and what is the question? Give SQL, --ask NAME or --pattern PATTERN")
+    if not words and not (args.show_sql and args.ask is not None):
+        raise UsageError("no annotated log given; put logs, an index or a Parquet folder before the question")
+    return [Path(w) for w in words], query
+
+
+def _answer(case: object, query: str, form: str, args: argparse.Namespace) -> None:
+    from reasoning.questions import Case
+    from reasoning.questions.formats import write
+
+    assert isinstance(case, Case)
+    if form == "parquet":
+        _parquet(case, query, args)
+        return
+    if args.output is None:
+        write(case.sql(query), form, sys.stdout)
+        return
+    part = args.output.with_name(f"{args.output.name}.part")
+    try:
+        with part.open("w", encoding="utf-8", newline="") as out:
+            count = write(case.sql(query), form, out)
+            out.flush()
+            os.fsync(out.fileno())
+        part.replace(args.output)
+    finally:
+        part.unlink(missing_ok=True)
+    say(f"{args.output}: {count} rows")
+
+
+def _parquet(case: object, query: str, args: argparse.Namespace) -> None:
+    from reasoning.questions import Case
+
+    assert isinstance(case, Case)
+    if args.output is not None:
+        case.write_parquet(query, args.output)
+        say(f"{args.output}: written")
+        return
+    if sys.stdout.isatty():
+        raise UsageError("Parquet is binary: give -o OUT, or pipe it into a file")
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "answer.parquet"
+        case.write_parquet(query, out)
+        sys.stdout.buffer.write(out.read_bytes())
