@@ -230,20 +230,31 @@ def _encoded(source: Source, segmenter: Segmenter | None, options: RecordOptions
     waiting: deque[Future[_Encoded]] = deque()
     decode = segmenter is not None or encoder.decodes
     depth = _DEPTH if source.has_images else _DEPTH_WITHOUT_PICTURES
-    with (
-        ThreadPoolExecutor(1, "scenetrace-encode") as pool,
-        closing(read_ahead(source.frames(), depth, decode)) as frames,
-    ):
-        try:
+    failures: list[SceneTraceError] = []
+    ahead = _until_failure(read_ahead(source.frames(), depth, decode), failures)
+    pool = ThreadPoolExecutor(1, "scenetrace-encode")
+    try:
+        with closing(ahead) as frames:
             for frame in frames:
                 mask, detections = _segment(frame, segmenter, source)
                 waiting.append(pool.submit(encoder.encode, frame, mask, detections))
                 if len(waiting) > _DEPTH:
                     yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+    if failures:
+        raise failures[0]
+
+
+def _until_failure(frames: Generator[SourceFrame], failures: list[SceneTraceError]) -> Generator[SourceFrame]:
+    """The frames up to where the source breaks, so that those before it are still recorded."""
+    with closing(frames):
+        try:
+            yield from frames
+        except SceneTraceError as e:
+            failures.append(e)
 
 
 def _segment(frame: SourceFrame, segmenter: Segmenter | None, source: Source) -> tuple[Image | None, Detections]:
@@ -265,7 +276,7 @@ def with_blobs(given: Detections, found: Segmented) -> Detections:
     blobs = []
     for x, y, w, h in given.boxes:
         left, top = max(0, round(x)), max(0, round(y))
-        right, bottom = min(width, round(x + w)), min(height, round(y + h))
+        right, bottom = max(left, min(width, round(x + w))), max(top, min(height, round(y + h)))
         areas = np.bincount(labels[top:bottom, left:right].ravel(), minlength=count + 1)
         areas[0] = 0
         best = int(areas.argmax())
