@@ -166,6 +166,8 @@ class AnnotatedWriter:
             "kind": "annotated",
             "tracker": options.tracker,
             "camera": self._scene.camera,
+            "width": str(self._scene.info.width),
+            "height": str(self._scene.info.height),
             "configuration": msgspec.json.encode(as_plain(options.config), order="deterministic").decode(),
             "packages": msgspec.json.encode(package_versions(), order="deterministic").decode(),
             "opencv_build": opencv_build(),
