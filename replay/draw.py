@@ -112,9 +112,10 @@ def draw_frame(image: Image, overlay: Overlay, options: DrawOptions | None = Non
             _draw_box(canvas, track, options.parts)
     for box, _ in overlay.marks:
         canvas.rectangle(box, _WHITE, 1, dash=4)
-    _write(canvas, overlay, options, places)
+    # Before the labels, which keep off them.
     canvas.lines([overlay.title] if overlay.title else [], top=True)
     canvas.lines([e.text or e.kind for e in overlay.events], top=False)
+    _write(canvas, overlay, options, places)
     return canvas.image
 
 
@@ -302,6 +303,7 @@ class _Canvas:
         begin = 0 if top else max(0, height - step * len(texts) - 4)
         strip = self.image[begin : begin + step * len(texts) + 4]
         strip[:] = strip // 3
+        self._labels.append((0, begin, width, begin + len(strip)))
         for k, text in enumerate(texts):
             shown = _fitted(text, width - 8, size)
             cv2.putText(self.image, shown, (5, begin + step * k + h + 3), _FONT, size, _WHITE, 1, cv2.LINE_AA)

@@ -37,6 +37,7 @@ class VideoOptions:
         to_ns: end, excluded, None: the end.
         events_s: how long an event's text stays, in seconds of the recording.
         max_events: how many stay at most.
+        quiet: kinds of events that are not written: the box shows a change of mode by itself.
         size: (width, height) of the ground where the log holds neither pictures nor their size.
     """
 
@@ -45,6 +46,7 @@ class VideoOptions:
     to_ns: int | None = None
     events_s: float = 2.0
     max_events: int = 5
+    quiet: tuple[str, ...] = ("mode_changed",)
     size: tuple[int, int] | None = None
 
 
@@ -91,7 +93,7 @@ def overlaid(log: AnnotatedLog, options: VideoOptions) -> Iterator[tuple[int, Im
     for frame in log.frames():
         if options.to_ns is not None and frame.time_ns >= options.to_ns:
             return
-        recent.extend(frame.events)
+        recent.extend(e for e in frame.events if e.kind not in options.quiet)
         while recent and frame.time_ns - recent[0].time_ns > options.events_s * NANOS:
             recent.popleft()
         if options.from_ns is None or frame.time_ns >= options.from_ns:
