@@ -23,9 +23,9 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "diff",
         "what happens in one annotated log and not in another",
-        "Compare two annotated logs by what they say happened: events by kind, subjects and time; tracks by where they\n"
-        "are, so that other numbers are no difference; relations and groups by their intervals. Exit code 4 where they\n"
-        "differ. The same scene replayed with another configuration or tracker: what changed in what happened.",
+        "Compare two annotated logs by what they say happened: events by kind, subjects and time; tracks by where\n"
+        "they are, so that other numbers are no difference; relations and groups by their intervals. Exit code 4\n"
+        "where they differ. The same scene, another configuration or tracker: what changed in what happened.",
         "scenetrace diff before.mcap after.mcap\nscenetrace diff before.mcap after.mcap --tolerance 2 --json",
     )
     p.add_argument("a", type=Path, metavar="A", help="an annotated log")
