@@ -47,3 +47,4 @@ class EventsParameters(Parameters):
     sweeps: int = param(2, "rounds in which merged targets are placed against one another", low=1, high=10)
     min_own: float = param(0.2, "least share of a placed box that is foreground of its own", low=0.0, high=1.0)
     min_unexplained: float = param(0.5, "a detection with less foreground of its own is explained", low=0.0, high=1.0)
+    learn_s: float = param(0.25, "a lone target's colours are learnt this often", unit="s", low=0.0, high=60.0)

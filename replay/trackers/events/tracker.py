@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from recorders.messages import NO_BLOB, Mode, Notice, Target, Targets
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.association import assign, iou
+from replay.trackers.events.colours import learn, likenesses
 from replay.trackers.events.parameters import EventsParameters
-from replay.trackers.events.places import Expected, Foreground, Place, place, unexplained
+from replay.trackers.events.places import Cut, Expected, Foreground, Likeness, Place, place, unexplained
 from replay.trackers.events.tracks import TENTATIVE, Track, Tracks, centred
 from replay.trackers.tracker import Frame, SceneInfo, State
 
@@ -40,6 +41,7 @@ class EventsTracker:
         self._scene = scene
         self._p = parameters
         self._tracks = Tracks(parameters)
+        self._learn_every = max(1, round(parameters.learn_s / max(1e-3, scene.frame_ns * NS)))
         self._next_id = 1
         self._time_ns: int | None = None
 
@@ -56,6 +58,7 @@ class EventsTracker:
         if frame.mask is not None:
             seen = self._place(frame, frame.mask, seen)
         self._start(frame, seen, self._associate(frame, seen))
+        self._learn(frame)
         self._confirm(frame, notices)
         self._age(frame, notices)
         return self._answer(frame, notices)
@@ -69,7 +72,13 @@ class EventsTracker:
         doubt = np.sqrt(bank.p00[rows])
         patient = np.array([items[r].misfit_s > self._p.patience_s for r in rows], bool)
         expected = Expected(self._tracks.boxes[rows], doubt[:, :2].max(axis=1, initial=0.0), doubt[:, 2:], patient)
-        found = place(fg, expected, seen.boxes, seen.blobs, lambda r, _: [None] * len(r), self._p)
+
+        def look(which: list[int], cut: Cut) -> list[Likeness]:
+            image = frame.image
+            targets = [items[rows[k]] for k in which]
+            return [None] * len(which) if image is None else likenesses(targets, image, cut)
+
+        found = place(fg, expected, seen.boxes, seen.blobs, look, self._p)
         for r, at in zip(rows.tolist(), found, strict=True):
             if at is not None:
                 self._settle(r, frame, at)
@@ -101,10 +110,19 @@ class EventsTracker:
         track.hidden = at.shared
         if at.alone:
             track.misfit_s = 0.0
+            track.alone = True
             self._observe(row, frame, at.box, 1.0, at.blob, "motion")
         elif at.own >= self._p.min_own:
             support = min(1.0, (at.own + 0.5 * at.shared) / 0.6)
             self._observe(row, frame, at.box, support, at.blob, "appearance")
+
+    def _learn(self, frame: Frame) -> None:
+        """Every so often, learn the colours of all targets that are alone."""
+        if not self._scene.has_images or frame.index % self._learn_every:
+            return
+        for track in self._tracks.items:
+            if track.alone and track.measured is not None and frame.image is not None:
+                learn(track, frame.image, frame.mask, track.measured)
 
     def _associate(self, frame: Frame, seen: Seen) -> NDArray[np.bool_]:
         """Two stages: confirmed and tentative tracks to detections of high score, the rest to the others."""
@@ -222,6 +240,7 @@ class EventsTracker:
                     blob=track.blob if track.observed else NO_BLOB,
                     newborn=track.newborn,
                     measured=track.measured,
+                    signature=track.colours.signature() if track.signed and track.colours is not None else [],
                 )
             )
         return Targets(frame.index, sorted(targets, key=lambda t: t.id), None, notices)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recorders.messages import NO_BLOB, Box, Mode
+from replay.trackers.appearance import Colours
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.kalman import KalmanBank
 
@@ -50,12 +51,15 @@ class Track:
     sized: bool = True
     misfit_s: float = 0.0
     hidden: float = 0.0
+    alone: bool = False
+    signed: bool = False
+    colours: Colours | None = None
     sightings: list[list[float]] = field(default_factory=list)
 
     def begin_frame(self) -> None:
         """Forget what was true of the last frame alone."""
         self.newborn = self.observed = False
-        self.sized = False
+        self.sized = self.alone = self.signed = False
         self.measured = None
         self.hidden = 0.0
 
@@ -142,12 +146,28 @@ class Tracks:
 
     def state(self) -> dict[str, Any]:
         """Plain data for a checkpoint."""
-        return {"bank": self.bank.state(), "items": [asdict(t) for t in self.items]}
+        return {"bank": self.bank.state(), "items": [_plain(t) for t in self.items]}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` gave."""
         self.bank.restore(state["bank"])
-        self.items = [Track(**{**t, "sightings": [list(s) for s in t["sightings"]]}) for t in state["items"]]
+        self.items = [_track(t) for t in state["items"]]
+
+
+def _plain(track: Track) -> dict[str, Any]:
+    out = {f.name: getattr(track, f.name) for f in fields(track)}
+    out["colours"] = None if track.colours is None else track.colours.state()
+    out["measured"] = None if track.measured is None else list(track.measured)
+    out["sightings"] = [list(s) for s in track.sightings]
+    return out
+
+
+def _track(state: Mapping[str, Any]) -> Track:
+    plain = dict(state)
+    plain["colours"] = None if plain["colours"] is None else Colours.from_state(plain["colours"])
+    plain["measured"] = None if plain["measured"] is None else tuple(plain["measured"])
+    plain["sightings"] = [list(s) for s in plain["sightings"]]
+    return Track(**plain)
 
 
 def centred(boxes: Floats) -> Floats:
