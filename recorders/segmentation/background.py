@@ -86,7 +86,7 @@ def sort_stack(stack: list[Image]) -> list[Image]:
                 for i in range(min(k, n - j - k)):
                     if (i + j) // (2 * p) == (i + j + k) // (2 * p):
                         a, b = s[i + j], s[i + j + k]
-                        s[i + j], s[i + j + k] = np.minimum(a, b), np.maximum(a, b)
+                        s[i + j], s[i + j + k] = as_image(cv2.min(a, b)), as_image(cv2.max(a, b))
             k //= 2
         p *= 2
     return s
@@ -130,9 +130,16 @@ class Background:
 
     @classmethod
     def learn(cls, stack: list[Image], threshold: float, spread_weight: float) -> Background:
-        """From (H, W, 3) uint8 pictures in Y, Cr, Cb."""
+        """From (H, W, 3) uint8 pictures in Y, Cr, Cb.
+
+        Args:
+            stack: the pictures.
+            threshold: the least difference on a background of middle brightness; half of it on black.
+            spread_weight: the least difference, of the spread.
+        """
         colour, spread = most_common(stack)
-        level = np.maximum(weigh(spread).astype(np.float32) * np.float32(spread_weight), np.float32(threshold))
+        brightness = np.minimum(0.5 + colour[..., 0].astype(np.float32) / np.float32(256), np.float32(1))
+        level = np.maximum(weigh(spread).astype(np.float32) * np.float32(spread_weight), threshold * brightness)
         return cls(colour, np.minimum(level, np.float32(MAX_LEVEL)).astype(np.uint8))
 
     def in_light_of(self, picture: Image) -> Image:

@@ -56,20 +56,25 @@ def components(mask: Image, min_area: float) -> tuple[Image, Labels, list[Blob]]
     Returns:
         The mask of what was kept (0 or 255), its labels (H, W) int32 from 1, and blob k of label k in this order.
     """
-    count, found, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_32S)
-    labels = found.astype(np.int32, copy=False)
-    kept = [k for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] >= max(1.0, min_area)]
-    if len(kept) < count - 1:
-        # Labels are in scan order of each component's first pixel, so leaving some out keeps the others' order.
-        new = np.zeros(count, np.int32)
-        new[kept] = np.arange(1, len(kept) + 1)
-        labels = new[labels]
-    clean = np.where(labels > 0, np.uint8(255), np.uint8(0))
+    height, width = mask.shape
+    clean, labels = np.zeros((height, width), np.uint8), np.zeros((height, width), np.int32)
+    left, top, w, h = (int(v) for v in cv2.boundingRect(mask))
+    # Labels are in scan order of 2 x 2 blocks, so a part that starts at even places has the same order as the whole.
+    left, w, top, h = left - left % 2, w + left % 2, top - top % 2, h + top % 2
+    part = np.s_[top : top + h, left : left + w]
+    count, numbered, stats, _ = cv2.connectedComponentsWithStatsWithAlgorithm(
+        np.ascontiguousarray(mask[part]), 8, cv2.CV_32S, cv2.CCL_BBDT
+    )
+    kept = np.flatnonzero(stats[1:count, cv2.CC_STAT_AREA] >= max(1.0, min_area)) + 1
+    # Leaving some out keeps the others' order.
+    new = np.zeros(count, np.int32)
+    new[kept] = np.arange(1, len(kept) + 1)
+    own = new[numbered]
+    labels[part] = own
+    clean[part] = (own > 0).view(np.uint8) * np.uint8(255)
     blobs: list[Blob] = []
-    for number, k in enumerate(kept, 1):
-        x, y, w, h, area = (int(v) for v in stats[k])
-        own = (labels[y : y + h, x : x + w] == number).view(np.uint8)
-        blobs.append(
-            Blob(id=number, box=(float(x), float(y), float(w), float(h)), area=area, ellipse=ellipse_of(own, x, y))
-        )
+    for number, (x, y, bw, bh, area) in enumerate(stats[kept].tolist(), 1):
+        pixels = (own[y : y + bh, x : x + bw] == number).view(np.uint8)
+        box = (float(left + x), float(top + y), float(bw), float(bh))
+        blobs.append(Blob(id=number, box=box, area=area, ellipse=ellipse_of(pixels, left + x, top + y)))
     return clean, labels, blobs

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from recorders.messages import NO_BLOB, Blob, Box, Detections, Ellipse
-from recorders.segmentation.blobs import Labels, ellipse_of
+from recorders.segmentation.blobs import Labels, components, ellipse_of
 from recorders.segmentation.explain import Explainer, Floats
 from recorders.segmentation.segmenter import Image
 from recorders.segmentation.sizes import MIN_BLOBS, SizeModel, learn
@@ -13,6 +13,11 @@ from recorders.segmentation.sizes import MIN_BLOBS, SizeModel, learn
 MAX_BLOBS = 4096
 LONE_SCORE = 0.5
 """Score of a blob that is a detection for want of anything that is known of bodies' sizes."""
+
+REST_SCORE = 0.3
+"""Score of a blob that is left when bodies of the learnt size have explained what they can."""
+REST_AREA = 0.25
+"""Such a blob is a detection from this share of the area of a body's box on."""
 
 
 class Bodies:
@@ -63,6 +68,9 @@ class Bodies:
             found = self._explainer.explain(mask)
             boxes = [_clipped(box, self._width, self._height) for box in found.boxes]
             scores = [float(s) for s in found.scores]
+            for box in self._unexplained(found.rest):
+                boxes.append(box)
+                scores.append(REST_SCORE)
             ids, ellipses = [], []
             for box in boxes:
                 blob, ellipse = _blob_in(box, labels, blobs)
@@ -80,6 +88,14 @@ class Bodies:
             components=blobs,
             size_model=self.model.as_list() if self.model is not None else [],
         )
+
+    def _unexplained(self, rest: Image) -> list[Box]:
+        """Boxes around what no body explains, if large enough to be a body in an unusual pose or half hidden."""
+        assert self.model is not None
+        _, _, blobs = components(rest, REST_AREA * self.model.aspect * (0.5 * self.model.low) ** 2)
+        boxes = np.array([b.box for b in blobs], np.float64).reshape(-1, 4)
+        least = REST_AREA * self.model.aspect * self.model.heights(boxes[:, 1] + boxes[:, 3]) ** 2
+        return [blob.box for blob, area in zip(blobs, least, strict=True) if blob.area >= area]
 
 
 def _clipped(box: Floats, width: int, height: int) -> Box:

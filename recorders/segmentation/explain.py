@@ -9,7 +9,7 @@ is the best of all that it meets. Everything is counted in integral images, over
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,8 @@ RING, RING_WEIGHT = 0.35, 0.7  # width of the ring, of the box's width; what for
 STRIP, STRIP_WEIGHT = 0.2, 0.5  # height of the strips above and under the box, of its width; what a full one costs
 BESIDE_WEIGHT = 0.4  # what costs a box with as much foreground on its left as on its right: it sits between two bodies
 EXPLAINED_WEIGHT = 0.25  # explained foreground inside speaks for a body behind another, a little
+
+UNSEEN_WEIGHT = 0.5  # what lies outside the picture counts this much as empty
 
 MIN_FILL = 0.3
 """Least share of a box that is foreground."""
@@ -49,8 +51,7 @@ ROUNDS = 8
 
 def integral_of(mask: Image) -> Integral:
     """Integral image (H + 1, W + 1) int32 of a mask (H, W) uint8; each non-zero pixel counts 1."""
-    result: Integral = cv2.integral(cv2.compare(mask, 0, cv2.CMP_NE) & 1, sdepth=cv2.CV_32S)  # type: ignore[assignment]
-    return result
+    return cast("Integral", cv2.integral(cv2.min(mask, np.ones_like(mask)), sdepth=cv2.CV_32S))
 
 
 def box_scores(integral: Integral, boxes: Floats) -> Floats:
@@ -100,11 +101,11 @@ class Explainer:
         """Explain a mask's foreground.
 
         Args:
-            mask: (H, W) uint8, non-zero is foreground.
+            mask: (H, W) uint8, 0 or 255.
             proposals: (M, 4) boxes of any size that are expected, such as predictions of tracks; each is tried a
                 little shifted and scaled, together with the size model's own boxes, and used at most once.
         """
-        rest = cv2.compare(mask, 0, cv2.CMP_NE)
+        rest = mask.copy()
         explained = np.zeros_like(rest)
         own, behind = integral_of(rest).ravel(), None
         candidates, source = self._candidates(own, proposals)
@@ -174,8 +175,9 @@ class _Candidates:
         corners, areas = zip(*(_corners(*region, width, height) for region in regions), strict=True)
         self._corners: Ints = np.stack(corners)
         self._areas: Floats = np.maximum(np.stack(areas), 1).astype(np.float64)
-        self.area: Floats = self._areas[0]
         self.visible: Floats = areas[0] / np.maximum(w * h, 1.0)
+        self._areas[0] += UNSEEN_WEIGHT * np.maximum(w * h - areas[0], 0.0)
+        self.area: Floats = self._areas[0]
 
     def take(self, rows: Ints) -> _Candidates:
         """Some of the boxes."""
@@ -206,16 +208,17 @@ class _Candidates:
 
 
 def _corners(x1: Floats, y1: Floats, x2: Floats, y2: Floats, width: int, height: int) -> tuple[Ints, Ints]:
-    left, right = (np.clip(np.rint(v), 0, width).astype(np.int64) for v in (x1, x2))
-    top, bottom = (np.clip(np.rint(v), 0, height).astype(np.int64) for v in (y1, y2))
-    row = width + 1
-    flat = np.stack([bottom * row + right, top * row + right, bottom * row + left, top * row + left])
-    return flat, (right - left) * (bottom - top)
+    left, right = (np.minimum(np.maximum(np.rint(v), 0), width).astype(np.int64) for v in (x1, x2))
+    top, bottom = (np.minimum(np.maximum(np.rint(v), 0), height).astype(np.int64) * (width + 1) for v in (y1, y2))
+    flat = np.empty((4, len(left)), np.int64)
+    for row, (y, x) in zip(flat, ((bottom, right), (top, right), (bottom, left), (top, left)), strict=True):
+        np.add(y, x, out=row)
+    return flat, (right - left) * ((bottom - top) // (width + 1))
 
 
 def _sums(flat: Integral, corners: Ints) -> Ints:
-    a, b, c, d = flat[corners].astype(np.int64)
-    total: Ints = a - b - c + d
+    a, b, c, d = flat[corners]
+    total: Ints = (a - b - c + d).astype(np.int64)
     return total
 
 

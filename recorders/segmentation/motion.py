@@ -35,11 +35,14 @@ class MotionSegmenter:
         fps = fps if fps > 0 else 25.0
         self._follow_every = max(1, round(parameters.adaptation_s * fps))
         self._steps = 0
+        self._new_samples = 0
         self._background: Background | None = None
         self._past: Samples | None = Samples(
             most=LIVE_SAMPLES, max_stride=max(1, round(LIVE_WINDOW_S * fps / LIVE_SAMPLES))
         )
         self._darkest = np.array([int(v * parameters.shadow_darkest) for v in range(256)], np.uint8)
+        self._shadow_colour = np.full((height, width), int(parameters.shadow_colour_levels), np.uint8)
+        self._neutral = np.full((height, width), NEUTRAL, np.uint8)
         self._bodies = Bodies(parameters.size_model, width, height)
 
     def prepare(self, frames: Iterable[Image]) -> None:
@@ -88,11 +91,11 @@ class MotionSegmenter:
         darker = cv2.bitwise_and(
             cv2.compare(y, behind_y, cv2.CMP_LT), cv2.compare(y, cv2.LUT(behind_y, self._darkest), cv2.CMP_GE)
         )
-        shadow = cv2.bitwise_and(darker, cv2.compare(chroma, self._p.shadow_colour_levels, cv2.CMP_LE))
+        shadow = cv2.bitwise_and(darker, cv2.compare(chroma, self._shadow_colour, cv2.CMP_LE))
         difference = cv2.subtract(difference, shadow)
         level = background.level
         evidence = cv2.min(difference, cv2.add(level, level))
-        evidence = cv2.subtract(cv2.add(evidence, np.full_like(level, NEUTRAL)), level)
+        evidence = cv2.subtract(cv2.add(evidence, self._neutral), level)
         if self._window > 1:
             evidence = cv2.GaussianBlur(evidence, (self._window, self._window), 0)
-        return as_image(cv2.compare(evidence, NEUTRAL, cv2.CMP_GT))
+        return as_image(cv2.threshold(evidence, NEUTRAL, 255, cv2.THRESH_BINARY)[1])
