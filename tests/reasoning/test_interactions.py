@@ -1,0 +1,218 @@
+"""EVENTS 3.1: safety areas, the collision map, every row of the pair table, partner lists, group trackers."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from reasoning.interactions import InteractionBook, InteractionParameters, Members, collision_map, pair_bit
+from reasoning.transitions import GROUPED, GROUPING, SPLITTING
+from recorders.messages import GroupTrack
+
+NONE = 0
+
+
+@pytest.mark.parametrize("before", [NONE, GROUPING, SPLITTING])
+@pytest.mark.parametrize("over", [False, True])
+def test_without_collision_there_is_nothing(before, over):
+    assert pair_bit(before, collides=False, over_group=over, newborn=False, of_split=False) == NONE
+
+
+@pytest.mark.parametrize("over", [False, True])
+def test_grouped_that_stop_colliding_split_for_a_frame(over):
+    assert pair_bit(GROUPED, collides=False, over_group=over, newborn=False, of_split=False) == SPLITTING
+
+
+@pytest.mark.parametrize(
+    ("before", "over", "after"),
+    [
+        (NONE, False, GROUPING),
+        (GROUPING, False, GROUPING),
+        (GROUPED, False, SPLITTING),
+        (SPLITTING, False, SPLITTING),
+        (NONE, True, GROUPED),
+        (GROUPING, True, GROUPED),
+        (GROUPED, True, GROUPED),
+        (SPLITTING, True, GROUPED),
+    ],
+)
+def test_every_row_with_collision(before, over, after):
+    assert pair_bit(before, collides=True, over_group=over, newborn=False, of_split=False) == after
+
+
+def test_a_newborn_groups_with_nobody_and_one_of_a_split_is_splitting():
+    assert pair_bit(NONE, collides=True, over_group=False, newborn=True, of_split=False) == NONE
+    assert pair_bit(NONE, collides=True, over_group=False, newborn=True, of_split=True) == SPLITTING
+
+
+@pytest.mark.parametrize("over", [False, True])
+def test_one_who_is_not_in_the_picture_begins_nothing(over):
+    assert pair_bit(NONE, collides=True, over_group=over, newborn=False, of_split=False, starts=False) == NONE
+    assert pair_bit(GROUPING, True, False, newborn=False, of_split=False, starts=False) == GROUPING
+
+
+def test_safety_areas_are_proportional_to_size():
+    small = np.array([(0, 0, 10, 20), (16.0, 0, 10, 20)], np.float64)
+    assert collision_map(small, 0.25).tolist() == [[False, True], [True, False]]
+    assert collision_map(small * 37.5, 0.25)[0, 1]
+    apart = small + np.array([[0, 0, 0, 0], [2, 0, 0, 0]])
+    assert not collision_map(apart, 0.25)[0, 1]
+    assert not collision_map(apart * 37.5, 0.25)[0, 1]
+    assert collision_map(apart, 0.5)[0, 1]
+
+
+@pytest.mark.parametrize("aspect", [0.2, 0.5, 1.0, 2.5, 6.0])
+def test_overlapping_boxes_of_one_shape_collide(aspect):
+    w, h = 10.0, 10.0 * aspect
+    boxes = np.array([(0, 0, w, h), (w * 0.999, h * 0.999, w, h)])
+    assert collision_map(boxes, 0.208)[0, 1]
+
+
+class Crowd:
+    """People of 20 x 20 on a line; at the default margin they collide up to 30 px apart."""
+
+    def __init__(self):
+        self.book = InteractionBook(InteractionParameters())
+        self.frame, self.before = -1, set()
+
+    def step(self, places, blobs=None, tracks=None, of_split=(), unseen=(), absent=(), leaving=()):
+        self.frame += 1
+        ids, blobs = sorted(places), blobs or {}
+        members = Members(
+            ids,
+            np.array([[places[i], 0, 20, 20] for i in ids], np.float64).reshape(-1, 4),
+            [blobs.get(i, i + 100) for i in ids],
+            [i not in unseen for i in ids],
+            [i not in absent for i in ids],
+            [i not in self.before for i in ids],
+            [i in of_split for i in ids],
+            leaving,
+        )
+        self.before = set(ids)
+        changes, self.clusters = self.book.step(self.frame, self.frame * 40_000_000, members, tracks)
+        return {(c.a, c.b): c.after for c in changes}
+
+
+def test_two_meet_group_split_and_are_single():
+    crowd = Crowd()
+    assert crowd.step({1: 0, 2: 50}) == {}
+    assert crowd.step({1: 0, 2: 25}) == {(1, 2): GROUPING}
+    assert crowd.book.partners(1, GROUPING) == [2]
+    assert crowd.step({1: 0, 2: 10}, {1: 9, 2: 9}) == {(1, 2): GROUPED}
+    assert crowd.clusters[0].members == (1, 2)
+    assert crowd.step({1: 0, 2: 10}, {1: 9, 2: 9}) == {}
+    assert crowd.step({1: 0, 2: 25}) == {(1, 2): SPLITTING}
+    assert crowd.step({1: 0, 2: 50}) == {(1, 2): NONE}
+    assert crowd.book.states == {1: 0, 2: 0}
+
+
+def test_the_papers_example_of_grouping_and_splitting_at_once():
+    crowd = Crowd()
+    crowd.step({1: 0, 2: 10, 3: 90})
+    crowd.step({1: 0, 2: 10, 3: 90}, {1: 9, 2: 9})
+    assert crowd.book.states == {1: GROUPED, 2: GROUPED, 3: 0}
+    crowd.step({1: 0, 2: 25, 3: 50})
+    assert crowd.book.states == {1: SPLITTING, 2: GROUPING | SPLITTING, 3: GROUPING}
+    assert (crowd.book.partners(2, GROUPING), crowd.book.partners(2, SPLITTING)) == ([3], [1])
+
+
+def test_new_born_tracks_wait_a_frame():
+    crowd = Crowd()
+    assert crowd.step({1: 0}) == {}
+    assert crowd.step({1: 0, 2: 10}, {1: 9, 2: 9}) == {}
+    assert crowd.step({1: 0, 2: 10}, {1: 9, 2: 9}) == {(1, 2): GROUPED}
+
+
+def test_born_of_a_split():
+    crowd = Crowd()
+    crowd.step({1: 0, 3: 70})
+    assert crowd.step({1: 0, 2: 22, 3: 70}, of_split=(2,)) == {(1, 2): SPLITTING}
+    assert crowd.book.bit_of(2, 1) == SPLITTING
+
+
+def test_those_in_one_blob_who_do_not_collide_are_partners_through_the_one_between():
+    crowd = Crowd()
+    crowd.step({1: 0, 2: 25, 3: 50})
+    crowd.step({1: 0, 2: 25, 3: 50}, {1: 9, 2: 9, 3: 9})
+    assert crowd.clusters[0].members == (1, 2, 3)
+    assert crowd.book.partners(1, GROUPED) == [2]
+    assert crowd.book.partners(2, GROUPED) == [1, 3]
+
+
+def test_far_ends_of_one_blob_are_no_group():
+    crowd = Crowd()
+    crowd.step({1: 0, 2: 90})
+    assert crowd.step({1: 0, 2: 90}, {1: 9, 2: 9}) == {}
+    assert crowd.clusters == []
+
+
+def test_a_hidden_member_counts_into_its_partners_blob():
+    crowd = Crowd()
+    crowd.step({1: 0, 2: 10})
+    crowd.step({1: 0, 2: 10}, {1: 9, 2: 9})
+    assert crowd.step({1: 0, 2: 10}, {1: 9, 2: -1}, unseen=(2,)) == {}
+    assert crowd.book.states == {1: GROUPED, 2: GROUPED}
+    assert crowd.step({1: 0, 2: 10}, {1: -1, 2: -1}, unseen=(1, 2)) == {(1, 2): SPLITTING}
+
+
+def test_one_who_was_never_grouped_is_not_hidden_in_a_blob():
+    crowd = Crowd()
+    crowd.step({1: 0, 2: 10})
+    assert crowd.step({1: 0, 2: 10}, {1: 9, 2: -1}, unseen=(2,)) == {(1, 2): GROUPING}
+
+
+def test_a_jump_out_of_a_group_is_told_and_splits_for_one_frame():
+    crowd = Crowd()
+    crowd.step({1: 0, 2: 10})
+    crowd.step({1: 0, 2: 10}, {1: 9, 2: 9})
+    assert crowd.step({1: 0, 2: 200}) == {(1, 2): SPLITTING}
+    assert crowd.step({1: 0, 2: 200}) == {(1, 2): NONE}
+
+
+def test_group_tracks_of_the_tracker_decide_when_given():
+    crowd = Crowd()
+    box = (-5, -5, 60, 40)
+    crowd.step({1: 0, 2: 15, 3: 70})
+    assert crowd.step({1: 0, 2: 15, 3: 70}, {1: 9, 2: 9}, tracks=[]) == {(1, 2): GROUPING}
+    assert crowd.step({1: 0, 2: 15, 3: 70}, tracks=[GroupTrack(5, box, True)]) == {(1, 2): GROUPED}
+    assert (crowd.clusters[0].source, crowd.clusters[0].source_id) == ("group track", 5)
+    assert crowd.step({1: 0, 2: 15, 3: 70}, tracks=[GroupTrack(5, box, False)]) == {(1, 2): SPLITTING}
+
+
+def test_group_tracks_may_name_their_members():
+    crowd = Crowd()
+    far = (500, 500, 10, 10)
+    crowd.step({1: 0, 2: 15, 3: 31})
+    crowd.step({1: 0, 2: 15, 3: 31}, tracks=[GroupTrack(0, far, True, members=[1, 2])])
+    assert crowd.clusters[0].members == (1, 2)
+    assert crowd.book.states == {1: GROUPED, 2: GROUPED | GROUPING, 3: GROUPING}
+
+
+def test_a_target_lies_over_one_group_tracker_the_one_that_holds_more_of_it():
+    crowd = Crowd()
+    crowd.step({1: 0, 2: 15, 3: 30, 4: 45})
+    left, right = GroupTrack(8, (0, 0, 36, 20), True), GroupTrack(9, (25, 0, 50, 20), True)
+    crowd.step({1: 0, 2: 15, 3: 30, 4: 45}, tracks=[left, right])
+    assert [c.members for c in crowd.clusters] == [(1, 2), (3, 4)]
+
+
+def test_one_in_its_last_frame_is_in_no_region():
+    crowd = Crowd()
+    crowd.step({1: 0, 2: 10})
+    crowd.step({1: 0, 2: 10}, {1: 9, 2: 9})
+    assert crowd.step({1: 0, 2: 10}, {1: 9, 2: -1}, unseen=(2,), absent=(2,), leaving=(2,)) == {(1, 2): SPLITTING}
+    assert crowd.step({1: 0}) == {(1, 2): NONE}
+
+
+def test_state_is_plain_and_continues():
+    crowd, twin = Crowd(), Crowd()
+    crowd.step({1: 0, 2: 10, 3: 60})
+    crowd.step({1: 0, 2: 10, 3: 35}, {1: 9, 2: 9})
+    twin.book.restore(json.loads(json.dumps(crowd.book.state())))
+    twin.frame, twin.before = crowd.frame, crowd.before
+    assert twin.book.states == crowd.book.states
+    for places in ({1: 0, 2: 25, 3: 50}, {1: 0, 2: 60, 3: 90}):
+        assert crowd.step(places) == twin.step(places)
+        assert crowd.book.state() == twin.book.state()
