@@ -32,8 +32,8 @@ class Fragment:
         earlier: sightings before the confirmation, in order.
         head, tail: the first and the last observations, at most `ENDS_S` long.
         hits: number of observations.
+        sizes: sum of the observations' sizes.
         signature: sum of the appearance signatures, of ``signatures`` frames.
-        evidence: what the confirmation said.
     """
 
     id: int
@@ -44,6 +44,12 @@ class Fragment:
     signature: list[float] = field(default_factory=list)
     signatures: int = 0
     born_of_split: bool = False
+    sizes: float = 0.0
+
+    @property
+    def size(self) -> float:
+        """Mean size of its observations: square root of the box's area, pixels."""
+        return self.sizes / max(1, self.hits)
 
     @property
     def first(self) -> Sighting:
@@ -58,6 +64,7 @@ class Fragment:
     def add(self, seen: Sighting) -> None:
         """Take the next observation."""
         self.hits += 1
+        self.sizes += math.sqrt(max(seen.box[2] * seen.box[3], 1.0))
         if not self.head or (seen.time_ns - self.first.time_ns <= ENDS_S * 1e9 and len(self.head) < _MOST_ENDS):
             self.head.append(seen)
         self.tail.append(seen)
@@ -145,3 +152,15 @@ def _back_date(fragment: Fragment, notice: Notice, at_frame: dict[int, int], tim
         tail = fragment.earlier + list(fragment.tail)
         fragment.tail = deque(tail, maxlen=_MOST_ENDS)
         fragment.hits += len(fragment.earlier)
+        fragment.sizes += math.fsum(math.sqrt(max(s.box[2] * s.box[3], 1.0)) for s in fragment.earlier)
+
+
+def typical_size(fragments: Sequence[Fragment]) -> float:
+    """The median of the fragments' sizes, each counted as often as it was observed; 0 without any."""
+    ordered = sorted((f.size, f.hits) for f in fragments)
+    half, below = sum(hits for _, hits in ordered) / 2, 0
+    for size, hits in ordered:
+        below += hits
+        if below >= half:
+            return size
+    return 0.0

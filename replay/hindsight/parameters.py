@@ -20,6 +20,13 @@ class HindsightParameters(Parameters):
     fill_s: float = param(3.0, "longest gap that is filled with a path", unit="s", low=0.0, high=60.0)
     min_life_s: float = param(0.8, "a path shorter than this is dropped", unit="s", low=0.0, high=60.0)
     min_support: float = param(0.3, "least share of frames with an observation", low=0.0, high=1.0)
+    min_size: float = param(
+        0.5,
+        "a path of smaller targets, too far away to be judged, is dropped; 0 keeps all",
+        unit="median sizes",
+        low=0.0,
+        high=1.0,
+    )
     place_noise: float = param(0.10, "standard deviation of an observed centre", unit="sizes", low=0.001, high=10.0)
     size_noise: float = param(0.15, "standard deviation of an observed extent", unit="sizes", low=0.001, high=10)
     agility: float = param(1.0, "standard deviation of acceleration", unit="sizes/s^2", low=0.001, high=1000.0)

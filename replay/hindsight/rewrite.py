@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from recorders.messages import Notice, Target, Targets
 from recorders.parameters import Config
 from recorders.scene import SceneInfo
-from replay.hindsight.fragments import Fragment, Sighting, gather
+from replay.hindsight.fragments import Fragment, Sighting, gather, typical_size
 from replay.hindsight.joining import Join, join
 from replay.hindsight.parameters import HindsightParameters
 from replay.hindsight.smoothing import smooth
@@ -84,12 +84,15 @@ def _lives(
         root[f.id] = f.id if before is None else root[before.earlier]
         chains.setdefault(root[f.id], []).append(f.id)
     lives: dict[int, _Life] = {}
+    smallest = p.min_size * typical_size(list(fragments.values()))
     for identity, chain in chains.items():
         parts = [fragments[k] for k in chain]
         first, last = parts[0].first, parts[-1].last
         seconds = (last.time_ns - first.time_ns + scene.frame_ns) * 1e-9
         frames = sum(f.last.at - f.first.at + 1 for f in parts)
         if seconds < p.min_life_s or sum(f.hits for f in parts) < p.min_support * frames:
+            continue
+        if math.fsum(f.sizes for f in parts) < smallest * sum(f.hits for f in parts):
             continue
         life = _Life(identity, parts, [followed[k] for k in chain if k in followed], first.at, last.at)
         life.earlier = [s for f in parts for s in f.earlier]
