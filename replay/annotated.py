@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
-from itertools import groupby, islice
+from functools import cached_property, partial
+from itertools import groupby, islice, pairwise
 from pathlib import Path
+from statistics import median_low
 from types import TracebackType
 from typing import Any
 
@@ -24,6 +25,7 @@ from replay.evaluate.truth import MotTable, Row
 
 Image = NDArray[np.uint8]
 SCENE = ("tracks", "relations", "groups", "events", "graph", "regions", "membership")
+SAMPLED_FRAMES = 65
 _METADATA = "scenetrace"
 
 
@@ -60,7 +62,6 @@ class AnnotatedLog:
         camera: the camera that is read.
         facts: what the log says of its own making (tracker, configuration, digests), as strings.
         tracker: the tracker's name, empty if not said.
-        start_ns: log time of the first message.
 
     Raises:
         RecordingError: it holds no tracks; the text says how to make an annotated log.
@@ -75,7 +76,6 @@ class AnnotatedLog:
             self.camera = self._choose(camera)
             self.facts = next((values for name, values in self._log.metadata() if name == _METADATA), {})
             self.tracker = self.facts.get("tracker", "")
-            self.start_ns = self._log.start_ns or 0
             self._topics = {channels.topic(self.camera, name): name for name in (*SCENE, "detections")}
         except BaseException:
             self._log.close()
@@ -107,6 +107,29 @@ class AnnotatedLog:
         if wanted is not None and wanted not in cameras:
             raise UsageError(f"{self.path}: no tracks of a camera {wanted!r}; there are: {', '.join(cameras)}")
         return cameras[0] if wanted is None else wanted
+
+    @cached_property
+    def start_ns(self) -> int:
+        """Log time of frame 0; where a span was cut out, reckoned back at the frames' nominal time."""
+        seen = [(f.time_ns, f.index) for f in islice(self.frames(("tracks",)), SAMPLED_FRAMES)]
+        if not seen:
+            return self._log.start_ns or 0
+        first_ns, index = seen[0]
+        steps = [b[0] - a[0] for a, b in pairwise(seen)]
+        return first_ns - index * median_low(steps) if index and steps else first_ns
+
+    def time_of(self, index: int) -> int:
+        """Log time of a frame.
+
+        Raises:
+            UsageError: the log does not hold it.
+        """
+        last = -1
+        for frame in self.frames(("tracks",)):
+            if frame.index == index:
+                return frame.time_ns
+            last = frame.index
+        raise UsageError(f"frame:{index}: not in {self.path}, whose last frame is {last}")
 
     def size(self) -> tuple[int, int] | None:
         """(width, height) of the picture, None if the log does not say (it was written with annotations alone)."""

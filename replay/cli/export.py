@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Mapping
+from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from recorders.errors import UsageError
 from replay.cli import common
 from replay.cli.evaluate import size
+
+if TYPE_CHECKING:
+    from replay.annotated import AnnotatedLog
 
 FORMATS = ("mot", "parquet", "graphml", "json", "video")
 EXAMPLE = """\
@@ -71,6 +76,21 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def log_time(text: str | None, log: AnnotatedLog) -> int | None:
+    """A time as log time in ns: seconds from the recording's start, ``frame:N`` or RFC 3339.
+
+    Raises:
+        UsageError: it is none of them, or the frame is not there.
+    """
+    if text is None:
+        return None
+    if match := re.fullmatch(r"frame:(\d{1,18})", text):
+        return log.time_of(int(match[1]))
+    if re.fullmatch(r"\d{1,12}(\.\d*)?", text):
+        return log.start_ns + round(Decimal(text) * common.NANOS)
+    return common.parse_rfc3339(text)
+
+
 def _tables(args: argparse.Namespace, camera: str) -> str:
     from replay.export import write_graphml, write_json, write_parquet
 
@@ -87,8 +107,7 @@ def _rows(rows: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {table}" for table, count in rows.items() if count) or "no rows"
 
 
-def _video(args: argparse.Namespace, log: Any) -> str:
-    from recorders.scene import SceneLog
+def _video(args: argparse.Namespace, log: AnnotatedLog) -> str:
     from replay.draw import DrawOptions
     from replay.export import VideoOptions, write_video
 
@@ -103,11 +122,7 @@ def _video(args: argparse.Namespace, log: Any) -> str:
         labels=not args.no_labels,
         only=args.only,
     )
-    span: list[int | None] = [None, None]
-    if args.start is not None or args.end is not None:
-        with SceneLog(args.annotated, log.camera) as scene:
-            span = [None if text is None else common.parse_time(text, scene) for text in (args.start, args.end)]
-    options = VideoOptions(draw, span[0], span[1], size=args.size)
+    options = VideoOptions(draw, log_time(args.start, log), log_time(args.end, log), size=args.size)
     if not log.has_pictures:
         common.say("the log holds no pictures; drawing on a plain ground")
     with common.progress(log.frame_count) as progress:
