@@ -39,6 +39,7 @@ NO_DETECTION = "none"
 SECTIONS: dict[str, type[Parameters]] = {"segmentation": SegmentationParameters}
 
 METADATA = "scenetrace"
+METADATA_AT_START = "scenetrace.started"
 FORMAT_VERSION = "1"
 DIGESTS_ATTACHMENT = "source.sha256"
 
@@ -323,6 +324,7 @@ class _Writer:
         self.frames = 0
         self._detections = 0
         self._last_ns = 0
+        self._facts = _known_at_start(source, options)
 
     def _put(self, name: str, data: bytes, now: int, schema: str | None = None) -> None:
         if name not in self._channels:
@@ -331,12 +333,18 @@ class _Writer:
             self._channels[name] = self._log.channel(topic, channels.schema(kind), channels.message_encoding(kind), {})
         self._log.write(self._channels[name], data, now)
 
+    def _begin(self, now: int) -> None:
+        # An interrupted recording has this much to say of itself.
+        self._log.metadata(METADATA_AT_START, self._facts)
+        if self._regions is not None:
+            self._put("regions", channels.encode("regions", self._regions), now)
+
     def write(self, frame: _Encoded) -> None:
         """Write one frame: regions before the first, then picture, mask, detections."""
         now = self._options.start_ns + frame.time_ns
         camera = self._options.camera
-        if self._regions is not None and not self.frames:
-            self._put("regions", channels.encode("regions", self._regions), now)
+        if not self.frames:
+            self._begin(now)
         if frame.picture is not None:
             data, kind = frame.picture
             picture = channels.compressed_image(data, kind, now, camera)
@@ -354,24 +362,11 @@ class _Writer:
         digests = source.digests()
         listing = "".join(f"{digest}  {name}\n" for name, digest in digests)
         digest = digests[0][1] if len(digests) == 1 else hashlib.sha256(listing.encode()).hexdigest()
-        codec = options.codec or ("none" if not source.has_images else "as is" if source.stills else "jpeg")
         facts = {
-            "format_version": FORMAT_VERSION,
-            "kind": "scene",
-            "camera": options.camera,
-            "configuration": _json(as_plain(options.config)),
-            "packages": _json(_package_versions()),
-            "source": source.path.name,
-            "source_kind": source.name,
+            **self._facts,
             "source_digest": f"sha256:{digest}",
             "source_files": str(len(digests)),
-            "width": str(source.width),
-            "height": str(source.height),
-            "frame_ns": str(source.frame_ns),
             "frames": str(self.frames),
-            "start_ns": str(options.start_ns),
-            "codec": codec,
-            "detect": str(options.detect),
             "notes": _json(source.notes),
             "losses": _json(source.losses),
         }
@@ -385,11 +380,30 @@ class _Writer:
             height=source.height,
             duration_ns=self._last_ns,
             detect=str(options.detect),
-            codec=codec,
+            codec=self._facts["codec"],
             source_digest=digest,
             notes=tuple(source.notes),
             losses=tuple(source.losses),
         )
+
+
+def _known_at_start(source: Source, options: RecordOptions) -> dict[str, str]:
+    codec = options.codec or ("none" if not source.has_images else "as is" if source.stills else "jpeg")
+    return {
+        "format_version": FORMAT_VERSION,
+        "kind": "scene",
+        "camera": options.camera,
+        "configuration": _json(as_plain(options.config)),
+        "packages": _json(_package_versions()),
+        "source": source.path.name,
+        "source_kind": source.name,
+        "width": str(source.width),
+        "height": str(source.height),
+        "frame_ns": str(source.frame_ns),
+        "start_ns": str(options.start_ns),
+        "codec": codec,
+        "detect": str(options.detect),
+    }
 
 
 def _json(value: object) -> str:

@@ -68,7 +68,7 @@ class PartFile:
 
     def _failure(self, error: OSError) -> RecordingError:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            return RecordingError("the disk is full; nothing was left behind half written", self.path)
+            return RecordingError("the disk is full", self.path)
         return RecordingError(f"cannot be written: {error.strerror or error}", self.path)
 
     @property

@@ -59,6 +59,8 @@ def open_source(
             MotSource(path, rate, size, limits) if kind in _TEXT else CaviarSource(path, rate, size, limits)
         )
         return source
+    if kind == ".mcap":
+        raise SourceError("is a log, not a source of frames: replay it, or look into it with `scenetrace info`", path)
     if path.is_file() and kind in _PICTURES:
         raise SourceError("one picture is not a recording: give the folder that it lies in", path)
     pictures: Source = ImageFolderSource(path, rate, limits) if path.is_dir() else VideoSource(path, rate, limits)

@@ -60,6 +60,13 @@ def test_empty_file(tmp_path: Path, name: str) -> None:
     fails(tmp_path / name, "the file is empty")
 
 
+def test_a_log_and_a_single_picture_are_no_sources(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n")
+    fails(tmp_path / "a.mcap", "is a log, not a source of frames")
+    (tmp_path / "1.png").write_bytes(png(3, 3))
+    fails(tmp_path / "1.png", "one picture is not a recording: give the folder that it lies in")
+
+
 @pytest.mark.parametrize("name", ["a.avi", "a.mp4", "a.mpg", "a", "a.nfo"])
 def test_text_as_video(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("This is not a video.\n" * 500)

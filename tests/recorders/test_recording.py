@@ -83,6 +83,9 @@ def test_the_log_says_what_it_is_made_of(tmp_path: Path, folder: Path) -> None:
     listing = "".join(f"{hashlib.sha256(p.read_bytes()).hexdigest()}  {p.name}\n" for p in sorted(folder.iterdir()))
     digest = hashlib.sha256(listing.encode()).hexdigest()
     assert done.source_digest == digest
+    with LogReader(tmp_path / "a.mcap") as log:
+        started = dict(log.metadata())["scenetrace.started"]
+    assert started.items() < facts.items()
     assert facts["source_digest"] == f"sha256:{digest}"
     assert (facts["kind"], facts["camera"], facts["source"], facts["frames"]) == ("scene", "gate", "img1", str(FRAMES))
     assert json.loads(facts["configuration"])["segmentation"]["min_area"] > 0
