@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -21,7 +22,7 @@ from recorders.log import LogReader, Message
 from recorders.messages import Event, Graph, Group, Regions, Relation, Track
 from recorders.pictures import decode_picture
 from recorders.scene import Frame, SceneLog
-from replay.evaluate.truth import MotTable, Row
+from replay.evaluate.truth import MotTable
 
 Image = NDArray[np.uint8]
 SCENE = ("tracks", "relations", "groups", "events", "graph", "regions", "membership")
@@ -245,13 +246,27 @@ class TrackTable:
 
 
 def read_tracks(log: AnnotatedLog) -> TrackTable:
-    """Read the tracks that the tracker held to be present."""
-    rows: list[Row] = []
-    frames: list[int] = []
-    times: list[int] = []
+    """Read the tracks that the tracker held to be present.
+
+    Raises:
+        RecordingError: the log is damaged, its frames do not rise, or a track occurs twice in a frame.
+    """
+    # Plain arrays: 56 bytes a row, where tuples take four times as much, over hours of recording.
+    whole, numbers, times = array("q"), array("d"), array("q")
+    frames = array("q")
     for frame in log.frames(("tracks",)):
+        if frames and frame.index <= frames[-1]:
+            raise RecordingError(f"frame {frame.index} after frame {frames[-1]}; frames must rise", log.path)
         frames.append(frame.index)
         times.append(frame.time_ns)
-        rows += [(frame.index, t.id, *t.box, t.confidence) for t in frame.tracks if t.present]
-    table = MotTable.from_rows(rows)
+        for t in frame.tracks:
+            if t.present:
+                whole.extend((frame.index, t.id))
+                numbers.extend((*t.box, t.confidence))
+    who = np.array(whole, np.int64).reshape(-1, 2)
+    where = np.array(numbers, np.float64).reshape(-1, 5)
+    table = MotTable(who[:, 0].copy(), who[:, 1].copy(), where[:, :4].copy(), where[:, 4].copy())
+    twice = table.first_duplicate()
+    if twice is not None:
+        raise RecordingError(f"track {twice[1]} occurs twice in frame {twice[0]}", log.path, record="tracks")
     return TrackTable(table, np.array(frames, np.int64), np.array(times, np.int64), log.size())
