@@ -8,5 +8,16 @@ from reasoning.encounters.encounters import (
     find_encounters,
 )
 from reasoning.encounters.pair import History
+from reasoning.encounters.states import Stretch, near, still
 
-__all__ = ["KINDS", "Encounter", "EncounterParameters", "History", "Phase", "find_encounters"]
+__all__ = [
+    "KINDS",
+    "Encounter",
+    "EncounterParameters",
+    "History",
+    "Phase",
+    "Stretch",
+    "find_encounters",
+    "near",
+    "still",
+]

@@ -116,14 +116,14 @@ def find_encounters(
     """
     p = parameters or EncounterParameters()
     found: list[Encounter] = []
-    for a, b in _side_by_side(histories):
+    for a, b in side_by_side(histories):
         stretches = pairs(histories[a], histories[b], p.window_s, p.gap_s, causal=live)
         touching = (joint or {}).get((a, b), ())
         found += [e for pair in stretches for e in _of_pair(a, b, pair, p, touching, live)]
     return sorted(found, key=lambda e: (e.start_frame, e.a, e.b))
 
 
-def _side_by_side(histories: Mapping[int, History]) -> Iterator[tuple[int, int]]:
+def side_by_side(histories: Mapping[int, History]) -> Iterator[tuple[int, int]]:
     """Pairs (a < b) whose lives overlap: a sweep over the first frames, not the full product."""
     lives = sorted((int(h.frames[0]), int(h.frames[-1]), i) for i, h in histories.items() if len(h.frames))
     alive: list[tuple[int, int]] = []

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from statistics import median_low
@@ -17,7 +17,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from reasoning.encounters import EncounterParameters, History, find_encounters
+from reasoning.encounters import EncounterParameters, History, find_encounters, near, still
 from reasoning.questions.schema import TABLES
 from recorders import channels
 from recorders.errors import LimitError, RecordingError
@@ -355,3 +355,8 @@ class _Camera:
             self._add(
                 "encounter_evidence", e.a, e.b, e.start_frame, e.near_s, e.distance, e.relative_speed, e.sure_frame
             )
+        for track, history in histories.items():
+            for stretch in still(history, self._parameters):
+                self._add("still", track, *astuple(stretch))
+        for a, b, stretch in near(histories, self._parameters):
+            self._add("near", a, b, *astuple(stretch))

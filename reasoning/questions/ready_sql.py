@@ -193,7 +193,8 @@ WITH told AS (
   UNION ALL SELECT recording, start_t, end_t, start_frame, state, [if(a = $a, b, a)], '',
     format('relation:{}-{}@{}', a, b, start_frame) FROM relations WHERE (a = $a OR b = $a)$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'group ' || group_id,
-    list_filter(members, lambda x: x <> $a), coalesce(ended_by, ''), format('group:{}', group_id) FROM groups WHERE list_contains(members, $a)$only
+    list_filter(members, lambda x: x <> $a), coalesce(ended_by, ''), format('group:{}', group_id)
+    FROM groups WHERE list_contains(members, $a)$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'together: ' || kind, [if(a = $a, b, a)],
     format('confidence {}', confidence), format('encounter:{}-{}@{}', a, b, start_frame)
     FROM encounters WHERE (a = $a OR b = $a)$only

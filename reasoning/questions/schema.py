@@ -77,6 +77,8 @@ TABLES: Mapping[str, Columns] = {
     "bits": (("recording", "VARCHAR"), ("track", "INTEGER"), ("bit", "VARCHAR"), ("partners", "INTEGER[]"), *SPAN),
     "zones": (("recording", "VARCHAR"), ("track", "INTEGER"), ("zone", "VARCHAR"), *SPAN),
     "phases": (("recording", "VARCHAR"), ("a", "INTEGER"), ("b", "INTEGER"), ("kind", "VARCHAR"), *SPAN),
+    "still": (("recording", "VARCHAR"), ("track", "INTEGER"), *SPAN),
+    "near": (("recording", "VARCHAR"), ("a", "INTEGER"), ("b", "INTEGER"), *SPAN),
     "encounter_evidence": (
         ("recording", "VARCHAR"),
         ("a", "INTEGER"),
@@ -103,6 +105,8 @@ MEANING: Mapping[str, str] = {
     "bits": "one row per time in which a track was grouping, grouped or splitting with the same partners",
     "zones": "one row per stay of a track in a named zone",
     "phases": "the parts of each encounter, in order",
+    "still": "one row per time in which a track stood still",
+    "near": "one row per time in which a and b stood within the height of the taller of them",
     "encounter_evidence": "the measured values behind each encounter, in body sizes and seconds",
     "event_groups": "the groups that an event names",
 }

@@ -1,0 +1,81 @@
+"""What one target or a pair does for a while, for the patterns: standing still, being near one another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from reasoning.encounters.encounters import EncounterParameters, side_by_side
+from reasoning.encounters.pair import Bools, History, length, running_median, spans, velocity
+
+STILL_SIZES_PER_S = 0.15
+STILL_LEAST_S = 1.0
+REACH_SIZES = 1.0
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A closed interval in frames and seconds."""
+
+    start_frame: int
+    end_frame: int
+    start_s: float
+    end_s: float
+
+
+def still(history: History, parameters: EncounterParameters | None = None) -> list[Stretch]:
+    """When a target stood still: slower than 0.15 of its own height per second for at least a second."""
+    p = parameters or EncounterParameters()
+    if len(history.frames) < 2:
+        return []
+    step = float(np.median(np.diff(history.times_s)))
+    half = max(1, round(p.window_s / step)) if step > 0 else 1
+    size = max(float(np.median(history.boxes[:, 3])), 1.0)
+    feet = np.stack([history.boxes[:, 0] + history.boxes[:, 2] / 2, history.boxes[:, 1] + history.boxes[:, 3]], axis=1)
+    steady = np.stack([running_median(feet[:, k], half) for k in (0, 1)], axis=1)
+    slow = length(velocity(steady, history.times_s, half)) <= STILL_SIZES_PER_S * size
+    gap = np.concatenate([[False], np.diff(history.times_s) > p.gap_s])
+    return [s for s in _stretches(slow, gap, history) if s.end_s - s.start_s >= STILL_LEAST_S]
+
+
+def near(
+    histories: Mapping[int, History], parameters: EncounterParameters | None = None
+) -> list[tuple[int, int, Stretch]]:
+    """When two targets a < b stood within the height of the taller one of each other, by start, a, b."""
+    p = parameters or EncounterParameters()
+    out: list[tuple[int, int, Stretch]] = []
+    for a, b in side_by_side(histories):
+        one, two = histories[a], histories[b]
+        common, in_a, in_b = np.intersect1d(one.frames, two.frames, assume_unique=True, return_indices=True)
+        if len(common) < 2:
+            continue
+        times, box_a, box_b = one.times_s[in_a], one.boxes[in_a], two.boxes[in_b]
+        apart = np.stack(
+            [
+                box_a[:, 0] + box_a[:, 2] / 2 - box_b[:, 0] - box_b[:, 2] / 2,
+                box_a[:, 1] + box_a[:, 3] - box_b[:, 1] - box_b[:, 3],
+            ],
+            axis=1,
+        )
+        step = float(np.median(np.diff(times)))
+        half = max(1, round(p.window_s / 2 / step)) if step > 0 else 1
+        distance = running_median(length(apart) / np.maximum(np.maximum(box_a[:, 3], box_b[:, 3]), 1.0), half)
+        gap = np.concatenate([[False], np.diff(times) > p.gap_s])
+        pair = History(common, times, box_a)
+        out += [(a, b, s) for s in _stretches(distance <= REACH_SIZES, gap, pair)]
+    return sorted(out, key=lambda x: (x[2].start_frame, x[0], x[1]))
+
+
+def _stretches(mask: Bools, gap: Bools, history: History) -> list[Stretch]:
+    """Runs of the mask, cut where the target was not seen for a while."""
+    found = []
+    for start, end in spans(mask):
+        cuts = [start, *(np.flatnonzero(gap[start + 1 : end + 1]) + start + 1).tolist(), end + 1]
+        found += [(s, e - 1) for s, e in pairwise(cuts)]
+    return [
+        Stretch(int(history.frames[s]), int(history.frames[e]), float(history.times_s[s]), float(history.times_s[e]))
+        for s, e in found
+    ]

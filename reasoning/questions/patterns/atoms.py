@@ -1,0 +1,154 @@
+"""What patterns are made of: each atom's arguments, and the SELECT that gives its intervals.
+
+A source has the columns ``recording, x0, x1, ..., s, e, st, et, ref``: targets, first and last frame, their times, and
+the id to explain the row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from reasoning.questions.values import literal
+from recorders.messages import EVENT_KINDS
+
+_SPAN = "start_frame AS s, end_frame AS e, start_t AS st, end_t AS et"
+
+
+class Place(Enum):
+    """What an argument is."""
+
+    TARGET = "target"
+    TEXT = "text"
+
+
+@dataclass(frozen=True)
+class Atom:
+    """A relation, state or event.
+
+    Attributes:
+        about: one line for people.
+        least, most: number of targets.
+        zone: it has a zone's name as its last argument.
+        symmetric: the order of its targets does not matter.
+        instant: it is a moment, not an interval.
+        source: SQL from the number of targets and the zone's name (None: any).
+    """
+
+    about: str
+    source: Callable[[int, str | None], str]
+    least_targets: int = 2
+    most_targets: int = 2
+    zone: bool = False
+    symmetric: bool = True
+    instant: bool = False
+
+    @property
+    def least(self) -> int:
+        """Number of arguments that must be there."""
+        return self.least_targets + self.zone
+
+    def place(self, k: int) -> Place | None:
+        """What argument k is; None if there is none."""
+        if k < self.most_targets:
+            return Place.TARGET
+        return Place.TEXT if self.zone and k == self.most_targets else None
+
+    def arity(self) -> str:
+        """For messages."""
+        targets = (
+            f"{self.least_targets}" if self.least_targets == self.most_targets
+            else f"{self.least_targets} to {self.most_targets}"
+        )  # fmt: skip
+        return f"{targets} target{'s' if targets != '1' else ''}{' and a zone' if self.zone else ''}"
+
+
+def _pairs(table: str, condition: str, ref: str) -> Callable[[int, str | None], str]:
+    def source(_: int, __: str | None) -> str:
+        reference = f"format('{ref}:{{}}-{{}}@{{}}', a, b, start_frame) AS ref"
+        both = [
+            f"SELECT recording, {x} AS x0, {y} AS x1, {_SPAN}, {reference} FROM {table} WHERE {condition}"  # noqa: S608
+            for x, y in (("a", "b"), ("b", "a"))
+        ]
+        return " UNION ALL ".join(both)
+
+    return source
+
+
+def _state(table: str, ref: str, zone: bool = False) -> Callable[[int, str | None], str]:
+    def source(_: int, name: str | None) -> str:
+        where = f" WHERE zone = {literal(name)}" if zone and name is not None else ""
+        return (
+            f"SELECT recording, track AS x0, {_SPAN}, format('{ref}:{{}}@{{}}', track, start_frame) AS ref "  # noqa: S608
+            f"FROM {table}{where}"
+        )
+
+    return source
+
+
+def _unnested(count: int, column: str) -> tuple[str, str, str]:
+    """SELECT columns, FROM clauses and conditions that spread a list's different members over x0, x1, ..."""
+    columns = "".join(f", u{k}.x AS x{k}" for k in range(count))
+    sources = "".join(f", unnest({column}) AS u{k}(x)" for k in range(count))
+    different = "".join(f" AND u{j}.x <> u{k}.x" for k in range(count) for j in range(k))
+    return columns, sources, different
+
+
+def _event(kind: str) -> Callable[[int, str | None], str]:
+    def source(count: int, _: str | None) -> str:
+        columns, sources, different = _unnested(count, "v.subjects")
+        return (
+            f"SELECT v.recording{columns}, v.frame AS s, v.frame AS e, v.t AS st, v.t AS et, "  # noqa: S608
+            f"format('event:{{}}', v.event) AS ref FROM events v{sources} WHERE v.kind = {literal(kind)}{different}"
+        )
+
+    return source
+
+
+def _group(count: int, _: str | None) -> str:
+    columns, sources, different = _unnested(count, "g.members")
+    return (
+        f"SELECT g.recording{columns}, g.start_frame AS s, g.end_frame AS e, g.start_t AS st, g.end_t AS et, "  # noqa: S608
+        f"format('group:{{}}', g.group_id) AS ref FROM groups g{sources} WHERE true{different}"
+    )
+
+
+def _bit(bit: str) -> Callable[[int, str | None], str]:
+    def source(count: int, _: str | None) -> str:
+        partner = ", p.x AS x1" if count > 1 else ""
+        partners = ", unnest(v.partners) AS p(x)" if count > 1 else ""
+        return (
+            f"SELECT v.recording, v.track AS x0{partner}, {_SPAN}, "  # noqa: S608
+            f"format('track:{{}}@{{}}', v.track, v.start_frame) AS ref FROM bits v{partners} "
+            f"WHERE v.bit = {literal(bit)}"
+        )
+
+    return source
+
+
+_STATES: Mapping[str, Atom] = {
+    "interaction": Atom("INTERACTION of two (SHELLS)", _pairs("relations", "state = 'INTERACTION'", "relation")),
+    "joint": Atom("JOINT of two (SHELLS)", _pairs("relations", "state = 'JOINT'", "relation")),
+    "related": Atom("INTERACTION or JOINT", _pairs("relations", "true", "relation")),
+    "together": Atom("an encounter of two, in hindsight", _pairs("encounters", "true", "encounter")),
+    "meeting": Atom("two stand together", _pairs("phases", "kind = 'meeting'", "phase")),
+    "moving": Atom("two walk together", _pairs("phases", "kind = 'moving'", "phase")),
+    "contact": Atom("two touch, abruptly or JOINT", _pairs("phases", "kind = 'contact'", "phase")),
+    "separation": Atom("two who were together walk apart", _pairs("phases", "kind = 'separation'", "phase")),
+    "near": Atom("two within the taller one's height", _pairs("near", "true", "near")),
+    "group": Atom("members of one group", _group, 1, 4),
+    "present": Atom("a target is in the picture", _state("presence", "track"), 1, 1),
+    "still": Atom("a target stands still", _state("still", "track"), 1, 1),
+    "in": Atom("a target is in a zone", _state("zones", "zone", zone=True), 1, 1, zone=True),
+    "is_grouping": Atom("grouping (with a partner)", _bit("grouping"), 1, 2, symmetric=False),
+    "is_grouped": Atom("grouped (with a partner)", _bit("grouped"), 1, 2, symmetric=False),
+    "is_splitting": Atom("splitting (from a partner)", _bit("splitting"), 1, 2, symmetric=False),
+}
+ATOMS: Mapping[str, Atom] = {
+    **{
+        kind: Atom(f"the event {kind}", _event(kind), 0, 4, instant=True) for kind in EVENT_KINDS if kind not in _STATES
+    },
+    **_STATES,
+}
+NAMES: Sequence[str] = tuple(ATOMS)

@@ -1,0 +1,251 @@
+"""A pattern as one SELECT: its items' intervals, joined on recording and shared variables, ordered in time.
+
+Every item that is wanted becomes a common table; negated items become NOT EXISTS. No product of tracks is made: a join
+is on the recording and on the variables that two items share, and DuckDB orders the joins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from reasoning.questions.patterns.atoms import ATOMS
+from reasoning.questions.patterns.grammar import Bound, Item, Pattern, Term, parse, variables_of
+from reasoning.questions.values import literal
+
+
+def plan(text: str, recording: str | None = None) -> str:
+    """The SQL of a pattern, or of the shipped pattern of that name.
+
+    Rows: recording, one column per variable, first and last frame and time, ``step_frames`` (first and last frame of
+    each wanted item in order), and ``explain``.
+
+    Raises:
+        PatternError: it is no pattern.
+    """
+    from reasoning.questions.patterns.shipped import SHIPPED
+
+    name = text.strip().replace("-", "_")
+    return compile_pattern(parse(SHIPPED[name].text if name in SHIPPED else text), recording)
+
+
+def compile_pattern(pattern: Pattern, recording: str | None = None) -> str:
+    """The SQL of a parsed pattern."""
+    return _Plan(pattern, recording).sql()
+
+
+class _Plan:
+    def __init__(self, pattern: Pattern, recording: str | None) -> None:
+        self._pattern = pattern
+        self._recording = recording
+        self._tables: list[str] = []
+        self._conditions: list[str] = []
+        self._names: dict[int, str] = {}
+        self._bound: dict[str, str] = {}
+        for step in pattern.steps:
+            for item in step:
+                if not item.negated:
+                    self._add(item)
+
+    def _add(self, item: Item) -> None:
+        name = f"i{len(self._names)}"
+        self._names[id(item)] = name
+        self._tables.append(f"{name} AS (\n  {self._source(item)})")
+        if name != "i0":
+            self._conditions.append(f"{name}.recording = i0.recording")
+        for k, term in enumerate(item.terms):
+            if term.variable is None:
+                continue
+            column = f"{name}.x{k}"
+            if term.variable in self._bound:
+                self._conditions.append(f"{column} = {self._bound[term.variable]}")
+            else:
+                self._conditions += [f"{column} <> {other}" for other in self._bound.values()]
+                self._conditions += [f"{column} <> {n}" for n in self._numbers()]
+                self._bound[term.variable] = column
+
+    def _numbers(self) -> list[int]:
+        """Ids that the pattern names: no variable stands for them."""
+        return sorted({t.number for s in self._pattern.steps for i in s for t in i.terms if t.number is not None})
+
+    def _source(self, item: Item) -> str:
+        targets = [t for t in item.terms if t.text is None and not self._is_zone(item, t)]
+        zone = next((t.text for t in item.terms if t.text is not None), None)
+        wanted = [f"x{k} = {t.number}" for k, t in enumerate(targets) if t.number is not None]
+        wanted += [_compared("et - st", b) for b in item.bounds if b.what == "lasts"]
+        if self._recording is not None:
+            wanted.append(f"recording = {literal(self._recording)}")
+        rows = f"SELECT * FROM ({ATOMS[item.name].source(len(targets), zone)})"  # noqa: S608 - made of checked parts
+        if wanted:
+            rows += f" WHERE {' AND '.join(wanted)}"
+        if not item.repeated:
+            return rows
+        return _in_a_row(rows, [f"x{k}" for k in range(len(targets))], item)
+
+    @staticmethod
+    def _is_zone(item: Item, term: Term) -> bool:
+        return ATOMS[item.name].zone and term is item.terms[-1]
+
+    def sql(self) -> str:
+        spans = self._steps()
+        self._symmetry()
+        wanted = list(self._names.values())
+        first, last = _least([f"{n}.s" for n in wanted]), _greatest([f"{n}.e" for n in wanted])
+        first_t, last_t = _least([f"{n}.st" for n in wanted]), _greatest([f"{n}.et" for n in wanted])
+        if self._pattern.within_s is not None:
+            self._conditions.append(f"{last_t} - {first_t} <= {self._pattern.within_s!r}")
+        self._absences(spans)
+        columns = [f"{column} AS {_quoted(name)}" for name, column in self._bound.items()]
+        columns += [f"{first} AS start_frame", f"{last} AS end_frame", f"{first_t} AS start_t", f"{last_t} AS end_t"]
+        columns.append("[" + ", ".join(f"[{n}.s, {n}.e]" for n in wanted) + "] AS step_frames")
+        columns.append("concat_ws(' ', " + ", ".join(f"{n}.ref" for n in wanted) + ") AS explain")
+        conditions = "\n  AND ".join(self._conditions) or "true"
+        order = ", ".join(["1", *(_quoted(v) for v in self._bound), "step_frames", "explain"])
+        return (
+            "WITH " + ",\n".join(self._tables) + "\nSELECT DISTINCT i0.recording, " + ",\n  ".join(columns)
+            + "\nFROM " + ", ".join(wanted) + "\nWHERE " + conditions + f"\nORDER BY {order}"
+        )  # fmt: skip
+
+    def _steps(self) -> list[tuple[str, str, str, str] | None]:
+        """Each step's span (s, e, st, et) as SQL, None for a negated one; adds what orders items and steps."""
+        spans: list[tuple[str, str, str, str] | None] = []
+        previous: tuple[str, str, str, str] | None = None
+        for step in self._pattern.steps:
+            items = [i for i in step if not i.negated]
+            if not items:
+                spans.append(None)
+                continue
+            self._within_step(items)
+            names = [self._names[id(i)] for i in items]
+            span = (
+                _least([f"{n}.s" for n in names]), _greatest([f"{n}.e" for n in names]),
+                _least([f"{n}.st" for n in names]), _greatest([f"{n}.et" for n in names]),
+            )  # fmt: skip
+            if previous is not None:
+                self._conditions.append(f"{span[0]} > {previous[1]}")
+                gaps = [b for i in items if not i.repeated for b in i.bounds if b.what == "gap"]
+                self._conditions += [_compared(f"{span[2]} - {previous[3]}", b) for b in gaps]
+            spans.append(span)
+            previous = span
+        return spans
+
+    def _within_step(self, items: list[Item]) -> None:
+        for k, item in enumerate(items[1:], 1):
+            name = self._names[id(item)]
+            if item.link == ("&",):
+                for other in items[:k]:
+                    n = self._names[id(other)]
+                    self._conditions.append(f"{n}.s <= {name}.e AND {name}.s <= {n}.e")
+            else:
+                n = self._names[id(items[k - 1])]
+                either = " OR ".join(f"allen_{r}({n}.s, {n}.e, {name}.s, {name}.e)" for r in item.link)
+                self._conditions.append(f"({either})")
+
+    def _absences(self, spans: list[tuple[str, str, str, str] | None]) -> None:
+        for k, step in enumerate(self._pattern.steps):
+            span = spans[k]
+            for item in (i for i in step if i.negated):
+                if span is not None:
+                    window = [f"n.s <= {span[1]}", f"n.e >= {span[0]}"]
+                else:
+                    window = self._between(spans, k, item)
+                self._conditions.append(self._none(item, window))
+
+    @staticmethod
+    def _between(spans: list[tuple[str, str, str, str] | None], k: int, item: Item) -> list[str]:
+        """What makes an interval ``n`` touch the time between the steps beside a negated one."""
+        before = spans[k - 1] if k > 0 else None
+        after = spans[k + 1] if k + 1 < len(spans) else None
+        gaps = [b for b in item.bounds if b.what == "gap"]
+        window = []
+        if before is not None:
+            window.append(f"n.e > {before[1]}")
+            window += [_compared(f"n.st - {before[3]}", b) for b in gaps]
+        if after is not None:
+            window.append(f"n.s < {after[0]}")
+            if before is None:
+                window += [_compared(f"{after[2]} - n.et", b) for b in gaps]
+        return window
+
+    def _none(self, item: Item, window: list[str]) -> str:
+        conditions = ["n.recording = i0.recording", *window]
+        free: dict[str, str] = {}
+        for k, term in enumerate(item.terms):
+            if term.variable is None:
+                continue
+            if term.variable in self._bound:
+                conditions.append(f"n.x{k} = {self._bound[term.variable]}")
+            else:
+                others = [*self._bound.values(), *free.values(), *map(str, self._numbers())]
+                conditions += [f"n.x{k} <> {other}" for other in others]
+                free[term.variable] = f"n.x{k}"
+        return f"NOT EXISTS (SELECT 1 FROM ({self._source(item)}) n WHERE {' AND '.join(conditions)})"  # noqa: S608
+
+    def _symmetry(self) -> None:
+        """Where two variables can be swapped without changing the pattern, a match is told once: u < v."""
+        names = list(self._bound)
+        for k, u in enumerate(names):
+            for v in names[k + 1 :]:
+                if _canonical(self._pattern) == _canonical(self._pattern, {u: v, v: u}):
+                    self._conditions.append(f"{self._bound[u]} < {self._bound[v]}")
+
+
+def symmetric_pairs(pattern: Pattern) -> list[tuple[str, str]]:
+    """Pairs of variables that can be swapped without changing what the pattern says."""
+    names = pattern.variables()
+    return [
+        (u, v) for k, u in enumerate(names) for v in names[k + 1 :]
+        if _canonical(pattern) == _canonical(pattern, {u: v, v: u})
+    ]  # fmt: skip
+
+
+def _canonical(pattern: Pattern, swap: dict[str, str] | None = None) -> object:
+    free = dict.fromkeys(variables_of([i for s in pattern.steps for i in s]), "")
+    renamed = {v: (swap or {}).get(v, v) for v in free}
+    return tuple(tuple(_canonical_item(item, renamed) for item in step) for step in pattern.steps)
+
+
+def _canonical_item(item: Item, renamed: dict[str, str]) -> Item:
+    terms = tuple(replace(t, variable=renamed[t.variable]) if t.variable is not None else t for t in item.terms)
+    if ATOMS[item.name].symmetric and not ATOMS[item.name].zone:
+        terms = tuple(sorted(terms, key=lambda t: (t.variable or "", -1 if t.number is None else t.number)))
+    return replace(item, terms=terms)
+
+
+def _in_a_row(rows: str, keys: list[str], item: Item) -> str:
+    """``count`` (or more) of one item for the same targets: each starts after the one before has ended."""
+    gaps = [b for b in item.bounds if b.what == "gap"]
+    part = f"PARTITION BY {', '.join(['recording', *keys])} ORDER BY s, e, ref"
+    follows = " AND ".join(["s > lag(e) OVER w", *(_compared("st - lag(et) OVER w", b) for b in gaps)])
+    targets = "".join(f", {k}" for k in keys)
+    marked = f"SELECT *, coalesce({follows}, false) AS follows FROM ({rows}) WINDOW w AS ({part})"  # noqa: S608
+    if item.open_ended:
+        runs = f"SELECT *, sum((NOT follows)::INTEGER) OVER ({part}) AS run FROM ({marked})"  # noqa: S608
+        return (
+            f"SELECT recording{targets}, min(s) AS s, max(e) AS e, min(st) AS st, max(et) AS et, "  # noqa: S608
+            f"string_agg(ref, ' ' ORDER BY s, e, ref) AS ref FROM ({runs}) GROUP BY recording{targets}, run "
+            f"HAVING count(*) >= {item.count}"
+        )
+    more = item.count - 1
+    return (
+        f"SELECT recording{targets}, s, e2 AS e, st, et2 AS et, ref2 AS ref FROM (SELECT *, "  # noqa: S608
+        f"lead(e, {more}) OVER w AS e2, lead(et, {more}) OVER w AS et2, "
+        f"sum(follows::INTEGER) OVER (w ROWS BETWEEN 1 FOLLOWING AND {more} FOLLOWING) AS linked, "
+        f"string_agg(ref, ' ') OVER (w ROWS BETWEEN CURRENT ROW AND {more} FOLLOWING) AS ref2 "
+        f"FROM ({marked}) WINDOW w AS ({part})) WHERE linked = {more}"
+    )
+
+
+def _compared(value: str, bound: Bound) -> str:
+    return f"{value} {bound.compare} {bound.seconds!r}"
+
+
+def _least(values: list[str]) -> str:
+    return values[0] if len(values) == 1 else f"least({', '.join(values)})"
+
+
+def _greatest(values: list[str]) -> str:
+    return values[0] if len(values) == 1 else f"greatest({', '.join(values)})"
+
+
+def _quoted(name: str) -> str:
+    return f'"{name}"'
