@@ -5,9 +5,11 @@ from __future__ import annotations
 from recorders.segmentation.motion import MotionSegmenter
 from recorders.segmentation.parameters import SegmentationParameters
 from recorders.segmentation.segmenter import Segmented, Segmenter, SegmenterFactory
+from recorders.segmentation.threshold import ThresholdSegmenter
 
 SEGMENTERS: dict[str, SegmenterFactory] = {
     "motion": MotionSegmenter,
+    "threshold": ThresholdSegmenter,
 }
 
 __all__ = ["SEGMENTERS", "SegmentationParameters", "Segmented", "Segmenter", "SegmenterFactory"]

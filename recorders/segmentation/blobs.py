@@ -61,20 +61,18 @@ def components(mask: Image, min_area: float) -> tuple[Image, Labels, list[Blob]]
     left, top, w, h = (int(v) for v in cv2.boundingRect(mask))
     # Labels are in scan order of 2 x 2 blocks, so a part that starts at even places has the same order as the whole.
     left, w, top, h = left - left % 2, w + left % 2, top - top % 2, h + top % 2
-    part = np.s_[top : top + h, left : left + w]
     count, numbered, stats, _ = cv2.connectedComponentsWithStatsWithAlgorithm(
-        np.ascontiguousarray(mask[part]), 8, cv2.CV_32S, cv2.CCL_BBDT
+        np.ascontiguousarray(mask[top : top + h, left : left + w]), 8, cv2.CV_32S, cv2.CCL_BBDT
     )
     kept = np.flatnonzero(stats[1:count, cv2.CC_STAT_AREA] >= max(1.0, min_area)) + 1
-    # Leaving some out keeps the others' order.
-    new = np.zeros(count, np.int32)
-    new[kept] = np.arange(1, len(kept) + 1)
-    own = new[numbered]
-    labels[part] = own
-    clean[part] = (own > 0).view(np.uint8) * np.uint8(255)
     blobs: list[Blob] = []
-    for number, (x, y, bw, bh, area) in enumerate(stats[kept].tolist(), 1):
-        pixels = (own[y : y + bh, x : x + bw] == number).view(np.uint8)
-        box = (float(left + x), float(top + y), float(bw), float(bh))
-        blobs.append(Blob(id=number, box=box, area=area, ellipse=ellipse_of(pixels, left + x, top + y)))
+    # Leaving some out keeps the others' order.
+    for number, k in enumerate(kept.tolist(), 1):
+        x, y, bw, bh, area = stats[k].tolist()
+        pixels = (numbered[y : y + bh, x : x + bw] == k).view(np.uint8)
+        x, y = left + x, top + y
+        cv2.copyTo(np.full((bh, bw), number, np.int32), pixels, labels[y : y + bh, x : x + bw])
+        cv2.copyTo(np.full((bh, bw), 255, np.uint8), pixels, clean[y : y + bh, x : x + bw])
+        box = (float(x), float(y), float(bw), float(bh))
+        blobs.append(Blob(id=number, box=box, area=area, ellipse=ellipse_of(pixels, x, y)))
     return clean, labels, blobs
