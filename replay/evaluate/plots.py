@@ -18,6 +18,7 @@ from replay.evaluate.truth import FloatArray, IntArray, MotTable
 
 MOST_TRAJECTORIES = 12
 MOST_LABELS = 6
+COLOURS = 10
 _PAPER = {"savefig.dpi": 130, "font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}
 
 
@@ -91,12 +92,12 @@ def _metadata(path: str | Path) -> dict[str, Any]:
 def _distances(axes: Any, both: Overlap, matches: Matches, shown: list[int], step: float, unit: str) -> None:
     true_row = both.true_row[matches.pairs]
     distance = centre_distance(both, matches.pairs)
-    for i in shown:
+    for k, i in enumerate(shown):
         mine = both.true_ids[true_row] == i
         if mine.any():
             frames = both.truth.frames[true_row[mine]]
             x, y = _broken(frames, frames * step, distance[mine])
-            axes.plot(x, y, lw=1, label=str(int(both.true_names[i])))
+            axes.plot(x, y, "-" if k < COLOURS else ":", lw=1, label=str(int(both.true_names[i])))
     axes.set(title="Distance of matched centre to truth, by true identity", xlabel=unit, ylabel="px")
     if len(axes.lines):
         axes.legend(ncols=12, fontsize=7, loc="upper right")
