@@ -14,6 +14,7 @@ from recorders.log.index import Definitions, Summary
 from recorders.log.reader import read_attachment
 from recorders.log.salvage import Damage, read_ending, walk
 from recorders.log.storage import RawRecord, RecordFile
+from recorders.log.writer import LIBRARY
 
 Severity = Literal["error", "warning"]
 MAX_FINDINGS = 1000
@@ -59,6 +60,7 @@ class _Examination:
         self.pending: dict[int, list[tuple[int, int]]] = {}
         self.pending_chunk: RawRecord | None = None
         self.damaged = False
+        self.ours = False
         self.times: tuple[int, int] | None = None
 
     def run(self) -> None:
@@ -72,7 +74,7 @@ class _Examination:
         elif ending.footer is not None and not ending.footer.summary_start:
             self._warn(ending.data_limit, "Footer", "there is no summary: readers must scan the whole file")
         elif ending.footer is not None and not ending.footer.summary_crc:
-            self._warn(ending.footer.summary_start, "Footer", "the summary has no CRC: damage in it would not show")
+            self._no_crc(ending.footer.summary_start, "Footer", "the summary has no CRC: damage in it would not show")
         if ending.summary is not None:
             self.chunks = {entry.offset: entry for entry in ending.summary.chunks}
         ended = False
@@ -98,6 +100,10 @@ class _Examination:
     def _warn(self, offset: int, record: str, text: str) -> None:
         self._add(Finding("warning", offset, record, text))
 
+    def _no_crc(self, offset: int, record: str, text: str) -> None:
+        """CRCs are optional in MCAP, but our writer never leaves one out."""
+        self._add(Finding("error" if self.ours else "warning", offset, record, text))
+
     def _add(self, finding: Finding) -> None:
         if len(self.findings) < MAX_FINDINGS:
             self.findings.append(finding)
@@ -114,7 +120,8 @@ class _Examination:
             raw = self.file.record_at(size)
             if raw.opcode != wire.HEADER:
                 raise self.file.error("the file does not start with a Header record", size, raw.name)
-            self.file.parse(wire.parse_header, raw)
+            _, library = self.file.parse(wire.parse_header, raw)
+            self.ours = library == LIBRARY
         except RecordingError as error:
             self._error(size, "Header", error.reason)
             return size
@@ -148,7 +155,7 @@ class _Examination:
     def _data_end(self, raw: RawRecord) -> None:
         crc = self.file.parse(wire.parse_data_end, raw)
         if not crc:
-            self._warn(raw.offset, "DataEnd", "the data section has no CRC: damage outside the chunks would not show")
+            self._no_crc(raw.offset, "DataEnd", "the data section has no CRC: damage outside the chunks would not show")
         elif self.file.crc(0, raw.offset) != crc:
             self._error(raw.offset, "DataEnd", "the CRC of the data section differs: the file is damaged")
 
@@ -157,7 +164,7 @@ class _Examination:
         self.pending_chunk, self.pending = raw, {}
         data = self.file.unpack(raw, head)
         if not head.uncompressed_crc:
-            self._warn(raw.offset, "Chunk", "the chunk has no CRC: damage in it would not show")
+            self._no_crc(raw.offset, "Chunk", "the chunk has no CRC: damage in it would not show")
         low: int | None = None
         high = 0
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -269,3 +270,27 @@ def test_nothing_is_written_that_could_not_be_read(
     with pytest.raises(LimitError, match=r"over the limit max_\w+ = \d+"):
         call(log)
     log.abort()
+
+
+def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
+    def peak(count: int) -> tuple[int, int]:
+        path = tmp_path / "log.mcap"
+        picture = bytes(range(256)) * 200
+        tracemalloc.start()
+        try:
+            with LogWriter(path, force=True, picture_topics={"/image"}, chunk_bytes=1 << 20) as log:
+                image, small = log.channel("/image", None, "jpeg"), log.channel("/small", SCHEMA, "json")
+                for k in range(count):
+                    log.write(image, picture, k * 40_000_000)
+                    log.write(small, b"%d" % k, k * 40_000_000)
+            writing = tracemalloc.get_traced_memory()[1]
+            tracemalloc.reset_peak()
+            with LogReader(path) as log:
+                assert sum(1 for _ in log.messages()) == 2 * count
+            return writing, tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    short, long = peak(100), peak(1000)
+    assert long[0] < short[0] + 1_000_000
+    assert long[1] < short[1] + 1_000_000
