@@ -10,7 +10,7 @@ from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import wire
 from recorders.log.blocks import records
-from recorders.log.index import Definitions, Summary
+from recorders.log.layout import Definitions, Summary
 from recorders.log.reader import read_attachment
 from recorders.log.salvage import Damage, read_ending, walk
 from recorders.log.storage import RawRecord, RecordFile

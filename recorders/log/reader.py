@@ -13,7 +13,8 @@ from typing import Self
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import wire
 from recorders.log.blocks import Block, BlockCursor, read_messages
-from recorders.log.index import LogIndex, build_index
+from recorders.log.index import build_index
+from recorders.log.layout import LogIndex
 from recorders.log.model import Attachment, ChannelInfo, LogHeader, Message
 from recorders.log.storage import RawRecord, RecordFile
 

@@ -9,7 +9,7 @@ from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import wire
 from recorders.log.blocks import records
-from recorders.log.index import Definitions
+from recorders.log.layout import Definitions
 from recorders.log.model import Schema
 from recorders.log.reader import read_attachment
 from recorders.log.salvage import Damage, Ending, read_ending, walk

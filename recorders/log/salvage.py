@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from recorders.errors import RecordingError
 from recorders.log import wire
-from recorders.log.index import Summary, read_footer, read_summary
+from recorders.log.layout import Summary, read_footer, read_summary
 from recorders.log.storage import RawRecord, RecordFile
 
 _OVERLAP = 64

@@ -6,7 +6,7 @@ import struct
 import zlib
 from dataclasses import dataclass, field
 
-from recorders.log import wire
+from recorders.log import encoding, wire
 
 
 @dataclass(slots=True)
@@ -33,16 +33,16 @@ class SummaryBuilder:
             (wire.SCHEMA, [self.schemas[identity] for identity in sorted(self.schemas)]),
             (wire.CHANNEL, self.channels),
             (wire.STATISTICS, [self._statistics(counts)]),
-            (wire.CHUNK_INDEX, [wire.encode_chunk_index(entry) for entry in self.chunks]),
-            (wire.ATTACHMENT_INDEX, [wire.encode_attachment_index(entry) for entry in self.attachments]),
+            (wire.CHUNK_INDEX, [encoding.encode_chunk_index(entry) for entry in self.chunks]),
+            (wire.ATTACHMENT_INDEX, [encoding.encode_attachment_index(entry) for entry in self.attachments]),
             (wire.METADATA_INDEX, [_metadata_index(entry) for entry in self.metadata]),
-            (wire.CHECKSUMS, [wire.encode_checksums(self.checksums)]),
+            (wire.CHECKSUMS, [encoding.encode_checksums(self.checksums)]),
         ]
         body, offsets = bytearray(), bytearray()
         for opcode, members in groups:
             if members:
                 content = b"".join(members)
-                offsets += wire.record(
+                offsets += encoding.record(
                     wire.SUMMARY_OFFSET, struct.pack("<BQQ", opcode, start + len(body), len(content))
                 )
                 body += content
@@ -53,7 +53,7 @@ class SummaryBuilder:
 
     def _statistics(self, counts: dict[int, int]) -> bytes:
         filled = [entry for entry in self.chunks if entry.message_index_offsets]
-        return wire.encode_statistics(
+        return encoding.encode_statistics(
             wire.StatisticsRecord(
                 message_count=sum(counts.values()),
                 schema_count=len(self.schemas),
@@ -69,4 +69,6 @@ class SummaryBuilder:
 
 
 def _metadata_index(entry: wire.MetadataIndexRecord) -> bytes:
-    return wire.record(wire.METADATA_INDEX, struct.pack("<QQ", entry.offset, entry.length), wire.text(entry.name))
+    return encoding.record(
+        wire.METADATA_INDEX, struct.pack("<QQ", entry.offset, entry.length), encoding.text(entry.name)
+    )

@@ -1,4 +1,4 @@
-"""The bytes of MCAP records: strict parsing with bounds, and serialisation (mcap.dev/spec, version 0).
+"""The bytes of MCAP records: constants, types, strict parsing with bounds (mcap.dev/spec, version 0).
 
 The `mcap` package's parsers read past a record's end, or overrun a map's declared length, without an error; these do
 not, and say what is wrong. Bytes after a record's known fields are allowed (the specification reserves
@@ -8,7 +8,6 @@ them for extensions).
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -29,7 +28,7 @@ METADATA_INDEX = 0x0D
 SUMMARY_OFFSET = 0x0E
 DATA_END = 0x0F
 CHECKSUMS = 0x81
-"""This project's own record, in the summary (`encode_checksums`); other readers skip opcodes from 0x80 on."""
+"""This project's own record in the summary (`encoding.encode_checksums`); other readers skip what they do not know."""
 
 OPCODE_NAMES = {
     HEADER: "Header",
@@ -357,85 +356,10 @@ def parse_data_end(content: bytes | memoryview) -> int:
 
 
 def parse_checksums(content: bytes | memoryview) -> dict[tuple[int, int], int]:
-    """Checksums (see `encode_checksums`): CRC-32 by (offset, length)."""
+    """Checksums (see `recorders.log.encoding.encode_checksums`): CRC-32 by (offset, length)."""
     cursor = Cursor(content)
     checksums: dict[tuple[int, int], int] = {}
     while cursor.position < cursor.end:
         place = cursor.u64("offset"), cursor.u64("length")
         checksums[place] = cursor.u32("CRC")
     return checksums
-
-
-def record(opcode: int, *fields: bytes) -> bytes:
-    """A whole record from its serialised fields."""
-    content = b"".join(fields)
-    return PREFIX.pack(opcode, len(content)) + content
-
-
-def text(value: str) -> bytes:
-    """A string with its length before it."""
-    raw = value.encode("utf-8")
-    return U32.pack(len(raw)) + raw
-
-
-def texts(values: Mapping[str, str]) -> bytes:
-    """A map from strings to strings, keys sorted."""
-    content = b"".join(text(key) + text(values[key]) for key in sorted(values))
-    return U32.pack(len(content)) + content
-
-
-def encode_schema(identity: int, name: str, encoding: str, data: bytes) -> bytes:
-    """A Schema record."""
-    return record(SCHEMA, U16.pack(identity), text(name), text(encoding), U32.pack(len(data)), data)
-
-
-def encode_channel(identity: int, schema_id: int, topic: str, encoding: str, metadata: Mapping[str, str]) -> bytes:
-    """A Channel record."""
-    return record(CHANNEL, U16.pack(identity), U16.pack(schema_id), text(topic), text(encoding), texts(metadata))
-
-
-def encode_chunk_index(index: ChunkIndexRecord) -> bytes:
-    """A ChunkIndex record."""
-    offsets = b"".join(U16.pack(k) + U64.pack(v) for k, v in sorted(index.message_index_offsets.items()))
-    return record(
-        CHUNK_INDEX,
-        struct.pack("<QQQQI", index.start_ns, index.end_ns, index.offset, index.length, len(offsets)),
-        offsets,
-        U64.pack(index.message_index_length),
-        text(index.compression),
-        struct.pack("<QQ", index.compressed_size, index.uncompressed_size),
-    )
-
-
-def encode_attachment_index(index: AttachmentIndexRecord) -> bytes:
-    """An AttachmentIndex record."""
-    head = struct.pack("<QQQQQ", index.offset, index.length, index.log_time_ns, index.create_time_ns, index.data_size)
-    return record(ATTACHMENT_INDEX, head, text(index.name), text(index.media_type))
-
-
-def encode_statistics(statistics: StatisticsRecord) -> bytes:
-    """A Statistics record."""
-    counts = b"".join(U16.pack(k) + U64.pack(v) for k, v in sorted(statistics.channel_message_counts.items()))
-    head = struct.pack(
-        "<QHIIIIQQI",
-        statistics.message_count,
-        statistics.schema_count,
-        statistics.channel_count,
-        statistics.attachment_count,
-        statistics.metadata_count,
-        statistics.chunk_count,
-        statistics.start_ns,
-        statistics.end_ns,
-        len(counts),
-    )
-    return record(STATISTICS, head, counts)
-
-
-def encode_checksums(checksums: Iterable[tuple[int, int, int]]) -> bytes:
-    """A Checksums record: (offset, length, CRC-32) of each header and metadata record of the data section.
-
-    MCAP gives chunks, attachments and the summary a CRC of their own; a header or metadata record has only that of
-    the whole data section, so that checking a few hundred bytes would mean reading the whole file. This record
-    closes the gap; it stands in the summary, under the summary's CRC.
-    """
-    return record(CHECKSUMS, b"".join(struct.pack("<QQI", *entry) for entry in checksums))

@@ -13,7 +13,7 @@ from typing import NoReturn, Self
 
 from recorders.errors import LimitError, RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.log import wire
+from recorders.log import encoding, wire
 from recorders.log.compression import KNOWN, compress
 from recorders.log.model import Schema
 from recorders.log.output import PART_SUFFIX, PartFile
@@ -113,7 +113,7 @@ class LogWriter:
         self._crc = 0
         self._file = PartFile(path, force=force, suffix=part_suffix)
         self._put(wire.MAGIC)
-        self._put_checked(wire.record(wire.HEADER, wire.text(profile), wire.text(LIBRARY)))
+        self._put_checked(encoding.record(wire.HEADER, encoding.text(profile), encoding.text(LIBRARY)))
 
     def __enter__(self) -> Self:
         return self
@@ -149,10 +149,10 @@ class LogWriter:
             schema_id = self._schemas.setdefault(schema, len(self._schemas) + 1)
             if (schema_id, id(chunk)) not in self._schemas_in:
                 self._schemas_in.add((schema_id, id(chunk)))
-                encoded = wire.encode_schema(schema_id, schema.name, schema.encoding, schema.data)
+                encoded = encoding.encode_schema(schema_id, schema.name, schema.encoding, schema.data)
                 self._summary.schemas[schema_id] = encoded
                 chunk.data += encoded
-        encoded = wire.encode_channel(identity, schema_id, topic, message_encoding, metadata or {})
+        encoded = encoding.encode_channel(identity, schema_id, topic, message_encoding, metadata or {})
         self._summary.channels.append(encoded)
         chunk.data += encoded
         self._channels.append(_Channel(topic, chunk))
@@ -209,7 +209,7 @@ class LogWriter:
     def attach(self, name: str, media_type: str, data: bytes, log_time_ns: int = 0, create_time_ns: int = 0) -> None:
         """Keep a file inside the log."""
         self._check_limit(len(data), "max_attachment_bytes", "the attachment's size", name)
-        head = struct.pack("<QQ", log_time_ns, create_time_ns) + wire.text(name) + wire.text(media_type)
+        head = struct.pack("<QQ", log_time_ns, create_time_ns) + encoding.text(name) + encoding.text(media_type)
         head += wire.U64.pack(len(data))
         crc = zlib.crc32(data, zlib.crc32(head))
         length = len(head) + len(data) + 4
@@ -223,7 +223,7 @@ class LogWriter:
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Add a metadata record; its keys are written sorted."""
-        encoded = wire.record(wire.METADATA, wire.text(name), wire.texts(values))
+        encoded = encoding.record(wire.METADATA, encoding.text(name), encoding.texts(values))
         self._summary.metadata.append(wire.MetadataIndexRecord(self._offset, len(encoded), name))
         self._put_checked(encoded)
 
@@ -233,7 +233,7 @@ class LogWriter:
             return
         try:
             self._flush()
-            data_end = wire.record(wire.DATA_END, wire.U32.pack(self._crc))
+            data_end = encoding.record(wire.DATA_END, wire.U32.pack(self._crc))
             counts = {k: channel.count for k, channel in enumerate(self._channels, 1) if channel.count}
             tail = self._summary.encode(self._offset + len(data_end), counts)
             self._put(data_end)
@@ -267,7 +267,7 @@ class LogWriter:
         start, end = (chunk.start_ns, chunk.end_ns) if chunk.entries else (0, 0)
         packed = compress(self._compression, chunk.data)
         head = wire.CHUNK_HEAD.pack(start, end, len(chunk.data), zlib.crc32(chunk.data))
-        head += wire.text(self._compression) + wire.U64.pack(len(packed))
+        head += encoding.text(self._compression) + wire.U64.pack(len(packed))
         offset, length = self._offset, len(head) + len(packed)
         indexes: list[bytes] = []
         places: dict[int, int] = {}
@@ -321,4 +321,4 @@ def _message_index(identity: int, entries: array[int]) -> bytes:
         entries = array("Q", entries)
         entries.byteswap()
     raw = entries.tobytes()
-    return wire.record(wire.MESSAGE_INDEX, wire.U16.pack(identity), wire.U32.pack(len(raw)), raw)
+    return encoding.record(wire.MESSAGE_INDEX, wire.U16.pack(identity), wire.U32.pack(len(raw)), raw)

@@ -1,0 +1,172 @@
+"""A log's outline: header, footer, summary, and the index made of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from recorders.log import wire
+from recorders.log.blocks import Block
+from recorders.log.model import ChannelInfo, LogHeader, Schema
+from recorders.log.storage import RawRecord, RecordFile
+
+_RECOVER = "`scenetrace recover` keeps what is whole"
+
+
+@dataclass(slots=True)
+class Definitions:
+    """Schemas and channels as they are met in a file, held to their rules."""
+
+    file: RecordFile
+    schemas: dict[int, wire.SchemaRecord] = field(default_factory=dict)
+    channels: dict[int, wire.ChannelRecord] = field(default_factory=dict)
+
+    def schema(self, found: wire.SchemaRecord, offset: int) -> None:
+        """Take in a Schema record."""
+        if self.schemas.setdefault(found.id, found) != found:
+            raise self.file.error(f"schema {found.id} is defined a second time, differently", offset, "Schema")
+        self.file.check_limit(len(self.schemas), "max_channels", "the number of schemas", offset, "Schema")
+
+    def channel(self, found: wire.ChannelRecord, offset: int) -> None:
+        """Take in a Channel record."""
+        if found.schema_id and found.schema_id not in self.schemas:
+            raise self.file.error(
+                f"channel {found.id} ({found.topic}) names schema {found.schema_id}, which no record before it defines",
+                offset,
+                "Channel",
+            )
+        if self.channels.setdefault(found.id, found) != found:
+            raise self.file.error(f"channel {found.id} is defined a second time, differently", offset, "Channel")
+        self.file.check_limit(len(self.channels), "max_channels", "the number of channels", offset, "Channel")
+
+    def infos(self, counts: dict[int, int] | None) -> dict[int, ChannelInfo]:
+        """The channels by id, in the order of ids."""
+        schemas = {s.id: Schema(s.name, s.encoding, s.data) for s in self.schemas.values()}
+        return {
+            identity: ChannelInfo(
+                topic=c.topic,
+                schema=schemas.get(c.schema_id),
+                message_encoding=c.message_encoding,
+                metadata=c.metadata,
+                message_count=None if counts is None else counts.get(identity, 0),
+                id=identity,
+            )
+            for identity, c in sorted(self.channels.items())
+        }
+
+
+@dataclass(slots=True)
+class LogIndex:
+    """Where everything stands in a log. ``data_crc`` is 0 where the file has none."""
+
+    header: LogHeader
+    header_record: RawRecord
+    footer: wire.FooterRecord
+    footer_offset: int
+    data_end: RawRecord
+    data_crc: int
+    channels: dict[int, ChannelInfo]
+    blocks: list[Block]
+    attachments: list[RawRecord]
+    metadata: list[RawRecord]
+    message_count: int
+    start_ns: int | None
+    end_ns: int | None
+    checksums: dict[tuple[int, int], int]
+    data_checked: bool
+    scanned: bool
+    attachment_indexes: list[wire.AttachmentIndexRecord] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Summary:
+    """The summary section's records."""
+
+    definitions: Definitions
+    statistics: wire.StatisticsRecord | None = None
+    chunks: list[wire.ChunkIndexRecord] = field(default_factory=list)
+    attachments: list[wire.AttachmentIndexRecord] = field(default_factory=list)
+    metadata: list[wire.MetadataIndexRecord] = field(default_factory=list)
+    checksums: dict[tuple[int, int], int] = field(default_factory=dict)
+
+    @property
+    def is_complete(self) -> bool:
+        """Its statistics are there and count what it lists, and every channel that is counted or indexed is listed.
+
+        More channels and schemas than counted are fine: some writers list those without messages too.
+        """
+        counts = self.statistics
+        if counts is None:
+            return False
+        by_channel = counts.channel_message_counts
+        mentioned = set(by_channel).union(*(chunk.message_index_offsets for chunk in self.chunks))
+        return (
+            (counts.chunk_count, counts.attachment_count, counts.metadata_count)
+            == (len(self.chunks), len(self.attachments), len(self.metadata))
+            and counts.channel_count <= len(self.definitions.channels)
+            and counts.schema_count <= len(self.definitions.schemas)
+            and mentioned <= set(self.definitions.channels)
+            and (not by_channel or sum(by_channel.values()) == counts.message_count)
+        )
+
+
+def check_start(file: RecordFile) -> RawRecord:
+    """The header record, after the magic bytes."""
+    if file.size == 0:
+        raise file.error("the file is empty")
+    if file.read(0, min(8, file.size)) != wire.MAGIC:
+        raise file.error("this is not an MCAP file (its first bytes are not MCAP's)", 0)
+    raw = file.record_at(len(wire.MAGIC))
+    if raw.opcode != wire.HEADER:
+        raise file.error("the file does not start with a Header record", raw.offset, raw.name)
+    return raw
+
+
+def read_footer(file: RecordFile) -> tuple[wire.FooterRecord, int]:
+    """The footer and its offset; an error that speaks of a cut file where there is none."""
+    offset = file.size - len(wire.MAGIC) - wire.FOOTER_BYTES
+    cut = f"the file has no end: it was cut short, or its writer was killed; {_RECOVER}"
+    if offset < len(wire.MAGIC) or file.read(file.size - 8, 8) != wire.MAGIC:
+        raise file.error(cut, file.size)
+    opcode, length = wire.PREFIX.unpack(file.read(offset, wire.PREFIX_BYTES))
+    if opcode != wire.FOOTER or length != wire.FOOTER_BODY.size:
+        raise file.error(cut, offset)
+    footer = wire.FooterRecord(*wire.FOOTER_BODY.unpack(file.read(offset + wire.PREFIX_BYTES, length)))
+    if footer.summary_start > offset or footer.summary_offset_start > offset:
+        raise file.error("the footer places the summary after itself", offset, "Footer")
+    return footer, offset
+
+
+def read_summary(file: RecordFile, footer: wire.FooterRecord, footer_offset: int) -> Summary:
+    """The summary's records, its CRC checked where there is one."""
+    start = footer.summary_start
+    summary = Summary(Definitions(file))
+    if not start:
+        return summary
+    file.check_limit(footer_offset - start, "max_summary_bytes", "the summary's size", start)
+    if footer.summary_crc:
+        crc = file.crc(start, footer_offset + wire.FOOTER_BYTES - 4)
+        if crc != footer.summary_crc:
+            raise file.error(f"the summary's CRC differs: it is damaged; {_RECOVER}", start, "Footer")
+    for raw in file.walk(start, footer_offset):
+        _take_summary_record(file, summary, raw)
+    return summary
+
+
+def _take_summary_record(file: RecordFile, summary: Summary, raw: RawRecord) -> None:
+    if raw.opcode == wire.SCHEMA:
+        summary.definitions.schema(file.parse(wire.parse_schema, raw), raw.offset)
+    elif raw.opcode == wire.CHANNEL:
+        found = file.parse(wire.parse_channel, raw)
+        # Some writers repeat channels but not schemas: such a channel is found by scanning.
+        if not found.schema_id or found.schema_id in summary.definitions.schemas:
+            summary.definitions.channel(found, raw.offset)
+    elif raw.opcode == wire.STATISTICS:
+        summary.statistics = file.parse(wire.parse_statistics, raw)
+    elif raw.opcode == wire.CHUNK_INDEX:
+        summary.chunks.append(file.parse(wire.parse_chunk_index, raw))
+    elif raw.opcode == wire.ATTACHMENT_INDEX:
+        summary.attachments.append(file.parse(wire.parse_attachment_index, raw))
+    elif raw.opcode == wire.METADATA_INDEX:
+        summary.metadata.append(file.parse(wire.parse_metadata_index, raw))
+    elif raw.opcode == wire.CHECKSUMS:
+        summary.checksums = file.parse(wire.parse_checksums, raw)
