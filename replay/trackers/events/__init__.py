@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from reasoning.regions import RegionParameters
 from recorders.parameters import Config, Parameters
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.tracker import EventsTracker
@@ -11,10 +12,12 @@ SECTIONS: dict[str, type[Parameters]] = {"events": EventsParameters}
 
 
 def make(scene: SceneInfo, config: Config) -> Tracker:
-    """Build the tracker for a scene from its configuration's section ``events``."""
+    """Build the tracker for a scene from its configuration's section ``events`` (and ``regions``, EVENTS 3.2)."""
     parameters = config["events"]
     assert isinstance(parameters, EventsParameters)
-    return EventsTracker(scene, parameters)
+    regions = config.get("regions", RegionParameters())
+    assert isinstance(regions, RegionParameters)
+    return EventsTracker(scene, parameters, regions)
 
 
 __all__ = ["SECTIONS", "EventsParameters", "EventsTracker", "make"]

@@ -14,20 +14,20 @@ class EventsParameters(Parameters):
     """How low-level tracks are held, confirmed, lost and removed (EVENTS 2)."""
 
     hindsight: bool = param(True, "join, fill and smooth the tracks after the forward pass")
-    place_noise: float = param(0.10, "standard deviation of a measured centre", unit="sizes", low=0.001, high=10.0)
+    place_noise: float = param(0.1, "standard deviation of a measured centre", unit="sizes", low=0.001, high=10.0)
     size_noise: float = param(
         0.12, "standard deviation of a measured width or height", unit="sizes", low=0.001, high=10
     )
     agility: float = param(1.0, "standard deviation of a target's acceleration", unit="sizes/s^2", low=0.0, high=1e3)
     size_drift: float = param(
-        0.1, "standard deviation of the change of width and height in a second", unit="sizes", low=0.0, high=1e3
+        0.05, "standard deviation of the change of width and height in a second", unit="sizes", low=0.0, high=1e3
     )
     body_spread: float = param(
         0.12, "standard deviation of bodies' sizes around the learnt model", unit="heights", low=0.001, high=10.0
     )
     speed: float = param(1.5, "standard deviation of a new target's speed", unit="sizes/s", low=0.0, high=1e3)
-    gate: float = param(3.0, "furthest innovation that is associated", unit="standard deviations", low=0.1, high=100.0)
-    min_overlap: float = param(0.15, "least IoU of a detection with the predicted box", low=0.0, high=1.0)
+    gate: float = param(4.0, "furthest innovation that is associated", unit="standard deviations", low=0.1, high=100.0)
+    min_overlap: float = param(0.1, "least IoU of a detection with the predicted box", low=0.0, high=1.0)
     high_score: float = param(0.7, "detections from this score on may start tracks", low=0.0, high=1.0)
     confirm_s: float = param(0.4, "a tentative track is confirmed after this time", unit="s", low=0.0, high=60.0)
     confirm_hits: int = param(3, "and after this many sightings", unit="frames", low=1, high=1000)
@@ -48,3 +48,12 @@ class EventsParameters(Parameters):
     min_own: float = param(0.2, "least share of a placed box that is foreground of its own", low=0.0, high=1.0)
     min_unexplained: float = param(0.5, "a detection with less foreground of its own is explained", low=0.0, high=1.0)
     learn_s: float = param(0.25, "a lone target's colours are learnt this often", unit="s", low=0.0, high=60.0)
+    colour_cost: float = param(1.0, "cost of entirely different colours in association", low=0.0, high=100.0)
+    drift: float = param(0.5, "how far a lost target may be off its path at once", unit="sizes", low=0.01, high=100.0)
+    drift_rate: float = param(0.5, "and its growth while it is lost", unit="sizes/s", low=0.0, high=100.0)
+    recover_cost: float = param(0.9, "dearest match of a lost target with a new track", low=0.0, high=100.0)
+    min_likeness: float = param(0.25, "least likeness of colours that holds a target", low=-1.0, high=1.0)
+    min_shared: float = param(
+        0.5, "a detection that covers this share of a second target may be merged", low=0.0, high=1.0
+    )
+    hidden_patience: float = param(3.0, "targets behind others are held so many times longer", low=1.0, high=100.0)

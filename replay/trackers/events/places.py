@@ -9,7 +9,7 @@ colours and not far from where the target was expected. Ties go to the place nea
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +66,7 @@ class Place:
         shared: share of the box that is foreground which another target explains too.
         blob: the blob that it mostly lies in, `NO_BLOB` for none.
         score: the search's score, 1 where no search was needed.
+        tenant: it is the only one in its blob, and the blob holds one detection at most, but of another size.
     """
 
     box: tuple[float, float, float, float]
@@ -74,6 +75,7 @@ class Place:
     shared: float
     blob: int
     score: float = 1.0
+    tenant: bool = False
 
 
 class Foreground:
@@ -259,6 +261,7 @@ def place(
     fits = _fits(expected, fg, p) | expected.patient[:, None]
     out: list[Place | None] = [None] * n
     searched: list[int] = []
+    tenants_only = [False] * n
     for i in range(n):
         mine = np.flatnonzero(linked[i])
         if not len(mine):
@@ -270,11 +273,12 @@ def place(
             out[i] = Place((float(box[0]), float(box[1]), float(box[2]), float(box[3])), True, fill, 0.0, main + 1)
         else:
             searched.append(i)
+            tenants_only[i] = bool(tenants[main] == 1 and held[main] <= 1)
     for rows in _clusters(searched, linked):
         blobs = (np.flatnonzero(linked[rows].any(axis=0)) + 1).tolist()
         near = detections[np.isin(detection_blobs, blobs)]
         for i, at in zip(rows, _place_cluster(fg, blobs, rows, expected, near, look, p), strict=True):
-            out[i] = at
+            out[i] = replace(at, tenant=tenants_only[i])
     return out
 
 

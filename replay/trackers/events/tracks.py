@@ -1,4 +1,8 @@
-"""Low-level tracks: a bank of Kalman filters over centre and size, and what is known of each track (EVENTS 2)."""
+"""Low-level tracks: a bank of Kalman filters, and what is known of each track (EVENTS 2).
+
+The bank's components are the box's centre, width and height, and the ellipse's major and minor axis and orientation.
+Only the centre has a rate: a size that went on changing while nobody can see it would soon be nonsense.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.messages import NO_BLOB, Box, Mode
+from recorders.messages import NO_BLOB, Box, Ellipse, Mode
 from replay.trackers.appearance import Colours
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.kalman import KalmanBank
 
 Floats = NDArray[np.float64]
 TENTATIVE = -1
+COMPONENTS = 7
+_TURN = 0.2
+"""Standard deviation of a measured orientation, radians, and of its change in a second."""
 
 
 @dataclass(slots=True)
@@ -50,7 +57,8 @@ class Track:
     now: Mode = "motion"
     sized: bool = True
     misfit_s: float = 0.0
-    hidden: float = 0.0
+    hidden: bool = False
+    column: int = -1
     alone: bool = False
     signed: bool = False
     colours: Colours | None = None
@@ -61,7 +69,17 @@ class Track:
         self.newborn = self.observed = False
         self.sized = self.alone = self.signed = False
         self.measured = None
-        self.hidden = 0.0
+        self.hidden = False
+        self.blob, self.column = NO_BLOB, -1
+
+    def seen(self, time_ns: int, score: float, blob: int, mode: Mode) -> None:
+        """Take note of an observation."""
+        self.seen_ns = time_ns
+        self.hits += 1
+        self.quality += (score - self.quality) / min(self.hits, 10)
+        self.observed = True
+        self.now = mode
+        self.blob = blob
 
 
 class Tracks:
@@ -69,7 +87,7 @@ class Tracks:
 
     def __init__(self, parameters: EventsParameters) -> None:
         self._p = parameters
-        self.bank = KalmanBank(4)
+        self.bank = KalmanBank(COMPONENTS)
         self.items: list[Track] = []
 
     def __len__(self) -> int:
@@ -89,53 +107,59 @@ class Tracks:
 
     def box(self, row: int) -> Box:
         """The estimated box of one track."""
-        cx, cy, w, h = self.bank.value[row].tolist()
+        cx, cy, w, h = self.bank.value[row, :4].tolist()
         return (cx - w / 2, cy - h / 2, w, h)
 
+    def ellipse(self, row: int) -> Ellipse:
+        """The estimated ellipse of one track, its angle in (-pi/2, pi/2]."""
+        cx, cy, _, _, major, minor, theta = self.bank.value[row].tolist()
+        turned = theta - math.pi * math.ceil(theta / math.pi - 0.5)
+        return Ellipse(cx, cy, max(major, minor), min(major, minor), turned)
+
     def measurement_variance(self, sizes: Floats) -> Floats:
-        """Variances of measured (cx, cy, w, h) for targets of the given sizes, (N, 4)."""
+        """Variances of all components as measured on targets of the given sizes, (N, COMPONENTS)."""
         p = self._p
-        noise = np.array([p.place_noise, p.place_noise, p.size_noise, p.size_noise])
-        return np.asarray((sizes[:, None] * noise) ** 2)
+        noise = np.array([p.place_noise] * 2 + [p.size_noise] * 4 + [0.0])
+        out = np.asarray((sizes[:, None] * noise) ** 2)
+        out[:, 6] = _TURN * _TURN
+        return out
 
     def predict(self, dt: float) -> None:
-        """Advance all tracks by dt seconds: places move on, sizes stay and become less certain."""
+        """Advance all tracks by dt seconds: places move on, shapes stay and become less certain."""
         if not self.items or dt <= 0:
             return
         p = self._p
         sizes = self.sizes[:, None]
-        agility = np.array([p.agility, p.agility, 0.0, 0.0])
-        self.bank.predict(dt, (sizes * agility) ** 2)
-        self.bank.p00[:, 2:] += (sizes * p.size_drift) ** 2 * dt
+        self.bank.predict(dt, (sizes * np.array([p.agility] * 2 + [0.0] * 5)) ** 2)
+        self.bank.p00[:, 2:6] += (sizes * p.size_drift) ** 2 * dt
+        self.bank.p00[:, 6] += _TURN * _TURN * dt
 
     def lean(self, rows: NDArray[np.intp], expected: Floats) -> None:
         """Let sizes that were not measured lean towards those that are expected at their places (M, 2)."""
         bank = self.bank
         noise = (self._p.body_spread * expected[:, 1:]) ** 2
-        gain = bank.p00[rows, 2:] / (bank.p00[rows, 2:] + noise)
+        gain = bank.p00[rows, 2:4] / (bank.p00[rows, 2:4] + noise)
         foot = bank.value[rows, 1] + bank.value[rows, 3] / 2
-        bank.value[rows, 2:] += gain * (expected - bank.value[rows, 2:])
-        bank.p00[rows, 2:] *= 1 - gain
+        bank.value[rows, 2:4] += gain * (expected - bank.value[rows, 2:4])
+        bank.p00[rows, 2:4] *= 1 - gain
         bank.value[rows, 1] = foot - bank.value[rows, 3] / 2
 
-    def correct(self, row: int, box: Floats, sized: bool = True) -> None:
-        """Correct a row with a measured box (4,); ``sized`` False: its size tells nothing and its place less."""
-        measured = centred(box[None])
-        size = np.array([math.sqrt(max(float(measured[0, 2] * measured[0, 3]), 1.0))])
+    def correct(self, row: int, box: Box, ellipse: Ellipse | None, sized: bool = True) -> None:
+        """Correct a row with a measured box and ellipse; ``sized`` False: the shape tells nothing, the place less."""
+        measured = _measured(box, ellipse, float(self.bank.value[row, 6]))
+        size = np.array([math.sqrt(max(box[2] * box[3], 1.0))])
         variance = self.measurement_variance(size)
         if not sized:
             variance[:, :2] *= 4.0
             variance[:, 2:] = 1e12
-        self.bank.update(np.array([row]), measured, variance)
+        self.bank.update(np.array([row]), measured[None], variance)
 
-    def start(self, box: Floats, track: Track) -> None:
-        """Append a track at a measured box (4,)."""
-        measured = centred(box[None])
-        size = math.sqrt(max(measured[0, 2] * measured[0, 3], 1.0))
+    def start(self, box: Box, ellipse: Ellipse | None, track: Track) -> None:
+        """Append a track at a measured box and ellipse."""
+        size = math.sqrt(max(box[2] * box[3], 1.0))
         variance = self.measurement_variance(np.array([size]))
-        p = self._p
-        speed = np.array([p.speed, p.speed, 0.0, 0.0])
-        self.bank.add(measured, variance, (size * speed) ** 2)
+        speed = np.array([self._p.speed] * 2 + [0.0] * 5)
+        self.bank.add(_measured(box, ellipse, math.pi / 2)[None], variance, (size * speed) ** 2)
         self.items.append(track)
 
     def keep(self, kept: list[int]) -> None:
@@ -173,3 +197,13 @@ def _track(state: Mapping[str, Any]) -> Track:
 def centred(boxes: Floats) -> Floats:
     """Boxes (N, 4) as centre x, centre y, width, height."""
     return np.stack([boxes[:, 0] + boxes[:, 2] / 2, boxes[:, 1] + boxes[:, 3] / 2, boxes[:, 2], boxes[:, 3]], axis=1)
+
+
+def _measured(box: Box, ellipse: Ellipse | None, near: float) -> Floats:
+    """The bank's components of a box and its ellipse, the angle unwrapped to the half turn around ``near``."""
+    x, y, w, h = box
+    major, minor, theta = (max(w, h), min(w, h), math.pi / 2 if h >= w else 0.0)
+    if ellipse is not None:
+        major, minor, theta = ellipse.h, ellipse.w, ellipse.theta
+    theta += math.pi * math.floor((near - theta) / math.pi + 0.5)
+    return np.array([x + w / 2, y + h / 2, w, h, major, minor, theta])

@@ -1,0 +1,71 @@
+"""Low-level association: gates, costs, and the order in which tracks may choose (EVENTS 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.messages import Ellipse
+from replay.trackers.appearance import distance
+from replay.trackers.association import assign, iou
+from replay.trackers.events.parameters import EventsParameters
+from replay.trackers.events.tracks import Tracks, centred
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Detections of one frame that may be associated.
+
+    Attributes:
+        boxes: (N, 4) x, y, w, h in pixels.
+        scores: (N,) in [0, 1].
+        blobs: (N,) the blobs they came from.
+        ellipses: for each its ellipse, or None.
+        look: asked for a detection's colour histograms as `appearance.histograms` gives them; None: there are none.
+    """
+
+    boxes: Floats
+    scores: Floats
+    blobs: NDArray[np.int64]
+    ellipses: Sequence[Ellipse | None]
+    look: Callable[[int], Floats | None] | None
+
+
+def match(tracks: Tracks, rows: Rows, seen: Seen, columns: Rows, p: EventsParameters) -> list[tuple[int, int]]:
+    """Associate some tracks with some detections, (row, column) pairs by row.
+
+    A pair is possible within the gate on the centre's Mahalanobis distance and with some overlap; it costs the
+    distance, the overlap that is missing, and the difference of colours where both are known.
+    """
+    if not len(rows) or not len(columns):
+        return []
+    boxes = seen.boxes[columns]
+    measured = centred(boxes)
+    bank = tracks.bank
+    variance = tracks.measurement_variance(np.sqrt(np.maximum(measured[:, 2] * measured[:, 3], 1.0)))[:, :2]
+    residual = measured[None, :, :2] - bank.value[rows, None, :2]
+    distance2 = (residual * residual / (bank.p00[rows, None, :2] + variance[None])).sum(axis=2)
+    overlap = iou(tracks.boxes[rows], boxes)
+    gate2 = p.gate * p.gate
+    allowed = (distance2 <= gate2) & (overlap >= p.min_overlap)
+    cost = (1.0 - overlap) + distance2 / gate2 + p.colour_cost * _colour_costs(tracks, rows, seen, columns, allowed)
+    return [(int(rows[i]), int(columns[j])) for i, j in assign(cost, allowed)]
+
+
+def _colour_costs(tracks: Tracks, rows: Rows, seen: Seen, columns: Rows, allowed: NDArray[np.bool_]) -> Floats:
+    """Hellinger distances where two pairs compete, 0 elsewhere: colours are asked only where places do not decide."""
+    out = np.zeros(allowed.shape)
+    if seen.look is None:
+        return out
+    rivals = (allowed.sum(axis=1, keepdims=True) > 1) | (allowed.sum(axis=0, keepdims=True) > 1)
+    for i, j in np.argwhere(allowed & rivals).tolist():
+        mine, theirs = tracks.items[rows[i]].colours, seen.look(int(columns[j]))
+        # A target whose colours are not known is as far as strangers usually are, so that it wins nothing by that.
+        out[i, j] = 0.4 if mine is None or theirs is None else distance(mine.table, theirs)
+    return out

@@ -1,0 +1,81 @@
+"""Targets without a detection of their own in a recording without masks (EVENTS 2, matching case 3)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.messages import Box
+from replay.trackers import appearance
+from replay.trackers.association import intersection
+from replay.trackers.events.associate import Seen
+from replay.trackers.events.parameters import EventsParameters
+from replay.trackers.events.tracks import TENTATIVE, Tracks
+from replay.trackers.tracker import Image
+
+Floats = NDArray[np.float64]
+
+
+def _orphans(tracks: Tracks) -> list[int]:
+    return [k for k, t in enumerate(tracks.items) if t.id != TENTATIVE and not t.lost and not t.observed]
+
+
+def share_detections(tracks: Tracks, seen: Seen, used: NDArray[np.bool_], p: EventsParameters) -> None:
+    """Recognise merged detections: one that another target took and that covers where this one is expected.
+
+    Both lie in one blob then; its number is the detection's place in the recording, from 1.
+    """
+    orphans = _orphans(tracks)
+    taken = np.flatnonzero(used)
+    if not orphans or not len(taken):
+        return
+    boxes = tracks.boxes[orphans]
+    share = intersection(boxes, seen.boxes[taken]) / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)[:, None]
+    owners = {t.column: t for t in tracks.items if t.observed and t.column >= 0}
+    for k, row in enumerate(orphans):
+        best = int(np.argmax(share[k]))
+        owner = owners.get(int(taken[best]))
+        if share[k, best] >= p.min_shared and owner is not None and owner.id != TENTATIVE:
+            tracks.items[row].hidden = True
+            tracks.items[row].blob = owner.blob = int(taken[best]) + 1
+
+
+def follow_colours(tracks: Tracks, image: Image, p: EventsParameters) -> list[tuple[int, Box, float]]:
+    """Mean shift of every orphan's colours against its surroundings' from where it is expected.
+
+    Returns:
+        (row, box, likeness) of those that are found, at least `min_likeness`.
+    """
+    found: list[tuple[int, Box, float]] = []
+    others = tracks.boxes
+    height, width = image.shape[:2]
+    for row in _orphans(tracks):
+        colours = tracks.items[row].colours
+        if colours is None or colours.updates < 2:
+            continue
+        x, y, w, h = tracks.box(row)
+        size = math.sqrt(w * h)
+        left, top = max(0, round(x - size / 2)), max(0, round(y - size / 2))
+        right, bottom = min(width, round(x + w + size / 2)), min(height, round(y + h + size / 2))
+        if right - left < 4 or bottom - top < 8:
+            continue
+        bins = appearance.bins_of(image[top:bottom, left:right])
+        around = np.ones(bins.shape[1:])
+        around[max(0, round(y) - top) : max(0, round(y + h) - top), max(0, round(x) - left) : round(x + w) - left] = 0
+        mine, background = colours.body, appearance.histograms(bins, around).sum(axis=1)
+        background /= max(1.0, float(background[0].sum()))
+        likeness = appearance.back_project(bins, mine, background, appearance.choose(mine, background))
+        for k, t in enumerate(tracks.items):
+            if k != row and t.observed:
+                a, b, c, d = others[k]
+                likeness[
+                    max(0, round(b) - top) : max(0, round(b + d) - top),
+                    max(0, round(a) - left) : max(0, round(a + c) - left),
+                ] = 0.0
+        (u, v, _, _), score = appearance.mean_shift(likeness, (x - left, y - top, w, h))
+        near = math.hypot(u + left - x, v + top - y) <= 0.5 * size
+        if score >= p.min_likeness and near:
+            found.append((row, (u + left, v + top, w, h), min(1.0, score)))
+    return found
