@@ -26,7 +26,7 @@ class Bodies:
     def __init__(self, use_size: bool, width: int, height: int) -> None:
         self._use_size = use_size
         self._width, self._height = width, height
-        self._seen: list[tuple[float, float, float, float, float]] = []
+        self._seen: list[Box] = []
         self._due = 2 * MIN_BLOBS
         self.model: SizeModel | None = None
         self._explainer: Explainer | None = None
@@ -34,7 +34,7 @@ class Bodies:
     def observe(self, blobs: list[Blob]) -> None:
         """Take in the blobs of one frame; the oldest of very many are forgotten."""
         if self._use_size:
-            self._seen += [(*b.box, b.ellipse.w) for b in blobs]
+            self._seen += [b.box for b in blobs]
             del self._seen[:-MAX_BLOBS]
 
     def learn(self) -> None:
@@ -42,7 +42,7 @@ class Bodies:
         if not self._seen:
             return
         seen = np.array(self._seen, np.float64)
-        self.model = learn(seen[:, :4], self._width, self._height, seen[:, 4])
+        self.model = learn(seen, self._width, self._height)
         self._explainer = None if self.model is None else Explainer(self.model, self._width, self._height)
 
     def learn_when_due(self) -> None:

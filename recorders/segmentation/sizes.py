@@ -19,12 +19,17 @@ MIN_BLOBS = 24
 """Fewer blobs than this teach nothing."""
 TOLERANCE = 0.15
 """A blob agrees with the line within this share of the height."""
-MIN_AGREEING = 0.4
+MIN_AGREEING = 0.3
 """Share of blobs that have to agree."""
 MAX_ASPECT = 0.9
 """Bodies are upright: width over height below this."""
-TRUNK = 0.83
-"""Width of a body's trunk, of its box."""
+MIN_UPRIGHT = 0.6
+"""Share of blobs that are upright: fish and flies turn every way."""
+TRUNK = 0.88
+"""A body's width, of that of its blob: blobs are wider by striding legs, swinging arms and shadow."""
+STEEPNESS = 0.3
+"""A slope is the bodies' height over the camera's; cameras hang high, so support is divided by 1 + this * slope^2."""
+MAX_SLOPE = 1.6
 HYPOTHESES = 1500
 
 
@@ -72,15 +77,13 @@ class SizeModel:
         return cls(*numbers) if len(numbers) == 5 else None
 
 
-def learn(boxes: Floats, width: int, height: int, minor_axes: Floats | None = None) -> SizeModel | None:
+def learn(boxes: Floats, width: int, height: int) -> SizeModel | None:
     """Fit the size model to blobs.
 
     Args:
         boxes: (N, 4) x, y, w, h in px of blobs from many frames.
         width: the picture's width, px.
         height: the picture's height, px.
-        minor_axes: (N,) minor axes of the blobs' ellipses, px: the width of the trunk, on which arms and striding legs
-            weigh little; without, a usual share of the boxes' widths.
 
     Returns:
         The model, or None where the blobs do not agree on one (few of them, other kinds of bodies).
@@ -88,21 +91,27 @@ def learn(boxes: Floats, width: int, height: int, minor_axes: Floats | None = No
     inside = (boxes[:, 0] > 1) & (boxes[:, 1] > 1)
     inside &= (boxes[:, 0] + boxes[:, 2] < width - 1) & (boxes[:, 1] + boxes[:, 3] < height - 1)
     upright = inside & (boxes[:, 2] < MAX_ASPECT * boxes[:, 3])
-    b = boxes[upright]
-    trunk = TRUNK * b[:, 2] if minor_axes is None else minor_axes[upright]
-    if len(b) < MIN_BLOBS or len(b) < MIN_AGREEING * np.count_nonzero(inside):
+    b = boxes[upright][_distinct(boxes[upright])]
+    if len(b) < MIN_BLOBS or np.count_nonzero(upright) < MIN_UPRIGHT * np.count_nonzero(inside):
         return None
     foot, h = b[:, 1] + b[:, 3], b[:, 3]
     slope, intercept = _line(foot, h, 0.1 * height)
     agree = np.abs(h - (slope * foot + intercept)) <= TOLERANCE * (slope * foot + intercept)
     if np.count_nonzero(agree) < max(MIN_BLOBS / 2, MIN_AGREEING * len(b)):
         return None
-    aspect, spread = _shortest_half(trunk[agree] / h[agree])
-    if spread > 0.5 * aspect:
-        return None
+    aspect = TRUNK * float(np.sort(b[agree, 2] / h[agree])[np.count_nonzero(agree) // 2])
     heights = np.sort(slope * foot[agree] + intercept)
     few = len(heights) // 50
     return SizeModel(slope, intercept, aspect, float(heights[few]), float(heights[-1 - few]))
+
+
+def _distinct(boxes: Floats) -> NDArray[np.int64]:
+    """Rows of the first box at each place and size: who stands still for long counts once."""
+    x, y, w, h = (boxes[:, k] for k in range(4))
+    cell = np.maximum(3.0, TOLERANCE * h)
+    place = np.stack([(x + w / 2) // cell, (y + h) // cell, np.rint(np.log2(np.maximum(h, 1.0)) * 6)], axis=1)
+    _, first = np.unique(place, axis=0, return_index=True)
+    return np.sort(first)
 
 
 def _line(x: Floats, y: Floats, min_gap: float) -> tuple[float, float]:
@@ -114,16 +123,17 @@ def _line(x: Floats, y: Floats, min_gap: float) -> tuple[float, float]:
     i, j = i[far], j[far]
     slopes = np.concatenate([np.zeros(n), (y[i] - y[j]) / (x[i] - x[j])])
     intercepts = np.concatenate([y, y[i] - (y[i] - y[j]) / (x[i] - x[j]) * x[i]])
-    rising = (slopes >= 0) & (slopes <= 1.5)
+    rising = (slopes >= 0) & (slopes <= MAX_SLOPE)
     slopes, intercepts = slopes[rising], intercepts[rising]
-    best = int(np.argmax(_support(slopes[:, None], intercepts[:, None], x, y).sum(axis=1)))
+    support = _support(slopes[:, None], intercepts[:, None], x, y).sum(axis=1)
+    best = int(np.argmax(support / (1 + STEEPNESS * slopes**2)))
     slope, intercept = float(slopes[best]), float(intercepts[best])
     for _ in range(5):
         weight = _support(slope, intercept, x, y)
         total = weight.sum()
         mx, my = (weight * x).sum() / total, (weight * y).sum() / total
         sxx = (weight * (x - mx) ** 2).sum()
-        slope = max(0.0, float((weight * (x - mx) * (y - my)).sum() / sxx)) if sxx > 0 else 0.0
+        slope = min(MAX_SLOPE, max(0.0, float((weight * (x - mx) * (y - my)).sum() / sxx))) if sxx > 0 else 0.0
         intercept = float(my - slope * mx)
     return slope, intercept
 
@@ -132,12 +142,3 @@ def _support(slope: Floats | float, intercept: Floats | float, x: Floats, y: Flo
     """Epanechnikov weight of each point's distance from the line, relative to the line's value."""
     line = np.maximum(slope * x + intercept, 1.0)
     return np.maximum(0.0, 1 - ((y - line) / (TOLERANCE * line)) ** 2)
-
-
-def _shortest_half(values: Floats) -> tuple[float, float]:
-    """Centre and width of the shortest interval that holds half of the values."""
-    s = np.sort(values)
-    m = max(1, len(s) // 2)
-    widths = s[m:] - s[:-m] if len(s) > m else np.zeros(1)
-    k = int(np.argmin(widths))
-    return float((s[k] + s[min(k + m, len(s) - 1)]) / 2), float(widths[k])
