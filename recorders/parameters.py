@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -90,6 +90,7 @@ def configure(
     file: str | Path | None = None,
     assignments: Iterable[str] = (),
     values: Mapping[str, Mapping[str, Any]] | None = None,
+    others: Collection[str] = (),
 ) -> Config:
     """Build every section's parameters from defaults, then plain values, a TOML file, and ``key=value`` words.
 
@@ -98,6 +99,7 @@ def configure(
         file: a TOML file with a table per section; a part of the parameters is enough.
         assignments: words as after ``--set``: ``section.field=value``.
         values: a plain mapping as `as_plain` makes it (what a log recorded).
+        others: sections that a file may hold for other commands; they are passed over.
 
     Raises:
         ConfigError: an unknown section or field, a value of the wrong kind or out of range.
@@ -105,6 +107,8 @@ def configure(
     chosen: dict[str, dict[str, Any]] = {name: {} for name in sections}
     for table in (values or {}, _read_toml(file) if file is not None else {}):
         for section, fields in table.items():
+            if section in others and section not in sections:
+                continue
             if not isinstance(fields, Mapping):
                 raise ConfigError(f"{section} = {fields!r}: must be a table of parameters")
             for key, value in fields.items():

@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from reasoning import reasoner
+from recorders import recording
 from recorders.errors import UsageError
 from recorders.parameters import Config, Parameters, as_plain, configure
 from recorders.vision import cv2
@@ -30,6 +31,14 @@ def sections(tracker: str) -> dict[str, type[Parameters]]:
     return {**TRACKER_SECTIONS[tracker], **reasoner.SECTIONS, **hindsight.SECTIONS}
 
 
+def all_sections() -> dict[str, type[Parameters]]:
+    """Every section of every command: what `scenetrace config` prints and a configuration file may hold."""
+    every = dict(recording.SECTIONS)
+    for tracker in TRACKERS:
+        every.update(sections(tracker))
+    return every
+
+
 def replay_config(
     tracker: str,
     file: str | Path | None = None,
@@ -41,7 +50,7 @@ def replay_config(
     Raises:
         UsageError: unknown tracker, parameter, or a value out of range.
     """
-    return configure(sections(tracker), file, assignments, values)
+    return configure(sections(tracker), file, assignments, values, all_sections())
 
 
 def package_versions() -> dict[str, str]:

@@ -92,6 +92,8 @@ class VideoSource:
         if not container.streams.video:
             raise SourceError("holds no video stream", self.path)
         stream = container.streams.video[0]
+        if stream.codec_context is None:
+            raise SourceError("its video stream has a codec that is not known", self.path)
         stream.codec_context.thread_count = 1
         stream.codec_context.options = {"max_pixels": str(self._limits.max_picture_pixels)}
         return stream

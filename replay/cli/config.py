@@ -24,18 +24,10 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the configuration."""
-    from recorders.parameters import Parameters, configure, to_toml
-    from replay.configuration import sections
-    from replay.trackers.catalogue import TRACKERS
+    from recorders.parameters import configure, to_toml
+    from replay.configuration import all_sections, sections
 
-    wanted: dict[str, type[Parameters]] = {}
-    if args.tracker is not None:
-        wanted.update(sections(args.tracker))
-    else:
-        from recorders.recording import SECTIONS
-
-        wanted.update(SECTIONS)
-        for tracker in TRACKERS:
-            wanted.update(sections(tracker))
-    print(to_toml(configure(wanted, args.config, args.assignments)), end="")
+    everything = all_sections()
+    wanted = everything if args.tracker is None else sections(args.tracker)
+    print(to_toml(configure(wanted, args.config, args.assignments, others=everything)), end="")
     return 0

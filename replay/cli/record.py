@@ -80,12 +80,13 @@ def run(args: argparse.Namespace) -> int:
     from recorders.parameters import configure
     from recorders.recording import SECTIONS, RecordOptions, record
     from recorders.sources import open_source
+    from replay.configuration import all_sections
 
     size = None if args.size is None else parse_size(args.size)
     start_ns = 0 if args.start is None else common.parse_rfc3339(args.start)
     if start_ns < 0:
         raise UsageError(f"--start {args.start}: times before 1970 cannot be recorded")
-    config = configure(SECTIONS, args.config, args.assignments)
+    config = configure(SECTIONS, args.config, args.assignments, others=all_sections())
     if args.output.exists() and not args.force:
         raise OutputExistsError(args.output)
     source = open_source(args.source, detections=args.detections, fps=args.fps, size=size)

@@ -17,7 +17,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "recover",
         "what is whole of a damaged log into a new one",
         "Copy everything that is whole of a cut, unfinished (.part) or damaged log into a new one: up to the last\n"
-        "whole chunk, and past damaged chunks where the file goes on. Says what was lost; exit code 3 where anything was.",
+        "whole chunk, and past damaged chunks where the file goes on. Says what was lost; exit code 3 if anything.",
         "scenetrace recover scene.mcap.part -o scene.mcap",
     )
     p.add_argument("log", type=Path, metavar="LOG", help="a damaged log, or the part file of a stopped recording")

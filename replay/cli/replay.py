@@ -17,7 +17,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "replay",
         "a scene log through a tracker into an annotated log",
         "Replay a scene log through a tracker, reason over what its targets do to one another, and write everything\n"
-        "back beside the recorded messages. The same recording and configuration give the same annotations, bit for bit.",
+        "back beside the recorded messages. Same recording, same configuration: the same annotations, bit for bit.",
         "scenetrace replay scene.mcap -o annotated.mcap --tracker events\n"
         "scenetrace replay scene.mcap -o minute.mcap --from 60 --to 120 --annotations-only",
     )
