@@ -1,0 +1,36 @@
+"""`scenetrace evidence`: a folder with clip, frames and facts of chosen events."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from replay.cli.common import command, say
+
+EXAMPLE = """\
+scenetrace evidence annotated.mcap --events 12 relation:1-2@40 -o evidence/
+sha256sum -c SHA256SUMS        # in that folder: nothing was changed since"""
+DESCRIPTION = """Write what a court or a colleague needs: for each event (or row of an answer) a clip (H.264), frames as
+recorded and with overlays, the facts as JSON, the configuration, digests, and one page to read and print."""
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    p = command(commands, "evidence", "a folder with clip, frames and facts of chosen events", DESCRIPTION, EXAMPLE)
+    p.add_argument("annotated", type=Path, metavar="LOG", help="annotated log")
+    p.add_argument("--events", nargs="+", required=True, metavar="EVENT",
+                   help="event numbers, or ids of a column `explain`; 12,13 works too")  # fmt: skip
+    p.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="the folder")
+    p.add_argument("--camera", metavar="NAME", help="which camera, where the log has several")
+    p.add_argument("--force", action="store_true", help="replace an existing folder")
+    p.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Collect evidence."""
+    from replay.report.evidence import write_evidence
+
+    references = list(dict.fromkeys(r for word in args.events for r in word.replace(",", " ").split()))
+    found = write_evidence(args.annotated, references, args.output, camera=args.camera, force=args.force)
+    say(f"{args.output}: {len(found)} explained, index.html to read, SHA256SUMS to check")
+    return 0

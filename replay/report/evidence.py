@@ -1,0 +1,212 @@
+"""Evidence: a folder that stands alone: clip, frames, facts, configuration, digests, a page to read and print."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from reasoning.questions import Case
+from reasoning.questions.explain import Explanation, explain
+from reasoning.questions.reading import file_digest
+from recorders.errors import OutputExistsError
+from recorders.pictures import encode_png
+from replay.annotated import AnnotatedLog
+from replay.draw import DrawOptions
+from replay.export.video import VideoOptions, write_video
+from replay.report.pictures import around, chosen_frames, drawn
+
+BEFORE_S = 1.0
+CLIP_S = 3.0
+
+
+def write_explanations(
+    path: str | Path, found: Sequence[Explanation], folder: Path, *, camera: str | None = None
+) -> int:
+    """Write explanation.txt, explanation.json and the frames of each explanation; returns the number of pictures."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text = "\n\n".join("\n".join(e.lines()) for e in found) + "\n"
+    (folder / "explanation.txt").write_text(text, encoding="utf-8")
+    (folder / "explanation.json").write_text(_json([e.as_json() for e in found]), encoding="utf-8")
+    with AnnotatedLog(path, camera) as log:
+        return sum(len(_frames(log, e, folder)) for e in found)
+
+
+def write_evidence(
+    path: str | Path,
+    references: Sequence[str],
+    folder: Path,
+    *,
+    camera: str | None = None,
+    force: bool = False,
+) -> list[Explanation]:
+    """Write the evidence of events and answer rows into a folder that appears whole.
+
+    Raises:
+        OutputExistsError: it exists and ``force`` is not set.
+        UsageError: a reference names nothing.
+        RecordingError: the log is damaged.
+    """
+    with Case([path]) as case, AnnotatedLog(path, camera) as log:
+        names = case.rows("SELECT recording, camera FROM recordings")
+        recording = next((n for n, c in names if c == log.camera), None)
+        found = [explain(case, reference, recording) for reference in references]
+        facts = _facts(case, log, found)
+        with _whole(folder, force) as part:
+            pages = []
+            for e in found:
+                place = part / _safe(e.reference)
+                place.mkdir()
+                pictures = _frames(log, e, place, bare=True)
+                clip = _clip(log, e, place / "clip.mp4")
+                pages.append((e, [p.relative_to(part).as_posix() for p in pictures], clip.relative_to(part).as_posix()))
+            (part / "facts.json").write_text(_json(facts), encoding="utf-8")
+            (part / "configuration.json").write_text(_json(facts["configuration"]), encoding="utf-8")
+            (part / "index.html").write_text(_page(facts, pages), encoding="utf-8")
+            _sums(part)
+    return found
+
+
+@contextmanager
+def _whole(folder: Path, force: bool) -> Iterator[Path]:
+    """A folder that gets its name when the block ends well."""
+    if folder.exists() and not force:
+        raise OutputExistsError(folder)
+    part = folder.with_name(f"{folder.name}.part")
+    if part.exists():
+        shutil.rmtree(part)
+    part.mkdir(parents=True)
+    try:
+        yield part
+        if folder.exists():
+            shutil.rmtree(folder)
+        part.rename(folder)
+    finally:
+        if part.exists():
+            shutil.rmtree(part)
+
+
+def _frames(log: AnnotatedLog, e: Explanation, folder: Path, *, bare: bool = False) -> list[Path]:
+    """Frames before, at the start, in the middle, at the end and after, with overlays; ``bare``: also as recorded."""
+    steps = max(1, round(BEFORE_S * _rate(log)))
+    wanted = around(e.start_frame, e.end_frame, steps, _last(log))
+    frames = chosen_frames(log, wanted)
+    out = []
+    for frame, image in drawn(log, frames):
+        out.append(folder / f"{_safe(e.reference)}_frame_{frame.index:06d}.png")
+        out[-1].write_bytes(encode_png(image))
+    for frame, image in drawn(log, frames, bare=True) if bare and log.has_pictures else ():
+        (folder / f"{_safe(e.reference)}_frame_{frame.index:06d}_recorded.png").write_bytes(encode_png(image))
+    return out
+
+
+def _rate(log: AnnotatedLog) -> float:
+    """Frames per second, over the first frames."""
+    times: list[int] = []
+    for frame in log.frames(("tracks",)):
+        times.append(frame.time_ns)
+        if len(times) > 50:
+            break
+    return (len(times) - 1) * 1e9 / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 25.0
+
+
+def _last(log: AnnotatedLog) -> int:
+    last = 0
+    for frame in log.frames(("tracks",)):
+        last = frame.index
+    return last
+
+
+def _clip(log: AnnotatedLog, e: Explanation, out: Path) -> Path:
+    """An H.264 clip from some seconds before to some seconds after."""
+    start, end = (log.start_ns + round(t * 1e9) for t in (e.start_t - CLIP_S, e.end_t + CLIP_S))
+    options = VideoOptions(DrawOptions(), start, end)
+    write_video(log, out, options)
+    return out
+
+
+def _facts(case: Case, log: AnnotatedLog, found: Sequence[Explanation]) -> dict[str, Any]:
+    stated = dict(log.facts)
+    configuration = json.loads(stated.pop("configuration", "{}") or "{}")
+    row = case.sql("SELECT * FROM recordings")
+    recordings = [dict(zip(row.columns, r, strict=True)) for r in row.rows]
+    wall = {e.reference: [str(v) for v in case.rows(
+        "SELECT wall_time(?, ?), wall_time(?, ?)", [e.recording, e.start_t, e.recording, e.end_t])[0]]
+        for e in found}  # fmt: skip
+    return {
+        "log": log.path.name,
+        "log_sha256": file_digest(log.path),
+        "recordings": recordings,
+        "log_says": stated,
+        "configuration": configuration,
+        "wall_time_utc": wall,
+        "explanations": [e.as_json() for e in found],
+    }
+
+
+def _sums(folder: Path) -> None:
+    """SHA256SUMS over every file, as `sha256sum -c` reads it."""
+    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    lines = [f"{hashlib.sha256(p.read_bytes()).hexdigest()}  {p.relative_to(folder).as_posix()}" for p in files]
+    (folder / "SHA256SUMS").write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+def _safe(reference: str) -> str:
+    return reference.replace(":", "_").replace("@", "_at_")
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, indent=1, ensure_ascii=False, default=str) + "\n"
+
+
+_STYLE = """
+body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#16181d;background:#fff}
+h2{margin-top:2.5rem;border-top:1px solid #c9ced6;padding-top:1rem}table{border-collapse:collapse;width:100%}
+td,th{text-align:left;padding:.25rem .6rem;border-bottom:1px solid #dfe3e8;vertical-align:top;overflow-wrap:anywhere}
+img{max-width:100%;display:block;margin:.6rem 0 0}figure{margin:0 0 1rem;break-inside:avoid}video{max-width:100%}
+figcaption,.small{color:#4b5563;font-size:.85rem}code{overflow-wrap:anywhere}
+@media print{video{display:none}body{margin:0;max-width:none}h2{break-before:page}}
+"""
+
+
+def _page(facts: Mapping[str, Any], pages: Sequence[tuple[Explanation, list[str], str]]) -> str:
+    """The page: every value escaped, no script, nothing from elsewhere."""
+    out = [
+        "<!doctype html><html lang=en><head><meta charset=utf-8>",
+        '<meta name=viewport content="width=device-width,initial-scale=1">',
+        f"<title>Evidence from {escape(str(facts['log']))}</title><style>{_STYLE}</style></head><body>",
+        f"<h1>Evidence from {escape(str(facts['log']))}</h1>",
+        _table([("SHA-256 of the log", facts["log_sha256"]), *facts["log_says"].items()]),
+    ]
+    for e, pictures, clip in pages:
+        wall = " to ".join(dict.fromkeys(facts["wall_time_utc"][e.reference]))
+        rows: list[tuple[str, Any]] = [
+            ("When", f"{e.start_t:.3f} s to {e.end_t:.3f} s, frames {e.start_frame} to {e.end_frame}; {wall} UTC"),
+            ("Rule", e.rule), ("Targets", ", ".join(map(str, e.subjects))),
+        ]  # fmt: skip
+        out.append(f"<h2>{escape(e.reference)}: {escape(e.kind)}</h2><p>{escape(e.text)}</p>{_table(rows)}")
+        out.append("<h3>Measured</h3>" + _table([_measured(line) for line in e.lines() if line.startswith("    ")]))
+        out.append(f'<video controls preload=none src="{escape(clip)}"></video>')
+        for picture in pictures:
+            number = int(picture.rsplit("_", 1)[1].removesuffix(".png"))
+            out.append(
+                f'<figure><img loading=lazy src="{escape(picture)}" alt="frame {number} with overlays">'
+                f"<figcaption>frame {number}, drawn by scenetrace over the recorded picture</figcaption></figure>"
+            )
+    out.append("<p class=small>SHA256SUMS lists every file of this folder: <code>sha256sum -c SHA256SUMS</code></p>")
+    return "\n".join([*out, "</body></html>\n"])
+
+
+def _measured(line: str) -> tuple[str, str]:
+    name, equals, rest = line.strip().partition(" = ")
+    return (name, rest) if equals else ("", line.strip())
+
+
+def _table(rows: Sequence[tuple[str, Any]]) -> str:
+    cells = "".join(f"<tr><th>{escape(str(k))}</th><td>{escape(str(v))}</td></tr>" for k, v in rows)
+    return f"<table>{cells}</table>"

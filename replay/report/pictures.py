@@ -1,0 +1,79 @@
+"""Chosen frames of an annotated log with the scene drawn into them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.errors import RecordingError
+from recorders.scene import SceneLog
+from replay.annotated import AnnotatedFrame, AnnotatedLog
+from replay.draw import DrawOptions, draw_frame
+from replay.export.video import frame_overlay
+
+Image = NDArray[np.uint8]
+_GROUND = 96
+
+
+def chosen_frames(log: AnnotatedLog, wanted: Sequence[int]) -> list[AnnotatedFrame]:
+    """The annotated frames of these numbers that the log has, in order."""
+    numbers = set(wanted)
+    last = max(numbers, default=-1)
+    out = []
+    for frame in log.frames():
+        if frame.index in numbers:
+            out.append(frame)
+        if frame.index >= last:
+            break
+    return out
+
+
+def drawn(
+    log: AnnotatedLog, frames: Sequence[AnnotatedFrame], options: DrawOptions | None = None, *, bare: bool = False
+) -> Iterator[tuple[AnnotatedFrame, Image]]:
+    """Each frame's picture with its overlay, (height, width, 3) uint8 BGR; a plain ground where there is no picture.
+
+    Args:
+        log: the log that the frames are of.
+        frames: what `chosen_frames` gives.
+        options: what is drawn, how large.
+        bare: only the picture, nothing drawn.
+
+    Raises:
+        RecordingError: neither pictures nor their size.
+    """
+    options = options or DrawOptions()
+    for frame in frames:
+        image = _picture(log, frame)
+        if bare:
+            yield frame, image
+            continue
+        shown = frame
+        if options.only is not None:
+            keep = options.only
+            shown = replace(frame, events=[e for e in frame.events if keep.intersection(e.subjects)])
+        yield frame, draw_frame(image, frame_overlay(log, shown), options)
+
+
+def _picture(log: AnnotatedLog, frame: AnnotatedFrame) -> Image:
+    if not log.has_pictures:
+        size = log.size()
+        if size is None:
+            raise RecordingError("holds neither pictures nor their size", log.path)
+        return np.full((size[1], size[0], 3), _GROUND, np.uint8)
+    with SceneLog(log.path, log.camera, log.limits) as scene:
+        for recorded in scene.frames(frame.time_ns, frame.index):
+            if recorded.time_ns > frame.time_ns:
+                break
+            if recorded.image is not None:
+                return recorded.image
+    raise RecordingError(f"no picture for frame {frame.index}", log.path)
+
+
+def around(start: int, end: int, margin: int, last: int) -> list[int]:
+    """Frames that tell an interval: before it, its start, its middle, its end, after it."""
+    found = [start - margin, start, (start + end) // 2, end, end + margin]
+    return sorted({min(max(f, 0), last) for f in found})
