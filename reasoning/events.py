@@ -1,7 +1,8 @@
 """From changes to events: kind, subjects, rule (paper and case), evidence with every value and threshold, plain words.
 
 Order of the events within a frame (total): the tracker's own notices as it gave them; then life of tracks by id
-(confirmed, recovered, lost, mode, removed); scene events by id; relations by (a, b); pairs' interaction by (a, b);
+(confirmed, recovered or lost, then mode), tracks removed by id; scene events of those who are gone, then of those who
+are there, by id (status, zones left, zones entered, by name); relations by (a, b); pairs' interaction by (a, b);
 targets that became single, by id; groups that ended, then groups that began, by label; disagreements by (a, b);
 anomalies in the order of their causes. Ids count on from 1 in this order.
 """

@@ -3,11 +3,12 @@
 It composes the books of this room: shells and relations (SHELLS 2.2, 2.3), interactions and groups (EVENTS 3.1), scene
 status (EVENTS 3.2), the graph, and writes down where the two papers' views of a pair disagree.
 
-How targets that are not plainly seen are treated (ours):
+What the reasoning adds to the papers for targets that are not plainly seen, and for what a tracker tells itself:
 
 - ``mode`` predicted and ``present``: reasoned over like any other; the person behind the pillar still is there.
 - not ``present``: keeps what relations and partners it has while geometry allows, starts nothing new, and keeps its
   scene status unless its place lies wholly outside.
+- what the tracker tells of a target in its notices is not told a second time.
 - gone from the targets: its relations end with an event that says so. One that was JOINT or grouped stays for one
   frame more as an absent, unobserved track at its last place, in which JOINT becomes INTERACTION and grouped becomes
   splitting, so that neither paper's order of states is broken by a disappearance.
@@ -118,13 +119,17 @@ class Reasoner:
         for n in targets.notices:
             tell.notice(self._log, n)
         given = {t.id: t for t in targets.targets}
+        assert len(given) == len(targets.targets), f"frame {frame_index}: a tracker gave one id to two targets"
         removed = [i for i in self._last if i not in given and i not in self._leaving]
         self._leaving = self._lingering(removed)
         for i in self._leaving:
             given[i] = _ghost(self._last[i])
         rows = _Rows([given[i] for i in sorted(given)], self._last)
-        self._tell_life(rows, removed, {(n.kind, s) for n in targets.notices for s in n.subjects})
+        told = {(n.kind, s) for n in targets.notices for s in n.subjects}
+        self._tell_life(rows, removed, told)
         for c in self._scene.step(time_ns, self._regions, rows.ids, rows.boxes, rows.of_split, rows.present):
+            if (c.kind, c.id) in told:
+                continue
             box = (given if c.id in given else self._last)[c.id].box
             tell.scene(self._log, c, self._regions.message.source, box)
         changes, shell = self._relate(frame_index, time_ns, rows)

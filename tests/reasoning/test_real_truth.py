@@ -58,7 +58,7 @@ def test_pets(real_data):
     kinds = Counter(e.kind for a in answers for e in a.events)
     assert kinds["disagreement"] <= 10
     assert kinds["grouped"] >= 50
-    assert kinds["grouped"] - kinds["splitting"] <= 1
+    assert 0 <= kinds["grouped"] - kinds["splitting"] <= 5, "who grouped splits, unless the recording ends"
 
 
 @pytest.mark.parametrize("name", CAVIAR)
