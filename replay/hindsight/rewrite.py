@@ -16,7 +16,7 @@ from itertools import islice
 import numpy as np
 from msgspec.structs import replace
 
-from recorders.messages import Notice, Target, Targets
+from recorders.messages import GroupTrack, Notice, Target, Targets
 from recorders.parameters import Config
 from recorders.scene import SceneInfo
 from replay.hindsight.fragments import Fragment, Sighting, gather, typical_size
@@ -144,7 +144,7 @@ class _Writer:
                     seen = next((forward[f.id] for f in row.life.fragments if f.id in forward), None)
                     out.append(_target(row, at, seen, values[at - start, k], rates[at - start, k]))
             out.sort(key=lambda t: t.id)
-            yield Targets(answer.frame, out, answer.group_tracks, self._notices(answer, at, out))
+            yield Targets(answer.frame, out, self._groups(answer, out), self._notices(answer, at, out))
 
     def _rows(self, window: list[Targets], start: int) -> list[_Row]:
         """Observations of every life within the window, cut at gaps that are too long to fill."""
@@ -184,6 +184,18 @@ class _Writer:
         variance, acceleration = (size[:, None] * noise) ** 2, (size[:, None] * agility) ** 2
         rate = (size[:, None] * np.array([1.5, 1.5, 0.2, 0.2])) ** 2
         return smooth(measured, seen, steps, variance, acceleration, rate)
+
+    def _groups(self, answer: Targets, out: list[Target]) -> list[GroupTrack] | None:
+        """The group tracks under the members' final ids; one with fewer than two members left is none."""
+        if answer.group_tracks is None:
+            return None
+        here = {t.id for t in out}
+        kept: list[GroupTrack] = []
+        for group in answer.group_tracks:
+            members = sorted({self._lives[k].id for k in group.members if k in self._lives} & here)
+            if not group.members or len(members) >= 2:
+                kept.append(replace(group, members=members))
+        return kept
 
     def _notices(self, answer: Targets, at: int, out: list[Target]) -> list[Notice]:
         """The lifecycle as it now is, and everything else that the forward pass said, under the final ids."""

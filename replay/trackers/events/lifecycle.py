@@ -94,7 +94,7 @@ class Lifecycle:
 
     def _mode(self, track: Track, unseen: float) -> list[Notice]:
         notices: list[Notice] = []
-        mode: Mode = track.now if track.observed else "predicted"
+        mode: Mode = track.now if track.observed else "appearance" if track.hidden else "predicted"
         # Behind somebody who explains the pixels where it should be, a target can be nowhere else.
         patience = self._p.hidden_patience if track.hidden else 1.0
         track.confidence = track.quality * 0.5 ** (unseen / (patience * self._p.half_life_s))

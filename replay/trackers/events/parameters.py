@@ -27,7 +27,7 @@ class EventsParameters(Parameters):
     )
     speed: float = param(1.5, "standard deviation of a new target's speed", unit="sizes/s", low=0.0, high=1e3)
     gate: float = param(4.0, "furthest innovation that is associated", unit="standard deviations", low=0.1, high=100.0)
-    min_overlap: float = param(0.1, "least IoU of a detection with the predicted box", low=0.0, high=1.0)
+    min_overlap: float = param(0.2, "least IoU of a detection with the predicted box", low=0.0, high=1.0)
     high_score: float = param(0.7, "detections from this score on may start tracks", low=0.0, high=1.0)
     confirm_s: float = param(0.4, "a tentative track is confirmed after this time", unit="s", low=0.0, high=60.0)
     confirm_hits: int = param(3, "and after this many sightings", unit="frames", low=1, high=1000)

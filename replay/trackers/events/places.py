@@ -66,6 +66,7 @@ class Place:
         shared: share of the box that is foreground which another target explains too.
         blob: the blob that it mostly lies in, `NO_BLOB` for none.
         score: the search's score, 1 where no search was needed.
+        company: other targets lie in the same blobs.
         tenant: it is the only one in its blob, and the blob holds one detection at most, but of another size.
     """
 
@@ -75,6 +76,7 @@ class Place:
     shared: float
     blob: int
     score: float = 1.0
+    company: bool = False
     tenant: bool = False
 
 
@@ -278,7 +280,8 @@ def place(
         blobs = (np.flatnonzero(linked[rows].any(axis=0)) + 1).tolist()
         near = detections[np.isin(detection_blobs, blobs)]
         for i, at in zip(rows, _place_cluster(fg, blobs, rows, expected, near, look, p), strict=True):
-            out[i] = replace(at, tenant=tenants_only[i])
+            company = bool((tenants[linked[i]] > 1).any())
+            out[i] = replace(at, company=company, tenant=tenants_only[i])
     return out
 
 

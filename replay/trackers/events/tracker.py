@@ -71,7 +71,7 @@ class EventsTracker:
             share_detections(self._tracks, seen, used, self._p)
             if self._scene.has_images and frame.image is not None:
                 for row, box, score in follow_colours(self._tracks, frame.image, self._p):
-                    self._observe(row, frame, box, score, NO_BLOB, "appearance")
+                    self._observe(row, frame, box, score, NO_BLOB, "appearance", sized=False)
         self._start(frame, seen, used)
         self._learn(frame)
         notices = self._life.confirm(frame, self._regions) + self._life.age(frame, self._regions)
@@ -121,7 +121,9 @@ class EventsTracker:
             track.alone = True
             self._observe(row, frame, at.box, 1.0, at.blob, "motion", frame.detections.components[at.blob - 1].ellipse)
         elif at.own >= self._p.min_own:
-            self._observe(row, frame, at.box, min(1.0, (at.own + 0.5 * at.shared) / 0.6), at.blob, "appearance")
+            mode: Mode = "appearance" if at.company else "motion"
+            score = min(1.0, (at.own + 0.5 * at.shared) / 0.6)
+            self._observe(row, frame, at.box, score, at.blob, mode, sized=False)
         elif at.shared >= self._p.min_own:
             track.hidden, track.blob = True, at.blob
 
@@ -158,9 +160,10 @@ class EventsTracker:
         blob: int,
         mode: Mode,
         ellipse: Ellipse | None = None,
+        sized: bool = True,
     ) -> None:
         track = self._tracks.items[row]
-        track.sized = mode == "motion"
+        track.sized = sized
         self._tracks.correct(row, box, ellipse, track.sized)
         track.measured = box if track.sized else self._tracks.box(row)
         track.seen(frame.time_ns, score, blob, mode)
