@@ -9,7 +9,7 @@ anomalies in the order of their causes. Ids count on from 1 in this order.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from reasoning.groups import GroupChange, HeldGroup
@@ -143,15 +143,14 @@ def relation(log: EventLog, c: Change, overlap: float, margins: dict[str, float]
     log.add(_RELATION_KINDS.get(c.case, "interaction_ended"), [c.a, c.b], c.rule, evidence, text)
 
 
-def pair(log: EventLog, c: PairChange, group: int | None, safety_margin: float) -> None:
+def pair(log: EventLog, c: PairChange, group: int | None, limits: Mapping[str, float]) -> None:
     """Two targets are grouping, grouped or splitting from this frame on (EVENTS 3.1)."""
     kind = BIT_KINDS[c.after]
     evidence = {
         "before": BIT_KINDS.get(c.before, "none"),
         "after": kind,
         "safety_distance": c.distance,
-        "collision_at_most": 1.0,
-        "safety_margin": safety_margin,
+        **limits,
         "region": c.region or "none",
         "time_in_state_s": seconds(c.lasted_ns),
     }
@@ -169,7 +168,7 @@ def pair(log: EventLog, c: PairChange, group: int | None, safety_margin: float) 
     log.add(kind, [c.a, c.b], rule, evidence, text, [] if group is None else [group])
 
 
-def single(log: EventLog, target: int, before: int, parted: Sequence[PairChange]) -> None:
+def single(log: EventLog, target: int, before: int, parted: Sequence[PairChange], limits: Mapping[str, float]) -> None:
     """A target collides with nobody any more; ``parted``: the pairs that ended with this frame."""
     evidence = {
         "state_before": code(before),
@@ -177,7 +176,7 @@ def single(log: EventLog, target: int, before: int, parted: Sequence[PairChange]
         "partners_before": [c.b if c.a == target else c.a for c in parted],
         "safety_distances": [c.distance for c in parted],
         "partners_gone": sorted(i for c in parted for i in c.gone),
-        "collision_at_most": 1.0,
+        **limits,
     }
     log.add("single", [target], "EVENTS 3.1 single", evidence, f"Target {target} is single: no partner is left.")
 
@@ -245,9 +244,9 @@ def torn(log: EventLog, c: Change) -> None:
     log.add("anomaly", [c.a, c.b], c.rule, evidence, text)
 
 
-def jumped(log: EventLog, c: PairChange) -> None:
+def jumped(log: EventLog, c: PairChange, limits: Mapping[str, float]) -> None:
     """A grouped pair stopped colliding without having been seen to split."""
-    evidence = {"safety_distance": c.distance, "collision_at_most": 1.0, "before": "grouped"}
+    evidence = {"safety_distance": c.distance, "before": "grouped", **limits}
     text = f"Targets {list_of([c.a, c.b])} were grouped and do not collide at once: they were not seen to split."
     rule = "EVENTS 3.1, ours: the frame rate is high enough to see grouped targets split"
     log.add("anomaly", [c.a, c.b], rule, evidence, text)

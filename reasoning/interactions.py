@@ -42,6 +42,12 @@ class InteractionParameters(Parameters):
         high=5.0,
         source="EVENTS 3.1 (value ours)",
     )
+    leave_margin: float = param(
+        0.0,
+        "partners go on colliding until their safety distance exceeds 1 by this (damps flicker; 0 is the paper's rule)",
+        low=0.0,
+        high=5.0,
+    )
     over_share: float = param(
         0.5, "share of a target's box that must lie in a group tracker's box to lie over it", low=0.05, high=1.0
     )
@@ -147,6 +153,7 @@ class InteractionBook:
 
     def __init__(self, parameters: InteractionParameters | None = None) -> None:
         self._p = parameters if parameters is not None else InteractionParameters()
+        self._reach = (1.0 + self._p.leave_margin) ** 2
         self.bonds: dict[Pair, Bond] = {}
         self.states: dict[int, int] = {}
         self._partners: dict[int, dict[int, list[int]]] = {}
@@ -166,11 +173,15 @@ class InteractionBook:
         """Take a frame's targets; answer with every pair's change, by (a, b), and the clusters seen in this frame."""
         squared = safety_distances(m.boxes, self._p.safety_margin)
         collides = np.triu(squared <= 1.0, 1)
+        row = {i: k for k, i in enumerate(m.ids)}
+        if self._p.leave_margin:
+            for a, b in self.bonds:
+                if a in row and b in row:
+                    collides[row[a], row[b]] = squared[row[a], row[b]] <= self._reach
         touching = list(zip(*(k.tolist() for k in np.nonzero(collides)), strict=True))
         regions, source = self._regions(m, squared, group_tracks)
         clusters = _clusters(m.ids, regions, source, touching)
         over = {i: k for k, c in enumerate(clusters) for i in c.members}
-        row = {i: k for k, i in enumerate(m.ids)}
         changes: list[PairChange] = []
         for pair in [p for p in self.bonds if p[0] not in row or p[1] not in row]:
             bond = self.bonds.pop(pair)
@@ -235,7 +246,7 @@ class InteractionBook:
             near = [
                 (float(squared[k, row[p]]), p)
                 for p in self.partners(i, GROUPED)
-                if p in row and m.blobs[row[p]] >= 0 and m.seen[row[p]] and squared[k, row[p]] <= 1.0
+                if p in row and m.blobs[row[p]] >= 0 and m.seen[row[p]] and squared[k, row[p]] <= self._reach
             ]
             if near:
                 regions[k] = m.blobs[row[min(near)[1]]]

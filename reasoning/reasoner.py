@@ -92,6 +92,11 @@ class Reasoner:
         self._leaving: list[int] = []
         self._known: set[int] = set()
         self._disputes: list[tuple[int, int]] = []
+        self._limits = {
+            "collision_at_most": 1.0,
+            "collision_ends_above": 1.0 + self._interaction.leave_margin,
+            "safety_margin": self._interaction.safety_margin,
+        }
         self._margins = {
             "enter_margin": self._relation.enter_margin,
             "leave_margin": self._relation.leave_margin,
@@ -201,7 +206,7 @@ class Reasoner:
         groups = self._group(frame, ns, rows, clusters)
         for c in changes:
             if c.after:
-                tell.pair(self._log, c, self._group_of_pair(c.a, c.b), self._interaction.safety_margin)
+                tell.pair(self._log, c, self._group_of_pair(c.a, c.b), self._limits)
         born = {i for c in changes if c.of_split for i in (c.a, c.b)}
         wrong: list[Wrong] = []
         for i, after in book.states.items():
@@ -212,7 +217,7 @@ class Reasoner:
             if not self.counter.move(before, after, i in born):
                 wrong.append((i, before, after))
             if before and not after:
-                tell.single(self._log, i, before, [c for c in changes if not c.after and i in (c.a, c.b)])
+                tell.single(self._log, i, before, [c for c in changes if not c.after and i in (c.a, c.b)], self._limits)
         for g in groups:
             tell.group(self._log, g)
         return changes, wrong
@@ -259,7 +264,7 @@ class Reasoner:
                 tell.torn(self._log, c)
         for p in pairs:
             if p.jumped:
-                tell.jumped(self._log, p)
+                tell.jumped(self._log, p, self._limits)
         for i, before, after in wrong:
             tell.forbidden(self._log, i, before, after)
 

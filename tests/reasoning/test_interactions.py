@@ -73,8 +73,8 @@ def test_overlapping_boxes_of_one_shape_collide(aspect):
 class Crowd:
     """People of 20 x 20 on a line; at the default margin they collide up to 30 px apart."""
 
-    def __init__(self):
-        self.book = InteractionBook(InteractionParameters())
+    def __init__(self, **parameters):
+        self.book = InteractionBook(InteractionParameters(**parameters))
         self.frame, self.before = -1, set()
 
     def step(self, places, blobs=None, tracks=None, of_split=(), unseen=(), absent=(), leaving=()):
@@ -204,6 +204,14 @@ def test_one_in_its_last_frame_is_in_no_region():
     crowd.step({1: 0, 2: 10}, {1: 9, 2: 9})
     assert crowd.step({1: 0, 2: 10}, {1: 9, 2: -1}, unseen=(2,), absent=(2,), leaving=(2,)) == {(1, 2): SPLITTING}
     assert crowd.step({1: 0}) == {(1, 2): NONE}
+
+
+def test_a_second_threshold_damps_flicker():
+    crowd, steady = Crowd(), Crowd(leave_margin=0.2)
+    places = [{1: 0, 2: 29 + 3 * (f % 2)} for f in range(1, 9)]
+    assert [bool(crowd.step(p)) for p in places] == [False, True, True, True, True, True, True, True]
+    assert [bool(steady.step(p)) for p in places] == [False, True, False, False, False, False, False, False]
+    assert steady.step({1: 0, 2: 37}) == {(1, 2): NONE}
 
 
 def test_state_is_plain_and_continues():
