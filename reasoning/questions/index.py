@@ -58,6 +58,7 @@ def build_index(
     Raises:
         RecordingError, SceneTraceError: a log or the index cannot be read or written.
     """
+    was_there = out.exists()
     target: _DuckDB | _Parquet = _DuckDB(out) if out.suffix in (".duckdb", ".db") else _Parquet(out)
     added: list[Facts] = []
     known: list[Path] = []
@@ -81,7 +82,16 @@ def build_index(
         target.finish()
     finally:
         target.close()
+        if not was_there and not target.digests:
+            _remove(out)  # nothing went in: leave nothing that looks like an index
     return IndexSummary(added, known, failed)
+
+
+def _remove(out: Path) -> None:
+    if out.is_dir():
+        shutil.rmtree(out)
+    else:
+        out.unlink(missing_ok=True)
 
 
 class _DuckDB:

@@ -69,6 +69,8 @@ class PartFile:
     def _failure(self, error: OSError) -> RecordingError:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             return RecordingError("the disk is full", self.path)
+        if error.errno == errno.ENOENT:
+            return RecordingError(f"cannot be written: there is no folder {self.path.parent}", self.path)
         return RecordingError(f"cannot be written: {error.strerror or error}", self.path)
 
     @property

@@ -8,6 +8,8 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from difflib import get_close_matches
+from typing import NoReturn
 
 from recorders.errors import SceneTraceError, UsageError
 
@@ -41,9 +43,21 @@ EXAMPLE = """example:
 """
 
 
-def parser(command: str | None = None) -> argparse.ArgumentParser:
+class Parser(argparse.ArgumentParser):
+    """argparse whose errors are ours: one line, exit code 2, and where help is."""
+
+    def error(self, message: str) -> NoReturn:
+        """Wrong words.
+
+        Raises:
+            UsageError: always.
+        """
+        raise UsageError(f"{message}; see `{self.prog} --help`")
+
+
+def parser(command: str | None = None) -> Parser:
     """The parser; only the named command's options are loaded (all of them for None)."""
-    top = argparse.ArgumentParser(
+    top = Parser(
         prog="scenetrace",
         description="Replay recorded camera scenes, bit for bit the same, and say who interacted with whom.",
         epilog=f"{EXAMPLE}\n{EXIT_CODES}",
@@ -64,6 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:  # noqa: PLR0911 - one retur
     words = list(sys.argv[1:] if argv is None else argv)
     named = next((w for w in words if not w.startswith("-")), "")
     try:
+        _check_command(named)
         args = parser(named).parse_args(words)
         if args.version:
             from importlib.metadata import version
@@ -82,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:  # noqa: PLR0911 - one retur
         print(f"scenetrace: error: {e}", file=sys.stderr)
         return FAILED
     except KeyboardInterrupt:
-        print("scenetrace: interrupted; nothing half-written is left under the output's name", file=sys.stderr)
+        print("scenetrace: error: interrupted; nothing half-written has the output's name", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         # The reader of our output has gone (`| head`): not an error of ours, and nothing more to say to it.
@@ -91,3 +106,11 @@ def main(argv: Sequence[str] | None = None) -> int:  # noqa: PLR0911 - one retur
     except OSError as e:
         print(f"scenetrace: error: {e.filename or 'input/output'}: {e.strerror or e}", file=sys.stderr)
         return FAILED
+
+
+def _check_command(named: str) -> None:
+    names = [name for name, _, _ in COMMANDS]
+    if named and named not in names:
+        close = get_close_matches(named, names, 1)
+        meant = f"did you mean {close[0]!r}?" if close else f"there are: {', '.join(names)}"
+        raise UsageError(f"no command {named!r}; {meant}")

@@ -45,6 +45,8 @@ def run(args: argparse.Namespace) -> int:
         for file in files.values():
             if Path(file).exists():
                 raise OutputExistsError(file)
+    if folder.exists() and not folder.is_dir():
+        raise SceneTraceError(f"{folder}: is a file; name a folder for the demo's files")
     folder.mkdir(parents=True, exist_ok=True)
     scene = generate(SCRIPT, args.seed)
     print(f"# rendering {scene.frame_count} frames into {files['scene.mp4']}, the truth into {files['truth.txt']}")

@@ -49,9 +49,8 @@ def run(args: argparse.Namespace) -> int:
     with SceneLog(args.scene, args.camera) as scene:
         first = None if args.start is None else common.parse_time(args.start, scene)
         end = None if args.end is None else common.parse_time(args.end, scene)
+        check_span(args, first, end, scene)
         counts = [c.message_count for c in scene.recorded if c.topic.endswith("/detections")]
-    if first is not None and end is not None and end <= first:
-        raise UsageError(f"--from {args.start} --to {args.end}: an empty span")
     options = ReplayOptions(
         tracker=args.tracker,
         config=config,
@@ -70,3 +69,19 @@ def run(args: argparse.Namespace) -> int:
         f"output digest {done.output_digest[:16]}"
     )
     return 0
+
+
+def check_span(args: argparse.Namespace, first: int | None, end: int | None, scene: SceneLog) -> None:
+    """Refuse a span that holds nothing.
+
+    Raises:
+        UsageError: it ends before it begins, or lies outside the recording.
+    """
+    if first is not None and end is not None and end <= first:
+        raise UsageError(f"--from {args.start} --to {args.end}: an empty span")
+    start_ns, end_ns = scene.log.start_ns or 0, scene.log.end_ns or 0
+    length = f"the recording is {(end_ns - start_ns) / common.NANOS:.3f} s long"
+    if first is not None and first > end_ns:
+        raise UsageError(f"--from {args.start}: after the last frame; {length}")
+    if end is not None and end <= start_ns:
+        raise UsageError(f"--to {args.end}: before the first frame; {length}")

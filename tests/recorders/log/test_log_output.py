@@ -127,7 +127,7 @@ def test_a_disk_that_fills_at_the_end_leaves_nothing(tmp_path: Path, monkeypatch
 
 
 def test_a_folder_that_is_not_there_is_said(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="No such file or directory"):
+    with pytest.raises(RecordingError, match="there is no folder"):
         LogWriter(tmp_path / "missing" / "log.mcap")
     with pytest.raises(RecordingError, match="this is a folder"):
         LogWriter(tmp_path)

@@ -103,9 +103,7 @@ def test_wrong_words_and_files(
     assert main(["eval", str(tmp_path / "absent.mcap"), "--truth", str(truth)]) == 1
     assert "absent.mcap" in capsys.readouterr().err
     for bad in (["--truth-size", "768"], ["--frames", "7"]):
-        with pytest.raises(SystemExit) as stop:
-            main(["eval", str(log), "--truth", str(truth), *bad])
-        assert stop.value.code == 2
+        assert main(["eval", str(log), "--truth", str(truth), *bad]) == 2
         assert "must be" in capsys.readouterr().err
 
 
