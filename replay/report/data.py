@@ -1,0 +1,200 @@
+"""What the report shows, as plain data: figures, paths, intervals, the graph at sampled frames, events, thumbnails."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from reasoning.questions import Case
+from reasoning.questions.values import literal
+from recorders.pictures import encode_jpeg
+from recorders.vision import cv2
+from replay.annotated import AnnotatedLog
+from replay.draw import DrawOptions, track_colour
+from replay.report.pictures import chosen_frames, drawn
+
+Image = Any
+_INTERVALS = {
+    "relations": """SELECT a, b, state, start_frame, end_frame, start_t, end_t FROM relations
+        WHERE recording = {name} ORDER BY start_frame, a, b""",
+    "groups": """SELECT group_id, members, start_frame, end_frame, start_t, end_t, ended_by FROM groups
+        WHERE recording = {name} ORDER BY start_frame, group_id""",
+    "encounters": """SELECT a, b, kind, start_frame, end_frame, start_t, end_t, confidence FROM encounters
+        WHERE recording = {name} ORDER BY start_frame, a, b""",
+    "presence": """SELECT track, start_frame, end_frame, start_t, end_t FROM presence
+        WHERE recording = {name} ORDER BY track, start_frame""",
+}
+_AT_ONCE = """SELECT coalesce(max(n), 0) FROM (
+    SELECT count(*) AS n FROM tracks WHERE recording = $name GROUP BY frame)"""
+
+
+@dataclass(frozen=True)
+class ReportOptions:
+    """How much goes into one page.
+
+    Attributes:
+        thumbnails: most frames shown as pictures.
+        thumbnail_width: their width in pixels.
+        steps: most positions of the graph's slider.
+        points: most points of one trajectory.
+        events: most events in the table; the page says so if there were more.
+        quality: JPEG quality of the pictures.
+    """
+
+    thumbnails: int = 160
+    thumbnail_width: int = 480
+    steps: int = 300
+    points: int = 300
+    events: int = 5_000
+    quality: int = 68
+
+
+def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, Any]:
+    """Everything that the page draws, as JSON-ready data."""
+    facts = _only(case, f"SELECT * FROM recordings WHERE camera = {literal(log.camera)}")  # noqa: S608
+    name = literal(facts["recording"])
+    size = log.size() or (facts["width"], facts["height"])
+    frames = case.rows(f"SELECT frame, t FROM frames WHERE recording = {name} ORDER BY frame")  # noqa: S608
+    events = case.rows(
+        f"SELECT event, kind, frame, t, subjects, text, rule FROM events WHERE recording = {name} ORDER BY event"  # noqa: S608
+    )
+    data: dict[str, Any] = {
+        "recording": facts["recording"],
+        "facts": _facts(facts, log),
+        "figures": _figures(case, name, facts),
+        "size": list(size),
+        "seconds": facts["seconds"],
+        "tracks": _tracks(case, name, options),
+        **{table: _rows(case, query.format(name=name)) for table, query in _INTERVALS.items()},
+        "events": [list(e) for e in events[: options.events]],
+        "events_left_out": max(0, len(events) - options.events),
+        "steps": _steps(case, name, frames, options),
+    }
+    wanted = _thumbnail_frames([f for f, _ in frames], [e[2] for e in events if e[1] != "mode_changed"], data, options)
+    data["ground"] = _ground(case, name, log, options)
+    data["thumbnails"] = _thumbnails(log, wanted, options)
+    return data
+
+
+def _only(case: Case, query: str) -> dict[str, Any]:
+    answer = case.sql(query)
+    return dict(zip(answer.columns, next(answer.rows), strict=True))
+
+
+def _rows(case: Case, query: str) -> list[list[Any]]:
+    return [list(row) for row in case.sql(query).rows]
+
+
+def _facts(facts: dict[str, Any], log: AnnotatedLog) -> list[list[str]]:
+    said = log.facts
+    rows = [
+        ["File", log.path.name], ["Camera", log.camera], ["Tracker", log.tracker or "not said"],
+        ["SHA-256 of the file", facts["digest"]], ["Output digest", said.get("output_digest", "")],
+        ["Input digest", said.get("input_digest", "")],
+    ]  # fmt: skip
+    return [row for row in rows if row[1]]
+
+
+def _figures(case: Case, name: str, facts: dict[str, Any]) -> list[list[Any]]:
+    def count(query: str) -> Any:
+        return case.rows(query.replace("$name", name))[0][0]
+
+    return [
+        ["seconds", round(facts["seconds"], 1)],
+        ["frames", facts["frames"]],
+        ["targets", count("SELECT count(DISTINCT track) FROM presence WHERE recording = $name")],
+        ["at once, at most", count(_AT_ONCE)],
+        ["pairs that met", count("SELECT count(DISTINCT (a, b)) FROM relations WHERE recording = $name")],
+        ["groups", count("SELECT count(DISTINCT group_id) FROM groups WHERE recording = $name")],
+        ["encounters", count("SELECT count(*) FROM encounters WHERE recording = $name")],
+        ["events", count("SELECT count(*) FROM events WHERE recording = $name")],
+    ]  # fmt: skip
+
+
+def _tracks(case: Case, name: str, options: ReportOptions) -> list[dict[str, Any]]:
+    """Each track's path of standing points, thinned."""
+    rows = case.rows(
+        f"""SELECT track, list([round(x + w / 2, 1), round(y + h, 1), frame] ORDER BY frame) FROM (
+        SELECT *, row_number() OVER (PARTITION BY track ORDER BY frame) - 1 AS k,
+          count(*) OVER (PARTITION BY track) AS n FROM tracks WHERE recording = {name})
+        WHERE k % greatest(1, n // {options.points}) = 0 OR k = n - 1 GROUP BY track ORDER BY track"""  # noqa: S608
+    )
+    return [{"id": track, "colour": _css(track), "path": path} for track, path in rows]
+
+
+def _css(track: int) -> str:
+    blue, green, red = track_colour(track)
+    # Tones for drawing over pictures are too light for lines on white.
+    return f"rgb({int(red * 0.78)},{int(green * 0.7)},{int(blue * 0.85)})"
+
+
+def _steps(case: Case, name: str, frames: Sequence[tuple[int, float]], options: ReportOptions) -> list[dict[str, Any]]:
+    """Places and edges at evenly spaced frames: what the graph's slider goes through."""
+    chosen = _spread([f for f, _ in frames], options.steps)
+    at = dict(frames)
+    listed = ", ".join(map(str, chosen)) or "-1"
+    nodes: dict[int, list[list[float]]] = {f: [] for f in chosen}
+    for f, track, x, y in case.rows(
+        f"SELECT frame, track, round(x + w / 2, 1), round(y + h / 2, 1) FROM tracks WHERE recording = {name} "  # noqa: S608
+        f"AND frame IN ({listed}) ORDER BY frame, track"
+    ):
+        nodes[f].append([track, x, y])
+    edges: dict[int, list[list[Any]]] = {f: [] for f in chosen}
+    for f, a, b, state in case.rows(
+        f"SELECT f.frame, r.a, r.b, r.state FROM relations r JOIN frames f ON f.recording = r.recording "  # noqa: S608
+        f"AND f.frame BETWEEN r.start_frame AND r.end_frame WHERE r.recording = {name} AND f.frame IN ({listed}) "
+        "ORDER BY f.frame, r.a, r.b"
+    ):
+        edges[f].append([a, b, state])
+    return [{"frame": f, "t": round(at[f], 3), "nodes": nodes[f], "edges": edges[f]} for f in chosen]
+
+
+def _spread(values: Sequence[int], most: int) -> list[int]:
+    """At most so many of the values, evenly spaced, first and last among them."""
+    if len(values) <= most:
+        return list(values)
+    last = len(values) - 1
+    return [values[k] for k in sorted({round(i * last / (most - 1)) for i in range(most)})]
+
+
+def _thumbnail_frames(
+    frames: Sequence[int], events: Sequence[int], data: dict[str, Any], options: ReportOptions
+) -> list[int]:
+    """Half at what happened, half evenly over the recording."""
+    present = set(frames)
+    starts = [r[3] for r in data["relations"]] + [g[2] for g in data["groups"]] + [e[3] for e in data["encounters"]]
+    happened = sorted(present.intersection([*events, *starts]))
+    half = max(2, options.thumbnails // 2)
+    return sorted({*_spread(happened, half), *_spread(list(frames), half)})
+
+
+def _thumbnails(log: AnnotatedLog, wanted: Sequence[int], options: ReportOptions) -> list[list[Any]]:
+    out = []
+    if not log.has_pictures and log.size() is None:
+        return []
+    for frame, image in drawn(log, chosen_frames(log, wanted), DrawOptions(scale=1.5)):
+        out.append([frame.index, _jpeg(image, options)])
+    return out
+
+
+def _ground(case: Case, name: str, log: AnnotatedLog, options: ReportOptions) -> str:
+    """The picture of the frame with the fewest targets, for the trajectories to lie on; empty without pictures."""
+    if not log.has_pictures:
+        return ""
+    rows = case.rows(
+        f"SELECT f.frame FROM frames f LEFT JOIN tracks k USING (recording, frame) WHERE recording = {name} "  # noqa: S608
+        "GROUP BY f.frame ORDER BY count(k.track), f.frame LIMIT 1"
+    )
+    for _, image in drawn(log, chosen_frames(log, [rows[0][0]]) if rows else [], bare=True):
+        return _jpeg(image, options)
+    return ""
+
+
+def _jpeg(image: Image, options: ReportOptions) -> str:
+    height, width = image.shape[:2]
+    if width > options.thumbnail_width:
+        size = (options.thumbnail_width, max(1, round(height * options.thumbnail_width / width)))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    return "data:image/jpeg;base64," + base64.b64encode(encode_jpeg(image, options.quality)).decode("ascii")

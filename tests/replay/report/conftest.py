@@ -1,0 +1,104 @@
+"""A headless browser driven by the W3C WebDriver protocol over plain HTTP: no package needed, only chromedriver."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+import subprocess
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+_READY = "return document.documentElement.dataset.ready === 'true'"
+
+
+class Browser:
+    """One session of headless Chromium."""
+
+    def __init__(self, port: int, binary: str, profile: Path) -> None:
+        self._base = f"http://127.0.0.1:{port}"
+        arguments = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
+                     "--no-first-run", f"--user-data-dir={profile}", "--host-resolver-rules=MAP * ~NOTFOUND"]  # fmt: skip
+        wanted = {
+            "goog:chromeOptions": {"binary": binary, "args": arguments},
+            "goog:loggingPrefs": {"browser": "ALL"},
+        }
+        answer = self._call("POST", "/session", {"capabilities": {"alwaysMatch": wanted}})
+        self._session = f"/session/{answer['sessionId']}"
+
+    def _call(self, method: str, path: str, body: Any = None) -> Any:
+        data = None if body is None else json.dumps(body).encode()
+        request = urllib.request.Request(
+            self._base + path, data, {"Content-Type": "application/json"}, method=method
+        )
+        try:
+            with urllib.request.urlopen(request, timeout=60) as answer:
+                return json.load(answer)["value"]
+        except urllib.error.HTTPError as e:
+            raise AssertionError(e.read().decode(errors="replace")[:500]) from e
+
+    def open(self, page: Path) -> None:
+        self._call("POST", f"{self._session}/url", {"url": page.resolve().as_uri()})
+        self.wait(_READY)
+
+    def run(self, script: str, *args: Any) -> Any:
+        return self._call("POST", f"{self._session}/execute/sync", {"script": script, "args": list(args)})
+
+    def wait(self, script: str, seconds: float = 30.0) -> None:
+        end = time.monotonic() + seconds
+        while not self.run(script):
+            assert time.monotonic() < end, f"never true: {script}\n{self.console()}"
+            time.sleep(0.05)
+
+    def size(self, width: int, height: int, *, dark: bool = False) -> None:
+        self.devtools("Emulation.setDeviceMetricsOverride",
+                      {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600})  # fmt: skip
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.devtools("Emulation.setEmulatedMedia", {"features": [scheme]})
+
+    def devtools(self, command: str, parameters: dict[str, Any]) -> Any:
+        return self._call("POST", f"{self._session}/goog/cdp/execute", {"cmd": command, "params": parameters})
+
+    def console(self) -> list[str]:
+        found = self._call("POST", f"{self._session}/se/log", {"type": "browser"})
+        return [f"{m['level']}: {m['message']}" for m in found if m["level"] in ("SEVERE", "WARNING")]
+
+    def picture(self, out: Path) -> None:
+        whole = {"captureBeyondViewport": True, "format": "png"}
+        out.write_bytes(base64.b64decode(self.devtools("Page.captureScreenshot", whole)["data"]))
+
+    def close(self) -> None:
+        self._call("DELETE", self._session)
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    driver, binary = shutil.which("chromedriver"), shutil.which("chromium") or shutil.which("google-chrome")
+    if driver is None or binary is None:
+        pytest.skip("needs chromium and chromedriver (apt-get install chromium chromium-driver)")
+    folder = tmp_path_factory.mktemp("browser")
+    with (folder / "driver.log").open("w") as told:
+        process = subprocess.Popen([driver, "--port=0"], stdout=subprocess.PIPE, stderr=told, text=True)
+        try:
+            port = 0
+            assert process.stdout is not None
+            for line in process.stdout:
+                if "started successfully on port" in line:
+                    port = int(line.rsplit(" ", 1)[1].rstrip(".\n"))
+                    break
+            session = Browser(port, binary, folder / "profile")
+            try:
+                yield session
+            finally:
+                session.close()
+        finally:
+            process.terminate()
+            process.wait(timeout=20)
+            if process.stdout is not None:
+                process.stdout.close()
