@@ -15,7 +15,7 @@ from replay.annotations import drawing
 def payloads(
     forward: Targets,
     scene: SceneAnnotation,
-    regions: Regions | None,
+    regions: Regions,
     time_ns: int,
     extra: tuple[tuple[str, bytes], ...],
 ) -> list[tuple[str, bytes]]:
@@ -24,10 +24,11 @@ def payloads(
     Args:
         forward: what the tracker said in this frame, before hindsight.
         scene: what the reasoning made of it.
-        regions: drawn into the picture, if given.
+        regions: in force; drawn into the picture where they were recorded, said in the log where they are a default.
         time_ns: the frame's log time.
         extra: further payloads of the tracker (a membership image).
     """
+    drawn = None if regions.source == "default" else regions
     out = [
         ("targets", channels.encode("targets", forward)),
         ("tracks", channels.encode("tracks", scene.tracks)),
@@ -38,11 +39,23 @@ def payloads(
     if scene.graph is not None:
         out.append(("graph", channels.encode("graph", scene.graph)))
     out += extra
-    out.append(
-        ("annotations", channels.encode("annotations", drawing(scene.tracks, scene.relations, regions, time_ns)))
-    )
+    out.append(("annotations", channels.encode("annotations", drawing(scene.tracks, scene.relations, drawn, time_ns))))
+    if forward.frame == 0 and regions.source == "default":
+        out.append(("log", channels.log_line(_default_regions(regions), time_ns, "regions")))
     out += [("log", channels.log_line(event.text, time_ns, event.kind)) for event in scene.events]
     return out
+
+
+def _default_regions(regions: Regions) -> str:
+    corners = [f"({min(x)}, {min(y)}) to ({max(x)}, {max(y)})" for x, y in map(_axes, (regions.roi, regions.border))]
+    return (
+        f"No regions were recorded: region of interest {corners[0]} px and security border {corners[1]} px are derived "
+        "from the picture's size (record --regions FILE sets them)"
+    )
+
+
+def _axes(polygons: list[list[tuple[float, float]]]) -> tuple[list[float], list[float]]:
+    return [x for polygon in polygons for x, _ in polygon], [y for polygon in polygons for _, y in polygon]
 
 
 def check_targets(answer: Targets, frame: int) -> None:

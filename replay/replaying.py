@@ -243,9 +243,8 @@ class Run:
     def _annotate(self, step: Step, reasoner: Reasoner) -> Annotated:
         frame = step.frame
         scene = reasoner.step(frame.index, frame.time_ns, step.targets, frame.regions)
-        regions = frame.regions
         forward = step.targets if step.forward is None else step.forward
-        content = payloads(forward, scene, regions, frame.time_ns, step.extra)
+        content = payloads(forward, scene, reasoner.regions, frame.time_ns, step.extra)
         made = digest.digest(self.link, frame.index, frame.time_ns, step.recorded, content)
         self.link = made.link
         ids = [track.id for track in scene.tracks.tracks]
