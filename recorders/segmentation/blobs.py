@@ -17,6 +17,9 @@ from recorders.vision import cv2
 
 Labels = NDArray[np.int32]
 
+MOST_BLOBS = 2000
+"""Of more components, the largest are kept (the first of equals)."""
+
 
 def ellipse_of(mask: Image, left: float = 0.0, top: float = 0.0) -> Ellipse:
     """The ellipse of a mask's non-zero pixels (EVENTS 2).
@@ -58,14 +61,19 @@ def components(mask: Image, min_area: float) -> tuple[Image, Labels, list[Blob]]
     """
     height, width = mask.shape
     clean, labels = np.zeros((height, width), np.uint8), np.zeros((height, width), np.int32)
+    blobs: list[Blob] = []
     left, top, w, h = (int(v) for v in cv2.boundingRect(mask))
+    if w == 0:
+        return clean, labels, blobs
     # Labels are in scan order of 2 x 2 blocks, so a part that starts at even places has the same order as the whole.
     left, w, top, h = left - left % 2, w + left % 2, top - top % 2, h + top % 2
     count, numbered, stats, _ = cv2.connectedComponentsWithStatsWithAlgorithm(
         np.ascontiguousarray(mask[top : top + h, left : left + w]), 8, cv2.CV_32S, cv2.CCL_BBDT
     )
-    kept = np.flatnonzero(stats[1:count, cv2.CC_STAT_AREA] >= max(1.0, min_area)) + 1
-    blobs: list[Blob] = []
+    areas = stats[1:count, cv2.CC_STAT_AREA]
+    kept = np.flatnonzero(areas >= max(1.0, min_area)) + 1
+    if len(kept) > MOST_BLOBS:
+        kept = np.sort(kept[np.argsort(-areas[kept - 1], kind="stable")[:MOST_BLOBS]])
     # Leaving some out keeps the others' order.
     for number, k in enumerate(kept.tolist(), 1):
         x, y, bw, bh, area = stats[k].tolist()

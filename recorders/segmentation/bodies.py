@@ -9,6 +9,8 @@ from recorders.segmentation.blobs import Labels, components, ellipse_of
 from recorders.segmentation.explain import Explainer, Floats
 from recorders.segmentation.segmenter import Image
 from recorders.segmentation.sizes import MIN_BLOBS, SizeModel, learn
+from recorders.segmentation.touching import single_areas, split
+from recorders.vision import cv2
 
 MAX_BLOBS = 4096
 LONE_SCORE = 0.5
@@ -18,6 +20,9 @@ REST_SCORE = 0.3
 """Score of a blob that is left when bodies of the learnt size have explained what they can."""
 REST_AREA = 0.25
 """Such a blob is a detection from this share of the area of a body's box on."""
+MAX_AREA_SPREAD = 2.0
+"""Bodies without a size model are alike, and told apart by area, if three quarters of them are not larger than this
+many times the first quarter."""
 
 
 class Bodies:
@@ -27,6 +32,8 @@ class Bodies:
         self._use_size = use_size
         self._width, self._height = width, height
         self._seen: list[Box] = []
+        self._single_areas: list[int] = []
+        self._body_area = 0.0
         self._due = 2 * MIN_BLOBS
         self.model: SizeModel | None = None
         self._explainer: Explainer | None = None
@@ -35,7 +42,8 @@ class Bodies:
         """Take in the blobs of one frame; the oldest of very many are forgotten."""
         if self._use_size:
             self._seen += [b.box for b in blobs]
-            del self._seen[:-MAX_BLOBS]
+            self._single_areas += single_areas(blobs)
+            del self._seen[:-MAX_BLOBS], self._single_areas[:-MAX_BLOBS]
 
     def learn(self) -> None:
         """Fit the size model to the blobs so far."""
@@ -44,6 +52,10 @@ class Bodies:
         seen = np.array(self._seen, np.float64)
         self.model = learn(seen, self._width, self._height)
         self._explainer = None if self.model is None else Explainer(self.model, self._width, self._height)
+        areas = sorted(self._single_areas)
+        n = len(areas)
+        alike = n >= MIN_BLOBS and areas[3 * n // 4] <= MAX_AREA_SPREAD * areas[n // 4]
+        self._body_area = float(areas[n // 2]) if alike else 0.0
 
     def learn_when_due(self) -> None:
         """`learn` whenever the number of blobs has grown by half."""
@@ -60,10 +72,7 @@ class Bodies:
             labels: (H, W) int32, the mask's components from 1.
             blobs: blob k - 1 is label k.
         """
-        boxes: list[Box] = [b.box for b in blobs]
-        scores = [LONE_SCORE] * len(blobs)
-        ellipses: list[Ellipse | None] = [b.ellipse for b in blobs]
-        ids = [b.id for b in blobs]
+        boxes, scores, ellipses, ids = self._by_area(labels, blobs)
         if self._explainer is not None and blobs:
             found = self._explainer.explain(mask)
             boxes = [_clipped(box, self._width, self._height) for box in found.boxes]
@@ -88,6 +97,26 @@ class Bodies:
             components=blobs,
             size_model=self.model.as_list() if self.model is not None else [],
         )
+
+    def _by_area(
+        self, labels: Labels, blobs: list[Blob]
+    ) -> tuple[list[Box], list[float], list[Ellipse | None], list[int]]:
+        """Bodies of any pose: each blob is divided into as many ellipses as its area and outline ask for."""
+        boxes: list[Box] = []
+        scores: list[float] = []
+        ellipses: list[Ellipse | None] = []
+        ids: list[int] = []
+        for blob in blobs:
+            x, y, w, h = (int(v) for v in blob.box)
+            own = (labels[y : y + h, x : x + w] == blob.id).view(np.uint8) * np.uint8(255)
+            parts = split(own, own, self._body_area)
+            for mask in parts:
+                px, py, pw, ph = cv2.boundingRect(mask)
+                boxes.append((float(x + px), float(y + py), float(pw), float(ph)))
+                ellipses.append(ellipse_of(mask, x, y))
+                scores.append(LONE_SCORE if len(parts) == 1 else REST_SCORE)
+                ids.append(blob.id)
+        return boxes, scores, ellipses, ids
 
     def _unexplained(self, rest: Image) -> list[Box]:
         """Boxes around what no body explains, if large enough to be a body in an unusual pose or half hidden."""

@@ -112,10 +112,10 @@ class Explainer:
         found: list[tuple[Floats, Floats, Ints]] = []
         for _ in range(ROUNDS):
             scores = candidates.scores(own, behind)
-            keep = np.flatnonzero(scores >= 0.7 * MIN_SCORE)
-            candidates, source, scores = candidates.take(keep), source[keep], scores[keep]
-            rank = scores * candidates.area**PREFER_LARGE * np.where(source >= 0, PROPOSAL_BONUS, 1.0)
-            chosen = _best_of_neighbours(candidates.boxes, rank)
+            fair = np.flatnonzero(scores >= 0.7 * MIN_SCORE)
+            rank = scores[fair] * candidates.area[fair] ** PREFER_LARGE
+            rank *= np.where(source[fair] >= 0, PROPOSAL_BONUS, 1.0)
+            chosen = fair[_best_of_neighbours(candidates.boxes[fair], rank)]
             boxes, scores = self._refine(own, behind, candidates.boxes[chosen])
             good = scores >= MIN_SCORE
             if not good.any():
@@ -127,7 +127,8 @@ class Explainer:
                 explained[part] |= rest[part]
                 rest[part] = 0
             own, behind = integral_of(rest).ravel(), integral_of(explained).ravel()
-            left = np.flatnonzero(~np.isin(source, source[chosen][source[chosen] >= 0]))
+            used = np.isin(source, source[chosen][source[chosen] >= 0])
+            left = np.flatnonzero((candidates.inside(own) >= MIN_OWN * candidates.area) & ~used)
             candidates, source = candidates.take(left), source[left]
         if not found:
             return Explanation(np.zeros((0, 4)), np.zeros(0), np.zeros(0, np.int64), rest)

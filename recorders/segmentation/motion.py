@@ -34,6 +34,7 @@ class MotionSegmenter:
         self._window = 2 * int(parameters.smoothing * height / 2 + 0.5) + 1
         fps = fps if fps > 0 else 25.0
         self._follow_every = max(1, round(parameters.adaptation_s * fps))
+        self._observe_every = max(1, round(fps / 2))
         self._steps = 0
         self._new_samples = 0
         self._background: Background | None = None
@@ -70,7 +71,7 @@ class MotionSegmenter:
         if self._steps % self._follow_every == 0:
             everywhere = self._steps % (self._follow_every * SLOW_FOREGROUND) == 0
             background.follow(picture, np.full_like(mask, 255) if everywhere else as_image(cv2.bitwise_not(mask)))
-        if self._past is not None and self._steps % self._follow_every == 0:
+        if self._past is not None and self._steps % self._observe_every == 0:
             self._bodies.observe(blobs)
             self._bodies.learn_when_due()
         return Segmented(mask, self._bodies.detect(index, mask, labels, blobs))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-MIN_BLOBS = 24
+MIN_BLOBS = 16
 """Fewer blobs than this teach nothing."""
 TOLERANCE = 0.15
 """A blob agrees with the line within this share of the height."""
@@ -27,7 +27,7 @@ MIN_UPRIGHT = 0.6
 """Share of blobs that are upright: fish and flies turn every way."""
 TRUNK = 0.88
 """A body's width, of that of its blob: blobs are wider by striding legs, swinging arms and shadow."""
-STEEPNESS = 0.3
+STEEPNESS = 0.5
 """A slope is the bodies' height over the camera's; cameras hang high, so support is divided by 1 + this * slope^2."""
 MAX_SLOPE = 1.6
 HYPOTHESES = 1500
@@ -41,8 +41,8 @@ class SizeModel:
         slope: growth of the height in px per px of y_foot.
         intercept: height at y_foot = 0, px.
         aspect: width over height.
-        low: height of the smallest body that it was learnt from, px; half of it is the smallest that it expects.
-        high: height of the largest, px; one and a half of it is the largest that it expects.
+        low: first decile of the heights that it was learnt from, px; half of it is the smallest that it expects.
+        high: last decile, px; one and a half of it is the largest that it expects.
     """
 
     slope: float
@@ -101,7 +101,7 @@ def learn(boxes: Floats, width: int, height: int) -> SizeModel | None:
         return None
     aspect = TRUNK * float(np.sort(b[agree, 2] / h[agree])[np.count_nonzero(agree) // 2])
     heights = np.sort(slope * foot[agree] + intercept)
-    few = len(heights) // 50
+    few = len(heights) // 10
     return SizeModel(slope, intercept, aspect, float(heights[few]), float(heights[-1 - few]))
 
 

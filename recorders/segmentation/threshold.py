@@ -118,8 +118,9 @@ class ThresholdSegmenter:
         scores: list[float] = []
         ids: list[int] = []
         for blob in blobs:
-            bodies = split(blob, *_parts(blob, labels, core), self._body_area)
-            for (left, top), mask in bodies:
+            bodies = split(*_parts(blob, labels, core), self._body_area)
+            left, top = int(blob.box[0]), int(blob.box[1])
+            for mask in bodies:
                 x, y, w, h = cv2.boundingRect(mask)
                 boxes.append((float(left + x), float(top + y), float(w), float(h)))
                 ellipses.append(ellipse_of(mask, left, top))

@@ -25,7 +25,7 @@ ONE_BODY_FILL = 0.85
 """From this share of its ellipse on, a core looks like one body."""
 MAX_ONE_BODY = 1.9
 """From this many typical areas on, it is not, whatever it looks like."""
-MIN_TWO_BODIES = 1.25
+MIN_TWO_BODIES = 1.4
 """A core that does not look like one body is several from this many typical areas on."""
 ITERATIONS = 20
 
@@ -50,20 +50,17 @@ def _bodies_in(core: Blob, body_area: float) -> int:
     return max(2, int(share + 0.5)) if share >= MIN_TWO_BODIES else 1
 
 
-def split(blob: Blob, own: Image, core: Image, body_area: float) -> list[tuple[tuple[int, int], Image]]:
+def split(own: Image, core: Image, body_area: float) -> list[Image]:
     """Divide a blob's pixels among the bodies in it.
 
     Args:
-        blob: the blob.
         own: (h, w) uint8, the blob's pixels in its box, 0 or 255.
         core: (h, w) uint8, those of them above the higher level, 0 or 255.
         body_area: area of one body's core, px; 0 where it is not known.
 
     Returns:
-        For each body its mask's left top corner in the picture and the mask, uint8 0 or 255; the order is that of the
-        cores' labels.
+        For each body its mask (h, w) uint8, 0 or 255; in the order of the cores' labels.
     """
-    left, top = int(blob.box[0]), int(blob.box[1])
     _, labels, cores = components(core, MIN_CORE * body_area)
     groups = np.zeros(own.shape, np.int64)
     bodies = 0
@@ -73,8 +70,8 @@ def split(blob: Blob, own: Image, core: Image, body_area: float) -> list[tuple[t
         groups[y, x] = bodies + 1 + _clusters(x.astype(np.float64), y.astype(np.float64), wanted)
         bodies += wanted
     if bodies < 2:
-        return [((left, top), own)]
-    return [((left, top), mask) for mask in _spread(own, groups, bodies)]
+        return [own]
+    return _spread(own, groups, bodies)
 
 
 def _spread(own: Image, groups: Ints, bodies: int) -> list[Image]:

@@ -1,0 +1,248 @@
+"""The motion segmenter on generated scenes with exact truth, and on a real one."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from fixtures.scenes import generate
+from recorders.messages import to_json
+from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmenter
+from recorders.sources import open_source
+from recorders.vision import cv2
+
+
+def make(scene_or_size, kind="motion", **values):
+    if isinstance(scene_or_size, tuple):
+        width, height, fps = scene_or_size
+    else:
+        width, height, fps = scene_or_size.width, scene_or_size.height, scene_or_size.fps
+    return SEGMENTERS[kind](SegmentationParameters(**values), width, height, fps)
+
+
+def pictures(scene):
+    return [image for _, _, image in scene.frames()]
+
+
+def iou(a, b):
+    ax, ay, aw, ah = a
+    bx, by, bw, bh = b
+    w = min(ax + aw, bx + bw) - max(ax, bx)
+    h = min(ay + ah, by + bh) - max(ay, by)
+    return w * h / (aw * ah + bw * bh - w * h) if w > 0 and h > 0 else 0.0
+
+
+def matched(found, truth, least=0.5):
+    """How many of two lists of boxes can be paired, greedily from the best pair on."""
+    pairs = sorted(((iou(f, t), i, j) for i, f in enumerate(found) for j, t in enumerate(truth)), reverse=True)
+    left, right = set(), set()
+    for value, i, j in pairs:
+        if value >= least and i not in left and j not in right:
+            left.add(i)
+            right.add(j)
+    return len(left)
+
+
+def digest(segmenter, images):
+    return [(s.mask.tobytes(), to_json(s.detections)) for s in map(segmenter.segment, itertools.count(), images)]
+
+
+@pytest.fixture(scope="module")
+def walkers():
+    scene = generate("pass_by", frames=90)
+    return scene, pictures(scene)
+
+
+@pytest.mark.parametrize("kind", sorted(SEGMENTERS))
+def test_every_segmenter_answers_in_the_same_shape(kind, walkers):
+    scene, images = walkers
+    segmenter = make(scene, kind)
+    assert isinstance(segmenter, Segmenter)
+    for index, image in enumerate(images[60:66]):
+        got = segmenter.segment(index, image)
+        d = got.detections
+        assert got.mask.shape == (scene.height, scene.width)
+        assert set(np.unique(got.mask)) <= {0, 255}
+        assert (d.frame, d.width, d.height) == (index, scene.width, scene.height)
+        assert len(d.boxes) == len(d.scores) == len(d.labels) == len(d.ellipses) == len(d.blobs)
+        assert all(0 <= s <= 1 for s in d.scores)
+        assert all(x >= 0 and y >= 0 and x + w <= d.width and y + h <= d.height for x, y, w, h in d.boxes)
+        count, labels = cv2.connectedComponents(got.mask, connectivity=8)
+        assert [c.id for c in d.components] == list(range(1, count))
+        assert [c.area for c in d.components] == np.bincount(labels.ravel())[1:].tolist()
+        assert set(d.blobs) <= set(range(-1, count)) - {0}
+
+
+@pytest.mark.parametrize("kind", sorted(SEGMENTERS))
+@pytest.mark.parametrize("prepared", [True, False])
+def test_the_answers_do_not_depend_on_threads_or_run(kind, prepared, walkers):
+    scene, images = walkers
+    results = []
+    before = cv2.getNumThreads()
+    try:
+        for threads in (1, 4):
+            cv2.setNumThreads(threads)
+            segmenter = make(scene, kind)
+            if prepared:
+                segmenter.prepare(iter(images[::3]))
+            results.append(digest(segmenter, images[40:70:3]))
+    finally:
+        cv2.setNumThreads(before)
+    assert results[0] == results[1]
+
+
+@pytest.mark.parametrize("script", ["pass_by", "full_occlusion", "fight"])
+def test_people_are_found_without_their_shadows(script):
+    scene = generate(script, frames=200)
+    images = pictures(scene)
+    segmenter = make(scene)
+    segmenter.prepare(iter(images))
+    hits = found = wanted = 0
+    for index in range(0, 200, 4):
+        boxes = segmenter.segment(index, images[index]).detections.boxes
+        truth = [a.box for a in scene.truth.frames[index].actors if a.visibility > 0.5]
+        hits += matched(boxes, truth)
+        found += len(boxes)
+        wanted += len(truth)
+    assert hits / found >= 0.9
+    assert hits / wanted >= 0.85
+
+
+def test_touching_fish_are_told_apart_by_their_area():
+    scene = generate("three_fish", frames=200)
+    images = pictures(scene)
+    segmenter = make(scene)
+    segmenter.prepare(iter(images))
+    hits = wanted = merged = 0
+    for index in range(0, 200, 3):
+        d = segmenter.segment(index, images[index]).detections
+        truth = [a.box for a in scene.truth.frames[index].actors if a.visibility > 0.5]
+        hits += matched(d.boxes, truth, 0.3)
+        wanted += len(truth)
+        merged += len(d.boxes) > len(d.components)
+        assert d.size_model == []
+    assert merged > 0
+    assert hits / wanted >= 0.9
+
+
+def still_life(frames, person=(30, 20, 60, 40), until=None, shadow=True):
+    """A textured ground where something stands until it is gone; shape (top, left, bottom, right)."""
+    rng = np.random.default_rng(4)
+    ground = cv2.GaussianBlur(rng.integers(90, 170, (120, 160, 3), dtype=np.uint8), (5, 5), 0)
+    for k in range(frames):
+        image = ground.copy()
+        if until is None or k < until:
+            top, left, bottom, right = person
+            if shadow:
+                image[bottom - 4 : bottom + 6, right : right + 30] = (
+                    ground[bottom - 4 : bottom + 6, right : right + 30] * 0.7
+                )
+            image[top:bottom, left:right] = (30, 40, 200)
+        yield cv2.add(image, rng.integers(0, 3, image.shape, dtype=np.uint8))
+
+
+def test_hindsight_finds_who_stands_still_from_the_first_frame_and_leaves_no_ghost():
+    images = list(still_life(60, until=25))
+    segmenter = make((160, 120, 10.0))
+    segmenter.prepare(iter(images))
+    masks = [segmenter.segment(k, image).mask for k, image in enumerate(images)]
+    assert masks[0][32:58, 22:38].all()
+    assert masks[24][32:58, 22:38].all()
+    assert not masks[25].any()
+
+
+def test_shadows_are_removed_unless_they_are_wanted():
+    images = list(still_life(60, until=25))
+    shadow = np.s_[58:64, 45:65]
+    with_shadow = make((160, 120, 10.0), shadow_darkest=1.0)
+    without = make((160, 120, 10.0))
+    for segmenter in (with_shadow, without):
+        segmenter.prepare(iter(images))
+    assert with_shadow.segment(0, images[0]).mask[shadow].mean() > 200
+    assert not without.segment(0, images[0]).mask[shadow].any()
+
+
+def test_without_a_first_reading_movement_is_found_from_the_second_sight_on():
+    scene = generate("pass_by", frames=150)
+    images = pictures(scene)
+    segmenter = make(scene)
+    results = [segmenter.segment(k, image).detections for k, image in enumerate(images)]
+    assert results[0].boxes == []
+    truth = [a.box for a in scene.truth.frames[80].actors]
+    assert matched(results[80].boxes, truth, 0.4) >= len(truth) - 1
+
+
+def test_the_size_filter_is_relative_to_the_picture():
+    images = list(still_life(30, until=10, shadow=False))
+    area = 30 * 20 / (160 * 120)
+    for share, expected in ((0.5 * area, 1), (1.5 * area, 0)):
+        segmenter = make((160, 120, 10.0), min_area=share)
+        segmenter.prepare(iter(images))
+        assert len(segmenter.segment(0, images[0]).detections.components) == expected
+
+
+@pytest.mark.parametrize("kind", sorted(SEGMENTERS))
+@pytest.mark.parametrize("size", [(1, 1), (3, 2), (16, 9), (31, 64)])
+def test_tiny_pictures_are_no_trouble(kind, size):
+    width, height = size
+    rng = np.random.default_rng(0)
+    images = [rng.integers(0, 256, (height, width, 3), dtype=np.uint8) for _ in range(12)]
+    for prepared in (True, False):
+        segmenter = make((width, height, 25.0), kind)
+        if prepared:
+            segmenter.prepare(iter(images))
+        for k, image in enumerate(images):
+            assert segmenter.segment(k, image).mask.shape == (height, width)
+
+
+@pytest.mark.parametrize("kind", sorted(SEGMENTERS))
+def test_a_first_reading_of_nothing_or_of_one_frame_is_as_good_as_none(kind):
+    images = list(still_life(3, until=1))
+    for readings in ([], images[:1]):
+        segmenter = make((160, 120, 10.0), kind)
+        segmenter.prepare(iter(readings))
+        assert segmenter.segment(0, images[0]).detections.frame == 0
+        assert segmenter.segment(1, images[1]).mask.shape == (120, 160)
+
+
+def test_an_empty_scene_is_empty():
+    scene = generate("empty_scene", frames=30)
+    images = pictures(scene)
+    segmenter = make(scene)
+    segmenter.prepare(iter(images))
+    for k, image in enumerate(images):
+        got = segmenter.segment(k, image)
+        assert not got.mask.any()
+        assert got.detections.boxes == []
+
+
+def test_an_unknown_frame_rate_is_no_trouble():
+    images = list(still_life(5))
+    segmenter = make((160, 120, 0.0))
+    for k, image in enumerate(images):
+        segmenter.segment(k, image)
+
+
+@pytest.mark.real
+def test_people_of_the_pets_recording_are_found(real_data):
+    folder = real_data / "pets09-s2l1"
+    truth = {}
+    for line in (folder / "gt.txt").read_text().splitlines():
+        v = [float(x) for x in line.split(",")]
+        if v[6] != 0:
+            truth.setdefault(int(v[0]) - 1, []).append(tuple(0.625 * x for x in v[2:6]))
+    images = [frame.image for frame in itertools.islice(open_source(folder / "video.avi", fps=7).frames(), 300)]
+    segmenter = make((480, 360, 7.0))
+    segmenter.prepare(iter(images))
+    hits = close = found = wanted = 0
+    for index, image in enumerate(images):
+        boxes = segmenter.segment(index, image).detections.boxes
+        hits += matched(boxes, truth[index])
+        close += matched(boxes, truth[index], 0.3)
+        found += len(boxes)
+        wanted += len(truth[index])
+    assert hits / found >= 0.74
+    assert hits / wanted >= 0.85
+    assert close / wanted >= 0.90
