@@ -57,3 +57,6 @@ class EventsParameters(Parameters):
         0.5, "a detection that covers this share of a second target may be merged", low=0.0, high=1.0
     )
     hidden_patience: float = param(3.0, "targets behind others are held so many times longer", low=1.0, high=100.0)
+    min_part: float = param(
+        0.5, "a blob of this share of a body's height may be its lower part", unit="heights", low=0.0, high=10.0
+    )

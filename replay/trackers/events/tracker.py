@@ -110,7 +110,7 @@ class EventsTracker:
             if at is not None:
                 self._settle(row, frame, at, dt)
         kept = [at for at, r in zip(found, rows, strict=True) if at is not None and items[r].observed]
-        return _left_over(fg, kept, seen, self._p)
+        return _left_over(fg, kept, seen, SizeModel.from_list(frame.detections.size_model), self._p)
 
     def _settle(self, row: int, frame: Frame, at: Place, dt: float) -> None:
         """Take a place as an observation if enough foreground supports it."""
@@ -251,10 +251,11 @@ class _Looks:
         return self._known[column]
 
 
-def _left_over(fg: Foreground, kept: list[Place], seen: Seen, p: EventsParameters) -> Seen:
-    """The detections that no placed target explains; the only one of a blob that nobody claims is the blob itself."""
-    if not len(seen.boxes):
-        return seen
+def _left_over(fg: Foreground, kept: list[Place], seen: Seen, model: SizeModel | None, p: EventsParameters) -> Seen:
+    """The detections that no placed target explains, and blobs that were overlooked.
+
+    The only detection of a blob that nobody claims is the blob itself.
+    """
     free = np.flatnonzero(unexplained(fg, kept, seen.boxes) >= p.min_unexplained)
     holds = np.bincount(np.clip(seen.blobs, 0, None), minlength=len(fg.boxes) + 1)
     claimed = [at.blob for at in kept]
@@ -266,4 +267,30 @@ def _left_over(fg: Foreground, kept: list[Place], seen: Seen, p: EventsParameter
     # What nobody explains may start a track whatever its score: how well a body's shape fits says little here.
     scores = np.maximum(seen.scores, p.high_score)
     ellipses = [seen.ellipses[k] for k in free.tolist()]
-    return Seen(boxes[free], scores[free], seen.blobs[free], ellipses, None)
+    more, whole = _overlooked(fg, kept, seen.boxes, model, p)
+    return Seen(
+        np.concatenate([boxes[free], whole]),
+        np.concatenate([scores[free], np.full(len(more), p.high_score)]),
+        np.concatenate([seen.blobs[free], np.array(more, np.int64) + 1]),
+        ellipses + [None] * len(more),
+        None,
+    )
+
+
+def _overlooked(
+    fg: Foreground, kept: list[Place], detections: Floats, model: SizeModel | None, p: EventsParameters
+) -> tuple[list[int], Floats]:
+    """Blobs, by row, that neither targets nor recorded detections explain, and the bodies that they may belong to.
+
+    What is smaller than a body may be its lower part: the upper one has the background's colours, or is hidden.
+    """
+    if model is None or not len(fg.boxes):
+        return [], np.zeros((0, 4))
+    known = [Place((x, y, w, h), False, 0.0, 0.0, NO_BLOB) for x, y, w, h in detections.tolist()]
+    b = fg.boxes
+    bodies = model.boxes(b[:, 0] + b[:, 2] / 2, b[:, 1] + b[:, 3])
+    part = (b[:, 2] >= 0.6 * bodies[:, 2]) & (b[:, 2] <= 1.7 * bodies[:, 2])
+    part &= (b[:, 3] >= p.min_part * bodies[:, 3]) & (b[:, 3] <= 1.3 * bodies[:, 3])
+    free = unexplained(fg, [*kept, *known], b) >= p.min_unexplained
+    rows = np.flatnonzero(part & free)
+    return rows.tolist(), bodies[rows]
