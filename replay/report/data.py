@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from reasoning.questions import Case
 from reasoning.questions.values import literal
 from recorders.pictures import encode_jpeg
@@ -41,6 +43,7 @@ class ReportOptions:
         points: most points of one trajectory.
         events: most events in the table; the page says so if there were more.
         quality: JPEG quality of the pictures.
+        ground_frames: frames whose median is the ground that paths are drawn on.
     """
 
     thumbnails: int = 160
@@ -49,6 +52,7 @@ class ReportOptions:
     points: int = 300
     events: int = 5_000
     quality: int = 68
+    ground_frames: int = 15
 
 
 def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, Any]:
@@ -73,7 +77,7 @@ def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, 
         "steps": _steps(case, name, frames, options),
     }
     wanted = _thumbnail_frames([f for f, _ in frames], [e[2] for e in events if e[1] != "mode_changed"], data, options)
-    data["ground"] = _ground(case, name, log, options)
+    data["ground"] = _ground(log, [f for f, _ in frames], options)
     data["thumbnails"] = _thumbnails(log, wanted, options)
     return data
 
@@ -179,17 +183,13 @@ def _thumbnails(log: AnnotatedLog, wanted: Sequence[int], options: ReportOptions
     return out
 
 
-def _ground(case: Case, name: str, log: AnnotatedLog, options: ReportOptions) -> str:
-    """The picture of the frame with the fewest targets, for the trajectories to lie on; empty without pictures."""
-    if not log.has_pictures:
+def _ground(log: AnnotatedLog, frames: Sequence[int], options: ReportOptions) -> str:
+    """The median of a few frames, the scene without those who move, for paths to lie on; empty without pictures."""
+    if not log.has_pictures or not frames:
         return ""
-    rows = case.rows(
-        f"SELECT f.frame FROM frames f LEFT JOIN tracks k USING (recording, frame) WHERE recording = {name} "  # noqa: S608
-        "GROUP BY f.frame ORDER BY count(k.track), f.frame LIMIT 1"
-    )
-    for _, image in drawn(log, chosen_frames(log, [rows[0][0]]) if rows else [], bare=True):
-        return _jpeg(image, options)
-    return ""
+    sample = chosen_frames(log, _spread(frames, options.ground_frames))
+    pictures = np.stack([image for _, image in drawn(log, sample, bare=True)])
+    return _jpeg(np.median(pictures, axis=0).astype(np.uint8), options)
 
 
 def _jpeg(image: Image, options: ReportOptions) -> str:

@@ -4,7 +4,10 @@
   const $ = (id) => document.getElementById(id);
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const PAGE = 300;
-  const CONFIG = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"] };
+  const CONFIG = {
+    responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"],
+    displayModeBar: innerWidth < 600 ? false : "hover",
+  };
   let view = "targets";
   let limit = PAGE;
   let shown = 0;
@@ -30,6 +33,7 @@
       font: { color: css("--ink"), family: "system-ui, sans-serif", size: 12 },
       margin: { l: 56, r: 12, t: 8, b: 40 }, hovermode: "closest",
       legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 },
+      modebar: { bgcolor: "rgba(0,0,0,0)", color: css("--soft"), activecolor: css("--accent") },
       hoverlabel: { bgcolor: css("--panel"), bordercolor: css("--line"), font: { color: css("--ink") } },
     }, more, { xaxis: Object.assign({}, axis, more.xaxis), yaxis: Object.assign({}, axis, more.yaxis) });
   }
@@ -98,7 +102,7 @@
       type: "scatter", mode: "lines+markers", name: `target ${track.id}`,
       x: track.path.map((p) => p[0]), y: track.path.map((p) => p[1]), customdata: track.path.map((p) => p[2]),
       line: { color: track.colour, width: 2 },
-      marker: { color: track.colour, size: track.path.map((_, k) => (k === 0 ? 9 : 4)) },
+      marker: { color: track.colour, size: track.path.map((_, k) => (k === 0 ? 9 : 3)), line: { width: 0 } },
       hovertemplate: "target " + track.id + ", frame %{customdata}<extra></extra>",
     }));
     Plotly.react("paths", traces, scene({}), CONFIG);
@@ -140,16 +144,17 @@
       return {
         type: "bar", orientation: "h", name: state, y: mine.map((r) => r[0]), base: mine.map((r) => r[4]),
         x: mine.map((r) => r[5] - r[4] + step), customdata: mine.map((r) => [r[2], r[3], r[5], r[6]]),
-        marker: { color: css(colour), line: { width: 0 }, pattern: { shape: PATTERNS[state] || "", size: 5, solidity: 0.25 } },
-        width: state === "present" ? 0.3 : 0.72,
+        marker: { color: css(colour), line: { width: 0 }, pattern: { shape: PATTERNS[state] || "", size: 6, solidity: 0.3, fillmode: "overlay", fgcolor: css("--ground") } },
+        width: state === "present" ? 0.3 : 0.76,
         hovertemplate: "%{customdata[3]}<br>%{base:.2f} to %{customdata[2]:.2f} s, frames %{customdata[0]} to %{customdata[1]}<extra></extra>",
       };
     });
     const tall = Math.max(260, 90 + lanes.length * 20);
     $("timeline").style.height = `${tall}px`;
     Plotly.react("timeline", traces, layout({
-      barmode: "overlay", height: tall, margin: { l: 74, r: 12, t: 34, b: 44 },
-      xaxis: { title: { text: "seconds from the start" }, range: [0, Math.max(D.seconds, step)] },
+      barmode: "overlay", height: tall, margin: { l: 74, r: 12, t: 74, b: 12 },
+      legend: { orientation: "h", y: 1, yref: "container", yanchor: "top", x: 0 },
+      xaxis: { title: { text: "seconds from the start" }, side: "top", range: [0, Math.max(D.seconds, step)] },
       yaxis: { categoryorder: "array", categoryarray: lanes.slice().reverse(), fixedrange: true, type: "category", automargin: true },
       annotations: rows.length ? [] : [{ text: "none in this recording", showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5 }],
     }), CONFIG);
@@ -181,9 +186,9 @@
     };
     const nodes = {
       type: "scatter", mode: "markers+text", name: "targets", x: step.nodes.map((n) => n[1]), y: step.nodes.map((n) => n[2]),
-      text: step.nodes.map((n) => String(n[0])), textposition: "middle center", textfont: { color: "#fff", size: 11 },
+      text: step.nodes.map((n) => String(n[0])), textposition: "middle center", textfont: { color: "#fff", size: innerWidth < 600 ? 9 : 11 },
       customdata: step.nodes.map(() => step.frame), showlegend: false,
-      marker: { size: 22, color: step.nodes.map((n) => colours.get(n[0]) || "#888"), line: { color: css("--ground"), width: 1 } },
+      marker: { size: innerWidth < 600 ? 16 : 22, color: step.nodes.map((n) => colours.get(n[0]) || "#888"), line: { color: css("--ground"), width: 1 } },
       hovertemplate: "target %{text}<extra></extra>",
     };
     Plotly.react("graph", [edges("INTERACTION", "--interaction", 3), edges("JOINT", "--joint", 6), nodes],

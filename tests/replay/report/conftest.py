@@ -23,8 +23,9 @@ class Browser:
 
     def __init__(self, port: int, binary: str, profile: Path) -> None:
         self._base = f"http://127.0.0.1:{port}"
-        arguments = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
-                     "--no-first-run", f"--user-data-dir={profile}", "--host-resolver-rules=MAP * ~NOTFOUND"]  # fmt: skip
+        offline = "--host-resolver-rules=MAP * ~NOTFOUND"
+        quiet = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"]
+        arguments = [*quiet, f"--user-data-dir={profile}", offline]
         wanted = {
             "goog:chromeOptions": {"binary": binary, "args": arguments},
             "goog:loggingPrefs": {"browser": "ALL"},
@@ -34,9 +35,7 @@ class Browser:
 
     def _call(self, method: str, path: str, body: Any = None) -> Any:
         data = None if body is None else json.dumps(body).encode()
-        request = urllib.request.Request(
-            self._base + path, data, {"Content-Type": "application/json"}, method=method
-        )
+        request = urllib.request.Request(self._base + path, data, {"Content-Type": "application/json"}, method=method)
         try:
             with urllib.request.urlopen(request, timeout=60) as answer:
                 return json.load(answer)["value"]
@@ -64,6 +63,15 @@ class Browser:
 
     def devtools(self, command: str, parameters: dict[str, Any]) -> Any:
         return self._call("POST", f"{self._session}/goog/cdp/execute", {"cmd": command, "params": parameters})
+
+    def click_at(self, x: float, y: float) -> None:
+        """A real click of the mouse, at a place in the window."""
+        for kind, buttons in (("mouseMoved", 0), ("mousePressed", 1), ("mouseReleased", 0)):
+            self.devtools(
+                "Input.dispatchMouseEvent",
+                {"type": kind, "x": x, "y": y, "button": "left", "buttons": buttons, "clickCount": 1},
+            )
+            time.sleep(0.15)
 
     def console(self) -> list[str]:
         found = self._call("POST", f"{self._session}/se/log", {"type": "browser"})

@@ -1,0 +1,155 @@
+"""The report in a real browser: a quiet console, a filter that filters, a slider that moves, clicks that show frames."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recorders import channels
+from recorders.errors import OutputExistsError
+from recorders.log import LogWriter
+from recorders.messages import Detections, Event, Group, Groups, Relation, Relations, Track, Tracks
+from recorders.pictures import encode_jpeg
+from replay.cli import main
+from replay.report import write_report
+
+FRAME_NS = 40_000_000
+FRAMES = 60
+NASTY = '</script><script>window.stolen = 1</script><img src=x onerror="window.stolen = 1">'
+
+
+def _track(i: int, n: int) -> Track:
+    return Track(
+        id=i, box=(20.0 + 2 * n if i == 1 else 200.0 - 2 * n, 60.0, 16.0, 40.0), ellipse=None, velocity=(50.0, 0.0),
+        shell_radius=30.0, mode="motion", confidence=0.9, present=True, observed=True, blob=-1, grouping=False,
+        grouped=20 <= n < 30, splitting=False, grouping_partners=[], grouped_partners=[], splitting_partners=[],
+        group=1 if 20 <= n < 30 else None, scene="inside",
+    )  # fmt: skip
+
+
+def _messages(n: int) -> list[tuple[str, object]]:
+    state = "JOINT" if 20 <= n < 30 else "INTERACTION"
+    related = [Relation(1, 2, state, 10, 10 * FRAME_NS, False, state == "JOINT", False, 0.4)] if 10 <= n < 40 else []
+    groups = [Group(1, [1, 2], True, 20, 20 * FRAME_NS)] if 20 <= n < 30 else []
+    out: list[tuple[str, object]] = [
+        ("detections", Detections(n, 240, 160)),
+        ("tracks", Tracks(n, [_track(1, n), _track(2, n)])),
+        ("relations", Relations(n, related)),
+        ("groups", Groups(n, groups)),
+    ]
+    happened = {
+        0: ("entered", [1], NASTY),
+        10: ("interaction_started", [1, 2], "They meet."),
+        20: ("joined", [1, 2], ""),
+    }
+    if n in happened:
+        kind, subjects, text = happened[n]
+        out.append(("events", Event(n + 1, kind, subjects, n, n * FRAME_NS, "SHELLS 2.3", {}, text)))
+    return out
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("report") / "scene.mcap"
+    with LogWriter(path, picture_topics=["/camera/image"]) as log:
+        names = ("image", "detections", "tracks", "relations", "groups", "events")
+        ids = {
+            n: log.channel(channels.topic("camera", n), channels.schema(n), channels.message_encoding(n)) for n in names
+        }
+        for n in range(FRAMES):
+            picture = np.full((160, 240, 3), 40 + 3 * n, np.uint8)
+            log.write(
+                ids["image"],
+                channels.compressed_image(encode_jpeg(picture), "jpeg", n * FRAME_NS, "camera"),
+                n * FRAME_NS,
+            )
+            for name, message in _messages(n):
+                log.write(ids[name], channels.encode(name, message), n * FRAME_NS)
+    return path
+
+
+@pytest.fixture(scope="module")
+def report(scene: Path) -> Path:
+    out = scene.with_name("report.html")
+    figures = write_report(scene, out)
+    assert figures["targets"] == 2
+    assert figures["frames"] == FRAMES
+    assert figures["events"] == 3
+    return out
+
+
+def test_one_file_that_asks_for_nothing_else(report: Path) -> None:
+    html = report.read_text(encoding="utf-8")
+    page = re.sub(r"<script>.*?</script>", "", html, flags=re.DOTALL)
+    assert not re.search(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//""", page)
+    assert "default-src 'none'" in page
+    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
+    assert data is not None
+    assert "<" not in data[1]
+    assert json.loads(data[1])["events"][0][5] == NASTY
+
+
+def test_not_overwritten(report: Path, scene: Path) -> None:
+    with pytest.raises(OutputExistsError):
+        write_report(scene, report)
+
+
+def test_command(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "r.html"
+    assert main(["report", str(scene), "-o", str(out), "--thumbnails", "4"]) == 0
+    assert out.stat().st_size > 1_000_000
+    assert "2 targets" in capsys.readouterr().err
+    assert main(["report", str(scene), "-o", str(tmp_path / "q.html"), "--thumbnails", "1"]) == 2
+
+
+def test_same_log_same_page(report: Path, scene: Path, tmp_path: Path) -> None:
+    write_report(scene, tmp_path / "again.html")
+    assert (tmp_path / "again.html").read_bytes() == report.read_bytes()
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1280, False), (400, True)])
+def test_in_a_browser(browser, report: Path, tmp_path: Path, width: int, dark: bool) -> None:
+    browser.size(width, 1600, dark=dark)
+    browser.open(report)
+    browser.wait("return document.querySelectorAll('#timeline .bars path').length > 0")
+    assert browser.run("return document.documentElement.dataset.theme") == ("dark" if dark else "light")
+    assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
+    assert browser.run("return window.stolen") is None
+
+    rows = "return document.querySelectorAll('#events tbody tr').length"
+    assert browser.run(rows) == 3
+    browser.run("const s = document.getElementById('search'); s.value = 'meet'; s.dispatchEvent(new Event('input'))")
+    assert browser.run(rows) == 1
+    browser.run("const s = document.getElementById('search'); s.value = ''; s.dispatchEvent(new Event('input'))")
+    browser.run("const k = document.getElementById('kind'); k.value = 'joined'; k.dispatchEvent(new Event('change'))")
+    assert browser.run(rows) == 1
+    browser.run("document.querySelector('#events tbody tr').click()")
+    assert browser.run("return document.getElementById('viewer').dataset.frame") == "20"
+    assert browser.run("return document.getElementById('thumbnail').naturalWidth") > 100
+
+    browser.run("const s = document.getElementById('slider'); s.value = 12; s.dispatchEvent(new Event('input'))")
+    assert browser.run("return document.getElementById('graph').dataset.frame") == "12"
+    assert "0.48 s" in browser.run("return document.getElementById('moment').textContent")
+
+    browser.run("document.getElementById('next').click()")
+    assert browser.run("return document.getElementById('viewer').dataset.frame") == "21"
+    browser.run("document.querySelector('[data-view=relations]').click()")
+    browser.wait("return document.querySelector('#timeline .legend')?.textContent.includes('JOINT')")
+    browser.run("document.getElementById('timeline').scrollIntoView()")
+    x, y = browser.run(
+        "const r = document.querySelector('#timeline .trace:nth-child(2) .point path').getBoundingClientRect();"
+        "return [r.x + r.width / 2, r.y + r.height / 2]"
+    )
+    browser.click_at(x, y)
+    browser.wait("return document.getElementById('viewer').dataset.frame === '20'")
+
+    picture = tmp_path / "page.png"
+    browser.picture(picture)
+    assert picture.stat().st_size > 10_000
+    browser.run("document.getElementById('theme').click()")
+    assert browser.run("return document.documentElement.dataset.theme") == ("light" if dark else "dark")
+    assert browser.console() == []
