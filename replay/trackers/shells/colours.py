@@ -1,0 +1,84 @@
+"""Colour histograms of objects: P(p|c) of SHELLS, equation 8.
+
+One joint histogram over luma and both chromas, so that a red shirt with blue trousers is not a purple coat. Chroma
+lies near its middle in most scenes; its bins are finer there. Everything is 8-bit tables, `bincount` and written-out
+sums: the same on every machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.vision import cv2
+from replay.trackers.tracker import Image
+
+Floats = NDArray[np.float64]
+Bins = NDArray[np.uint16]
+
+LUMA, CHROMA = 8, 16
+BINS = LUMA * CHROMA * CHROMA
+_SOFT = 0.002
+"""Added to every bin, so that a colour never seen is unlikely, not impossible."""
+LIMIT = 2.5
+"""Largest log likelihood ratio that one pixel counts."""
+MEMORY = 30
+"""Updates after which a histogram forgets."""
+
+
+def _tables() -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.uint16]]:
+    level = np.arange(256)
+    luma = level * LUMA // 256
+    # Bins of 4 levels around the middle, wider ones outside.
+    away = level - 128
+    chroma = np.clip(CHROMA // 2 + np.sign(away) * np.minimum(np.abs(away) // 5, CHROMA // 2), 0, CHROMA - 1)
+    return tuple(a.astype(np.uint16) for a in (luma * CHROMA * CHROMA, chroma * CHROMA, chroma))  # type: ignore[return-value]
+
+
+_Y, _R, _B = _tables()
+
+
+def bins_of(image: Image) -> Bins:
+    """Every pixel's bin, (H, W) uint16 below `BINS`, of a (H, W, 3) uint8 BGR image."""
+    tall = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_BGR2YCrCb)
+    return np.asarray(_Y[tall[:, :, 0]] + _R[tall[:, :, 1]] + _B[tall[:, :, 2]])
+
+
+def histogram(bins: Bins, own: NDArray[np.bool_]) -> Floats:
+    """Histogram (BINS,) of the pixels of a mask, of sum 1; all 0 for an empty mask."""
+    counts = np.bincount(bins[own], minlength=BINS).astype(np.float64)
+    return np.asarray(counts / max(1.0, float(counts.sum())))
+
+
+def tell(tables: Sequence[Floats | None]) -> list[Floats | None]:
+    """Each object's log likelihood ratio of every bin against the mean of all, within `LIMIT`.
+
+    The common denominator leaves equation 6 as it is and makes a colour that all of them have worth nothing. None for
+    objects whose colours are not known; all None where fewer than two are known.
+    """
+    known = [t for t in tables if t is not None]
+    if len(known) < 2:
+        return [None] * len(tables)
+    mean = np.zeros(BINS)
+    for table in known:
+        mean += table / len(known)
+    return [None if t is None else np.clip(np.log((t + _SOFT) / (mean + _SOFT)), -LIMIT, LIMIT) for t in tables]
+
+
+def against(mine: Floats, other: Floats, seen: Floats) -> float:
+    """How much seen pixels (BINS,) speak for one histogram against another: mean log likelihood ratio per pixel."""
+    ratio = np.clip(np.log((mine + _SOFT) / (other + _SOFT)), -LIMIT, LIMIT)
+    return float((seen * ratio).sum())
+
+
+def distance(a: Floats, b: Floats) -> float:
+    """Hellinger distance of two histograms of sum 1, in [0, 1]."""
+    return float(np.sqrt(max(0.0, 1.0 - float(np.sqrt(a * b).sum()))))
+
+
+def signature(table: Floats) -> list[int]:
+    """A compact form for `recorders.messages.Target.signature`: 4 lumas by 8 by 8 chromas, counts of 1000."""
+    coarse = table.reshape(LUMA // 2, 2, CHROMA // 2, 2, CHROMA // 2, 2).sum(axis=(1, 3, 5))
+    return [round(v) for v in (coarse * 1000).ravel().tolist()]

@@ -1,0 +1,232 @@
+"""The objects: identity, colours and last mask of each, and the Kalman bank of their boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.messages import NO_BLOB, Box, Ellipse, Mode
+from recorders.vision import cv2
+from replay.trackers.kalman import KalmanBank
+from replay.trackers.shells.colours import BINS, MEMORY, histogram
+from replay.trackers.shells.parameters import ShellsParameters
+from replay.trackers.tracker import Image
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+TENTATIVE = 0
+GRID = 16
+"""A last mask is kept on so many cells across and down the object's box."""
+COMPONENTS = 4
+
+
+@dataclass(slots=True)
+class Body:
+    """One object; what belongs to its identity first, then where it is and how it was found in this frame.
+
+    Attributes:
+        colours: its colour histogram, None before the first look.
+        updates: how often it was learnt.
+        mask: (GRID, GRID) uint8, how often each cell of its box was its own, of 255, lately; None before that.
+        area: its typical number of pixels when alone.
+        centroid: mean of its pixels from the box's centre, in widths and heights.
+        visible: share of its area that was its own in the last frame.
+        free_ns: its colours are not learnt before this time.
+        hidden_by: who lies in front, and how sure that is.
+        front: the occluder within whose shell it is sought, TENTATIVE for none.
+    """
+
+    id: int
+    born: int
+    born_ns: int
+    seen_ns: int
+    hits: int = 1
+    quality: float = 1.0
+    newborn: bool = False
+    split: bool = False
+    lost: bool = False
+    mode: Mode = "motion"
+    confidence: float = 1.0
+    colours: Floats | None = None
+    updates: int = 0
+    free_ns: int = 0
+    mask: Image | None = None
+    area: float = 0.0
+    centroid: tuple[float, float] = (0.0, 0.0)
+    misfit_s: float = 0.0
+    visible: float = 1.0
+    observed: bool = True
+    alone: bool = False
+    now: Mode = "motion"
+    blob: int = NO_BLOB
+    measured: Box | None = None
+    ellipse: Ellipse | None = None
+    signed: bool = False
+    front: int = TENTATIVE
+    hidden_by: list[tuple[int, float]] = field(default_factory=list)
+    sightings: list[list[float]] = field(default_factory=list)
+
+    def begin_frame(self) -> None:
+        """Forget what was true of the last frame alone."""
+        self.newborn = self.observed = self.alone = self.signed = False
+        self.measured = self.ellipse = None
+        self.hidden_by = []
+
+    def learn_colours(self, seen: Floats) -> None:
+        """Blend in a frame's histogram: a running mean that forgets after `MEMORY` updates."""
+        if self.colours is None:
+            self.colours = np.zeros(BINS)
+        self.updates += 1
+        self.colours = self.colours + (seen - self.colours) / min(self.updates, MEMORY)
+        self.signed = True
+
+    def learn_mask(self, own: NDArray[np.bool_]) -> None:
+        """Blend in the mask (h, w) that fills the object's box."""
+        cells = cv2.resize(own.astype(np.uint8) * np.uint8(255), (GRID, GRID), interpolation=cv2.INTER_AREA)
+        fresh = np.asarray(cells, np.int16)
+        if self.mask is not None:
+            old = self.mask.astype(np.int16)
+            fresh = old + (fresh - old) // 3
+        self.mask = fresh.astype(np.uint8)
+
+    def learn_area(self, area: float, weight: float) -> None:
+        """Blend in the number of pixels of the object seen whole."""
+        self.area = area if self.area <= 0 else self.area + weight * (area - self.area)
+
+    def look(self, bins: NDArray[np.uint16], own: NDArray[np.bool_]) -> None:
+        """Learn colours from the bins (h, w) of its box and the mask of its own pixels in it."""
+        self.learn_colours(histogram(bins, own))
+
+
+class Bodies:
+    """All objects, new ones too, in the order of their birth; row k of the bank belongs to item k.
+
+    The bank's components are the box's centre x and y, width and height, pixels.
+    """
+
+    def __init__(self, parameters: ShellsParameters) -> None:
+        self._p = parameters
+        self.bank = KalmanBank(COMPONENTS)
+        self.items: list[Body] = []
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    @property
+    def sizes(self) -> Floats:
+        """Square root of width times height, (N,) pixels."""
+        v = self.bank.value
+        return np.sqrt(np.maximum(v[:, 2] * v[:, 3], 1.0))
+
+    @property
+    def boxes(self) -> Floats:
+        """Estimated boxes, (N, 4): x, y, w, h in pixels."""
+        v = self.bank.value
+        return np.stack([v[:, 0] - v[:, 2] / 2, v[:, 1] - v[:, 3] / 2, v[:, 2], v[:, 3]], axis=1)
+
+    def box(self, row: int) -> Box:
+        """The estimated box of one object."""
+        cx, cy, w, h = self.bank.value[row].tolist()
+        return (cx - w / 2, cy - h / 2, w, h)
+
+    def radii(self, k_s: float) -> Floats:
+        """Shell radii r_min + k |v| (SHELLS 2.2), (N,) pixels: r_min is the smallest disc around the box."""
+        v, r = self.bank.value, self.bank.rate
+        smallest = 0.5 * np.sqrt(v[:, 2] * v[:, 2] + v[:, 3] * v[:, 3])
+        return np.asarray(smallest + k_s * np.sqrt(r[:, 0] * r[:, 0] + r[:, 1] * r[:, 1]))
+
+    def predict(self, dt: float) -> None:
+        """Advance all objects by dt seconds: places move on, sizes stay and become less certain."""
+        if not self.items or dt <= 0:
+            return
+        sizes = self.sizes[:, None]
+        self.bank.predict(dt, (sizes * np.array([self._p.agility] * 2 + [0.0] * 2)) ** 2)
+        self.bank.rate[:, 2:] = 0.0
+        self.bank.p00[:, 2:] += (sizes * 0.1) ** 2 * dt
+
+    def move(self, row: int, place: tuple[float, float], a: float) -> None:
+        """Position update (SHELLS, equation 9): C = a E[P] + (1 - a) prediction, and the speed that follows from it."""
+        rows = np.array([row])
+        p00 = self.bank.p00[rows].copy()
+        variance = p00 * ((1 - a) / a)
+        variance[:, 2:] = 1e12
+        measured = self.bank.value[rows].copy()
+        measured[0, :2] = place
+        self.bank.update(rows, measured, variance)
+
+    def resize(self, row: int, width: float, height: float, a: float) -> None:
+        """The same blend for width and height."""
+        value = self.bank.value
+        value[row, 2] += a * (width - value[row, 2])
+        value[row, 3] += a * (height - value[row, 3])
+        self.bank.p00[row, 2:] *= 1 - a
+
+    def start(self, box: Box, body: Body) -> None:
+        """Append an object at a measured box."""
+        x, y, w, h = box
+        size = max(w * h, 1.0) ** 0.5
+        rate = (size * np.array([self._p.speed] * 2 + [0.0] * 2)) ** 2
+        self.bank.add(np.array([[x + w / 2, y + h / 2, w, h]]), (0.1 * size) ** 2, rate[None])
+        self.items.append(body)
+
+    def keep(self, kept: list[int]) -> None:
+        """Keep the given rows, in that order."""
+        if len(kept) != len(self.items):
+            self.bank.keep(np.array(kept, np.intp))
+            self.items = [self.items[k] for k in kept]
+
+    def exchange(self, a: int, b: int) -> None:
+        """Two objects change places: identity and colours stay, everything of the place moves."""
+        one, two = self.items[a], self.items[b]
+        for name in _OF_THE_PLACE:
+            mine, theirs = getattr(one, name), getattr(two, name)
+            setattr(one, name, theirs)
+            setattr(two, name, mine)
+        order = np.arange(len(self.items))
+        order[[a, b]] = [b, a]
+        self.bank.keep(order)
+
+    def state(self) -> dict[str, Any]:
+        """Plain data for a checkpoint."""
+        return {"bank": self.bank.state(), "items": [_plain(b) for b in self.items]}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from what `state` gave."""
+        self.bank.restore(state["bank"])
+        self.items = [_body(s) for s in state["items"]]
+
+
+_OF_THE_PLACE = (
+    "seen_ns", "mask", "area", "centroid", "misfit_s", "visible", "observed", "alone", "now", "blob", "measured",
+    "ellipse", "front", "hidden_by",
+)  # fmt: skip
+
+
+def _plain(body: Body) -> dict[str, Any]:
+    out = {f.name: getattr(body, f.name) for f in fields(body)}
+    out["colours"] = None if body.colours is None else body.colours.copy()
+    out["mask"] = None if body.mask is None else body.mask.copy()
+    out["measured"] = None if body.measured is None else list(body.measured)
+    e = body.ellipse
+    out["ellipse"] = None if e is None else [e.x, e.y, e.h, e.w, e.theta]
+    out["centroid"] = list(body.centroid)
+    out["hidden_by"] = [list(h) for h in body.hidden_by]
+    out["sightings"] = [list(s) for s in body.sightings]
+    return out
+
+
+def _body(state: Mapping[str, Any]) -> Body:
+    plain = dict(state)
+    plain["colours"] = None if plain["colours"] is None else np.array(plain["colours"], np.float64)
+    plain["mask"] = None if plain["mask"] is None else np.array(plain["mask"], np.uint8)
+    plain["measured"] = None if plain["measured"] is None else tuple(plain["measured"])
+    plain["ellipse"] = None if plain["ellipse"] is None else Ellipse(*plain["ellipse"])
+    plain["centroid"] = tuple(plain["centroid"])
+    plain["hidden_by"] = [(int(i), float(c)) for i, c in plain["hidden_by"]]
+    plain["sightings"] = [list(s) for s in plain["sightings"]]
+    return Body(**plain)

@@ -1,0 +1,139 @@
+"""Where objects are that share their foreground: each at the place where its last mask explains most of it.
+
+The prior of equation 8 stands or falls with the shell's centre, and in a JOINT the mean of the owned pixels is that of
+the visible ones alone. So before pixels are assigned, each object's last mask is moved over the foreground around its
+prediction to where it explains, by its colours, most of what nobody else explains better, and little background. The
+objects are moved by turns, those that were seen best first. (Ours; the paper stays with the prediction.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from replay.trackers.shells.colours import Bins
+from replay.trackers.shells.foreground import Cut
+from replay.trackers.shells.membership import Claimants, log_mask
+from replay.trackers.shells.objects import GRID
+from replay.trackers.shells.parameters import ShellsParameters
+
+Floats = NDArray[np.float64]
+
+_UNEXPLAINED = -2.2
+"""Log score from which on a foreground pixel is explained."""
+_ACROSS = 12
+"""Cells across the smallest object's size: the search's resolution."""
+SWEEPS = 2
+
+
+@dataclass(slots=True)
+class _Piece:
+    """An object on the search's grid: log mask, cost of background below it, place of its top left cell."""
+
+    log: Floats
+    gap: Floats
+    top: int
+    left: int
+    home: tuple[int, int]
+    worth: float
+
+
+def place(
+    who: Claimants, reach: Floats, order: Sequence[int], cut: Cut, bins: Bins | None, p: ShellsParameters
+) -> Floats:
+    """Boxes (N, 4) of the objects at the places that explain the foreground best.
+
+    Args:
+        who: the objects, boxes predicted.
+        reach: (N,) standard deviations of the predicted places, pixels.
+        order: the rows in the order in which they choose.
+        cut: the foreground that they share, with a margin of at least one object's size around their boxes.
+        bins: (H, W) colour bins, None without pictures.
+        p: the parameters.
+    """
+    size = float(np.sqrt(np.maximum(who.boxes[:, 2] * who.boxes[:, 3], 1.0)).min())
+    step = max(1, int(size / _ACROSS))
+    own, empty = cut.own[::step, ::step], cut.empty[::step, ::step]
+    coarse = None if bins is None else bins[::step, ::step]
+    gains = [_gain(table, own, coarse) for table in who.tells]
+    pieces = [_piece(who, k, cut, step) for k in range(len(who.boxes))]
+    floor = np.where(own, _UNEXPLAINED, 0.0)
+    for sweep in range(SWEEPS):
+        for k in order:
+            others = floor.copy()
+            for j, piece in enumerate(pieces):
+                if j != k:
+                    _explain(others, piece, gains[j])
+            _move(pieces[k], np.where(own, gains[k] - others, -99.0), empty, _span(who, k, reach, step, sweep), step, p)
+    out = who.boxes.copy()
+    for k, piece in enumerate(pieces):
+        out[k, 0] += (piece.left - piece.home[1]) * step
+        out[k, 1] += (piece.top - piece.home[0]) * step
+    return out
+
+
+def _gain(table: Floats | None, own: NDArray[np.bool_], bins: Bins | None) -> Floats:
+    """Log likelihood ratio of every cell's colour."""
+    return np.zeros(own.shape) if table is None or bins is None else table[bins]
+
+
+def _piece(who: Claimants, k: int, cut: Cut, step: int) -> _Piece:
+    x, y, w, h = who.boxes[k].tolist()
+    rows, columns = max(2, round(h / step)), max(2, round(w / step))
+    i = np.arange(rows) * GRID // rows
+    j = np.arange(columns) * GRID // columns
+    log = log_mask(who.masks[k])[i[:, None], j]
+    gap = -np.log(np.maximum(1.0 - np.exp(log), 0.03))
+    top, left = round((y - cut.top) / step), round((x - cut.left) / step)
+    worth = float((log - _UNEXPLAINED)[log > _UNEXPLAINED].sum())
+    return _Piece(log, gap, top, left, (top, left), max(worth, 1.0))
+
+
+def _span(who: Claimants, k: int, reach: Floats, step: int, sweep: int) -> tuple[int, int]:
+    """How far (cells) the search goes, and its stride: widely first, then closely around what was found."""
+    size = float(np.sqrt(max(1.0, who.boxes[k, 2] * who.boxes[k, 3])))
+    if sweep:
+        return 2, 1
+    span = min(max(2.0 * float(reach[k]), 0.25 * size), 0.7 * size)
+    return max(2, 2 * round(span / step / 2)), 2
+
+
+def _explain(others: Floats, piece: _Piece, gain: Floats) -> None:
+    """Raise the explanation of the cells under a piece to its own."""
+    height, width = others.shape
+    rows, columns = piece.log.shape
+    a, b = max(0, piece.top), max(0, piece.left)
+    c, d = min(height, piece.top + rows), min(width, piece.left + columns)
+    if c > a and d > b:
+        part = others[a:c, b:d]
+        mine = piece.log[a - piece.top : c - piece.top, b - piece.left : d - piece.left]
+        np.maximum(part, mine + gain[a:c, b:d], out=part)
+
+
+def _move(
+    piece: _Piece, free: Floats, empty: NDArray[np.bool_], span: tuple[int, int], step: int, p: ShellsParameters
+) -> None:
+    """Move a piece to the best place within the span; of equals the one nearest to the top left."""
+    reach, stride = span
+    rows, columns = piece.log.shape
+    height, width = free.shape
+    top = min(max(piece.top - reach, 0), max(0, height - rows))
+    left = min(max(piece.left - reach, 0), max(0, width - columns))
+    bottom = min(max(piece.top + reach, top), height - rows)
+    right = min(max(piece.left + reach, left), width - columns)
+    if bottom < top or right < left:
+        return
+    area = (slice(top, bottom + rows), slice(left, right + columns))
+    windows = sliding_window_view(free[area], (rows, columns))[::stride, ::stride]
+    gaps = sliding_window_view(empty[area], (rows, columns))[::stride, ::stride]
+    total = np.maximum(windows + piece.log, 0.0).sum(axis=(2, 3)) - p.gap_cost * (gaps * piece.gap).sum(axis=(2, 3))
+    y = top + np.arange(total.shape[0]) * stride - piece.home[0]
+    x = left + np.arange(total.shape[1]) * stride - piece.home[1]
+    scale = 0.1 * np.sqrt(rows * columns)
+    total = total / piece.worth - p.prior_cost * (y[:, None] * y[:, None] + x * x) / (scale * scale)
+    i, j = divmod(int(np.argmax(total)), total.shape[1])
+    piece.top, piece.left = top + i * stride, left + j * stride
