@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
-from msgspec import Struct
+from msgspec import Meta, Struct
 
 from recorders.errors import RecordingError
 
@@ -20,10 +20,12 @@ FORMAT = 1
 PREFIX = "checkpoint"
 MEDIA_TYPE = "application/x-scenetrace-checkpoint"
 _ARRAY = 1
+_MAX_DIMENSIONS = 32
+_MAX_SIDE = 1 << 40
 _DTYPES = ("|b1", "|u1", "|i1", "<u2", "<i2", "<u4", "<i4", "<u8", "<i8", "<f4", "<f8")
 
 
-class Checkpoint(Struct, frozen=True):
+class Checkpoint(Struct, frozen=True, forbid_unknown_fields=True):
     """Everything that the next frame's result depends on.
 
     Attributes:
@@ -39,7 +41,7 @@ class Checkpoint(Struct, frozen=True):
     """
 
     version: int
-    frame: int
+    frame: Annotated[int, Meta(ge=0)]
     time_ns: int
     recorded: str
     input_link: str
@@ -70,7 +72,7 @@ def _ext(code: int, data: memoryview) -> Any:
         raise ValueError(f"unknown extension {code}")
     size = data[0]
     dtype, shape = msgspec.msgpack.decode(data[1 : 1 + size], type=tuple[str, list[int]])
-    if dtype not in _DTYPES or any(n < 0 for n in shape):
+    if dtype not in _DTYPES or len(shape) > _MAX_DIMENSIONS or any(not 0 <= n < _MAX_SIDE for n in shape):
         raise ValueError(f"array of {dtype} {shape}")
     if len(data) - 1 - size != math.prod(shape) * np.dtype(dtype).itemsize:
         raise ValueError(f"array of {dtype} {shape} with {len(data) - 1 - size} bytes")
@@ -91,8 +93,15 @@ def encode_state(state: Any) -> bytes:
 
 
 def decode_state(data: bytes) -> Any:
-    """Plain data with arrays from `encode_state`'s bytes."""
-    return msgspec.msgpack.decode(data, ext_hook=_ext)
+    """Plain data with arrays from `encode_state`'s bytes.
+
+    Raises:
+        ValueError: these are no such bytes.
+    """
+    try:
+        return msgspec.msgpack.decode(data, ext_hook=_ext)
+    except (msgspec.MsgspecError, TypeError, RecursionError) as e:
+        raise ValueError(f"not a state: {e}") from e
 
 
 def encode(checkpoint: Checkpoint) -> bytes:
@@ -108,7 +117,7 @@ def decode(data: bytes, path: str) -> Checkpoint:
     """
     try:
         found: Checkpoint = _DECODER.decode(data)
-    except (msgspec.MsgspecError, ValueError, TypeError) as e:
+    except (msgspec.MsgspecError, ValueError, TypeError, RecursionError) as e:
         raise RecordingError(f"not a checkpoint: {e}", path, record="Attachment") from e
     if found.version != FORMAT:
         raise RecordingError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import platform
 from collections.abc import Iterable, Mapping
 from importlib import metadata
 from pathlib import Path
@@ -12,23 +13,57 @@ import msgspec
 
 from reasoning import reasoner
 from recorders import recording
-from recorders.errors import UsageError
+from recorders.errors import ConfigError, UsageError
 from recorders.parameters import Config, Parameters, as_plain, configure
 from recorders.vision import cv2
 from replay import hindsight
 from replay.trackers.catalogue import TRACKER_SECTIONS, TRACKERS
+from replay.trackers.tracker import TrackerFactory
 
 DEFAULT_TRACKER = "events"
-# Packages whose numbers or orders can reach a result.
-DECISIVE_PACKAGES = ("scenetrace", "numpy", "opencv-python-headless", "scipy", "networkx", "filterpy", "av")
+# Packages whose numbers, orders or encodings can reach a result.
+DECISIVE_PACKAGES = (
+    "av",
+    "filterpy",
+    "foxglove-schemas-protobuf",
+    "msgspec",
+    "networkx",
+    "numpy",
+    "opencv-python-headless",
+    "protobuf",
+    "scenetrace",
+    "scipy",
+)
 _BUILD_FACTS = ("Version control", "CPU/HW features", "Baseline", "JPEG", "PNG", "Intel IPP", "Parallel framework")
 
 
-def sections(tracker: str) -> dict[str, type[Parameters]]:
-    """The parameter sections that a replay with this tracker reads."""
+def tracker_name(tracker: str | TrackerFactory) -> str:
+    """A catalogue name as it is; a factory of the caller's own by its class's or function's name."""
+    return tracker if isinstance(tracker, str) else getattr(tracker, "__name__", type(tracker).__name__)
+
+
+def tracker_factory(tracker: str | TrackerFactory) -> TrackerFactory:
+    """What makes the tracker.
+
+    Raises:
+        UsageError: no such tracker in the catalogue.
+    """
+    if not isinstance(tracker, str):
+        return tracker
     if tracker not in TRACKERS:
         raise UsageError(f"unknown tracker {tracker!r}; there are: {', '.join(TRACKERS)}")
-    return {**TRACKER_SECTIONS[tracker], **reasoner.SECTIONS, **hindsight.SECTIONS}
+    return TRACKERS[tracker]
+
+
+def sections(tracker: str | TrackerFactory) -> dict[str, type[Parameters]]:
+    """The parameter sections that a replay with this tracker reads.
+
+    A tracker of the caller's own names its sections in an attribute ``SECTIONS`` (section name to `Parameters`
+    class); without one it has no parameters.
+    """
+    factory = tracker_factory(tracker)
+    own = TRACKER_SECTIONS[tracker] if isinstance(tracker, str) else getattr(factory, "SECTIONS", {})
+    return {**own, **reasoner.SECTIONS, **hindsight.SECTIONS}
 
 
 def all_sections() -> dict[str, type[Parameters]]:
@@ -40,7 +75,7 @@ def all_sections() -> dict[str, type[Parameters]]:
 
 
 def replay_config(
-    tracker: str,
+    tracker: str | TrackerFactory,
     file: str | Path | None = None,
     assignments: Iterable[str] = (),
     values: Mapping[str, Mapping[str, Any]] | None = None,
@@ -51,6 +86,45 @@ def replay_config(
         UsageError: unknown tracker, parameter, or a value out of range.
     """
     return configure(sections(tracker), file, assignments, values, all_sections())
+
+
+def recorded_config(tracker: str | TrackerFactory, values: Mapping[str, Mapping[str, Any]]) -> tuple[Config, list[str]]:
+    """The configuration that a log recorded, as far as today's parameters can hold it, and what they cannot.
+
+    A parameter that is unknown now is left out, one whose value is out of today's range takes its default, one that
+    is new has its default; each is said with both sides.
+    """
+    known = sections(tracker)
+    now = as_plain(configure(known))
+    kept: dict[str, dict[str, Any]] = {name: {} for name in known}
+    notes: list[str] = []
+    for section, name in sorted((s, n) for s, fields in values.items() for n in fields):
+        value = values[section][name]
+        if section not in known or name not in now[section]:
+            notes.append(f"configuration: {section}.{name} was {value!r}, there is no such parameter any more")
+            continue
+        try:
+            configure({section: known[section]}, values={section: {name: value}})
+        except ConfigError as e:
+            notes.append(f"configuration: {section}.{name} was {value!r}, is {now[section][name]!r}: {e}")
+        else:
+            kept[section][name] = value
+    for section, fields in now.items():
+        missing = [name for name in fields if name not in values.get(section, {})]
+        notes += [f"configuration: {section}.{name} was absent, is {fields[name]!r}" for name in missing]
+    return configure(known, values=kept), notes
+
+
+def python_version() -> str:
+    """Interpreter and version: results were found equal over versions, so it is recorded and not part of a
+    fingerprint.
+    """
+    return f"{platform.python_implementation()} {platform.python_version()}"
+
+
+def machine() -> str:
+    """The processor's architecture."""
+    return platform.machine()
 
 
 def package_versions() -> dict[str, str]:

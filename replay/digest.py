@@ -25,9 +25,13 @@ def _framed(*parts: bytes) -> bytes:
 
 
 def recorded_digest(messages: Iterable[Message]) -> str:
-    """SHA-256 of recorded messages in their order: topic, schema, times, sequence number, payload."""
+    """SHA-256 of recorded messages: topic, schema, times, sequence number, payload.
+
+    Messages of one time are taken by topic, and of one topic in their order in the file: how a writer distributes
+    channels over chunks moves them in the file and changes nothing that a replay sees.
+    """
     h = hashlib.sha256()
-    for m in messages:
+    for m in sorted(messages, key=lambda m: (m.log_time_ns, m.topic)):
         name = m.channel.schema.name if m.channel.schema is not None else ""
         h.update(_framed(m.topic.encode(), name.encode(), m.channel.message_encoding.encode()))
         h.update(_number(m.log_time_ns) + _number(m.publish_time_ns) + _number(m.sequence) + _number(len(m.data)))

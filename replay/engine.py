@@ -8,22 +8,46 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from reasoning.reasoner import Reasoner, SceneAnnotation
+import msgspec
 
+from reasoning.reasoner import Reasoner, SceneAnnotation
+from recorders.errors import SceneTraceError, UsageError
 from recorders.messages import Targets
 from recorders.parameters import Config
 from recorders.scene import Frame, SceneLog
 from replay import digest
 from replay.annotate import check_targets
 from replay.checkpoint import FORMAT, Checkpoint, decode_state, encode_state
-from replay.configuration import DEFAULT_TRACKER, fingerprint, replay_config
-from replay.trackers.catalogue import TRACKERS
+from replay.configuration import DEFAULT_TRACKER, fingerprint, replay_config, tracker_factory, tracker_name
 from replay.trackers.tracker import Tracker, TrackerFactory
 
 Extra = tuple[tuple[str, bytes], ...]
+NANOS = 1_000_000_000
+_MOST_KEPT = 64
+
+
+@contextmanager
+def continuing(after_frame: int | None) -> Iterator[None]:
+    """Whatever goes wrong after a state was restored is said to come from it: states are read from files.
+
+    Raises:
+        SceneTraceError: in place of any other exception, where ``after_frame`` says that a state was restored.
+    """
+    try:
+        yield
+    except SceneTraceError:
+        raise
+    except Exception as e:
+        if after_frame is None:
+            raise
+        raise SceneTraceError(
+            f"cannot continue from the state after frame {after_frame} ({type(e).__name__}: {e}): "
+            "it is damaged or of another version; replay without it"
+        ) from e
 
 
 @dataclass(frozen=True)
@@ -65,10 +89,23 @@ class Forward:
         self.input_link = digest.START
         self.previous_ns: int | None = None
         self.next_index = 0
+        self._resumed: int | None = None
 
     def resume(self, checkpoint: Checkpoint) -> None:
-        """Continue after a checkpoint's frame."""
-        self.tracker.restore(checkpoint.tracker_state)
+        """Continue after a checkpoint's frame.
+
+        Raises:
+            SceneTraceError: the tracker does not take its state, or not the whole of it.
+        """
+        with continuing(checkpoint.frame):
+            self.tracker.restore(checkpoint.tracker_state)
+            taken = encode_state(self.tracker.state())
+        if taken != encode_state(checkpoint.tracker_state):
+            raise SceneTraceError(
+                f"the tracker restored from the state after frame {checkpoint.frame} has another state(): "
+                "the state is damaged, or restore() does not take up everything that state() gives"
+            )
+        self._resumed = checkpoint.frame
         self.input_link = checkpoint.input_link
         self.previous_ns = checkpoint.time_ns
         self.next_index = checkpoint.frame + 1
@@ -79,7 +116,8 @@ class Forward:
         with Prefetch() as prefetch:
             for frame in prefetch.ahead(self.scene.frames(start, self.next_index)):
                 recorded = digest.recorded_digest(frame.messages)
-                answer = self.tracker.step(frame)
+                with continuing(self._resumed):
+                    answer = self.tracker.step(frame)
                 check_targets(answer, frame.index)
                 self.input_link = digest.chained(self.input_link, recorded)
                 self.previous_ns = frame.time_ns
@@ -140,7 +178,14 @@ class Engine:
         scene: the scene log; stays open as long as the engine is used.
         tracker: a tracker's name, or a factory of the caller's own.
         config: as `replay.configuration.replay_config` makes it; defaults without.
-        keep_every: a state is kept in memory every so many frames, so that `seek` backwards is quick.
+        keep_every: a state is kept in memory every so many frames, so that `seek` backwards is quick; over a long
+            recording they are thinned out, so that no more than 64 are held.
+
+    Attributes:
+        current: the scene after the last step; None before the first and right after `restore`.
+
+    Raises:
+        UsageError: no such tracker.
     """
 
     def __init__(
@@ -151,23 +196,26 @@ class Engine:
         keep_every: int = 50,
     ) -> None:
         self.scene = scene
-        self.name = tracker if isinstance(tracker, str) else getattr(tracker, "__name__", type(tracker).__name__)
-        self._factory = TRACKERS[tracker] if isinstance(tracker, str) else tracker
-        self.config = config or replay_config(tracker if isinstance(tracker, str) else DEFAULT_TRACKER)
-        self._keep_every = keep_every
-        self._kept: list[bytes] = []
-        self._kept_frames: list[int] = []
+        self.name = tracker_name(tracker)
+        self._factory = tracker_factory(tracker)
+        self.config = config or replay_config(tracker)
+        self._fingerprint = fingerprint(self.name, self.config)
+        self._keep_every = max(keep_every, 1)
+        self._kept: dict[int, bytes] = {}
+        self._paused = False
         self.current: Scene | None = None
         self._begin(None)
 
     def _begin(self, checkpoint: Checkpoint | None) -> None:
         self._forward = Forward(self.scene, self._factory, self.config)
         self._reasoner = Reasoner(self.config, self.scene.info.width, self.scene.info.height)
+        self._restored = checkpoint
         if checkpoint is not None:
             self._forward.resume(checkpoint)
-            self._reasoner.restore(checkpoint.reasoner_state)
+            with continuing(checkpoint.frame):
+                self._reasoner.restore(checkpoint.reasoner_state)
         self._steps = self._forward.steps()
-        self._recorded = ""
+        self._recorded = "" if checkpoint is None else checkpoint.recorded
 
     def step(self) -> Scene | None:
         """The next frame's scene, None after the last."""
@@ -175,62 +223,113 @@ class Engine:
         if taken is None:
             return None
         frame = taken.frame
-        annotation = self._reasoner.step(frame.index, frame.time_ns, taken.targets, frame.regions)
+        with continuing(None if self._restored is None else self._restored.frame):
+            annotation = self._reasoner.step(frame.index, frame.time_ns, taken.targets, frame.regions)
         self._recorded = taken.recorded
         self.current = Scene(frame, taken.targets, annotation)
-        last_kept = self._kept_frames[-1] if self._kept_frames else -1
-        if frame.index % self._keep_every == 0 and frame.index > last_kept:
-            self._kept.append(encode_state(self.state()))
-            self._kept_frames.append(frame.index)
+        if frame.index % self._keep_every == 0 and frame.index not in self._kept:
+            self._keep(frame.index)
         return self.current
 
+    def _keep(self, index: int) -> None:
+        self._kept[index] = encode_state(self.state())
+        if len(self._kept) > _MOST_KEPT:
+            self._keep_every *= 2
+            self._kept = {k: state for k, state in self._kept.items() if k % self._keep_every == 0}
+
     def run(self, until_frame: int | None = None) -> Iterator[Scene]:
-        """Step on, to a frame (included) or to the end. Stop asking to pause; ask again to go on."""
-        while (scene := self.step()) is not None:
+        """Step on, to a frame (included) or to the end. Stop asking, or `pause`, to halt; ask again to go on."""
+        self._paused = False
+        while not self._paused and (scene := self.step()) is not None:
             yield scene
             if until_frame is not None and scene.frame.index >= until_frame:
                 return
 
-    def seek(self, frame: int) -> Scene:
-        """Go to a frame, forwards or backwards; its scene is the same as if reached from 0.
+    def pause(self) -> None:
+        """End a `run` after the frame that it is at, from whatever thread; `run` again goes on."""
+        self._paused = True
+
+    def seek(self, where: int | float) -> Scene:
+        """Go somewhere, forwards or backwards; the scene is the same as if reached from 0.
+
+        Args:
+            where: a frame's number as an int, or a time in seconds from the recording's start as a float: the last
+                frame at or before it.
 
         Raises:
             IndexError: there is no such frame.
         """
+        frame = self._frame_at(where) if isinstance(where, float) else where
         if frame < 0:
-            raise IndexError(f"frame {frame}")
-        if self.current is None or frame <= self.current.frame.index:
-            before = [k for k, kept in enumerate(self._kept_frames) if kept < frame]
+            raise IndexError(f"frame {frame}: frames count from 0")
+        here = self._forward.next_index - 1
+        if self.current is not None and here == frame:
+            return self.current
+        if frame <= here:
+            before = max((k for k in self._kept if k < frame), default=None)
             self._steps.close()  # type: ignore[attr-defined]
-            self._begin(self._checkpoint(decode_state(self._kept[before[-1]])) if before else None)
-        for scene in self.run(frame):
+            self._begin(None if before is None else _from_state(decode_state(self._kept[before])))
+        while (scene := self.step()) is not None:
             if scene.frame.index == frame:
                 return scene
         raise IndexError(f"frame {frame}: the scene ends at frame {self._forward.next_index - 1}")
 
+    def _frame_at(self, seconds: float) -> int:
+        times = self.scene.frame_times()
+        first = next(times)
+        limit_ns = first + round(seconds * NANOS)
+        if limit_ns < first:
+            raise IndexError(f"{seconds} s: the scene starts at 0 s")
+        frame = 0
+        for time_ns in times:
+            if time_ns > limit_ns:
+                break
+            frame += 1
+        return frame
+
     def state(self) -> dict[str, Any]:
-        """The whole state after the last frame, as plain data; `restore` takes it."""
-        if self.current is None:
+        """The whole state after the last frame, as plain data; `restore` takes it.
+
+        Raises:
+            IndexError: there was no frame yet.
+        """
+        if self._forward.previous_ns is None:
             raise IndexError("no frame yet; step() first")
         return {
             "version": FORMAT,
-            "frame": self.current.frame.index,
-            "time_ns": self.current.frame.time_ns,
+            "frame": self._forward.next_index - 1,
+            "time_ns": self._forward.previous_ns,
             "recorded": self._recorded,
             "input_link": self._forward.input_link,
             "link": "",
             "tracker": self.name,
-            "fingerprint": fingerprint(self.name, self.config),
+            "fingerprint": self._fingerprint,
             "tracker_state": self._forward.tracker.state(),
             "reasoner_state": self._reasoner.state(),
         }
 
-    @staticmethod
-    def _checkpoint(state: dict[str, Any]) -> Checkpoint:
-        return Checkpoint(**state)
-
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue from what `state` gave."""
+        """Continue from what `state` gave, in this or in another engine of the same scene and configuration.
+
+        Raises:
+            UsageError: it is of another tracker, configuration or version.
+            SceneTraceError: it is damaged.
+        """
+        checkpoint = _from_state(decode_state(encode_state(state)))
+        if checkpoint.version != FORMAT:
+            raise UsageError(f"a state of format {checkpoint.version}; this scenetrace reads {FORMAT}")
+        if (checkpoint.tracker, checkpoint.fingerprint) != (self.name, self._fingerprint):
+            raise UsageError(
+                f"a state of tracker {checkpoint.tracker!r}, for an engine of {self.name!r}: tracker, configuration "
+                "and package versions must be the same"
+            )
         self._steps.close()  # type: ignore[attr-defined]
-        self._begin(self._checkpoint(decode_state(encode_state(state))))
         self.current = None
+        self._begin(checkpoint)
+
+
+def _from_state(state: Any) -> Checkpoint:
+    try:
+        return msgspec.convert(state, Checkpoint)
+    except msgspec.ValidationError as e:
+        raise SceneTraceError(f"not a state of an engine: {e}") from e

@@ -19,10 +19,10 @@ from typing import IO, Any
 
 import msgspec
 from msgspec import Struct
-from reasoning.reasoner import Reasoner
 
+from reasoning.reasoner import Reasoner
 from recorders import channels
-from recorders.errors import UsageError
+from recorders.errors import RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
 from recorders.messages import Targets
@@ -31,12 +31,13 @@ from recorders.scene import Frame, SceneLog
 from replay import checkpoint, digest, hindsight
 from replay.annotate import payloads
 from replay.checkpoint import Checkpoint
-from replay.configuration import DEFAULT_TRACKER, fingerprint, replay_config, uses_hindsight
-from replay.engine import Extra, Forward, Step
-from replay.trackers.catalogue import TRACKERS
+from replay.configuration import DEFAULT_TRACKER, fingerprint, replay_config, tracker_factory, uses_hindsight
+from replay.engine import Extra, Forward, Step, continuing
+from replay.facts import facts_of, sha256
 from replay.trackers.tracker import TrackerFactory
 
 Progress = Callable[[str, int], None]
+_BLOCK = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,12 @@ class SpoolEntry(Struct, frozen=True):
     state: bytes | None = None
 
 
+class _TargetsAlone(Struct, frozen=True):
+    """A `SpoolEntry` without what hindsight does not read."""
+
+    targets: Targets
+
+
 class Spool:
     """The forward pass's answers in a temporary file, read as often as hindsight wants."""
 
@@ -97,6 +104,7 @@ class Spool:
         self._file: IO[bytes] = tempfile.TemporaryFile(prefix="scenetrace-")  # noqa: SIM115 - closed by close()
         self._encoder = msgspec.msgpack.Encoder()
         self._decoder = msgspec.msgpack.Decoder(SpoolEntry)
+        self._targets = msgspec.msgpack.Decoder(_TargetsAlone)
 
     def __enter__(self) -> Spool:
         return self
@@ -112,19 +120,29 @@ class Spool:
 
     def entries(self, first: int = 0) -> Iterator[SpoolEntry]:
         """The frames from one on; several readings may go on at once."""
+        for data in islice(self._records(), first, None):
+            yield self._decoder.decode(data)
+
+    def _records(self) -> Iterator[bytes]:
+        # Each reading has its own place and buffer, so the file's one position is moved once a block, not once a frame.
         self._file.flush()
-        offset, index, end = 0, 0, self._file.seek(0, os.SEEK_END)
-        while offset < end:
-            self._file.seek(offset)
-            size = int.from_bytes(self._file.read(8), "little")
-            if index >= first:
-                yield self._decoder.decode(self._file.read(size))
-            offset += 8 + size
-            index += 1
+        place, end = 0, self._file.seek(0, os.SEEK_END)
+        buffer = b""
+        start = 0
+        while start < len(buffer) or place < end:
+            size = int.from_bytes(buffer[start : start + 8], "little") if len(buffer) - start >= 8 else None
+            if size is None or len(buffer) - start - 8 < size:
+                self._file.seek(place)
+                block = self._file.read(max(_BLOCK, size or 0))
+                place += len(block)
+                buffer, start = buffer[start:] + block, 0
+                continue
+            yield buffer[start + 8 : start + 8 + size]
+            start += 8 + size
 
     def targets(self) -> Iterator[Targets]:
         """The trackers' answers from the first frame on."""
-        return (entry.targets for entry in self.entries())
+        return (self._targets.decode(data).targets for data in self._records())
 
 
 def recorded_now(frame: Frame) -> str:
@@ -166,10 +184,12 @@ class Run:
         self.computed = 0
         self.last_index = -1
         self._progress = progress or (lambda *_: None)
-        self._factory = options.factory or TRACKERS[options.tracker]
+        self._factory = options.factory or tracker_factory(options.tracker)
         self._fingerprint = fingerprint(options.tracker, options.config)
         self._hindsight = uses_hindsight(options.tracker, options.config)
-        self._next_checkpoint_ns: int | None = None
+        self._start_ns: int | None = None
+        self._periods = 0
+        self._resumed: int | None = None
 
     @property
     def may_stop(self) -> bool:
@@ -185,16 +205,16 @@ class Run:
         yield from forward.steps(self._checkpoint_due)
 
     def _checkpoint_due(self, now: int) -> bool:
+        """The first frame of every period, reckoned from the recording's start, so that the same frames have
+        checkpoints wherever the replay was started.
+        """
         period = self.options.checkpoint_ns
         if period is None:
             return False
-        if self._next_checkpoint_ns is None:
-            self._next_checkpoint_ns = now + period
-        if now < self._next_checkpoint_ns:
-            return False
-        while self._next_checkpoint_ns <= now:
-            self._next_checkpoint_ns += period
-        return True
+        if self._start_ns is None:
+            self._start_ns = next(self.scene.frame_times())
+        before, self._periods = self._periods, (now - self._start_ns) // period
+        return self._periods > before
 
     def _two_readings(self, start: Checkpoint | None, spool: Spool) -> Iterator[Step]:
         times = array("q")
@@ -225,8 +245,11 @@ class Run:
         info = self.scene.info
         reasoner = Reasoner(self.options.config, info.width, info.height)
         if start is not None:
-            reasoner.restore(start.reasoner_state)
+            with continuing(start.frame):
+                reasoner.restore(start.reasoner_state)
             self.link = start.link
+            self._resumed = start.frame
+            self._checkpoint_due(start.time_ns)
         with ExitStack() as stack:
             spool = stack.enter_context(Spool()) if self._hindsight else None
             steps = self._forward(start) if spool is None else self._two_readings(start, spool)
@@ -273,17 +296,18 @@ class Run:
         options = self.options
         if options.checkpoints is None or options.from_ns is None:
             return None
-        best: Checkpoint | None = None
         with LogReader(options.checkpoints, options.limits) as log:
-            for found in log.attachments():
-                usable = found.name.startswith(f"{checkpoint.PREFIX}/") and found.log_time_ns < options.from_ns
-                if usable and (best is None or found.log_time_ns > best.time_ns):
-                    best = checkpoint.decode(found.data, str(options.checkpoints))
+            best = _last_checkpoint(log, options.from_ns)
         if best is None:
             return None
-        if (best.tracker, best.fingerprint) != (options.tracker, self._fingerprint):
+        if best.tracker != options.tracker:
             raise UsageError(
-                f"{options.checkpoints}: its checkpoints were made with another tracker, configuration or package "
+                f"{options.checkpoints}: its checkpoints were made with another tracker ({best.tracker}, not "
+                f"{options.tracker}); replay without --checkpoints"
+            )
+        if best.fingerprint != self._fingerprint:
+            raise UsageError(
+                f"{options.checkpoints}: its checkpoints were made with another configuration or package "
                 "version; replay without --checkpoints"
             )
         frame = next(self.scene.frames(best.time_ns, best.frame), None)
@@ -295,3 +319,30 @@ class Run:
         if recorded != best.recorded:
             raise UsageError(f"{options.checkpoints}: its checkpoints are of another recording than {self.scene.path}")
         return best
+
+
+def _last_checkpoint(log: LogReader, before_ns: int) -> Checkpoint | None:
+    """The last checkpoint before a time, held against the digest that the log has of it.
+
+    Raises:
+        RecordingError: it is damaged or altered.
+    """
+    listed = [
+        (entry.log_time_ns, entry.name)
+        for entry in log.index.attachment_indexes or log.attachments()
+        if entry.name.startswith(f"{checkpoint.PREFIX}/") and entry.log_time_ns < before_ns
+    ]
+    if not listed:
+        return None
+    name = max(listed)[1]
+    known = facts_of(log).checkpoints
+    for found in log.attachments([name]):
+        if known is not None and known.get(name) != sha256(found.data):
+            raise RecordingError(
+                f"{name} is not what the replay wrote: altered; replay without --checkpoints", log.path, record=name
+            )
+        made = checkpoint.decode(found.data, str(log.path))
+        if (made.time_ns, checkpoint.name(made.frame)) != (found.log_time_ns, name):
+            raise RecordingError(f"{name} holds the state after frame {made.frame}", log.path, record=name)
+        return made
+    return None

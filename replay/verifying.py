@@ -1,9 +1,13 @@
-"""Verify: replay again from what an annotated log says of itself, and name the first difference and its reason."""
+"""Verify: replay again from what an annotated log says of itself, and name the first difference and its reason.
+
+First the log is held against its own digests (`replay.chain`), then the recording against the digests that the log
+has of it, then a new replay against the log, frame by frame. So a difference is told apart by its cause: the log was
+altered, the recording was, the configuration or a package is another one, or the replay itself went another way.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -11,109 +15,29 @@ from typing import Any
 import msgspec
 
 from recorders import channels
-from recorders.errors import RecordingError, UsageError
+from recorders.errors import UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
-from recorders.messages import Digest
 from recorders.scene import SceneLog
-from replay import digest
-from replay.configuration import package_versions, replay_config
+from replay import checkpoint, digest
+from replay.chain import WHOLE, Difference, FrameRecord, Verification, recorded_frames, verify_chain
+from replay.checkpoint import Checkpoint
+from replay.configuration import machine, opencv_build, package_versions, python_version, recorded_config
+from replay.facts import Facts, build_facts, facts_of
 from replay.replaying import Annotated, Progress, ReplayOptions, Run
+from replay.trackers.catalogue import TRACKERS
 from replay.trackers.tracker import TrackerFactory
-from replay.writing import METADATA
 
-
-@dataclass(frozen=True)
-class Difference:
-    """Where two replays part: frame, channel, what in it, both values (shortened for a line)."""
-
-    frame: int
-    channel: str
-    field: str
-    recorded: str
-    replayed: str
-
-    def __str__(self) -> str:
-        where = f"frame {self.frame}, {self.channel}" + (f", {self.field}" if self.field else "")
-        return f"{where}: recorded {self.recorded}, now {self.replayed}"
-
-
-@dataclass(frozen=True)
-class Verification:
-    """The verdict: identical, or the first difference and the reasons that are known."""
-
-    identical: bool
-    frames: int
-    difference: Difference | None = None
-    reasons: list[str] = field(default_factory=list)
-    output_digest: str = ""
-
-
-@dataclass(frozen=True)
-class FrameRecord:
-    """An annotated frame as the log holds it."""
-
-    digest: Digest
-    time_ns: int
-    payloads: list[tuple[str, bytes]]
-
-
-def facts_of(log: LogReader) -> dict[str, str]:
-    """What an annotated log says of itself.
-
-    Raises:
-        RecordingError: it is not an annotated log.
-    """
-    for name, values in log.metadata():
-        if name == METADATA and values.get("kind") == "annotated":
-            return values
-    raise RecordingError(
-        "not an annotated log (no metadata `scenetrace` of a replay); make one with `scenetrace replay`", log.path
-    )
-
-
-def recorded_frames(log: LogReader, camera: str) -> Iterator[FrameRecord]:
-    """The annotated frames of a log in order, with their payloads in the order in which they were written."""
-    topics = {channels.topic(camera, name): name for name in channels.ANNOTATED}
-    payloads: list[tuple[str, bytes]] = []
-    for message in log.messages([t for t in topics if t in {c.topic for c in log.channels}]):
-        name = topics[message.topic]
-        if name != "digest":
-            payloads.append((name, message.data))
-            continue
-        found: Digest = channels.decode("digest", message.data, path=str(log.path))
-        yield FrameRecord(found, message.log_time_ns, payloads)
-        payloads = []
-    if payloads:
-        raise RecordingError(f"{len(payloads)} annotated messages after the last digest: cut or altered", log.path)
-
-
-def verify_chain(path: str | Path, limits: Limits = DEFAULT_LIMITS) -> Verification:
-    """Check the digest chain alone: every payload hashes to its digest, every link to the next, the last to the log's.
-
-    It finds what was altered in the annotations after they were written; it replays nothing.
-    """
-    with LogReader(path, limits) as log:
-        facts = facts_of(log)
-        link, frames = facts["link_before"], 0
-        for record in recorded_frames(log, facts["camera"]):
-            d = record.digest
-            hashes = digest.channel_digests(record.payloads)
-            for name in sorted({*hashes, *d.channels}):
-                if hashes.get(name) != d.channels.get(name):
-                    found = Difference(d.frame, name, "digest", _short(d.channels.get(name)), _short(hashes.get(name)))
-                    return Verification(False, frames, found, [f"the channel {name} was altered after the replay"])
-            link = digest.link(link, d.frame, record.time_ns, d.recorded, d.channels)
-            if link != d.link:
-                found = Difference(d.frame, "digest", "link", _short(d.link), _short(link))
-                return Verification(
-                    False, frames, found, ["the chain is broken: frames were altered, removed or moved"]
-                )
-            frames += 1
-        if frames != int(facts["frames"]) or (frames and link != facts["output_digest"]):
-            found = Difference(frames, "digest", "end", facts["output_digest"][:16], link[:16])
-            return Verification(False, frames, found, [f"{facts['frames']} frames were written, {frames} are here"])
-        return Verification(True, frames, None, [], link)
+__all__ = [
+    "Difference",
+    "FrameRecord",
+    "Verification",
+    "facts_of",
+    "first_unequal",
+    "recorded_frames",
+    "verify",
+    "verify_chain",
+]
 
 
 def verify(
@@ -135,62 +59,75 @@ def verify(
         progress: called with the stage's name and the frame's number.
 
     Raises:
-        RecordingError, UsageError.
+        RecordingError: a log cannot be read.
+        UsageError: the recording is not at hand, or the log's tracker is unknown here.
     """
-    chain = verify_chain(path, limits)
+    chain = verify_chain(path, limits, progress)
     with LogReader(path, limits) as log:
         facts = facts_of(log)
+        if factory is None and facts.tracker not in TRACKERS:
+            raise UsageError(
+                f"{path}: was made with the tracker {facts.tracker!r}, which is not one of scenetrace's "
+                f"({', '.join(TRACKERS)}); give it to `replay.verifying.verify(path, factory=...)`"
+            )
+        config, changes = recorded_config(factory or facts.tracker, facts.configuration)
         options = ReplayOptions(
-            tracker=facts["tracker"],
-            config=_recorded_config(facts, path),
-            camera=facts["camera"],
+            tracker=facts.tracker,
+            config=config,
+            camera=facts.camera,
+            checkpoint_ns=facts.checkpoint_ns,
             factory=factory,
             limits=limits,
         )
-        reasons = list(chain.reasons) + _changed_packages(facts)
-        with SceneLog(_scene_of(Path(path), facts, scene), facts["camera"], limits) as source:
-            run = Run(source, options, progress)
-            found, frames = _compare(run, log, facts)
-            # Read on, so that a change behind the span is seen too.
-            if found is None and run.last_index + 1 == int(facts["input_frames"]) and source.trailing:
-                run.input_link = digest.chained(run.input_link, digest.recorded_digest(source.trailing))
-            complete = run.last_index + 1 >= int(facts["input_frames"])
-        if complete and run.last_index + 1 == int(facts["input_frames"]) and run.input_link != facts["input_digest"]:
-            reasons.append("the recording is not the one that was replayed (its input digest differs)")
-            found = found or Difference(
-                run.last_index, "recorded messages", "input digest", facts["input_digest"][:16], run.input_link[:16]
-            )
-    return Verification(
-        found is None and chain.identical, frames, found or chain.difference, reasons, chain.output_digest
-    )
+        with SceneLog(_scene_of(Path(path), facts, scene), facts.camera, limits) as source:
+            changed = _changed_input(source, log, facts)
+            effect, frames = _compare(Run(source, options, progress), log, facts)
+    reasons = [*chain.reasons, *changes, *_changed_packages(facts)]
+    if changed is not None and not any("recorded messages" in reason for reason in chain.reasons):
+        reasons.append(f"the recording is not the one that was replayed: {changed}")
+    return _verdict(chain, changed, effect, frames, reasons)
 
 
-def _recorded_config(facts: dict[str, str], path: str | Path) -> Any:
-    try:
-        values = msgspec.json.decode(facts["configuration"].encode(), type=dict[str, dict[str, Any]])
-    except msgspec.MsgspecError as e:
-        raise RecordingError(f"its recorded configuration cannot be read: {e}", path) from e
-    return replay_config(facts["tracker"], values=values)
+def _verdict(
+    chain: Verification, changed: Difference | None, effect: Difference | None, frames: int, reasons: list[str]
+) -> Verification:
+    difference = changed or effect or chain.difference
+    if changed is None and effect is not None and chain.difference is not None:
+        # The chain's difference has digests for values; the replay's has the values themselves.
+        earlier = WHOLE < chain.difference.frame < effect.frame
+        difference = chain.difference if earlier else effect
+    if difference is not None and not reasons:
+        reasons = [
+            "none is known: recording, configuration and packages are as they were; the code changed without its "
+            "version, or the tracker is not deterministic"
+        ]
+    shown = effect if effect is not difference else None
+    return Verification(difference is None, frames, difference, reasons, chain.output_digest, shown)
 
 
-def _changed_packages(facts: dict[str, str]) -> list[str]:
-    then = msgspec.json.decode(facts["packages"].encode(), type=dict[str, str])
+def _changed_packages(facts: Facts) -> list[str]:
     now = package_versions()
-    names = sorted({*then, *now})
-    return [
-        f"{name} was {then.get(name, 'absent')}, is {now.get(name, 'absent')}"
-        for name in names
-        if then.get(name) != now.get(name)
+    then = facts.packages
+    pairs = [(name, then.get(name, "absent"), now.get(name, "absent")) for name in sorted({*then, *now})]
+    build, today = facts.opencv_build, build_facts(opencv_build())
+    pairs += [
+        (f"OpenCV's build: {name}", build.get(name, "absent"), today.get(name, "absent"))
+        for name in sorted({*build, *today})
     ]
+    if facts.python:
+        pairs.append(("Python", facts.python, python_version()))
+    if facts.machine:
+        pairs.append(("the processor", facts.machine, machine()))
+    return [f"{name} was {a}, is {b}" for name, a, b in pairs if a != b]
 
 
-def _scene_of(path: Path, facts: dict[str, str], given: str | Path | None) -> Path:
+def _scene_of(path: Path, facts: Facts, given: str | Path | None) -> Path:
     if given is not None:
         return Path(given)
-    whole = facts["annotations_only"] == "false" and not facts["from_ns"] and not facts["to_ns"]
-    if whole:
+    if facts.whole:
         return path
-    beside = path.with_name(facts["scene"])
+    # A file name, never a path: what a log says must not lead anywhere else.
+    beside = path.with_name(Path(facts.scene).name or "scene.mcap")
     if beside.exists():
         return beside
     raise UsageError(
@@ -198,15 +135,45 @@ def _scene_of(path: Path, facts: dict[str, str], given: str | Path | None) -> Pa
     )
 
 
-def _compare(run: Run, log: LogReader, facts: dict[str, str]) -> tuple[Difference | None, int]:
+def _changed_input(scene: SceneLog, log: LogReader, facts: Facts) -> Difference | None:
+    """Where the recording is not the one whose digests the log has."""
+    records = recorded_frames(log, facts.camera)
+    expected = next(records, None)
+    link = digest.START
+    count = 0
+    for frame in scene.frames():
+        now = digest.recorded_digest(frame.messages)
+        link = digest.chained(link, now)
+        count += 1
+        while expected is not None and (not expected.digests or expected.digest.frame < frame.index):
+            expected = next(records, None)
+        if expected is not None and expected.digest.frame == frame.index and expected.digest.recorded != now:
+            then = expected.digest.recorded
+            return Difference(frame.index, "recorded messages", "digest", then[:16], now[:16])
+        if count == facts.input_frames and facts.to_ns is not None and link == facts.input_digest:
+            return None
+    if scene.trailing:
+        link = digest.chained(link, digest.recorded_digest(scene.trailing))
+    if count < facts.input_frames:
+        return Difference(WHOLE, "recorded messages", "frames", str(facts.input_frames), str(count))
+    if link != facts.input_digest:
+        return Difference(WHOLE, "recorded messages", "input digest", facts.input_digest[:16], link[:16])
+    return None
+
+
+def _compare(run: Run, log: LogReader, facts: Facts) -> tuple[Difference | None, int]:
     """The first difference between a run and a log, and how many frames were equal before it."""
-    records = recorded_frames(log, facts["camera"])
+    records = recorded_frames(log, facts.camera)
     expected = next(records, None)
     frames = 0
-    last = int(facts["input_frames"]) - 1
-    for now in run.frames():
-        if expected is None or now.digest.frame < expected.digest.frame:
-            if now.digest.frame >= last:
+    states = _States(log, facts)
+    for now in run.frames(keep=states.compare):
+        if states.difference is not None:
+            return states.difference, frames
+        if expected is None or now.frame.time_ns < expected.time_ns:
+            if _has_gap(facts, now):
+                return Difference(now.digest.frame, "frames", "", "no frame", "a frame"), frames
+            if expected is None and now.digest.frame + 1 >= facts.input_frames:
                 break
             continue
         found = _first_difference(expected, now)
@@ -214,58 +181,98 @@ def _compare(run: Run, log: LogReader, facts: dict[str, str]) -> tuple[Differenc
             return found, frames
         frames += 1
         expected = next(records, None)
-        if expected is None and now.digest.frame >= last:
+        if expected is None and now.digest.frame + 1 >= facts.input_frames:
             break
     if expected is not None:
-        return Difference(expected.digest.frame, "frames", "", "a frame", "none"), frames
-    return None, frames
+        number = expected.digests[0].frame if expected.digests else WHOLE
+        return Difference(number, "frames", "", "a frame", "none"), frames
+    return states.difference, frames
+
+
+def _has_gap(facts: Facts, now: Annotated) -> bool:
+    """A frame of the span that the log should have and has not."""
+    first, end = facts.from_ns, facts.to_ns
+    time_ns = now.frame.time_ns
+    inside = (first is None or time_ns >= first) and (end is None or time_ns < end)
+    return inside and now.digest.frame < facts.input_frames
+
+
+class _States:
+    """Holds the log's checkpoints against those of the new replay."""
+
+    def __init__(self, log: LogReader, facts: Facts) -> None:
+        self._log = log
+        self._known = facts.checkpoints or {}
+        self.difference: Difference | None = None
+
+    def compare(self, made: Checkpoint) -> None:
+        """Compare one, if the log has it."""
+        name = checkpoint.name(made.frame)
+        if self.difference is not None or name not in self._known:
+            return
+        for attachment in self._log.attachments([name]):
+            then = checkpoint.decode(attachment.data, str(self._log.path))
+            for part in ("tracker_state", "reasoner_state"):
+                a, b = (checkpoint.encode_state(getattr(c, part)) for c in (then, made))
+                if a != b:
+                    place, old, new = first_unequal(checkpoint.decode_state(a), checkpoint.decode_state(b)) or (
+                        "",
+                        "",
+                        "",
+                    )
+                    self.difference = Difference(made.frame, name, f"{part}.{place}", old, new)
+                    return
 
 
 def _first_difference(then: FrameRecord, now: Annotated) -> Difference | None:
     d = now.digest
-    if then.digest == d:
+    if len(then.digests) == 1 and then.digest.channels == d.channels and then.digest.frame == d.frame:
+        if then.time_ns != now.frame.time_ns:
+            return Difference(d.frame, "frames", "log time", str(then.time_ns), str(now.frame.time_ns))
         return None
-    if then.digest.frame != d.frame:
+    if then.digests and then.digest.frame != d.frame:
         return Difference(then.digest.frame, "frames", "number", str(then.digest.frame), str(d.frame))
-    if then.time_ns != now.frame.time_ns:
-        return Difference(d.frame, "frames", "log time", str(then.time_ns), str(now.frame.time_ns))
-    if then.digest.recorded != d.recorded:
-        return Difference(d.frame, "recorded messages", "digest", then.digest.recorded[:16], d.recorded[:16])
     for name in channels.ANNOTATED:
         ours = [payload for n, payload in now.payloads if n == name]
         theirs = [payload for n, payload in then.payloads if n == name]
         for a, b in zip_longest(theirs, ours):
             if a != b:
-                place, old, new = _difference_in(name, a, b)
+                place, old, new = difference_in(name, a, b)
                 return Difference(d.frame, name, place, old, new)
-    return Difference(d.frame, "digest", "link", then.digest.link[:16], d.link[:16])
+    old = then.digest.link[:16] if then.digests else "nothing"
+    return Difference(d.frame, "digest", "channels", old, d.link[:16])
 
 
-def _difference_in(name: str, then: bytes | None, now: bytes | None) -> tuple[str, str, str]:
+def difference_in(name: str, then: bytes | None, now: bytes | None) -> tuple[str, str, str]:
+    """Where two payloads of a channel differ first: place in the message, both values, shortened."""
     if then is None or now is None or name not in channels.JSON_CHANNELS:
         return "message", _short(then), _short(now)
     try:
         a, b = (msgspec.json.decode(data) for data in (then, now))
-    except msgspec.MsgspecError:
+    except (msgspec.MsgspecError, RecursionError):
         return "message", _short(then), _short(now)
     return first_unequal(a, b) or ("message", _short(then), _short(now))
 
 
 def first_unequal(a: Any, b: Any, place: str = "") -> tuple[str, str, str] | None:
     """Where two plain values differ first, in the order of their fields; rows with an id are named by it."""
+    return next(_unequal(a, b, place), None)
+
+
+def _unequal(a: Any, b: Any, place: str) -> Iterator[tuple[str, str, str]]:
     if isinstance(a, dict) and isinstance(b, dict):
         for key in [*a, *(k for k in b if k not in a)]:
-            found = first_unequal(a.get(key), b.get(key), f"{place}.{key}" if place else str(key))
-            if found is not None:
-                return found
-        return None
-    if isinstance(a, list) and isinstance(b, list):
+            yield from _unequal(a.get(key), b.get(key), f"{place}.{key}" if place else str(key))
+    elif isinstance(a, list) and isinstance(b, list):
         for k, (x, y) in enumerate(zip_longest(a, b)):
-            found = first_unequal(x, y, f"{place}[{_row_name(x, y, k)}]")
-            if found is not None:
-                return found
-        return None
-    return None if a == b and type(a) is type(b) else (place, _short(a), _short(b))
+            yield from _unequal(x, y, f"{place}[{_row_name(x, y, k)}]")
+    elif type(a) is not type(b):
+        yield place, _short(a), _short(b)
+    elif hasattr(a, "tobytes"):
+        if (a.dtype, a.shape, a.tobytes()) != (b.dtype, b.shape, b.tobytes()):
+            yield place, _short(a.tolist()), _short(b.tolist())
+    elif a != b:
+        yield place, _short(a), _short(b)
 
 
 def _row_name(x: Any, y: Any, k: int) -> str:

@@ -6,8 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from recorders import channels
 from recorders.errors import OutputExistsError, UsageError
 from recorders.log import LogWriter, Message
@@ -15,12 +13,11 @@ from recorders.parameters import as_plain
 from recorders.scene import SceneLog
 from replay import checkpoint, digest
 from replay.checkpoint import Checkpoint
-from replay.configuration import opencv_build, package_versions
+from replay.configuration import machine, opencv_build, package_versions, python_version
+from replay.facts import FORMAT_VERSION, KIND, METADATA, canonical, sealed, sha256
 from replay.replaying import Annotated, Progress, ReplayOptions, Run
 
-METADATA = "scenetrace"
 RECORDING_METADATA = "scenetrace.recording"
-FORMAT_VERSION = "1"
 _OPTIONAL = ("membership",)
 
 
@@ -99,6 +96,7 @@ class AnnotatedWriter:
         self._link = digest.START
         self._tracks: dict[int, None] = {}
         self._events = 0
+        self._checkpoints: dict[str, str] = {}
         self._copy_extras()
 
     def _open(self, name: str) -> int:
@@ -157,19 +155,22 @@ class AnnotatedWriter:
         """Attach a checkpoint."""
         data = checkpoint.encode(found)
         self._log.attach(checkpoint.name(found.frame), checkpoint.MEDIA_TYPE, data, found.time_ns)
+        self._checkpoints[checkpoint.name(found.frame)] = sha256(data)
 
     def finish(self, run: Run) -> ReplaySummary:
         """Write what the log says of itself."""
         options = self._options
         facts = {
             "format_version": FORMAT_VERSION,
-            "kind": "annotated",
+            "kind": KIND,
             "tracker": options.tracker,
             "camera": self._scene.camera,
             "width": str(self._scene.info.width),
             "height": str(self._scene.info.height),
-            "configuration": msgspec.json.encode(as_plain(options.config), order="deterministic").decode(),
-            "packages": msgspec.json.encode(package_versions(), order="deterministic").decode(),
+            "configuration": canonical(as_plain(options.config)),
+            "packages": canonical(package_versions()),
+            "python": python_version(),
+            "machine": machine(),
             "opencv_build": opencv_build(),
             "scene": self._scene.path.name,
             "input_digest": run.input_link,
@@ -181,6 +182,8 @@ class AnnotatedWriter:
             "annotations_only": str(options.annotations_only).lower(),
             "from_ns": "" if options.from_ns is None else str(options.from_ns),
             "to_ns": "" if options.to_ns is None else str(options.to_ns),
+            "checkpoint_ns": "" if options.checkpoint_ns is None else str(options.checkpoint_ns),
+            "checkpoints": canonical(self._checkpoints),
         }
-        self._log.metadata(METADATA, facts)
+        self._log.metadata(METADATA, sealed(facts))
         return ReplaySummary(self._frames, run.computed, len(self._tracks), self._events, run.input_link, self._link)

@@ -11,10 +11,11 @@ import numpy as np
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
 from recorders.messages import Event
+from replay.chain import recorded_frames
 from replay.compare.content import Content, GroupLife, Span, read_content
 from replay.compare.difference import Comparison, Difference
 from replay.compare.matching import TrackMatch, match_tracks
-from replay.verifying import facts_of, recorded_frames
+from replay.facts import facts_of
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def compare(
 
 def _same_digests(a: str | Path, b: str | Path, limits: Limits) -> bool:
     with LogReader(a, limits) as left, LogReader(b, limits) as right:
-        cameras = [facts_of(log)["camera"] for log in (left, right)]
+        cameras = [facts_of(log).camera for log in (left, right)]
         theirs = recorded_frames(right, cameras[1])
         for ours in recorded_frames(left, cameras[0]):
             other = next(theirs, None)

@@ -1,0 +1,173 @@
+"""What an annotated log says of its own making: the metadata record `scenetrace`, written and strictly read.
+
+Everything that can change a result is in it: tracker, configuration in full, package versions, OpenCV's build, Python,
+the input's digest. Each fact has a digest of its own beside it, so that an edited one is named. (Who can write the
+file can write both: what holds against that is a sealed manifest, see `replay.sealing`.)
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from recorders.errors import RecordingError
+from recorders.log import LogReader
+
+METADATA = "scenetrace"
+FORMAT_VERSION = "1"
+KIND = "annotated"
+_DIGESTS = "fact_digests"
+T = TypeVar("T")
+
+
+def canonical(value: Any) -> str:
+    """JSON with sorted keys, the same text for the same value."""
+    return msgspec.json.encode(value, order="deterministic").decode()
+
+
+def sha256(data: bytes) -> str:
+    """SHA-256, hexadecimal."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def sealed(facts: Mapping[str, str]) -> dict[str, str]:
+    """The facts with a digest of each beside them."""
+    return {**facts, _DIGESTS: canonical({name: sha256(facts[name].encode()) for name in sorted(facts)})}
+
+
+@dataclass(frozen=True)
+class Facts:
+    """The facts of one annotated log.
+
+    Attributes:
+        path: the log.
+        values: as they are in the file.
+        tracker, camera: names.
+        configuration: section to parameter to value.
+        packages: package to version.
+        opencv_build: the build facts, by name.
+        python, machine: interpreter and processor architecture, empty in logs that do not say.
+        scene: the scene log's file name.
+        input_digest: the input chain's link after ``input_frames`` frames.
+        output_digest: the output chain's last link; ``link_before`` is the one before ``first_frame``.
+        frames: how many annotated frames there are.
+        annotations_only: the recorded messages were left out.
+        from_ns, to_ns: the span that was asked for.
+        checkpoint_ns: time between checkpoints, None without.
+        checkpoints: name of each checkpoint to the SHA-256 of its bytes; None in logs that do not say.
+    """
+
+    path: Path
+    values: dict[str, str]
+    tracker: str
+    camera: str
+    configuration: dict[str, dict[str, Any]]
+    packages: dict[str, str]
+    opencv_build: dict[str, str]
+    python: str
+    machine: str
+    scene: str
+    input_digest: str
+    input_frames: int
+    output_digest: str
+    link_before: str
+    first_frame: int
+    frames: int
+    annotations_only: bool
+    from_ns: int | None
+    to_ns: int | None
+    checkpoint_ns: int | None
+    checkpoints: dict[str, str] | None
+
+    @property
+    def whole(self) -> bool:
+        """The log holds the recording from its first message to its last."""
+        return not self.annotations_only and self.from_ns is None and self.to_ns is None
+
+    def altered(self) -> list[str]:
+        """Names of the facts that are not what was written, sorted."""
+        if _DIGESTS not in self.values:
+            return []
+        digests = _json(self.path, self.values, _DIGESTS, dict[str, str])
+        facts = {name: sha256(value.encode()) for name, value in self.values.items() if name != _DIGESTS}
+        return [name for name in sorted({*facts, *digests}) if facts.get(name) != digests.get(name)]
+
+
+def facts_of(log: LogReader) -> Facts:
+    """What an annotated log says of itself.
+
+    Raises:
+        RecordingError: it is not an annotated log, or a fact is missing or not readable; names it.
+    """
+    for name, values in log.metadata():
+        if name == METADATA and values.get("kind") == KIND:
+            return _parsed(log.path, values)
+    raise RecordingError(
+        "not an annotated log (no metadata `scenetrace` of a replay); make one with `scenetrace replay`", log.path
+    )
+
+
+def _parsed(path: Path, v: dict[str, str]) -> Facts:
+    if v.get("format_version") != FORMAT_VERSION:
+        raise RecordingError(
+            f"annotated log of format {v.get('format_version')!r}, this scenetrace reads {FORMAT_VERSION!r}", path
+        )
+    return Facts(
+        path=path,
+        values=v,
+        tracker=_text(path, v, "tracker"),
+        camera=_text(path, v, "camera"),
+        configuration=_json(path, v, "configuration", dict[str, dict[str, Any]]),
+        packages=_json(path, v, "packages", dict[str, str]),
+        opencv_build=build_facts(v.get("opencv_build", "")),
+        python=v.get("python", ""),
+        machine=v.get("machine", ""),
+        scene=_text(path, v, "scene"),
+        input_digest=_text(path, v, "input_digest"),
+        input_frames=_number(path, v, "input_frames"),
+        output_digest=_text(path, v, "output_digest"),
+        link_before=_text(path, v, "link_before"),
+        first_frame=_number(path, v, "first_frame"),
+        frames=_number(path, v, "frames"),
+        annotations_only=_text(path, v, "annotations_only") == "true",
+        from_ns=_optional(path, v, "from_ns"),
+        to_ns=_optional(path, v, "to_ns"),
+        checkpoint_ns=_optional(path, v, "checkpoint_ns"),
+        checkpoints=_json(path, v, "checkpoints", dict[str, str]) if "checkpoints" in v else None,
+    )
+
+
+def _text(path: Path, values: Mapping[str, str], name: str) -> str:
+    if name not in values:
+        raise RecordingError(f"the metadata record lacks {name!r}: written by another program, or altered", path)
+    return values[name]
+
+
+def _number(path: Path, values: Mapping[str, str], name: str) -> int:
+    text = _text(path, values, name)
+    # int() takes more than what we write, and texts of any length.
+    if len(text) > 20 or not text.removeprefix("-").isascii() or not text.removeprefix("-").isdigit():
+        raise RecordingError(f"the metadata's {name} is {text[:40]!r}, not a number: altered", path)
+    return int(text)
+
+
+def _optional(path: Path, values: Mapping[str, str], name: str) -> int | None:
+    return _number(path, values, name) if values.get(name) else None
+
+
+def _json(path: Path, values: Mapping[str, str], name: str, kind: type[T]) -> T:
+    try:
+        return msgspec.json.decode(_text(path, values, name).encode(), type=kind)
+    except (msgspec.MsgspecError, RecursionError, ValueError) as e:
+        raise RecordingError(f"the metadata's {name} cannot be read: {e}", path) from e
+
+
+def build_facts(text: str) -> dict[str, str]:
+    """OpenCV's build facts by name, from the line in the metadata."""
+    pairs = (part.partition(": ") for part in text.split("; ") if part)
+    return {name: value for name, _, value in pairs}
