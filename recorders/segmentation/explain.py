@@ -163,34 +163,31 @@ class _Candidates:
 
     def __init__(self, boxes: Floats, width: int, height: int) -> None:
         self.boxes = boxes
-        x1, y1, w, h = (boxes[:, k] for k in range(4))
-        x2, y2, ring, strip = x1 + w, y1 + h, RING * w, STRIP * w
-        regions = (
-            (x1, y1, x2, y2),
-            (x1 - ring, y1 - ring, x2 + ring, y2 + ring),
-            (x1, y1 - strip, x2, y1),
-            (x1, y2, x2, y2 + strip),
-            (x1 - strip, y1, x1, y2),
-            (x2, y1, x2 + strip, y2),
-        )
-        corners, areas = zip(*(_corners(*region, width, height) for region in regions), strict=True)
-        self._corners: Ints = np.stack(corners)
-        self._areas: Floats = np.maximum(np.stack(areas), 1).astype(np.float64)
-        self.visible: Floats = areas[0] / np.maximum(w * h, 1.0)
-        self._areas[0] += UNSEEN_WEIGHT * np.maximum(w * h - areas[0], 0.0)
+        x, y, w, h = boxes.T
+        ring, strip = RING * w, STRIP * w
+        # Left and right ends, top and bottom ends, of the box, its ring, and its strips above, under, left and right.
+        xs = np.stack([x, x - ring, x, x, x - strip, x + w, x + w, x + w + ring, x + w, x + w, x, x + w + strip])
+        ys = np.stack([y, y - ring, y - strip, y + h, y, y, y + h, y + h + ring, y, y + h + strip, y + h, y + h])
+        (left, right), (top, bottom) = _ends(xs, width), _ends(ys, height)
+        row = width + 1
+        self._corners: Ints = np.stack([bottom * row + right, top * row + right, bottom * row + left, top * row + left])
+        self._areas: Floats = np.maximum((right - left) * (bottom - top), 1).astype(np.float64)
+        visible = (right[0] - left[0]) * (bottom[0] - top[0])
+        self.visible: Floats = visible / np.maximum(w * h, 1.0)
+        self._areas[0] += UNSEEN_WEIGHT * np.maximum(w * h - visible, 0.0)
         self.area: Floats = self._areas[0]
 
     def take(self, rows: Ints) -> _Candidates:
         """Some of the boxes."""
         some = object.__new__(_Candidates)
         some.boxes, some.visible = self.boxes[rows], self.visible[rows]
-        some._corners, some._areas = self._corners[:, :, rows], self._areas[:, rows]
+        some._corners, some._areas = self._corners[..., rows], self._areas[:, rows]
         some.area = some._areas[0]
         return some
 
     def inside(self, own: Integral) -> Ints:
         """Foreground pixels in each box."""
-        return _sums(own, self._corners[0])
+        return _sums(own, self._corners[:, 0])
 
     def scores(self, own: Integral, behind: Integral | None) -> Floats:
         """Each box's score; -1 where too little of it is foreground of its own.
@@ -199,32 +196,30 @@ class _Candidates:
             own: flat integral image of the foreground that is still to be explained.
             behind: flat integral image of the explained foreground, if there is any.
         """
-        inside = self.inside(own)
-        score = (inside - RING_WEIGHT * (_sums(own, self._corners[1]) - inside)) / self.area
+        inside, ringed, *strips = _sums(own, self._corners)
+        above, under, left, right = strips / self._areas[2:]
+        score = (inside - RING_WEIGHT * (ringed - inside)) / self.area
         if behind is not None:
-            score += EXPLAINED_WEIGHT * _sums(behind, self._corners[0]) / self.area
-        above, under, left, right = (_sums(own, self._corners[k]) / self._areas[k] for k in (2, 3, 4, 5))
+            score += EXPLAINED_WEIGHT * _sums(behind, self._corners[:, 0]) / self.area
         score -= STRIP_WEIGHT * (above + under) + BESIDE_WEIGHT * np.minimum(left, right)
         return np.where(inside >= MIN_OWN * self.area, score, -1.0)
 
 
-def _corners(x1: Floats, y1: Floats, x2: Floats, y2: Floats, width: int, height: int) -> tuple[Ints, Ints]:
-    left, right = (np.minimum(np.maximum(np.rint(v), 0), width).astype(np.int64) for v in (x1, x2))
-    top, bottom = (np.minimum(np.maximum(np.rint(v), 0), height).astype(np.int64) * (width + 1) for v in (y1, y2))
-    flat = np.empty((4, len(left)), np.int64)
-    for row, (y, x) in zip(flat, ((bottom, right), (top, right), (bottom, left), (top, left)), strict=True):
-        np.add(y, x, out=row)
-    return flat, (right - left) * ((bottom - top) // (width + 1))
+def _ends(places: Floats, size: int) -> tuple[Ints, Ints]:
+    """Lower and upper ends, (12, N) px, as the nearest pixel borders in the picture: twice (6, N)."""
+    whole = np.minimum(np.maximum(np.rint(places), 0), size).astype(np.int64)
+    return whole[:6], whole[6:]
 
 
 def _sums(flat: Integral, corners: Ints) -> Ints:
-    a, b, c, d = flat[corners]
+    """Sums over boxes whose corners' flat indices are given, (4, ...) -> (...)."""
+    a, b, c, d = flat.take(corners)
     total: Ints = (a - b - c + d).astype(np.int64)
     return total
 
 
 def _pixels(boxes: Floats) -> list[tuple[int, int, int, int]]:
-    """The pixels that `_corners` counts in each box: x1, y1, x2, y2, end excluded, not below 0."""
+    """The pixels that `_Candidates` counts in each box: x1, y1, x2, y2, end excluded, not below 0."""
     ends = np.stack([boxes[:, 0], boxes[:, 1], boxes[:, 0] + boxes[:, 2], boxes[:, 1] + boxes[:, 3]], axis=1)
     return [(x1, y1, x2, y2) for x1, y1, x2, y2 in np.maximum(np.rint(ends), 0).astype(np.int64).tolist()]
 

@@ -130,9 +130,8 @@ def measure(name: str, detect: str | None, every: int, live: bool) -> None:
     found, own, bare = run(segmenter, images)
     scores = "no truth"
     if truth:
-        scores = "  ".join(
-            "IoU %.1f: precision %4.1f recall %4.1f" % (t, *precision_recall(found, truth, t)) for t in (0.5, 0.3)
-        )
+        at = {t: precision_recall(found, truth, t) for t in (0.5, 0.3)}
+        scores = "  ".join(f"IoU {t}: precision {p:4.1f} recall {r:4.1f}" for t, (p, r) in at.items())
     boxes = sum(map(len, found.values())) / len(found)
     print(
         f"{name:12s} {kind:9s} {'live' if live else 'hindsight':9s} {width}x{height} {scores}  {boxes:.1f} boxes/frame"
