@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from reasoning.reasoner import SceneAnnotation
-
 from recorders import channels
 from recorders.errors import SceneTraceError
 from recorders.messages import Regions, Targets
