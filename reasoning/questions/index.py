@@ -19,7 +19,7 @@ from reasoning.encounters import EncounterParameters
 from reasoning.questions.case import PART_PREFIX, QueryLimits, free_name, kind_of, locked_down, parquet_parts
 from reasoning.questions.reading import Facts, file_digest, read_recordings
 from reasoning.questions.schema import TABLES, create_statements
-from reasoning.questions.store import insert
+from reasoning.questions.store import insert, reason
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 
@@ -59,7 +59,12 @@ def build_index(
         RecordingError, SceneTraceError: a log or the index cannot be read or written.
     """
     was_there = out.exists()
-    target: _DuckDB | _Parquet = _DuckDB(out) if out.suffix in (".duckdb", ".db") else _Parquet(out)
+    try:
+        target: _DuckDB | _Parquet = _DuckDB(out) if out.suffix in (".duckdb", ".db") else _Parquet(out)
+    except BaseException:
+        if not was_there:
+            _remove(out)
+        raise
     added: list[Facts] = []
     known: list[Path] = []
     failed: list[tuple[Path, str]] = []
@@ -82,7 +87,7 @@ def build_index(
         target.finish()
     finally:
         target.close()
-        if not was_there and not target.digests:
+        if not was_there and target.is_empty():
             _remove(out)  # nothing went in: leave nothing that looks like an index
     return IndexSummary(added, known, failed)
 
@@ -90,8 +95,9 @@ def build_index(
 def _remove(out: Path) -> None:
     if out.is_dir():
         shutil.rmtree(out)
-    else:
-        out.unlink(missing_ok=True)
+        return
+    for path in (out, out.with_name(f"{out.name}.wal")):
+        path.unlink(missing_ok=True)
 
 
 class _DuckDB:
@@ -111,7 +117,7 @@ class _DuckDB:
                 raise RecordingError("a database, but no index of scenetrace", path)
             rows = self._con.execute("SELECT digest, recording FROM recordings").fetchall()
         except duckdb.Error as e:
-            raise RecordingError(f"cannot be opened for writing: {str(e).splitlines()[0]}", path) from e
+            raise RecordingError(f"cannot be opened for writing: {reason(e)}", path) from e
         self._path = path
         self.digests = {digest for digest, _ in rows}
         self._names = [name for _, name in rows]
@@ -135,7 +141,14 @@ class _DuckDB:
 
     def finish(self) -> None:
         """Fold the write-ahead log into the file."""
-        self._con.execute("CHECKPOINT")
+        try:
+            self._con.execute("CHECKPOINT")
+        except duckdb.Error as e:
+            raise RecordingError(f"cannot be written: {reason(e)}", self._path) from e
+
+    def is_empty(self) -> bool:
+        """Whether no recording is in it."""
+        return not self.digests
 
     def close(self) -> None:
         self._con.close()
@@ -169,7 +182,7 @@ class _Parquet:
             for statement in create_statements():
                 self._con.execute(statement)
         except duckdb.Error as e:
-            raise RecordingError(f"a part cannot be read: {str(e).splitlines()[0]}", folder) from e
+            raise RecordingError(f"a part cannot be read: {reason(e)}", folder) from e
         self._next = 1 + max((int(p.name.removeprefix(PART_PREFIX)) for p in parts), default=-1)
         self._waiting = 0
         self.digests = {digest for digest, _ in rows}
@@ -205,7 +218,8 @@ class _Parquet:
                 self._con.execute(f"COPY {table} TO '{file}' (FORMAT parquet)")
                 self._con.execute(f"TRUNCATE {table}")
             except duckdb.Error as e:
-                raise SceneTraceError(f"{beside}: cannot be written: {str(e).splitlines()[0]}") from e
+                shutil.rmtree(beside, ignore_errors=True)
+                raise SceneTraceError(f"{self._folder}: cannot be written: {reason(e)}") from e
         beside.rename(self._folder / name)
         self._next, self._waiting = self._next + 1, 0
 
@@ -213,6 +227,10 @@ class _Parquet:
         """Write the last, smaller part."""
         if self._waiting:
             self._write()
+
+    def is_empty(self) -> bool:
+        """Whether no part is written."""
+        return not parquet_parts(self._folder)
 
     def close(self) -> None:
         self._con.close()

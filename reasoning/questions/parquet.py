@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Any
 import duckdb
 import numpy as np
 
+from reasoning.questions.store import reason
+from recorders.errors import SceneTraceError
+
 if TYPE_CHECKING:
     from reasoning.questions.case import Answer, QueryLimits
 
@@ -18,7 +21,11 @@ _BATCH = 50_000
 
 
 def write_parquet(answer: Answer, out: Path, limits: QueryLimits) -> None:
-    """Write all rows, whole or not at all."""
+    """Write all rows, whole or not at all.
+
+    Raises:
+        SceneTraceError: it cannot be written.
+    """
     part = out.with_name(f"{out.name}.part")
     con = duckdb.connect(":memory:", config={"threads": str(limits.threads)})
     try:
@@ -31,6 +38,8 @@ def write_parquet(answer: Answer, out: Path, limits: QueryLimits) -> None:
         with part.open("rb+") as f:
             os.fsync(f.fileno())
         part.replace(out)
+    except duckdb.Error as e:
+        raise SceneTraceError(f"{out}: cannot be written: {reason(e)}") from e
     finally:
         part.unlink(missing_ok=True)
         con.close()

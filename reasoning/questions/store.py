@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -33,7 +34,14 @@ def insert(con: duckdb.DuckDBPyConnection, table: str, rows: Sequence[Row]) -> N
         con.execute(f"INSERT INTO {table} SELECT {', '.join(selected)} FROM {_BATCH}")  # noqa: S608 - our own names
         con.unregister(_BATCH)
     except (duckdb.Error, OverflowError) as e:
-        raise SceneTraceError(f"a row of {table} does not fit its columns: {str(e).splitlines()[0]}") from e
+        raise SceneTraceError(f"a row of {table} does not fit its columns: {reason(e)}") from e
+
+
+def reason(error: Exception) -> str:
+    """DuckDB's message as one line; a failed write's is a JSON document in a line, of which the message is taken."""
+    text = (str(error).strip() or type(error).__name__).splitlines()[0]
+    inner = re.search(r'"exception_message":"((?:[^"\\]|\\.)*)"', text)
+    return inner[1].replace('\\"', '"') if inner else text
 
 
 def _column(kind: str, values: Sequence[Any]) -> np.ndarray[Any, Any]:

@@ -104,8 +104,17 @@ def main(argv: Sequence[str] | None = None) -> int:  # noqa: PLR0911 - one retur
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     except OSError as e:
-        print(f"scenetrace: error: {e.filename or 'input/output'}: {e.strerror or e}", file=sys.stderr)
+        print(f"scenetrace: error: {e.filename or _written(words)}: {e.strerror or e}", file=sys.stderr)
         return FAILED
+
+
+def _written(words: Sequence[str]) -> str:
+    """What a failed write without a name was for."""
+    from tempfile import gettempdir
+
+    flag = next((w for w in words if w in ("-o", "--output")), None)
+    output = "" if flag is None else "".join(words[words.index(flag) + 1 :][:1])
+    return f"{output or 'standard output'} (or a temporary file in {gettempdir()})"
 
 
 def _check_command(named: str) -> None:

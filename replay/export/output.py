@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,3 +25,23 @@ def whole(path: str | Path, *, force: bool) -> Iterator[PartFile]:
         out.finish()
     finally:
         out.discard()
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """A folder beside ``path`` to write into: its files get there when the block ends well, and none when it does not.
+
+    A folder that is there already keeps its other files.
+    """
+    part = path.with_name(f"{path.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir(parents=True)
+    try:
+        yield part
+        if path.is_dir():
+            for file in sorted(part.iterdir()):
+                file.replace(path / file.name)
+        else:
+            part.rename(path)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)

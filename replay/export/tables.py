@@ -15,9 +15,10 @@ import msgspec
 
 from reasoning.questions.reading import read_recordings
 from reasoning.questions.schema import TABLES
-from recorders.errors import OutputExistsError, UsageError
+from reasoning.questions.store import reason
+from recorders.errors import OutputExistsError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
-from replay.export.output import whole
+from replay.export.output import whole, whole_folder
 
 _BLOCK = 1 << 20
 
@@ -129,11 +130,9 @@ def write_parquet(
             return {table: spool.rows[table]}
     if path.is_dir() and any(path.iterdir()) and not force:
         raise OutputExistsError(path)
-    with Spool(log, camera) as spool:
-        path.mkdir(parents=True, exist_ok=True)
+    with Spool(log, camera) as spool, whole_folder(path) as folder:
         for name in TABLES:
-            with whole(path / f"{name}.parquet", force=force) as file:
-                _copy(spool, name, file.part)
+            _copy(spool, name, folder / f"{name}.parquet")
         return spool.rows
 
 
@@ -145,7 +144,10 @@ def _copy(spool: Spool, table: str, out: Path) -> None:
         rows = (
             f"read_json($rows, format = 'newline_delimited', columns = {{{columns}}}, maximum_object_size = 134217728)"
         )
-        db.execute(
-            f"COPY (SELECT * FROM {rows}) TO $out (FORMAT parquet, COMPRESSION zstd, USE_TMP_FILE false)",  # noqa: S608
-            {"rows": str(spool.path(table)), "out": str(out)},
-        )
+        try:
+            db.execute(
+                f"COPY (SELECT * FROM {rows}) TO $out (FORMAT parquet, COMPRESSION zstd, USE_TMP_FILE false)",  # noqa: S608
+                {"rows": str(spool.path(table)), "out": str(out)},
+            )
+        except duckdb.Error as e:
+            raise SceneTraceError(f"{out}: cannot be written: {reason(e)}") from e

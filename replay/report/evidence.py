@@ -18,6 +18,7 @@ from recorders.errors import OutputExistsError
 from recorders.pictures import encode_png
 from replay.annotated import AnnotatedLog
 from replay.draw import DrawOptions
+from replay.export.output import whole_folder
 from replay.export.video import VideoOptions, write_video
 from replay.report.pictures import around, chosen_frames, drawn
 
@@ -29,12 +30,12 @@ def write_explanations(
     path: str | Path, found: Sequence[Explanation], folder: Path, *, camera: str | None = None
 ) -> int:
     """Write explanation.txt, explanation.json and the frames of each explanation; returns the number of pictures."""
-    folder.mkdir(parents=True, exist_ok=True)
     text = "\n\n".join("\n".join(e.lines()) for e in found) + "\n"
-    (folder / "explanation.txt").write_text(text, encoding="utf-8")
-    (folder / "explanation.json").write_text(_json([e.as_json() for e in found]), encoding="utf-8")
-    with AnnotatedLog(path, camera) as log:
-        return sum(len(_frames(log, e, folder)) for e in found)
+    with whole_folder(folder) as part:
+        (part / "explanation.txt").write_text(text, encoding="utf-8")
+        (part / "explanation.json").write_text(_json([e.as_json() for e in found]), encoding="utf-8")
+        with AnnotatedLog(path, camera) as log:
+            return sum(len(_frames(log, e, part)) for e in found)
 
 
 def write_evidence(
