@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from recorders.segmentation.density import DensitySegmenter
 from recorders.segmentation.motion import MotionSegmenter
 from recorders.segmentation.parameters import SegmentationParameters
 from recorders.segmentation.segmenter import Segmented, Segmenter, SegmenterFactory
@@ -10,6 +11,7 @@ from recorders.segmentation.threshold import ThresholdSegmenter
 SEGMENTERS: dict[str, SegmenterFactory] = {
     "motion": MotionSegmenter,
     "threshold": ThresholdSegmenter,
+    "density": DensitySegmenter,
 }
 
 __all__ = ["SEGMENTERS", "SegmentationParameters", "Segmented", "Segmenter", "SegmenterFactory"]

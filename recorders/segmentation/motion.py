@@ -14,13 +14,15 @@ import numpy as np
 from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
 from recorders.segmentation.blobs import components
 from recorders.segmentation.bodies import Bodies
+from recorders.segmentation.evidence import NEUTRAL, Shadows, weighted_median, window_of
 from recorders.segmentation.parameters import SegmentationParameters
 from recorders.segmentation.segmenter import Image, Segmented, as_image
 from recorders.vision import cv2
 
-NEUTRAL = 128
 LIVE_SAMPLES = 40
 LIVE_WINDOW_S = 400.0
+RELEARN = 8
+"""Live, the background is learnt anew when this share, one in so many, of the samples is new."""
 SLOW_FOREGROUND = 10
 """The background follows what is held to be foreground this many times slower: a wrong background heals."""
 
@@ -31,7 +33,7 @@ class MotionSegmenter:
     def __init__(self, parameters: SegmentationParameters, width: int, height: int, fps: float) -> None:
         self._p = parameters
         self._min_area = parameters.min_area * width * height
-        self._window = 2 * int(parameters.smoothing * height / 2 + 0.5) + 1
+        self._window = window_of(parameters, height)
         fps = fps if fps > 0 else 25.0
         self._follow_every = max(1, round(parameters.adaptation_s * fps))
         self._observe_every = max(1, round(fps / 2))
@@ -41,8 +43,7 @@ class MotionSegmenter:
         self._past: Samples | None = Samples(
             most=LIVE_SAMPLES, max_stride=max(1, round(LIVE_WINDOW_S * fps / LIVE_SAMPLES))
         )
-        self._darkest = np.array([int(v * parameters.shadow_darkest) for v in range(256)], np.uint8)
-        self._shadow_colour = np.full((height, width), int(parameters.shadow_colour_levels), np.uint8)
+        self._shadows = Shadows(parameters, width, height)
         self._neutral = np.full((height, width), NEUTRAL, np.uint8)
         self._bodies = Bodies(parameters.size_model, width, height)
 
@@ -77,9 +78,12 @@ class MotionSegmenter:
         return Segmented(mask, self._bodies.detect(index, mask, labels, blobs))
 
     def _background_at(self, picture: Image) -> Background:
-        if (self._past is not None and self._past.add(picture)) or self._background is None:
-            stack = self._past.kept if self._past is not None else [picture]
-            self._background = Background.learn(stack, self._p.threshold_levels, self._p.spread_weight)
+        if self._past is not None and self._past.add(picture):
+            self._new_samples += 1
+            if self._background is None or RELEARN * self._new_samples > len(self._past.kept):
+                self._new_samples = 0
+                self._background = Background.learn(self._past.kept, self._p.threshold_levels, self._p.spread_weight)
+        assert self._background is not None
         return self._background
 
     def _foreground(self, picture: Image, background: Background) -> Image:
@@ -88,15 +92,8 @@ class MotionSegmenter:
         dy, dr, db = cv2.split(cv2.absdiff(picture, behind))
         chroma = cv2.add(dr, db)
         difference = cv2.add(dy, cv2.add(chroma, chroma))
-        y, behind_y = cv2.extractChannel(picture, 0), cv2.extractChannel(behind, 0)
-        darker = cv2.bitwise_and(
-            cv2.compare(y, behind_y, cv2.CMP_LT), cv2.compare(y, cv2.LUT(behind_y, self._darkest), cv2.CMP_GE)
-        )
-        shadow = cv2.bitwise_and(darker, cv2.compare(chroma, self._shadow_colour, cv2.CMP_LE))
-        difference = cv2.subtract(difference, shadow)
+        difference = cv2.subtract(difference, self._shadows.find(picture, behind, as_image(chroma)))
         level = background.level
         evidence = cv2.min(difference, cv2.add(level, level))
         evidence = cv2.subtract(cv2.add(evidence, self._neutral), level)
-        if self._window > 1:
-            evidence = cv2.GaussianBlur(evidence, (self._window, self._window), 0)
-        return as_image(cv2.threshold(evidence, NEUTRAL, 255, cv2.THRESH_BINARY)[1])
+        return weighted_median(as_image(evidence), self._window)

@@ -225,6 +225,23 @@ def test_an_unknown_frame_rate_is_no_trouble():
         segmenter.segment(k, image)
 
 
+@pytest.mark.parametrize("prepared", [True, False])
+def test_densities_find_what_motion_finds(prepared):
+    scene = generate("pass_by", frames=150)
+    images = pictures(scene)
+    segmenter = make(scene, "density")
+    if prepared:
+        segmenter.prepare(iter(images))
+    hits = wanted = 0
+    for index, image in enumerate(images):
+        boxes = segmenter.segment(index, image).detections.boxes
+        if index >= 60:
+            truth = [a.box for a in scene.truth.frames[index].actors if a.visibility > 0.5]
+            hits += matched(boxes, truth, 0.4)
+            wanted += len(truth)
+    assert hits / wanted >= 0.85
+
+
 @pytest.mark.real
 def test_people_of_the_pets_recording_are_found(real_data):
     folder = real_data / "pets09-s2l1"

@@ -1,0 +1,54 @@
+"""From evidence to a mask, as the motion and the density segmenters share it: shadows, and the weighted median."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from recorders.segmentation.parameters import SegmentationParameters
+from recorders.segmentation.segmenter import Image, as_image
+from recorders.vision import cv2
+
+NEUTRAL = 128
+"""Evidence for neither; above is for foreground."""
+
+
+class Shadows:
+    """Tells pixels that are the background under a shadow: somewhat darker, of nearly the same colour."""
+
+    def __init__(self, parameters: SegmentationParameters, width: int, height: int) -> None:
+        self._darkest = np.array([int(v * parameters.shadow_darkest) for v in range(256)], np.uint8)
+        self._colour = np.full((height, width), int(parameters.shadow_colour_levels), np.uint8)
+
+    def find(self, picture: Image, behind: Image, chroma: Image) -> Image:
+        """255 where there is shadow, (H, W) uint8.
+
+        Args:
+            picture: (H, W, 3) uint8 in Y, Cr, Cb.
+            behind: the background, the same.
+            chroma: (H, W) uint8, the sum of their differences in Cr and in Cb.
+        """
+        y, behind_y = cv2.extractChannel(picture, 0), cv2.extractChannel(behind, 0)
+        darker = cv2.compare(y, behind_y, cv2.CMP_LT)
+        not_too_dark = cv2.compare(y, cv2.LUT(behind_y, self._darkest), cv2.CMP_GE)
+        same_colour = cv2.compare(chroma, self._colour, cv2.CMP_LE)
+        return as_image(cv2.bitwise_and(cv2.bitwise_and(darker, not_too_dark), same_colour))
+
+
+def window_of(parameters: SegmentationParameters, height: int) -> int:
+    """Side of the weighted median's window, px, odd."""
+    return 2 * int(parameters.smoothing * height / 2 + 0.5) + 1
+
+
+def weighted_median(evidence: Image, window: int) -> Image:
+    """The weighted median of the pixels' labels in a window (SHELLS 2.1), (H, W) uint8, 0 or 255.
+
+    Of two labels, the weighted median is the one with the larger sum of weights. Each pixel's evidence is its label's
+    weight with its label's sign, so the sum's sign, the blurred evidence's, decides.
+
+    Args:
+        evidence: (H, W) uint8 around `NEUTRAL`.
+        window: its side, px, odd.
+    """
+    if window > 1:
+        evidence = as_image(cv2.GaussianBlur(evidence, (window, window), 0))
+    return as_image(cv2.threshold(evidence, NEUTRAL, 255, cv2.THRESH_BINARY)[1])
