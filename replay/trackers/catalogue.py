@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from recorders.parameters import Parameters
-from replay.trackers import events
+from replay.trackers import events, shells
 from replay.trackers.tracker import TrackerFactory
 
 TRACKERS: Mapping[str, TrackerFactory] = {
     "events": events.make,
+    "shells": shells.make,
 }
 TRACKER_SECTIONS: Mapping[str, Mapping[str, type[Parameters]]] = {
     "events": events.SECTIONS,
+    "shells": shells.SECTIONS,
 }

@@ -1,1 +1,26 @@
-"""SHELLS: virtual shells, event resolution, pixel membership."""
+"""SHELLS: virtual shells, event resolution and pixel membership, straight through occlusions."""
+
+from __future__ import annotations
+
+from reasoning.relations import RelationParameters
+from reasoning.shells import ShellParameters
+
+from recorders.parameters import Config, Parameters
+from replay.trackers.shells.parameters import ShellsParameters
+from replay.trackers.shells.tracker import ShellsTracker
+from replay.trackers.tracker import SceneInfo, Tracker
+
+SECTIONS: dict[str, type[Parameters]] = {"shells": ShellsParameters}
+
+
+def make(scene: SceneInfo, config: Config) -> Tracker:
+    """Build the tracker for a scene from its configuration's section ``shells``, and the reasoning's two on shells."""
+    parameters = config["shells"]
+    shell, relation = config.get("shell_model", ShellParameters()), config.get("relations", RelationParameters())
+    assert isinstance(parameters, ShellsParameters)
+    assert isinstance(shell, ShellParameters)
+    assert isinstance(relation, RelationParameters)
+    return ShellsTracker(scene, parameters, shell, relation)
+
+
+__all__ = ["SECTIONS", "ShellsParameters", "ShellsTracker", "make"]

@@ -1,0 +1,93 @@
+"""The membership channel: whose pixel is whose, a one-channel PNG per frame (SHELLS, Figure 3).
+
+A pixel holds 0 for nobody, else the track's identity: 8 bits where all identities of the frame fit, else 16 bits;
+beyond 65535 identities wrap around to 1. The forward pass writes its own identities; `renamed` gives the image those
+that the tracks have after hindsight, so that a pixel's value is always an id of the same frame's ``tracks`` message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders import channels
+from recorders.errors import RecordingError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.pictures import check_size, is_whole, read_header
+from recorders.vision import cv2
+
+Labels = NDArray[np.uint16]
+_MOST = 65535
+_OPTIONS = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+
+
+def value_of(identity: int) -> int:
+    """A track's value in a label image; identities count from 1, 0 becomes `_MOST` like every multiple of it."""
+    return (identity - 1) % _MOST + 1
+
+
+class LabelImage:
+    """A label image being painted."""
+
+    def __init__(self, width: int, height: int) -> None:
+        self.pixels: Labels = np.zeros((height, width), np.uint16)
+
+    def put(self, identity: int, own: NDArray[np.bool_], left: int, top: int) -> None:
+        """Give a track the pixels of a mask (h, w) whose top left corner is at (left, top); it may reach outside."""
+        height, width = self.pixels.shape
+        a, b = max(0, left), max(0, top)
+        c, d = min(width, left + own.shape[1]), min(height, top + own.shape[0])
+        if c > a and d > b:
+            part = own[b - top : d - top, a - left : c - left]
+            self.pixels[b:d, a:c][part] = value_of(identity)
+
+    def payload(self, time_ns: int, camera: str = channels.DEFAULT_CAMERA) -> bytes:
+        """The channel's payload."""
+        return channels.compressed_image(encode_labels(self.pixels), "png", time_ns, camera)
+
+
+def encode_labels(labels: Labels) -> bytes:
+    """A PNG of a label image, of 8 bits where that suffices."""
+    small = int(labels.max(initial=0)) < 256
+    done, data = cv2.imencode(".png", labels.astype(np.uint8) if small else labels, _OPTIONS)
+    assert done, "OpenCV cannot encode PNG"
+    return bytes(data)
+
+
+def decode_labels(data: bytes, path: str | Path = "", limits: Limits = DEFAULT_LIMITS) -> Labels:
+    """A label image (H, W) uint16 from its PNG.
+
+    Raises:
+        LimitError: the header claims too many pixels.
+        RecordingError: it is no one-channel PNG, or damaged.
+    """
+    header = read_header(data, path)
+    check_size(header.width, header.height, path, limits)
+    if header.format != "png" or header.channels != 1 or not is_whole(data, "png"):
+        raise RecordingError("a label image that is not a whole one-channel PNG", path, record="membership")
+    try:
+        found: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as e:
+        raise RecordingError(f"a damaged label image: {e.err}", path, record="membership") from e
+    if found is None or found.ndim != 2 or found.shape != (header.height, header.width):
+        raise RecordingError("a damaged label image", path, record="membership")
+    return np.asarray(found, np.uint16)
+
+
+def renamed(payload: bytes, names: Mapping[int, int]) -> bytes:
+    """The payload with other identities: forward to final; what is not named belongs to nobody any more."""
+    message = channels.decode("membership", payload)
+    labels = decode_labels(message.data)
+    top = int(labels.max(initial=0))
+    table = np.zeros(top + 1, np.uint16)
+    for before, after in sorted(names.items()):
+        if value_of(before) <= top:
+            table[value_of(before)] = value_of(after)
+    if bool((table == np.arange(top + 1)).all()):
+        return payload
+    message.data = encode_labels(table[labels])
+    return channels.encode("membership", message)

@@ -1,0 +1,137 @@
+"""What nobody explains: free detections, the first guess of a new object's area, and objects that come back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.messages import NO_BLOB, Box
+from replay.trackers.shells.colours import bins_of, distance, histogram
+from replay.trackers.shells.foreground import Foreground
+from replay.trackers.shells.objects import TENTATIVE, Bodies, Body
+from replay.trackers.shells.parameters import ShellsParameters
+from replay.trackers.shells.resolve import Resolver
+from replay.trackers.tracker import Frame
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Free:
+    """What may be associated with objects that have not been found, or start new ones: boxes (N, 4), blobs (N,)."""
+
+    boxes: Floats
+    blobs: NDArray[np.int64]
+
+
+def boxes_alone(frame: Frame) -> Free:
+    """Without masks every detection is a blob of its own."""
+    return Free(frame.boxes, np.arange(1, len(frame.boxes) + 1))
+
+
+def unexplained(frame: Frame, fg: Foreground, resolver: Resolver, p: ShellsParameters) -> Free:
+    """The detections most of whose foreground belongs to no object that was found.
+
+    A blob that holds one detection and no object stands for itself, whatever box was drawn into it.
+    """
+    boxes = frame.boxes
+    n = len(boxes)
+    blobs = np.array(frame.detections.blobs or [NO_BLOB] * n, np.int64)
+    if not n:
+        return Free(boxes, blobs)
+    taken = np.zeros(len(fg.boxes) + 1, bool)
+    placed: list[Box] = []
+    for at in resolver.found.values():
+        taken[max(0, at.blob)] = True
+        if not at.alone:
+            placed.append(at.box)
+    only = np.bincount(np.clip(blobs, 0, len(fg.boxes)), minlength=len(fg.boxes) + 1)
+    # A blob that is wholly somebody's own explains itself; only blobs that were shared or misfit are looked into.
+    own = {at.blob for at in resolver.found.values() if at.alone}
+    keep: list[int] = []
+    out = boxes.copy()
+    for k in range(n):
+        blob = int(blobs[k])
+        if blob in own:
+            continue
+        if blob > 0 and not taken[blob] and only[blob] == 1 and resolver.free[blob - 1]:
+            out[k] = fg.boxes[blob - 1]
+            keep.append(k)
+        elif _rest(fg, boxes[k], placed) >= p.min_unexplained:
+            keep.append(k)
+    return Free(out[keep], blobs[keep])
+
+
+def _rest(fg: Foreground, box: Floats, placed: list[Box]) -> float:
+    """Share of a box's foreground outside of all placed objects and their immediate surroundings."""
+    height, width = fg.mask.shape
+    x, y, w, h = box.tolist()
+    x1, y1, x2, y2 = max(0, round(x)), max(0, round(y)), min(width, round(x + w)), min(height, round(y + h))
+    part = fg.mask[y1 : max(y1, y2), x1 : max(x1, x2)] > 0
+    total = int(np.count_nonzero(part))
+    if not total:
+        return 0.0
+    part = part.copy()
+    for u, v, pw, ph in placed:
+        a, b = max(0, round(u - 0.1 * pw) - x1), max(0, round(v - 0.05 * ph) - y1)
+        c, d = max(0, round(u + 1.1 * pw) - x1), max(0, round(v + 1.05 * ph) - y1)
+        part[b:d, a:c] = False
+    return int(np.count_nonzero(part)) / total
+
+
+def area_of(box: Box, blob: int, frame: Frame) -> float:
+    """A new object's number of pixels: its blob's, but not more than its box holds."""
+    parts = frame.detections.components
+    full = max(1.0, box[2] * box[3])
+    if 0 < blob <= len(parts):
+        b = parts[blob - 1]
+        if b.area <= full:
+            return float(b.area)
+    return 0.6 * full
+
+
+def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, p: ShellsParameters) -> int | None:
+    """The lost object that a new one is: near enough for the time that it was away, and of like colours.
+
+    One that was hidden by another may come back anywhere within that one's shell (SHELLS 2.3, case III).
+
+    Returns:
+        its row, None if it is a stranger.
+    """
+    lost = [k for k, b in enumerate(bodies.items) if b.id != TENTATIVE and b.lost]
+    if not lost:
+        return None
+    seen = _colours(bodies.box(row), body.blob, frame)
+    by_id = {b.id: k for k, b in enumerate(bodies.items) if b.id != TENTATIVE}
+    here = bodies.bank.value[row]
+    best: tuple[float, int] | None = None
+    for k in lost:
+        other = bodies.items[k]
+        away = (body.born_ns - other.seen_ns) * 1e-9
+        there = bodies.bank.value[by_id.get(other.front, k)]
+        reach = float(radii[by_id.get(other.front, k)]) + away * p.speed * float(bodies.sizes[k])
+        dx, dy = float(here[0] - there[0]), float(here[1] - there[1])
+        ratio = abs(float(np.log(here[2] * here[3] / (bodies.bank.value[k, 2] * bodies.bank.value[k, 3]))))
+        if dx * dx + dy * dy > reach * reach or ratio > 1.0 or away <= 0:
+            continue
+        if seen is None or other.colours is None:
+            continue
+        cost = distance(seen, other.colours)
+        if cost <= p.recover and (best is None or cost < best[0]):
+            best = (cost, k)
+    return None if best is None else best[1]
+
+
+def _colours(box: Box, blob: int, frame: Frame) -> Floats | None:
+    image, mask = frame.image, frame.mask
+    if image is None:
+        return None
+    height, width = image.shape[:2]
+    x1, y1 = max(0, round(box[0])), max(0, round(box[1]))
+    x2, y2 = min(width, round(box[0] + box[2])), min(height, round(box[1] + box[3]))
+    if x2 - x1 < 2 or y2 - y1 < 2:
+        return None
+    own = np.ones((y2 - y1, x2 - x1), bool) if mask is None else mask[y1:y2, x1:x2] > 0
+    return histogram(bins_of(image[y1:y2, x1:x2]), own)

@@ -1,0 +1,339 @@
+"""From shells and blobs to each object's place: who is alone, who shares, and pixels only where they are shared.
+
+An object that lies alone over a blob of its own size is measured by the blob. Objects over common blobs form a
+neighbourhood: if each of them fits a blob of its own, blobs are handed out whole; else every foreground pixel in their
+shells is evaluated (`membership`), without any joint object (straight-through). Two objects claim one pixel only where
+it lies in both of their shells, so whoever competes for it is related to the other (case II): restricting equation 7
+to the lists L_i needs no further test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.messages import Box, Ellipse
+from recorders.segmentation.blobs import ellipse_of
+from replay.trackers.association import assign, iou
+from replay.trackers.shells.colours import Bins, bins_of, distance, histogram, tell
+from replay.trackers.shells.foreground import Cut, Foreground, touches
+from replay.trackers.shells.membership import Claimants, assign_pixels, cells, extent
+from replay.trackers.shells.objects import GRID, Bodies, Body
+from replay.trackers.shells.parameters import ShellsParameters
+from replay.trackers.shells.placing import place
+from replay.trackers.tracker import Image
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Rows = NDArray[np.intp]
+
+_LINK = 0.08
+"""An object lies over a blob that fills this share of its box, or half of which lies in its box."""
+_MINOR = 0.3
+"""A blob of less than this share of an object's area need not be anybody's own."""
+
+
+@dataclass(slots=True)
+class Found:
+    """An object's observation in this frame.
+
+    Attributes:
+        box: measured box, pixels; its centre is E[P] brought from the pixels' mean to the box's centre.
+        weight: share of a (equation 9) that these pixels deserve.
+        sized: width and height were measured.
+        alone: it has the blob for itself.
+        blob: the blob's label.
+        visible: share of its area that is its own.
+        pixels: number of its own pixels.
+        ellipse: of its own pixels.
+        own, left, top: its own pixels and where they lie in the picture.
+        hidden_by: who lies in front of it, and how sure that is.
+        misfit: nobody else lies over its blob, which still is not of its size.
+    """
+
+    box: Box
+    weight: float
+    sized: bool
+    alone: bool
+    blob: int
+    visible: float
+    pixels: int
+    ellipse: Ellipse | None
+    own: Bools
+    left: int
+    top: int
+    hidden_by: list[tuple[int, float]] = field(default_factory=list)
+    misfit: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """What the resolution sees of a frame: its foreground, and its picture when it is asked for."""
+
+    foreground: Foreground
+    detection_boxes: Floats
+    detection_blobs: NDArray[np.int64]
+    image: Callable[[], Image | None]
+
+
+class Resolver:
+    """Finds the given rows of the bodies in a frame.
+
+    Attributes:
+        found: by row.
+        fronts: for rows that are hidden the id of who hides them.
+        free: (M,) the blobs (rows) that no object lies over.
+    """
+
+    def __init__(self, frame: Frame, bodies: Bodies, rows: Rows, radii: Floats, p: ShellsParameters) -> None:
+        self._fg = frame.foreground
+        self._frame = frame
+        self._bodies = bodies
+        self._radii = radii
+        self._p = p
+        self._boxes = bodies.boxes
+        self.found: dict[int, Found] = {}
+        self.fronts: dict[int, int] = {}
+        self.free: Bools = np.ones(len(self._fg.boxes), bool)
+        if len(rows) and len(self._fg.boxes):
+            self._resolve(rows)
+
+    def _resolve(self, rows: Rows) -> None:
+        fg, boxes = self._fg, self._boxes[rows]
+        area = np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)
+        pixels = fg.links(boxes)
+        linked = (pixels > 0) & ((pixels >= _LINK * area[:, None]) | (pixels >= 0.5 * fg.areas))
+        self.free = ~linked.any(axis=0)
+        fits = self._fits(rows)
+        tenants = linked.sum(axis=0)
+        held = np.bincount(np.clip(self._frame.detection_blobs, 0, len(fg.boxes)), minlength=len(fg.boxes) + 1)[1:]
+        shared: list[int] = []
+        for i in range(len(rows)):
+            mine = np.flatnonzero(linked[i])
+            if not len(mine):
+                continue
+            main = int(mine[np.argmax(pixels[i, mine])])
+            if tenants[main] == 1 and held[main] <= 1 and fits[i, main]:
+                self.found[int(rows[i])] = self._whole(int(rows[i]), main)
+            else:
+                shared.append(i)
+        for members in _neighbourhoods(shared, linked):
+            blobs = np.flatnonzero(linked[members].any(axis=0))
+            self._neighbourhood(rows[members], blobs, fits[members])
+
+    def _fits(self, rows: Rows) -> Bools:
+        """Whether each blob may be each object alone, by its area, (N, M); what the border cuts may be smaller."""
+        p, fg = self._p, self._fg
+        items = [self._bodies.items[r] for r in rows]
+        area = np.array([b.area for b in items])
+        patient = np.array([b.misfit_s > p.patience_s for b in items], bool)
+        ratio = fg.areas[None, :] / np.maximum(area, 1.0)[:, None]
+        height, width = fg.mask.shape
+        cut = touches(fg.boxes, width, height)
+        mine = touches(self._boxes[rows], width, height)
+        low = (ratio >= p.smaller) | cut[None, :]
+        high = (ratio <= p.larger) | (cut[None, :] & mine[:, None] & (ratio <= 2 * p.larger))
+        return np.asarray((low & high) | patient[:, None])
+
+    def _whole(self, row: int, blob: int) -> Found:
+        """A blob that belongs to an object as it is."""
+        b = self._fg.components[blob]
+        x, y, w, h = (int(v) for v in b.box)
+        others = self._fg.boxes
+        meets = (others[:, 0] < x + w) & (others[:, 0] + others[:, 2] > x)
+        meets &= (others[:, 1] < y + h) & (others[:, 1] + others[:, 3] > y)
+        alone_in_box = int(np.count_nonzero(meets)) == 1
+        own = self._fg.mask[y : y + h, x : x + w] > 0 if alone_in_box else self._fg.pixels(blob)
+        body = self._bodies.items[row]
+        visible = min(1.0, b.area / max(1.0, body.area))
+        return Found(b.box, 1.0, True, True, blob + 1, visible, b.area, b.ellipse, own, x, y)
+
+    def _neighbourhood(self, rows: Rows, blobs: Rows, fits: Bools) -> None:
+        """Objects over common blobs: blobs whole if everybody has one, else pixel by pixel."""
+        handed = self._hand_out(rows, blobs, fits[:, blobs])
+        if handed is not None:
+            for k, m in handed:
+                self.found[int(rows[k])] = self._whole(int(rows[k]), int(blobs[m]))
+            return
+        self._evaluate(rows, blobs, fits)
+
+    def _hand_out(self, rows: Rows, blobs: Rows, fits: Bools) -> list[tuple[int, int]] | None:
+        """A blob of its own for each of several objects, and no large blob left; None where that cannot be."""
+        fg = self._fg
+        items = [self._bodies.items[r] for r in rows]
+        major = fg.areas[blobs] >= _MINOR * min(b.area for b in items)
+        if int(np.count_nonzero(major)) != len(rows):
+            return None
+        blob_boxes = fg.boxes[blobs]
+        centre = self._bodies.bank.value[rows, :2]
+        away = centre[:, None] - (blob_boxes[:, :2] + blob_boxes[:, 2:] / 2)[None]
+        gap = np.sqrt(away[..., 0] * away[..., 0] + away[..., 1] * away[..., 1]) / self._radii[rows][:, None]
+        allowed = fits & major[None, :] & (gap <= 1.5)
+        cost = gap + 1.0 - iou(self._boxes[rows], blob_boxes)
+        if len(rows) > 1:
+            cost = cost + self._colour_cost(items, blobs)
+        pairs = assign(cost, allowed)
+        return pairs if len(pairs) == len(rows) else None
+
+    def _colour_cost(self, items: Sequence[Body], blobs: Rows) -> Floats:
+        """Hellinger distances of objects' colours and blobs', (N, M); 0.4 where colours are not known."""
+        out = np.full((len(items), len(blobs)), 0.4)
+        image = self._frame.image()
+        if image is None or all(b.colours is None for b in items):
+            return out
+        for m, blob in enumerate(blobs.tolist()):
+            x, y, w, h = (int(v) for v in self._fg.components[blob].box)
+            seen = histogram(bins_of(image[y : y + h, x : x + w]), self._fg.pixels(blob))
+            for k, body in enumerate(items):
+                if body.colours is not None:
+                    out[k, m] = distance(body.colours, seen)
+        return out
+
+    def _evaluate(self, rows: Rows, blobs: Rows, fits: Bools) -> None:
+        """Pixel by pixel (SHELLS 2.4)."""
+        items = [self._bodies.items[r] for r in rows]
+        boxes, radii = self._boxes[rows], self._radii[rows]
+        blobs = self._with_fragments(boxes, radii, blobs)
+        size = np.sqrt(boxes[:, 2] * boxes[:, 3])
+        x1, y1 = (int(v) for v in (boxes[:, :2] - size[:, None]).min(axis=0))
+        x2, y2 = (int(v) + 1 for v in (boxes[:, :2] + boxes[:, 2:] + size[:, None]).max(axis=0))
+        cut = self._fg.cut(blobs.tolist(), x1, y1, x2, y2)
+        tells = tell([b.colours for b in items])
+        bins = self._bins(cut) if any(t is not None for t in tells) else None
+        who = Claimants(boxes, radii, tells, [b.mask for b in items])
+        reach = np.sqrt(self._bodies.bank.p00[rows, :2]).max(axis=1)
+        order = np.argsort([-b.visible for b in items], kind="stable").tolist()
+        who = Claimants(place(who, reach, order, cut, bins, self._p), radii, tells, who.masks)
+        members = assign_pixels(who, cut, bins, self._p)
+        owner = members.owner
+        whole = self._purify(owner, rows, blobs, fits, cut)
+        self._measure(rows, who, owner, members.counts, members.means, cut, whole)
+
+    def _with_fragments(self, boxes: Floats, radii: Floats, blobs: Rows) -> Rows:
+        """The blobs, and those that nobody lies over but that lie within a shell."""
+        fg = self._fg
+        centre = boxes[:, :2] + boxes[:, 2:] / 2
+        away = centre[:, None] - (fg.boxes[:, :2] + fg.boxes[:, 2:] / 2)[None]
+        inside = (away[..., 0] ** 2 + away[..., 1] ** 2 <= (radii * radii)[:, None]).any(axis=0) & self.free
+        inside &= fg.areas < _MINOR * min(1e9, float((boxes[:, 2] * boxes[:, 3]).min()))
+        return np.union1d(blobs, np.flatnonzero(inside))
+
+    def _bins(self, cut: Cut) -> Bins | None:
+        image = self._frame.image()
+        if image is None:
+            return None
+        rows, columns = cut.own.shape
+        height, width = image.shape[:2]
+        out = np.zeros((rows, columns), np.uint16)
+        a, b = max(0, cut.left), max(0, cut.top)
+        c, d = min(width, cut.left + columns), min(height, cut.top + rows)
+        if c > a and d > b:
+            out[b - cut.top : d - cut.top, a - cut.left : c - cut.left] = bins_of(image[b:d, a:c])
+        return out
+
+    def _purify(self, owner: NDArray[np.uint8], rows: Rows, blobs: Rows, fits: Bools, cut: Cut) -> dict[int, int]:
+        """Blobs that are nearly wholly one object's become wholly its own; {claimant: blob} for lone objects."""
+        n = len(rows)
+        table = np.bincount(
+            cut.labels.ravel().astype(np.int64) * (n + 1) + owner.ravel(),
+            minlength=(len(self._fg.components) + 1) * (n + 1),
+        ).reshape(-1, n + 1)
+        whole: dict[int, int] = {}
+        for blob in blobs.tolist():
+            counts = table[blob + 1]
+            k = int(np.argmax(counts[1:])) + 1
+            if counts[k] < self._p.whole * max(1.0, float(self._fg.areas[blob])):
+                continue
+            owner[cut.labels == blob + 1] = k
+            if fits[k - 1, blob] and counts[k] >= self._p.whole * table[:, k].sum():
+                whole[k - 1] = blob
+        return whole
+
+    def _measure(
+        self,
+        rows: Rows,
+        who: Claimants,
+        owner: NDArray[np.uint8],
+        counts: Floats,
+        means: Floats,
+        cut: Cut,
+        whole: dict[int, int],
+    ) -> None:
+        for k, row in enumerate(rows.tolist()):
+            if k in whole:
+                self.found[row] = self._whole(row, whole[k])
+                continue
+            body = self._bodies.items[row]
+            own = owner == k + 1
+            count = int(np.count_nonzero(own))
+            visible = min(1.0, count / max(1.0, body.area))
+            rivals = _rivals(k, who, owner, cut)
+            if visible < self._p.min_own:
+                if rivals:
+                    self.fronts[row] = self._bodies.items[int(rows[rivals[0][0]])].id
+                continue
+            x, y, w, h = who.boxes[k].tolist()
+            mean = (float(means[k, 0]), float(means[k, 1]))
+            # E[P] of what is visible, and the placed mask for what is not.
+            mx, my = mean[0] - body.centroid[0] * w, mean[1] - body.centroid[1] * h
+            share = max(0.0, (visible - 0.5) * 2) if mx == mx else 0.0
+            cx = share * mx + (1 - share) * (x + w / 2)
+            cy = share * my + (1 - share) * (y + h / 2)
+            blob = int(np.argmax(np.bincount(cut.labels[own], minlength=1)))
+            hidden = [(self._bodies.items[int(rows[j])].id, round(c, 3)) for j, c in rivals if c > 0.5]
+            self.found[row] = Found(
+                (cx - w / 2, cy - h / 2, w, h), max(0.25, visible), False, False, blob, visible, count,
+                _ellipse(own, cut), own, cut.left, cut.top, hidden, len(rows) == 1,
+            )  # fmt: skip
+            grown = extent(own, cut)
+            if visible >= 0.8 and grown is not None and not hidden:
+                self.found[row].box = grown
+                self.found[row].sized = True
+
+
+def _ellipse(own: Bools, cut: Cut) -> Ellipse | None:
+    return ellipse_of(own.view(np.uint8), float(cut.left), float(cut.top)) if own.any() else None
+
+
+def _rivals(k: int, who: Claimants, owner: NDArray[np.uint8], cut: Cut) -> list[tuple[int, float]]:
+    """Who else owns pixels within the last mask of claimant k, and the share that they have won, largest first.
+
+    In the overlap of two silhouettes the pixels are those of the object in front: whoever's colours win there is.
+    """
+    x, y, w, h = who.boxes[k].tolist()
+    height, width = owner.shape
+    i = cells(y - cut.top, h, 0, height)
+    j = cells(x - cut.left, w, 0, width)
+    inside = ((i >= 0) & (i < GRID))[:, None] & ((j >= 0) & (j < GRID))[None, :]
+    mine = np.bincount(owner[inside], minlength=len(who.boxes) + 1)
+    out = []
+    for other in range(len(who.boxes)):
+        if other == k or not mine[other + 1]:
+            continue
+        u, v, ow, oh = who.boxes[other].tolist()
+        a = cells(v - cut.top, oh, 0, height)
+        b = cells(u - cut.left, ow, 0, width)
+        both = inside & (((a >= 0) & (a < GRID))[:, None] & ((b >= 0) & (b < GRID))[None, :])
+        split = np.bincount(owner[both], minlength=len(who.boxes) + 1)
+        lost, kept = int(split[other + 1]), int(split[k + 1])
+        if lost + kept > 0:
+            out.append((other, lost / (lost + kept)))
+    return sorted(out, key=lambda r: (-r[1], r[0]))
+
+
+def _neighbourhoods(rows: list[int], linked: Bools) -> list[list[int]]:
+    """Rows that lie over common blobs, directly or through others, in order."""
+    clusters: list[tuple[list[int], Bools]] = []
+    for i in rows:
+        together, blobs = [i], linked[i].copy()
+        rest = []
+        for members, theirs in clusters:
+            if bool((theirs & blobs).any()):
+                together, blobs = members + together, theirs | blobs
+            else:
+                rest.append((members, theirs))
+        clusters = [*rest, (together, blobs)]
+    return [sorted(members) for members, _ in sorted(clusters, key=lambda c: min(c[0]))]

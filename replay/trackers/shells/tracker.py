@@ -1,0 +1,372 @@
+"""SHELLS: virtual shells, event resolution, pixel membership; straight through, without joint objects.
+
+Per frame: predict; resolve who is alone and who shares (`resolve`), pixels where they are shared (`membership`); move
+every object by equation 9; resolve the relations' cases I to V on the new shells; settle identities after a JOINT
+(`identity`); learn from who is alone. What nobody explains may start new objects.
+
+Ties: objects in the order of their birth, detections and blobs in the order of the recording.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from reasoning.relations import Objects, RelationBook, RelationParameters
+from reasoning.shells import ShellParameters
+
+from recorders.messages import NO_BLOB, Box, Mode, Notice, Target, Targets
+from recorders.segmentation.sizes import SizeModel
+from replay.membership import LabelImage
+from replay.trackers.association import assign, iou
+from replay.trackers.shells import births
+from replay.trackers.shells.births import Free
+from replay.trackers.shells.colours import bins_of, histogram, signature
+from replay.trackers.shells.foreground import Foreground
+from replay.trackers.shells.identity import Doubts
+from replay.trackers.shells.objects import TENTATIVE, Bodies, Body
+from replay.trackers.shells.parameters import ShellsParameters
+from replay.trackers.shells.resolve import Found, Resolver
+from replay.trackers.shells.resolve import Frame as Seen
+from replay.trackers.tracker import Frame, SceneInfo, State
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+NS = 1e-9
+
+
+class ShellsTracker:
+    """The SHELLS tracker: see `replay.trackers.tracker.Tracker`."""
+
+    def __init__(
+        self, scene: SceneInfo, parameters: ShellsParameters, shell: ShellParameters, relation: RelationParameters
+    ) -> None:
+        self._scene = scene
+        self._p = parameters
+        self._k_s = shell.k_s
+        self._bodies = Bodies(parameters)
+        self._book = RelationBook(relation)
+        self._doubts = Doubts()
+        frame_s = max(1e-3, scene.frame_ns * NS)
+        self._learn_every = max(1, round(parameters.learn_s / frame_s))
+        self._look_frames = max(2, round(0.5 * parameters.probation_s / frame_s))
+        self._next_id = 1
+        self._time_ns: int | None = None
+        self._extra: tuple[tuple[str, bytes], ...] = ()
+
+    # -- the frame -------------------------------------------------------------------------------------------------
+
+    def step(self, frame: Frame) -> Targets:
+        """Take the next frame, answer with all targets, by id."""
+        notices: list[Notice] = []
+        dt = 0.0 if self._time_ns is None else (frame.time_ns - self._time_ns) * NS
+        self._time_ns = frame.time_ns
+        self._bodies.predict(dt)
+        self._lean(SizeModel.from_list(frame.detections.size_model))
+        for body in self._bodies.items:
+            body.begin_frame()
+        radii = self._bodies.radii(self._k_s)
+        found: dict[int, Found] = {}
+        if frame.mask is not None:
+            free, found = self._resolve(frame, frame.mask, radii, dt)
+        else:
+            free = births.boxes_alone(frame)
+        used = self._associate(frame, free, radii)
+        self._start(frame, free, used)
+        self._confirm(frame, notices)
+        found = self._settle(frame, found, notices)
+        self._relate(frame)
+        self._learn(frame, found)
+        self._extra = self._label(frame, found)
+        self._age(frame, notices)
+        return self._answer(frame, notices)
+
+    def extra_payloads(self) -> tuple[tuple[str, bytes], ...]:
+        """The membership channel's payload for the last frame."""
+        return self._extra
+
+    def _lean(self, model: SizeModel | None) -> None:
+        """Objects whose size was not measured in the last frame lean towards the size usual at their place."""
+        if model is None:
+            return
+        bank = self._bodies.bank
+        for row, body in enumerate(self._bodies.items):
+            if body.alone and body.observed:
+                continue
+            foot = bank.value[row, 1] + bank.value[row, 3] / 2
+            height = float(model.heights(np.array([foot]))[0])
+            expected = np.array([model.aspect * height, height])
+            noise = (self._p.body_spread * height) ** 2
+            gain = bank.p00[row, 2:] / (bank.p00[row, 2:] + noise)
+            bank.value[row, 2:] += gain * (expected - bank.value[row, 2:])
+            bank.p00[row, 2:] *= 1 - gain
+            bank.value[row, 1] = foot - bank.value[row, 3] / 2
+
+    def _resolve(
+        self, frame: Frame, mask: NDArray[np.uint8], radii: Floats, dt: float
+    ) -> tuple[Free, dict[int, Found]]:
+        """Find the confirmed objects in the foreground; what is left over are others."""
+        fg = Foreground(mask, frame.detections.components)
+        items = self._bodies.items
+        rows = np.array([k for k, b in enumerate(items) if b.id != TENTATIVE and not b.lost], np.intp)
+        blobs = np.array(frame.detections.blobs or [NO_BLOB] * len(frame.boxes), np.int64)
+        seen = Seen(fg, frame.boxes, blobs, lambda: frame.image)
+        resolver = Resolver(seen, self._bodies, rows, radii, self._p)
+        for row, at in sorted(resolver.found.items()):
+            self._observe(row, frame, at, dt)
+        for row, front in resolver.fronts.items():
+            items[row].front = front
+        return births.unexplained(frame, fg, resolver, self._p), resolver.found
+
+    def _observe(self, row: int, frame: Frame, at: Found, dt: float) -> None:
+        """Take what was found of an object (SHELLS 2.5)."""
+        body, p = self._bodies.items[row], self._p
+        x, y, w, h = at.box
+        self._bodies.move(row, (x + w / 2, y + h / 2), p.blend * at.weight)
+        if at.sized:
+            self._bodies.resize(row, w, h, p.size_blend)
+        body.misfit_s = body.misfit_s + dt if at.misfit else 0.0
+        body.seen_ns, body.observed, body.alone = frame.time_ns, True, at.alone
+        body.now = "motion" if at.alone else "appearance"
+        body.visible, body.blob, body.ellipse, body.front = at.visible, at.blob, at.ellipse, TENTATIVE
+        body.hidden_by = at.hidden_by
+        body.hits += 1
+        body.quality += (at.visible - body.quality) / min(body.hits, 10)
+        body.measured = at.box if at.sized else self._bodies.box(row)
+
+    def _associate(self, frame: Frame, free: Free, radii: Floats) -> NDArray[np.bool_]:
+        """What was not found takes what is free within its shell: confirmed objects first, then the new ones."""
+        used = np.zeros(len(free.boxes), bool)
+        items = self._bodies.items
+        stages = (
+            [k for k, b in enumerate(items) if b.id != TENTATIVE and not b.observed and not b.lost],
+            [k for k, b in enumerate(items) if b.id == TENTATIVE],
+        )
+        for stage in stages:
+            rows, columns = np.array(stage, np.intp), np.flatnonzero(~used)
+            for i, j in self._match(rows, free.boxes[columns], radii):
+                column = int(columns[j])
+                used[column] = True
+                self._sight(int(rows[i]), frame, free, column)
+        return used
+
+    def _match(self, rows: Rows, boxes: Floats, radii: Floats) -> list[tuple[int, int]]:
+        if not len(rows) or not len(boxes):
+            return []
+        centre = self._bodies.bank.value[rows, :2]
+        away = centre[:, None] - (boxes[:, :2] + boxes[:, 2:] / 2)[None]
+        gap = np.sqrt(away[..., 0] * away[..., 0] + away[..., 1] * away[..., 1]) / radii[rows][:, None]
+        size = self._bodies.bank.value[rows, 2] * self._bodies.bank.value[rows, 3]
+        ratio = np.abs(np.log(np.maximum(size, 1.0)[:, None] / (boxes[:, 2] * boxes[:, 3])[None]))
+        allowed = (gap <= 1.0) & (ratio <= 1.4)
+        return assign(gap + 1.0 - iou(self._bodies.boxes[rows], boxes) + 0.3 * ratio, allowed)
+
+    def _sight(self, row: int, frame: Frame, free: Free, column: int) -> None:
+        """An observation as a whole box: a blob, or a detection where there are no masks."""
+        body, p = self._bodies.items[row], self._p
+        x, y, w, h = free.boxes[column].tolist()
+        self._bodies.move(row, (x + w / 2, y + h / 2), p.blend)
+        self._bodies.resize(row, w, h, p.size_blend)
+        body.seen_ns, body.observed, body.now, body.front = frame.time_ns, True, "motion", TENTATIVE
+        body.measured, body.blob, body.visible = (x, y, w, h), int(free.blobs[column]), 1.0
+        body.hits += 1
+        body.quality += (1.0 - body.quality) / min(body.hits, 10)
+        if body.id == TENTATIVE:
+            body.sightings.append([float(frame.index), x, y, w, h])
+
+    def _start(self, frame: Frame, free: Free, used: NDArray[np.bool_]) -> None:
+        for column in np.flatnonzero(~used).tolist():
+            x, y, w, h = free.boxes[column].tolist()
+            body = Body(TENTATIVE, frame.index, frame.time_ns, frame.time_ns, blob=int(free.blobs[column]))
+            body.sightings.append([float(frame.index), x, y, w, h])
+            self._bodies.start((x, y, w, h), body)
+
+    def _confirm(self, frame: Frame, notices: list[Notice]) -> None:
+        for row, body in enumerate(self._bodies.items):
+            if body.id != TENTATIVE or not body.observed or body.hits < self._p.confirm_hits:
+                continue
+            if (frame.time_ns - body.born_ns) * NS < self._p.confirm_s:
+                continue
+            body.id = self._next_id
+            self._next_id += 1
+            body.newborn = True
+            body.area = births.area_of(self._bodies.box(row), body.blob, frame)
+            evidence = {"hits": body.hits, "first_frame": body.born, "sightings": body.sightings[:-1]}
+            notices.append(Notice("track_confirmed", [body.id], "EVENTS 2: enough support", evidence))
+            body.sightings = []
+
+    # -- relations, identities, learning ---------------------------------------------------------------------------
+
+    def _rows_by_id(self) -> list[tuple[int, int]]:
+        """(id, row) of the confirmed objects, by id."""
+        return sorted((b.id, k) for k, b in enumerate(self._bodies.items) if b.id != TENTATIVE)
+
+    def _relate(self, frame: Frame) -> None:
+        """Event resolution (SHELLS 2.3) on this frame's shells and blobs; pairs that are JOINT come into doubt."""
+        pairs = self._rows_by_id()
+        rows = np.array([k for _, k in pairs], np.intp)
+        items = [self._bodies.items[k] for k in rows.tolist()]
+        objects = Objects(
+            [b.id for b in items],
+            self._bodies.bank.value[rows, :2],
+            self._bodies.radii(self._k_s)[rows],
+            [b.blob if b.observed else NO_BLOB for b in items],
+            [b.observed for b in items],
+            [not b.lost for b in items],
+        )
+        self._book.step(frame.index, frame.time_ns, objects)
+        self._doubts.keep([b.id for b in items])
+        for edge in self._book.edges:
+            if edge.state == "JOINT":
+                self._doubts.joined(edge.a, edge.b)
+
+    def _learn(self, frame: Frame, found: dict[int, Found]) -> None:
+        """Learn mask, area and colours of who is alone: never in JOINT, nor while identities are in doubt."""
+        doubtful = set(self._doubts.alone())
+        due = frame.index % self._learn_every == 0
+        for row, at in sorted(found.items()):
+            body = self._bodies.items[row]
+            if not at.alone:
+                continue
+            body.learn_area(float(at.pixels), 0.3 if body.misfit_s else 0.1)
+            if not due and body.mask is not None:
+                continue
+            body.learn_mask(at.own)
+            x, y, w, h = at.box
+            if at.ellipse is not None:
+                body.centroid = ((at.ellipse.x - x) / w - 0.5, (at.ellipse.y - y) / h - 0.5)
+            if self._scene.has_images and body.id not in doubtful:
+                self._look(body, frame, at)
+
+    def _look(self, body: Body, frame: Frame, at: Found) -> None:
+        bins = self._bins(frame, at)
+        if bins is not None:
+            body.look(bins, at.own)
+
+    def _bins(self, frame: Frame, at: Found) -> NDArray[np.uint16] | None:
+        image = frame.image
+        if image is None:
+            return None
+        h, w = at.own.shape
+        return bins_of(image[at.top : at.top + h, at.left : at.left + w])
+
+    def _settle(self, frame: Frame, found: dict[int, Found], notices: list[Notice]) -> dict[int, Found]:
+        """Who is who among those that were JOINT and have blobs of their own again; what was found, by row, then."""
+        in_doubt = self._doubts.alone()
+        if not in_doubt or not self._scene.has_images:
+            return found
+        items = self._bodies.items
+        looks: dict[int, Floats] = {}
+        for row, at in sorted(found.items()):
+            if at.alone and items[row].id in in_doubt:
+                bins = self._bins(frame, at)
+                if bins is not None:
+                    looks[items[row].id] = histogram(bins, at.own)
+        self._doubts.see(looks)
+        rows = dict(self._rows_by_id())
+        apart = {
+            (a, b)
+            for a in in_doubt
+            for b in in_doubt
+            if a < b and a in rows and b in rows and self._book.get(a, b) is None
+        }
+        known = {i: items[k] for i, k in rows.items()}
+        for verdict in self._doubts.decide(known, apart, self._look_frames, self._p.exchange):
+            if verdict.exchanged:
+                a, b = rows[verdict.a], rows[verdict.b]
+                self._bodies.exchange(a, b)
+                found = {{a: b, b: a}.get(row, row): at for row, at in found.items()}
+                evidence = {"log_likelihood": verdict.evidence, "frames": verdict.frames, "margin": self._p.exchange}
+                rule = "SHELLS 2.3, ours: identities follow the colours after a JOINT"
+                notices.append(Notice("track_recovered", [verdict.a, verdict.b], rule, evidence))
+        return found
+
+    # -- life ------------------------------------------------------------------------------------------------------
+
+    def _age(self, frame: Frame, notices: list[Notice]) -> None:
+        """Confidence falls while an object is unseen; then it is lost, then removed."""
+        kept = []
+        for row, body in enumerate(self._bodies.items):
+            unseen = (frame.time_ns - body.seen_ns) * NS
+            if body.id == TENTATIVE:
+                if unseen <= self._p.tentative_s:
+                    kept.append(row)
+                continue
+            mode: Mode = body.now if body.observed else "predicted"
+            if mode != body.mode:
+                change = {"from": body.mode, "to": mode, "unseen_s": unseen}
+                notices.append(Notice("mode_changed", [body.id], "EVENTS 2: matching case", change))
+                body.mode = mode
+            body.confidence = body.quality * 0.5 ** (unseen / self._p.half_life_s)
+            lost = unseen > self._p.coast_s
+            if lost != body.lost:
+                kind = "track_lost" if lost else "track_recovered"
+                notices.append(Notice(kind, [body.id], "EVENTS 2: unseen for too long", {"unseen_s": unseen}))
+                body.lost = lost
+            if unseen > self._p.keep_s or self._outside(row):
+                evidence = {"unseen_s": unseen, "box": list(self._bodies.box(row))}
+                notices.append(Notice("track_removed", [body.id], "EVENTS 2: low quality", evidence))
+                continue
+            kept.append(row)
+        self._bodies.keep(kept)
+
+    def _outside(self, row: int) -> bool:
+        cx, cy = self._bodies.bank.value[row, :2].tolist()
+        return not (0 <= cx < self._scene.width and 0 <= cy < self._scene.height)
+
+    def _label(self, frame: Frame, found: dict[int, Found]) -> tuple[tuple[str, bytes], ...]:
+        """Each object's pixels as a label image."""
+        if not self._p.membership or frame.mask is None:
+            return ()
+        labels = LabelImage(self._scene.width, self._scene.height)
+        by_id = {self._bodies.items[row].id: at for row, at in found.items()}
+        for identity in sorted(by_id):
+            at = by_id[identity]
+            labels.put(identity, at.own, at.left, at.top)
+        return (("membership", labels.payload(frame.time_ns)),)
+
+    def _answer(self, frame: Frame, notices: list[Notice]) -> Targets:
+        targets = []
+        radii = self._bodies.radii(self._k_s)
+        for row, body in enumerate(self._bodies.items):
+            if body.id == TENTATIVE:
+                continue
+            vx, vy = self._bodies.bank.rate[row, :2].tolist()
+            box: Box = self._bodies.box(row)
+            targets.append(
+                Target(
+                    body.id,
+                    box,
+                    (vx, vy),
+                    body.mode,
+                    min(1.0, max(0.0, body.confidence)),
+                    present=not body.lost,
+                    observed=body.observed,
+                    blob=body.blob if body.observed else NO_BLOB,
+                    newborn=body.newborn,
+                    born_of_split=body.newborn and body.split,
+                    ellipse=body.ellipse,
+                    shell_radius=float(radii[row]),
+                    measured=body.measured,
+                    signature=signature(body.colours) if body.signed and body.colours is not None else [],
+                )
+            )
+        return Targets(frame.index, sorted(targets, key=lambda t: t.id), None, notices)
+
+    def state(self) -> State:
+        """The whole state as plain data."""
+        return {
+            "next_id": self._next_id,
+            "time_ns": self._time_ns,
+            "bodies": self._bodies.state(),
+            "book": self._book.state(),
+            "doubts": self._doubts.state(),
+        }
+
+    def restore(self, state: State) -> None:
+        """Continue from what `state` gave."""
+        self._next_id = state["next_id"]
+        self._time_ns = state["time_ns"]
+        self._bodies.restore(state["bodies"])
+        self._book.restore(state["book"])
+        self._doubts.restore(state["doubts"])
+
