@@ -270,6 +270,8 @@ class Case:
         except duckdb.PermissionException as e:
             raise QueryError(f"SQL: refused, a query may read the tables and nothing else: {_first_line(e)}") from e
         except (duckdb.Error, RuntimeError) as e:
+            if "'pytz'" in str(e):  # DuckDB hands time zones to Python through a package that is not ours to ask for
+                raise QueryError("SQL: show a TIMESTAMP WITH TIME ZONE as text: CAST(... AS VARCHAR)") from e
             raise QueryError(f"SQL: {_told(e)}") from e
         finally:
             timer.cancel()

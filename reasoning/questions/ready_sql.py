@@ -170,7 +170,8 @@ directed AS (
   SELECT recording, a AS giver, b AS taker, start_t, end_t, why FROM contact
   UNION ALL SELECT recording, b, a, start_t, end_t, why FROM contact),
 reached(recording, track, t, contacts, via, explain) USING KEY (recording, track) AS (
-  SELECT DISTINCT r.recording, $a, $since, 0, CAST([] AS INTEGER[]), CAST([] AS VARCHAR[])
+  SELECT DISTINCT r.recording, CAST($a AS INTEGER), CAST($since AS DOUBLE), 0,
+    CAST([] AS INTEGER[]), CAST([] AS VARCHAR[])
   FROM directed r WHERE giver = $a
   UNION (
     SELECT d.recording, d.taker, min(greatest(s.t, d.start_t)), any_value(s.contacts) + 1,

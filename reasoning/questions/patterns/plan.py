@@ -92,7 +92,7 @@ class _Plan:
         first, last = _least([f"{n}.s" for n in wanted]), _greatest([f"{n}.e" for n in wanted])
         first_t, last_t = _least([f"{n}.st" for n in wanted]), _greatest([f"{n}.et" for n in wanted])
         if self._pattern.within_s is not None:
-            self._conditions.append(f"{last_t} - {first_t} <= {self._pattern.within_s!r}")
+            self._conditions.append(_compared(f"{last_t} - {first_t}", Bound("lasts", "<=", self._pattern.within_s)))
         self._absences(spans)
         columns = [f"{column} AS {_quoted(name)}" for name, column in self._bound.items()]
         columns += [f"{first} AS start_frame", f"{last} AS end_frame", f"{first_t} AS start_t", f"{last_t} AS end_t"]
@@ -236,7 +236,8 @@ def _in_a_row(rows: str, keys: list[str], item: Item) -> str:
 
 
 def _compared(value: str, bound: Bound) -> str:
-    return f"{value} {bound.compare} {bound.seconds!r}"
+    # To the microsecond: a difference of two times is off by more than their own last digit.
+    return f"round({value}, 6) {bound.compare} {bound.seconds!r}"
 
 
 def _least(values: list[str]) -> str:

@@ -1,0 +1,187 @@
+"""Encounters: who is together and who only passes; the same in any scale and order; live never looks ahead."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from reasoning.encounters import EncounterParameters, History, find_encounters, near, still
+from reasoning.encounters.pair import running_median, spans
+from recorders.errors import ConfigError
+
+FPS = 25.0
+H = 80.0
+
+
+def walk(xs: np.ndarray, y: float = 200.0, first: int = 0) -> History:
+    """A person of height H whose standing point goes along xs at height y."""
+    n = len(xs)
+    boxes = np.stack([xs - 15.0, np.full(n, y - H), np.full(n, 30.0), np.full(n, H)], axis=1)
+    frames = np.arange(first, first + n)
+    return History(frames, frames / FPS, boxes.astype(np.float64))
+
+
+def meet_and_part() -> dict[int, History]:
+    """1 comes to 2 at 100 px/s, stays 6 s at 0.75 H, and goes; a walk of 500 px on either side."""
+    come = np.arange(0.0, 500.0, 4.0)
+    path = np.concatenate([come, np.full(150, 500.0), come[::-1]])
+    return {1: walk(path), 2: walk(np.full(len(path), 560.0))}
+
+
+def test_two_who_meet_are_one_encounter() -> None:
+    (found,) = find_encounters(meet_and_part())
+    assert (found.a, found.b, found.kind) == (1, 2, "meeting")
+    p = EncounterParameters()
+    # The onset is back-dated to when they came within far_sizes: 560 - 3 x 80 = 320 px, frame 80.
+    assert abs(found.start_frame - (560 - p.far_sizes * H) / 4) <= 4
+    assert found.sure_frame > found.start_frame + 20
+    assert found.phases[0].start_frame == found.start_frame
+    assert found.phases[-1].end_frame == found.end_frame
+    assert found.phases[-1].kind == "separation"
+    assert 0.5 < found.confidence < 1
+    assert found.near_s == pytest.approx(6.0, abs=1.5)
+
+
+def test_two_who_pass_are_none() -> None:
+    there = np.arange(0.0, 1000.0, 4.0)
+    assert find_encounters({1: walk(there), 2: walk(there[::-1], 230.0)}) == []
+
+
+def test_two_who_walk_together_are_moving() -> None:
+    path = np.arange(0.0, 1000.0, 3.0)
+    (found,) = find_encounters({4: walk(path), 9: walk(path + 50, 210.0)})
+    assert found.kind == "moving"
+    assert (found.start_frame, found.end_frame) == (0, len(path) - 1)
+
+
+def test_overtaking_slowly_beside_another_lane_is_none() -> None:
+    path = np.arange(0.0, 900.0, 3.0)
+    assert find_encounters({1: walk(path), 2: walk(path + 10, 200.0 + 4 * H)}) == []
+
+
+def test_joint_makes_contact() -> None:
+    path = np.full(200, 300.0)
+    pair = {1: walk(path), 2: walk(path + 40)}
+    assert {p.kind for e in find_encounters(pair) for p in e.phases} == {"meeting"}
+    (found,) = find_encounters(pair, joint={(1, 2): [(50, 180)]})
+    assert found.kind == "contact"
+    assert [(p.kind, p.start_frame, p.end_frame) for p in found.phases][1] == ("contact", 50, 180)
+
+
+def test_a_gap_splits_and_a_short_one_does_not() -> None:
+    path = np.full(400, 300.0)
+    whole, other = walk(path), walk(path + 40)
+    for missing, count in ((20, 1), (80, 2)):
+        keep = np.r_[0:150, 150 + missing : 400]
+        holed = History(whole.frames[keep], whole.times_s[keep], whole.boxes[keep])
+        assert len(find_encounters({1: holed, 2: other})) == count
+
+
+def test_nobody_and_single_frames() -> None:
+    empty = History(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 4)))
+    assert find_encounters({}) == []
+    assert find_encounters({1: empty, 2: walk(np.zeros(5))}) == []
+    assert find_encounters({1: walk(np.zeros(1)), 2: walk(np.zeros(1))}) == []
+    assert still(empty) == []
+
+
+def test_parameters_are_checked() -> None:
+    with pytest.raises(ConfigError, match="near_sizes"):
+        EncounterParameters(near_sizes=0)
+
+
+@given(st.integers(0, 10_000), st.floats(0.25, 8.0))
+@settings(max_examples=25, deadline=None)
+def test_neither_scale_nor_order_nor_place_matters(seed: int, scale: float) -> None:
+    rng = np.random.default_rng(seed)
+    people = {i: walk(np.cumsum(rng.normal(0, 3, 200)) + 120 * i, 200.0 + 10 * i) for i in range(4)}
+    moved = {i: History(h.frames, h.times_s, h.boxes * scale) for i, h in reversed(people.items())}
+    one, two = find_encounters(people), find_encounters(moved)
+    assert [(e.a, e.b, e.kind, e.start_frame, e.end_frame) for e in one] == [
+        (e.a, e.b, e.kind, e.start_frame, e.end_frame) for e in two
+    ]
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=20, deadline=None)
+def test_live_onsets_never_look_ahead(seed: int) -> None:
+    """What live mode announced by frame n is announced by a recording that ends in frame n."""
+    rng = np.random.default_rng(seed)
+    people = {i: walk(np.cumsum(rng.normal(0, 4, 240)) + 100 * i) for i in range(3)}
+    cut = 160
+    short = {i: History(h.frames[:cut], h.times_s[:cut], h.boxes[:cut]) for i, h in people.items()}
+    whole = {(e.a, e.b, e.start_frame) for e in find_encounters(people, live=True) if e.start_frame < cut}
+    assert whole == {(e.a, e.b, e.start_frame) for e in find_encounters(short, live=True)}
+
+
+@given(st.lists(st.booleans(), max_size=60))
+def test_spans_cover_exactly_what_is_true(values: list[bool]) -> None:
+    mask = np.array(values, bool)
+    rebuilt = np.zeros(len(mask), bool)
+    found = spans(mask)
+    for start, end in found:
+        rebuilt[start : end + 1] = True
+    assert (rebuilt == mask).all()
+    assert all(b[0] > a[1] + 1 for a, b in pairwise(found))
+
+
+def test_a_causal_median_uses_the_past_alone() -> None:
+    values = np.array([0.0, 0, 0, 9, 9, 9, 9])
+    assert running_median(values, 1).tolist() == [0, 0, 0, 9, 9, 9, 9]
+    assert running_median(values, 1, causal=True).tolist() == [0, 0, 0, 0, 9, 9, 9]
+
+
+def test_still_and_near() -> None:
+    path = np.concatenate([np.arange(0.0, 300.0, 4.0), np.full(100, 300.0), np.arange(300.0, 700.0, 4.0)])
+    (stood,) = still(walk(path))
+    assert abs(stood.start_frame - 75) <= 15
+    assert abs(stood.end_frame - 175) <= 15
+    (close,) = [s for a, b, s in near({1: walk(path), 2: walk(np.full(len(path), 330.0))})]
+    assert close.start_frame < 75 < 175 < close.end_frame
+
+
+@pytest.fixture(scope="module")
+def bench(real_data: Path):
+    folder = Path(__file__).parents[2] / "benchmarks"
+    loaded = {}
+    for name in ("caviar", "bench_encounters"):
+        spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
+        assert spec is not None
+        assert spec.loader is not None
+        loaded[name] = sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(loaded[name])
+    sequences = [loaded["caviar"].read(p) for p in sorted((real_data / "caviar").glob("*.xml"))]
+    yield loaded["caviar"], loaded["bench_encounters"], sequences
+    for name in loaded:
+        del sys.modules[name]
+
+
+@pytest.mark.real
+def test_caviar_truth_is_what_the_labels_say(bench) -> None:
+    _, _, sequences = bench
+    assert len(sequences) == 12
+    assert sum(len(s.together) for s in sequences) == 15
+    assert [(x.a, x.b, x.start, x.end) for s in sequences if s.name == "Meet_WalkSplit" for x in s.together] == [
+        (1, 3, 100, 300)
+    ]
+    assert [sorted(s.things) for s in sequences if s.name.startswith("LeftBag")] == [[4], [4]]
+
+
+@pytest.mark.real
+def test_caviar_leave_one_out(bench) -> None:
+    caviar, module, sequences = bench
+    scored = module.leave_one_out(sequences)
+    frame, interval, onset = caviar.f1(scored.held_out.sum(axis=0))
+    assert frame >= 0.93
+    assert interval >= 0.92
+    assert onset >= 0.85
+    live = caviar.f1(scored.live.sum(axis=0))
+    assert live[0] >= 0.86
+    assert live[2] >= 0.45

@@ -1,0 +1,183 @@
+"""The ready questions on a small story whose answers are known, and what they say when asked wrongly."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from reasoning.questions import Case
+from reasoning.questions.explain import explain
+from reasoning.questions.ready import QUESTIONS, Options, question
+from reasoning.questions.values import Moment, duration, identity, moment
+from recorders.errors import UsageError
+
+
+@pytest.fixture(scope="module")
+def case(meeting_log: Path):
+    with Case([meeting_log]) as c:
+        yield c
+
+
+def ask(case: Case, name: str, *words: str, **options) -> list[dict]:
+    answer = case.sql(question(name).sql(words, Options(**options)))
+    return [dict(zip(answer.columns, row, strict=True)) for row in answer.rows]
+
+
+def test_met(case: Case) -> None:
+    (row,) = ask(case, "met", "1")
+    assert (row["other"], row["start_frame"], row["end_frame"], row["joint_s"]) == (2, 40, 179, 1.96)
+    assert row["explain"] == "relation:1-2@40"
+    assert [r["other"] for r in ask(case, "met", "2")] == [1, 3]
+    assert [r["start_frame"] for r in ask(case, "met", "3", "2")] == [170]
+    assert ask(case, "met", "1", "4") == []
+    assert ask(case, "met", "1", recording="elsewhere") == []
+
+
+def test_together(case: Case) -> None:
+    (row,) = ask(case, "together", "2", "1")
+    assert (row["a"], row["b"], row["kind"]) == (1, 2, "meeting")
+    assert row["confidence"] > 0
+
+
+def test_left_with(case: Case) -> None:
+    (row,) = ask(case, "left-with", "2", within_s=5.0)
+    assert (row["other"], row["track_left_t"], row["other_left_t"]) == (3, 10.0, 11.2)
+    assert ask(case, "left-with", "2", within_s=1.0) == []
+    assert ask(case, "left-with", "1") == []
+
+
+def test_who_was_in(case: Case) -> None:
+    assert [r["track"] for r in ask(case, "who-was-in", "bench", at=moment("frame:170"))] == [3, 4]
+    assert [r["track"] for r in ask(case, "who-was-in", "bench", at=moment("2.5"))] == [3]
+    assert [r["track"] for r in ask(case, "who-was-in", "scene", at=moment("2023-11-14T22:13:20.1Z"))] == [1]
+    assert ask(case, "who-was-in", "nowhere' OR '1'='1", at=moment("2.5")) == []
+
+
+def test_loitered(case: Case) -> None:
+    assert [r["track"] for r in ask(case, "loitered", "bench", least_s=1.0)] == [3, 4]
+    assert [r["track"] for r in ask(case, "loitered", "bench", least_s=5.0)] == [3]
+    assert ask(case, "loitered", "bench") == []
+    assert [r["track"] for r in ask(case, "loitered", "scene", least_s=11.9)] == [1]
+
+
+def test_loitering_closes_gaps(tmp_path: Path, story_type, write_story) -> None:
+    story = story_type(100, {1: (0, 99, (9.0, 9.0, 9.0, 9.0), (0.0, 0.0))},
+                       zones=[(1, "door", 0, 39), (1, "door", 50, 99)])  # fmt: skip
+    with Case([write_story(story, tmp_path / "gap.mcap")]) as c:
+        assert [(r["start_frame"], r["end_frame"]) for r in ask(c, "loitered", "door", least_s=3.0)] == [(0, 99)]
+        assert ask(c, "loitered", "door", least_s=3.0, gap_s=0.1) == []
+
+
+def test_entered_never_left(case: Case) -> None:
+    assert [(r["track"], r["there_at_the_end"]) for r in ask(case, "entered-never-left")] == [(1, True), (4, True)]
+
+
+def test_grouping_and_splitting(case: Case) -> None:
+    (row,) = ask(case, "grouping-and-splitting")
+    assert (row["track"], row["start_frame"], row["end_frame"]) == (2, 170, 179)
+    assert (row["grouping_with"], row["splitting_from"]) == ([3], [1])
+
+
+def test_group_history(case: Case) -> None:
+    assert [(r["is"], r["group_id"]) for r in ask(case, "group-history", "3")] == [("ancestor", 2), ("itself", 3)]
+    assert [(r["is"], r["group_id"]) for r in ask(case, "group-history", "2")] == [("itself", 2), ("descendant", 3)]
+    assert ask(case, "group-history", "99") == []
+
+
+def test_a_history_that_bites_its_tail_ends(tmp_path: Path, story_type, write_story) -> None:
+    box = (9.0, 9.0, 9.0, 9.0)
+    story = story_type(30, {1: (0, 29, box, (0.0, 0.0)), 2: (0, 29, box, (0.0, 0.0))},
+                       groups=[(1, [1, 2], 0, 9, [2]), (2, [1, 2], 10, 19, [1])])  # fmt: skip
+    with Case([write_story(story, tmp_path / "loop.mcap")]) as c:
+        assert {r["group_id"] for r in ask(c, "group-history", "1")} == {1, 2}
+
+
+def test_before(case: Case) -> None:
+    rows = ask(case, "before", "9", within_s=60.0)
+    assert {(r["subject"], r["other"]) for r in rows} >= {(2, 3), (3, 4), (4, 3), (2, 1)}
+    assert all(r["until_t"] <= 9.64 for r in rows)
+    near = ask(case, "before", "event:9", within_s=0.5)
+    assert all(r["seconds_before"] <= 0.5 for r in near)
+    assert len(near) < len(rows)
+
+
+def test_contacts(case: Case) -> None:
+    rows = ask(case, "contacts", "1")
+    assert [(r["track"], r["contacts"], r["via"]) for r in rows] == [(2, 1, [1]), (3, 2, [1, 2]), (4, 3, [1, 2, 3])]
+    assert [r["track"] for r in ask(case, "contacts", "1", depth=2)] == [2, 3]
+    # Back in time nothing passes on: 4 meets 3 after 3 met 2, and 2 is no longer near then.
+    assert [r["track"] for r in ask(case, "contacts", "4", at=moment("frame:205"))] == [3]
+    assert [r["track"] for r in ask(case, "contacts", "1", by="joint")] == [2]
+    assert [r["track"] for r in ask(case, "contacts", "1", by="groups")] == [2, 3, 4]
+    assert ask(case, "contacts", "1", by="encounters")[0]["track"] == 2
+
+
+def test_timeline(case: Case) -> None:
+    rows = ask(case, "timeline", "2")
+    assert [r["start_t"] for r in rows] == sorted(r["start_t"] for r in rows)
+    assert {"present", "INTERACTION", "JOINT", "group 1", "event exited"} <= {r["what"] for r in rows}
+
+
+def test_every_row_can_be_explained(case: Case) -> None:
+    asked = [
+        ("met", ["1"], {}), ("together", ["1", "2"], {}), ("left-with", ["2"], {"within_s": 5.0}),
+        ("who-was-in", ["bench"], {"at": moment("7")}), ("loitered", ["bench"], {"least_s": 1.0}),
+        ("entered-never-left", [], {}), ("grouping-and-splitting", [], {}), ("group-history", ["3"], {}),
+        ("before", ["9"], {}), ("contacts", ["1"], {}), ("timeline", ["2"], {}), ("timeline", ["3"], {}),
+    ]  # fmt: skip
+    assert {name for name, _, _ in asked} == set(QUESTIONS)
+    for name, words, options in asked:
+        rows = ask(case, name, *words, **options)
+        assert rows, name
+        for row in rows:
+            for reference in row["explain"].split():
+                found = explain(case, reference)
+                assert found.text
+                assert found.rule
+                assert found.lines()[0].startswith(found.reference)
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "options", "said"),
+    [
+        ("met", [], {}, "0 arguments"),
+        ("met", ["1", "2", "3"], {}, "3 arguments"),
+        ("met", ["one"], {}, "id 'one'"),
+        ("met", ["1 OR 1=1"], {}, "id '1 OR 1=1'"),
+        ("met", ["99999999999"], {}, "id '99999999999'"),
+        ("together", ["1", "1"], {}, "two different"),
+        ("who-was-in", ["bench"], {}, "give --at"),
+        ("contacts", ["1"], {"depth": 0}, "--depth 0"),
+        ("contacts", ["1"], {"by": "mail"}, "--by mail"),
+    ],
+)
+def test_wrong_questions(name: str, words: list[str], options: dict, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        question(name).sql(words, Options(**options))
+
+
+def test_unknown_question_names_the_known() -> None:
+    with pytest.raises(UsageError, match="grouping-and-splitting"):
+        question("whodunnit")
+
+
+def test_values() -> None:
+    assert [duration(t) for t in ("30", "30s", "500ms", "2min", "1.5h", ".5")] == [30, 30, 0.5, 120, 5400, 0.5]
+    for bad in ("", "s", "3 days", "-1", "1e9", "99999999999"):
+        with pytest.raises(UsageError, match="duration"):
+            duration(bad)
+    assert moment("frame:12") == Moment(frame=12)
+    assert moment("12.5s") == Moment(seconds=12.5)
+    assert moment("2026-01-31T12:00:00.25+01:00") == Moment(since_ns=1769857200250000000)
+    for bad in ("noon", "2026-01-31T12:00:00", "frame:x"):
+        with pytest.raises(UsageError, match="time"):
+            moment(bad)
+    assert identity("12") == 12
+
+
+def test_explain_says_what_it_takes(case: Case) -> None:
+    with pytest.raises(UsageError, match="relation:1-2@40"):
+        explain(case, "because")
+    with pytest.raises(UsageError, match="event:999: there is none"):
+        explain(case, "999")
