@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 from msgspec.structs import replace
 
 from recorders.messages import GroupTrack, Notice, Target, Targets
@@ -22,10 +23,12 @@ from recorders.scene import SceneInfo
 from replay.hindsight.fragments import Fragment, Sighting, gather, typical_size
 from replay.hindsight.joining import Join, join
 from replay.hindsight.parameters import HindsightParameters
-from replay.hindsight.smoothing import smooth
+from replay.hindsight.smoothing import likelihood, smooth
 
 _BLOCK = 64
+_LIVELINESS = (0.25, 1.0, 4.0, 16.0, 64.0)
 _RULE = "EVENTS hindsight"
+Floats = NDArray[np.float64]
 Reading = Callable[[], Iterable[Targets]]
 
 
@@ -165,7 +168,7 @@ class _Writer:
                     row.boxes.append(box)
         return rows
 
-    def _smooth(self, rows: list[_Row], start: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    def _smooth(self, rows: list[_Row], start: int, frames: int) -> tuple[Floats, Floats]:
         p = self._p
         measured = np.zeros((frames, len(rows), 4))
         seen = np.zeros((frames, len(rows)), bool)
@@ -183,6 +186,7 @@ class _Writer:
         agility = np.array([p.agility, p.agility, p.size_agility, p.size_agility])
         variance, acceleration = (size[:, None] * noise) ** 2, (size[:, None] * agility) ** 2
         rate = (size[:, None] * np.array([1.5, 1.5, 0.2, 0.2])) ** 2
+        acceleration *= _liveliness(measured, seen, steps, (variance, acceleration, rate))
         return smooth(measured, seen, steps, variance, acceleration, rate)
 
     def _groups(self, answer: Targets, out: list[Target]) -> list[GroupTrack] | None:
@@ -237,7 +241,30 @@ class _Writer:
         return notices
 
 
-def _target(row: _Row, at: int, forward: Target | None, value: np.ndarray, rate: np.ndarray) -> Target:
+def _liveliness(
+    measured: Floats, seen: NDArray[np.bool_], steps: Floats, model: tuple[Floats, Floats, Floats]
+) -> Floats:
+    """How much livelier or calmer than the parameters each path is: multiples of the acceleration's variance, (N, D).
+
+    Of `_LIVELINESS` the likeliest, one for the place and one for the size; of equals the calmer.
+    """
+    variance, acceleration, rate = model
+    several = len(_LIVELINESS)
+    factors = np.repeat(np.array(_LIVELINESS), len(variance))[:, None]
+    found = likelihood(
+        np.tile(measured, (1, several, 1)),
+        np.tile(seen, (1, several)),
+        steps,
+        np.tile(variance, (several, 1)),
+        np.tile(acceleration, (several, 1)) * factors,
+        np.tile(rate, (several, 1)),
+    ).reshape(several, len(variance), 4)
+    place, size = found[:, :, :2].sum(axis=2), found[:, :, 2:].sum(axis=2)
+    best = [np.array(_LIVELINESS)[np.argmax(np.round(v * 2.0**20), axis=0)] for v in (place, size)]
+    return np.stack([best[0], best[0], best[1], best[1]], axis=1)
+
+
+def _target(row: _Row, at: int, forward: Target | None, value: Floats, rate: Floats) -> Target:
     """A target of the rewritten frame: smoothed place, everything else as the forward pass had it."""
     cx, cy, w, h = value.tolist()
     w, h = max(w, 1.0), max(h, 1.0)

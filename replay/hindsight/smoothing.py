@@ -31,6 +31,27 @@ def smooth(
     Returns:
         Smoothed values and rates, (T, N, D) each; rows before their first measurement hold that measurement.
     """
+    after, before, first = _forward(measured, seen, steps_s, variance, acceleration, rate)
+    return _backward(after, before, steps_s, first)
+
+
+def likelihood(
+    measured: Floats, seen: NDArray[np.bool_], steps_s: Floats, variance: Floats, acceleration: Floats, rate: Floats
+) -> Floats:
+    """Log likelihood of each path and component under the filter, (N, D), constants left out; as for `smooth`."""
+    _, before, first = _forward(measured, seen, steps_s, variance, acceleration, rate)
+    later = seen & (np.arange(len(measured))[:, None] > first)
+    spread = before["p00"] + variance
+    residual = measured - before["value"]
+    return np.asarray(
+        np.where(later[:, :, None], -0.5 * (residual * residual / spread + np.log(spread)), 0).sum(axis=0)
+    )
+
+
+def _forward(
+    measured: Floats, seen: NDArray[np.bool_], steps_s: Floats, variance: Floats, acceleration: Floats, rate: Floats
+) -> tuple[dict[str, Floats], dict[str, Floats], NDArray[np.intp]]:
+    """The filter's estimates after and before each frame's measurements, and each row's first frame."""
     frames, count, components = measured.shape
     first = np.argmax(seen, axis=0)
     bank = KalmanBank(components)
@@ -48,7 +69,7 @@ def smooth(
             bank.update(rows, measured[t, rows], variance[rows])
         for name in _NAMES:
             after[name][t] = getattr(bank, name)
-    return _backward(after, before, steps_s, first)
+    return after, before, first
 
 
 def _backward(

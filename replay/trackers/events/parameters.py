@@ -26,6 +26,9 @@ class EventsParameters(Parameters):
         0.12, "standard deviation of bodies' sizes around the learnt model", unit="heights", low=0.001, high=10.0
     )
     speed: float = param(1.5, "standard deviation of a new target's speed", unit="sizes/s", low=0.0, high=1e3)
+    surprise: float = param(
+        1.5, "from this innovation on a manoeuvre is assumed", unit="standard deviations", low=0.1, high=1e6
+    )
     gate: float = param(4.0, "furthest innovation that is associated", unit="standard deviations", low=0.1, high=100.0)
     min_overlap: float = param(0.2, "least IoU of a detection with the predicted box", low=0.0, high=1.0)
     high_score: float = param(0.7, "detections from this score on may start tracks", low=0.0, high=1.0)

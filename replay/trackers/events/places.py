@@ -134,6 +134,8 @@ class Expected:
         boxes: (N, 4) predicted boxes.
         reach: (N,) standard deviations of the predicted places, pixels.
         doubt: (N, 2) standard deviations of the predicted widths and heights, pixels.
+        axes: (N, 2) their ellipses' major and minor axes, pixels.
+        upright: they stand upright, so a body's width and height tell; if not, its axes do, however it turns.
         patient: (N,) bool: these have not fitted their blob for so long that it is believed.
     """
 
@@ -141,6 +143,8 @@ class Expected:
     reach: Floats
     doubt: Floats
     patient: NDArray[np.bool_]
+    axes: Floats
+    upright: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,7 +303,13 @@ def _fits(expected: Expected, fg: Foreground, p: EventsParameters) -> NDArray[np
     low = ratio >= 1 / allowed
     low[..., 0] |= ((blobs[:, 0] <= 0) | (blobs[:, 0] + blobs[:, 2] >= width))[None, :]
     low[..., 1] |= ((blobs[:, 1] <= 0) | (blobs[:, 1] + blobs[:, 3] >= height))[None, :]
-    return np.asarray((low & (ratio <= allowed)).all(axis=2))
+    fits = (low & (ratio <= allowed)).all(axis=2)
+    if expected.upright:
+        return np.asarray(fits)
+    ellipses = np.array([(c.ellipse.h, c.ellipse.w) for c in fg.components]).reshape(-1, 2)
+    turned = ellipses[None] / np.maximum(expected.axes[:, None], 1.0)
+    allowed = allowed[..., ::-1]
+    return np.asarray(fits | ((turned <= allowed) & (turned >= 1 / allowed)).all(axis=2))
 
 
 def _clusters(rows: list[int], linked: NDArray[np.bool_]) -> list[list[int]]:

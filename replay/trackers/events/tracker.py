@@ -98,7 +98,15 @@ class EventsTracker:
         rows = [k for k, t in enumerate(items) if t.id != TENTATIVE and not t.lost]
         doubt = np.sqrt(bank.p00[rows])
         patient = np.array([items[r].misfit_s > self._p.patience_s for r in rows], bool)
-        expected = Expected(self._tracks.boxes[rows], doubt[:, :2].max(axis=1, initial=0.0), doubt[:, 2:4], patient)
+        model = SizeModel.from_list(frame.detections.size_model)
+        expected = Expected(
+            self._tracks.boxes[rows],
+            doubt[:, :2].max(axis=1, initial=0.0),
+            doubt[:, 2:4],
+            patient,
+            bank.value[rows, 4:6],
+            upright=model is not None,
+        )
 
         def look(which: list[int], cut: Cut) -> list[Likeness]:
             if not self._scene.has_images or frame.image is None:
@@ -110,7 +118,7 @@ class EventsTracker:
             if at is not None:
                 self._settle(row, frame, at, dt)
         kept = [at for at, r in zip(found, rows, strict=True) if at is not None and items[r].observed]
-        return _left_over(fg, kept, seen, SizeModel.from_list(frame.detections.size_model), self._p)
+        return _left_over(fg, kept, seen, model, self._p)
 
     def _settle(self, row: int, frame: Frame, at: Place, dt: float) -> None:
         """Take a place as an observation if enough foreground supports it."""

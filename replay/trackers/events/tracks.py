@@ -7,7 +7,7 @@ Only the centre has a rate: a size that went on changing while nobody can see it
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -22,6 +22,7 @@ from replay.trackers.kalman import KalmanBank
 Floats = NDArray[np.float64]
 TENTATIVE = -1
 COMPONENTS = 7
+_PLACE, _SHAPE = slice(0, 2), slice(2, 7)
 _TURN = 0.2
 """Standard deviation of a measured orientation, radians, and of its change in a second."""
 
@@ -152,7 +153,22 @@ class Tracks:
         if not sized:
             variance[:, :2] *= 4.0
             variance[:, 2:] = 1e12
+        else:
+            # The shape of a blob is its target's own, that of a detector's box is noise more often.
+            self._wake(row, measured, variance[0], (_PLACE, _SHAPE) if ellipse is not None else (_PLACE,))
         self.bank.update(np.array([row]), measured[None], variance)
+
+    def _wake(self, row: int, measured: Floats, variance: Floats, parts: Sequence[slice]) -> None:
+        """A target that turns or starts off surprises its filter: believe the prediction less, by the surprise."""
+        bank = self.bank
+        residual = measured - bank.value[row]
+        spread = (bank.p00[row] + variance) * (self._p.surprise * self._p.surprise)
+        surprise = residual * residual / spread
+        for part in parts:
+            factor = float(surprise[part].max())
+            if factor > 1.0:
+                for table in (bank.p00, bank.p01, bank.p11):
+                    table[row, part] *= min(factor, 25.0)
 
     def start(self, box: Box, ellipse: Ellipse | None, track: Track) -> None:
         """Append a track at a measured box and ellipse."""
