@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from recorders.messages import GroupTrack, Notice, Target, Targets
 from recorders.parameters import Config
