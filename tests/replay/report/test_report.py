@@ -1,4 +1,4 @@
-"""The report in a real browser: a quiet console, a filter that filters, a slider that moves, clicks that show frames."""
+"""The report in a real browser: a quiet console, a filter that filters, a slider that moves, clicks that show."""
 
 from __future__ import annotations
 
