@@ -9,7 +9,7 @@ from recorders.segmentation.blobs import Labels, components, ellipse_of
 from recorders.segmentation.explain import Explainer, Floats
 from recorders.segmentation.segmenter import Image
 from recorders.segmentation.sizes import MIN_BLOBS, SizeModel, learn
-from recorders.segmentation.touching import single_areas, split
+from recorders.segmentation.touching import bodies_in, single_areas, split
 from recorders.vision import cv2
 
 MAX_BLOBS = 4096
@@ -72,8 +72,9 @@ class Bodies:
             labels: (H, W) int32, the mask's components from 1.
             blobs: blob k - 1 is label k.
         """
-        boxes, scores, ellipses, ids = self._by_area(labels, blobs)
-        if self._explainer is not None and blobs:
+        if self._explainer is None or not blobs:
+            boxes, scores, ellipses, ids = self._by_area(labels, blobs)
+        else:
             found = self._explainer.explain(mask)
             boxes = [_clipped(box, self._width, self._height) for box in found.boxes]
             scores = [float(s) for s in found.scores]
@@ -107,6 +108,12 @@ class Bodies:
         ellipses: list[Ellipse | None] = []
         ids: list[int] = []
         for blob in blobs:
+            if bodies_in(blob, self._body_area) == 1:
+                boxes.append(blob.box)
+                scores.append(LONE_SCORE)
+                ellipses.append(blob.ellipse)
+                ids.append(blob.id)
+                continue
             x, y, w, h = (int(v) for v in blob.box)
             own = (labels[y : y + h, x : x + w] == blob.id).view(np.uint8) * np.uint8(255)
             parts = split(own, own, self._body_area)

@@ -40,7 +40,7 @@ def _fill(blob: Blob) -> float:
     return blob.area / max(1.0, math.pi / 4 * blob.ellipse.h * blob.ellipse.w)
 
 
-def _bodies_in(core: Blob, body_area: float) -> int:
+def bodies_in(core: Blob, body_area: float) -> int:
     """How many bodies a core is made of."""
     if body_area <= 0:
         return 1
@@ -65,7 +65,7 @@ def split(own: Image, core: Image, body_area: float) -> list[Image]:
     groups = np.zeros(own.shape, np.int64)
     bodies = 0
     for part in cores:
-        wanted = _bodies_in(part, body_area)
+        wanted = bodies_in(part, body_area)
         y, x = np.nonzero(labels == part.id)
         groups[y, x] = bodies + 1 + _clusters(x.astype(np.float64), y.astype(np.float64), wanted)
         bodies += wanted
