@@ -194,6 +194,12 @@ def _check_detections(d: messages.Detections, limits: Limits) -> None:
     if bad.any():
         k = int(np.argmax(bad))
         raise ValueError(f"frame {d.frame}: box {k} is {d.boxes[k]}; wanted finite x, y and w, h over 0")
+    if not (d.width and d.height):
+        raise ValueError(f"frame {d.frame}: made for a picture of {d.width}x{d.height}")
+    beyond = (boxes[:, :2] >= (d.width, d.height)).any(axis=1) | (boxes[:, :2] + boxes[:, 2:] <= 0).any(axis=1)
+    if beyond.any():
+        k = int(np.argmax(beyond))
+        raise ValueError(f"frame {d.frame}: box {k} is {d.boxes[k]}, beyond the picture of {d.width}x{d.height}")
 
 
 def _stamp(target: Any, time_ns: int) -> None:
