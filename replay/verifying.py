@@ -32,9 +32,12 @@ __all__ = [
     "Difference",
     "FrameRecord",
     "Verification",
+    "both",
+    "difference_in",
     "facts_of",
     "first_unequal",
     "recorded_frames",
+    "short",
     "verify",
     "verify_chain",
 ]
@@ -246,12 +249,12 @@ def _first_difference(then: FrameRecord, now: Annotated) -> Difference | None:
 def difference_in(name: str, then: bytes | None, now: bytes | None) -> tuple[str, str, str]:
     """Where two payloads of a channel differ first: place in the message, both values, shortened."""
     if then is None or now is None or name not in channels.JSON_CHANNELS:
-        return "message", _short(then), _short(now)
+        return "message", short(then), short(now)
     try:
         a, b = (msgspec.json.decode(data) for data in (then, now))
     except (msgspec.MsgspecError, RecursionError):
-        return "message", _short(then), _short(now)
-    return first_unequal(a, b) or ("message", _short(then), _short(now))
+        return "message", short(then), short(now)
+    return first_unequal(a, b) or ("message", short(then), short(now))
 
 
 def first_unequal(a: Any, b: Any, place: str = "") -> tuple[str, str, str] | None:
@@ -267,12 +270,12 @@ def _unequal(a: Any, b: Any, place: str) -> Iterator[tuple[str, str, str]]:
         for k, (x, y) in enumerate(zip_longest(a, b)):
             yield from _unequal(x, y, f"{place}[{_row_name(x, y, k)}]")
     elif type(a) is not type(b):
-        yield place, _short(a), _short(b)
+        yield place, short(a), short(b)
     elif hasattr(a, "tobytes"):
         if (a.dtype, a.shape, a.tobytes()) != (b.dtype, b.shape, b.tobytes()):
-            yield place, _short(a.tolist()), _short(b.tolist())
+            yield place, short(a.tolist()), short(b.tolist())
     elif a != b:
-        yield place, _short(a), _short(b)
+        yield place, short(a), short(b)
 
 
 def _row_name(x: Any, y: Any, k: int) -> str:
@@ -282,6 +285,24 @@ def _row_name(x: Any, y: Any, k: int) -> str:
     return str(k)
 
 
-def _short(value: Any) -> str:
-    text = "nothing" if value is None else repr(value)
+def both(a: Any, b: Any) -> tuple[str, str]:
+    """Two unequal values for a line: numbers with as many digits as it takes to tell them apart, at least six."""
+    if isinstance(a, float) and isinstance(b, float):
+        for digits in range(6, 18):
+            x, y = f"{a:.{digits}g}", f"{b:.{digits}g}"
+            if x != y:
+                return x, y
+    if isinstance(a, list | tuple) and isinstance(b, list | tuple) and len(a) == len(b) and len(a) <= 8:
+        pairs = [both(x, y) if x != y else (short(x),) * 2 for x, y in zip(a, b, strict=True)]
+        return short_text(f"({', '.join(p[0] for p in pairs)})"), short_text(f"({', '.join(p[1] for p in pairs)})")
+    return short(a), short(b)
+
+
+def short(value: Any) -> str:
+    """A value in at most 60 characters."""
+    return short_text("nothing" if value is None else repr(value))
+
+
+def short_text(text: str) -> str:
+    """A text cut to 60 characters."""
     return text if len(text) <= 60 else text[:57] + "..."

@@ -1,98 +1,98 @@
-"""What an annotated log says happened, gathered from its frames in one reading."""
+"""What an annotated log says happened, gathered frame by frame: it grows with what happens, not with the frames."""
 
 from __future__ import annotations
 
 from array import array
+from bisect import bisect_left
 from dataclasses import dataclass, field
-from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
+import msgspec
 
-from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.messages import Event
-from replay.annotated import AnnotatedFrame, AnnotatedLog
+from replay.annotated import AnnotatedFrame
+from replay.compare.intervals import Interval, extend
 
 NANOS = 1_000_000_000
 
 
-@dataclass
-class Span:
-    """Something that lasts from a frame to a frame, both included."""
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """An event: what it is matched by, and the whole of it as JSON."""
 
+    id: int
+    kind: str
+    subjects: tuple[int, ...]
+    groups: tuple[int, ...]
+    frame: int
+    time_ns: int
+    whole: bytes
+
+    def event(self) -> Event:
+        """The event itself."""
+        return msgspec.json.decode(self.whole, type=Event)
+
+
+@dataclass
+class Lasting:
+    """A relation's or a group's members while it held without a break; ``label`` is a relation's state or a group's."""
+
+    label: str
+    members: tuple[int, ...]
     first: int
     last: int
 
 
 @dataclass
-class GroupLife(Span):
-    """A group's members while they stayed the same, under one label."""
-
-    label: int
-    members: tuple[int, ...]
-
-
-@dataclass
 class Content:
-    """An annotated log's tracks, events, relations and groups.
+    """One log's tracks, events, relations and groups.
 
     Attributes:
-        boxes: (N, 6) float64: frame, track, x, y, w, h; by frame, then track.
-        relations: (a, b, state) to the spans in which it held.
-        groups: by first frame.
+        frames: which frames there are.
+        tracks: in which frames each track is present.
+        events: in their order.
+        relations, groups: by first frame.
     """
 
-    path: Path
-    start_ns: int = 0
-    times: dict[int, int] = field(default_factory=dict)
-    rows: array[float] = field(default_factory=lambda: array("d"))
-    events: list[Event] = field(default_factory=list)
-    relations: dict[tuple[int, int, str], list[Span]] = field(default_factory=dict)
-    groups: list[GroupLife] = field(default_factory=list)
-    _alive: dict[int, GroupLife] = field(default_factory=dict)
+    frames: list[Interval] = field(default_factory=list)
+    tracks: dict[int, list[Interval]] = field(default_factory=dict)
+    events: list[Happening] = field(default_factory=list)
+    relations: list[Lasting] = field(default_factory=list)
+    groups: list[Lasting] = field(default_factory=list)
+    _numbers: array[int] = field(default_factory=lambda: array("q"))
+    _times: array[int] = field(default_factory=lambda: array("q"))
+    _alive: dict[tuple[str, str], Lasting] = field(default_factory=dict)
 
-    @property
-    def boxes(self) -> NDArray[np.float64]:
-        """All present tracks' boxes."""
-        return np.frombuffer(self.rows, np.float64).reshape(-1, 6) if self.rows else np.zeros((0, 6))
+    def time_ns(self, frame: int) -> int:
+        """A frame's log time; of a frame that is not there, that of the next one."""
+        at = min(bisect_left(self._numbers, frame), len(self._times) - 1)
+        return self._times[at] if self._times else 0
 
     def seconds(self, frame: int) -> float:
-        """A frame's time in seconds from the start."""
-        return (self.times.get(frame, self.start_ns) - self.start_ns) / NANOS
+        """A frame's time in seconds from the log's first frame, or from the recording's where that is frame 0."""
+        return (self.time_ns(frame) - self._times[0]) / NANOS if self._times else 0.0
 
     def add(self, frame: AnnotatedFrame) -> None:
         """Take the next frame in."""
         k = frame.index
-        if not self.times:
-            self.start_ns = frame.time_ns
-        self.times[k] = frame.time_ns
+        self._numbers.append(k)
+        self._times.append(frame.time_ns)
+        extend(self.frames, k)
         for track in frame.tracks:
             if track.present:
-                self.rows.extend((k, track.id, *track.box))
-        self.events += frame.events
+                extend(self.tracks.setdefault(track.id, []), k)
+        for e in frame.events:
+            whole = msgspec.json.encode(e)
+            self.events.append(Happening(e.id, e.kind, tuple(e.subjects), tuple(e.groups), k, e.time_ns, whole))
         for edge in frame.relations:
-            spans = self.relations.setdefault((edge.a, edge.b, edge.state), [])
-            if spans and spans[-1].last == k - 1:
-                spans[-1].last = k
-            else:
-                spans.append(Span(k, k))
+            self._last("relation", f"{edge.a} {edge.b} {edge.state}", edge.state, (edge.a, edge.b), k)
         for group in frame.groups:
-            life = self._alive.get(group.label)
             members = tuple(sorted(group.members))
-            if life is None or life.last != k - 1 or life.members != members:
-                self._alive[group.label] = life = GroupLife(k, k, group.label, members)
-                self.groups.append(life)
-            life.last = k
+            self._last("group", f"{group.label} {members}", str(group.label), members, k)
 
-
-def read_content(path: str | Path, limits: Limits = DEFAULT_LIMITS) -> Content:
-    """Read an annotated log's meaning; pictures are never read.
-
-    Raises:
-        RecordingError: not an annotated log, or a damaged one.
-    """
-    content = Content(Path(path))
-    with AnnotatedLog(path, limits=limits) as log:
-        for frame in log.frames(("tracks", "relations", "groups", "events")):
-            content.add(frame)
-    return content
+    def _last(self, what: str, key: str, label: str, members: tuple[int, ...], frame: int) -> None:
+        alive = self._alive.get((what, key))
+        if alive is not None and alive.last == frame - 1:
+            alive.last = frame
+            return
+        self._alive[what, key] = alive = Lasting(label, members, frame, frame)
+        (self.relations if what == "relation" else self.groups).append(alive)

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 CHANGES = ("appeared", "vanished", "moved", "changed")
+KINDS = ("recording", "frames", "track", "identity", "event", "relation", "group", "message")
 
 
 @dataclass(frozen=True)
@@ -13,11 +14,11 @@ class Difference:
     """Something that is in one log and not, or not so, in the other.
 
     Attributes:
-        what: ``frames``, ``track``, ``identity``, ``event``, ``relation`` or ``group``.
+        what: one of `KINDS`; ``identity``: who it is, ``message``: a value that nobody's story shows.
         change: ``appeared`` (only in B), ``vanished`` (only in A), ``moved`` (in time or place) or ``changed``.
         frame: where it shows first.
-        t: that frame's time in seconds from the recording's start.
-        subjects: the tracks, by their ids in A (in B for what appeared).
+        t: that frame's time in seconds from the log's first frame.
+        subjects: the tracks, by their ids in A (by their ids in B where A has no such track).
         text: in words.
         details: both sides' values.
     """
@@ -37,10 +38,11 @@ class Comparison:
 
     Attributes:
         a, b: the files.
-        identical: every annotated frame has the same digest.
+        identical: every annotated message is the same, byte for byte.
         frames: frames that both have.
         tracks: which track of B each track of A is.
         differences: in order of time.
+        made: what differs in how the logs were made: tracker, parameters, versions. No difference by itself.
     """
 
     a: str
@@ -49,6 +51,7 @@ class Comparison:
     frames: int
     tracks: dict[int, int]
     differences: list[Difference]
+    made: list[str] = field(default_factory=list)
 
     @property
     def equal(self) -> bool:
@@ -63,6 +66,24 @@ class Comparison:
             found[key] = found.get(key, 0) + 1
         return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
 
+    def lines(self, limit: int | None = None) -> list[str]:
+        """The comparison for a person: one line per difference, then their number."""
+        if self.identical:
+            return [f"identical: {self.frames} frames"]
+        head = [f"made with another {line}" for line in self.made]
+        if self.equal:
+            words = "track numbers, or values within the tolerance, differ"
+            return [*head, f"equal in meaning over {self.frames} frames: {words}"]
+        shown = self.differences[:limit]
+        rows = [f"frame {d.frame:>6} {d.t:>9.2f} s  {d.what:<9} {d.change:<8}  {d.text}" for d in shown]
+        if len(shown) < len(self.differences):
+            rows.append(f"... and {len(self.differences) - len(shown)} more")
+        counts = ", ".join(f"{n} {what}" for what, n in self.counts().items())
+        number = len(self.differences)
+        total = f"{number} difference{'s' if number != 1 else ''} over {self.frames} frames: {counts}"
+        return [*head, *rows, total]
+
     def as_plain(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        return {**asdict(self), "tracks": {str(a): b for a, b in self.tracks.items()}, "counts": self.counts()}
+        tracks = {str(a): b for a, b in self.tracks.items()}
+        return {**asdict(self), "tracks": tracks, "equal": self.equal, "counts": self.counts()}

@@ -1,75 +1,210 @@
-"""Which track of one log is which of the other: by where they are, not by their numbers."""
+"""Which track of one log is which of the other: by where they are, not by their numbers.
+
+Within a frame boxes are paired by the assignment of greatest overlap (IoU >= 0.5; boxes that are equal to the bit
+first; whoever were a pair before keep a small advantage); over the recording tracks are paired by the assignment of
+most shared frames. Ties: lower ids first.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay.compare.content import Content
+from recorders.messages import Relation, Track
+from replay.annotated import AnnotatedFrame
+from replay.compare.intervals import Interval, extend
 from replay.trackers.association import assign, iou
 
 MATCH_IOU = 0.5
+_HABIT = 0.05
+# A stretch on another's place that is shorter than this, with the own partner around it, is a crossing, not a change.
+SHORTEST_CHANGE = 5
+DISCRETE = ("mode", "grouping", "grouped", "splitting", "scene", "zones", "hidden_parts")
+VALUES = ("ellipse", "velocity", "shell_radius", "confidence", "observed", "blob", *DISCRETE)
+EDGE_VALUES = ("grouping", "grouped", "splitting", "shell_overlap", "rule", "since_frame", "since_ns")
+
+
+@dataclass
+class Change:
+    """A value that differs: in how many frames, where first, both values there."""
+
+    frames: int
+    first: int
+    a: Any
+    b: Any
+
+
+@dataclass
+class Pair:
+    """A track of A and one of B while they lay over each other."""
+
+    spans: list[Interval] = field(default_factory=list)
+    frames: int = 0
+    far: int = 0
+    first_far: int = -1
+    largest_px: float = 0.0
+    values: dict[str, Change] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class TrackMatch:
-    """Tracks matched over the frames that both logs have.
+class Run:
+    """A track of B lies over a track of A from a frame to a frame."""
+
+    first: int
+    last: int
+    a: int
+    b: int
+
+
+class Matching:
+    """Takes the frames that both logs have, in order; then says who is whom.
 
     Attributes:
-        partner: track of A to track of B.
-        places: track of A to its matched rows: (K, 2) int, row in A's boxes, row in B's.
-        swaps: (frame, track of A, track of B it lies on) where a track of A leaves its partner for another's place.
+        pairs: (track of A, track of B) to what their common frames showed.
+        edges: (edge of A, edge of B) to values that differ.
+        partner: track of A to track of B; after `finish`.
+        back: track of B to track of A; after `finish`.
     """
 
-    partner: dict[int, int]
-    places: dict[int, NDArray[np.intp]]
-    swaps: list[tuple[int, int, int]]
+    def __init__(self, tolerance_px: float) -> None:
+        self._tolerance_px = tolerance_px
+        self._fields = DISCRETE if tolerance_px > 0 else VALUES
+        self._before: set[tuple[int, int]] = set()
+        self.pairs: dict[tuple[int, int], Pair] = {}
+        self.edges: dict[tuple[tuple[int, int], tuple[int, int]], dict[str, Change]] = {}
+        self.partner: dict[int, int] = {}
+        self.back: dict[int, int] = {}
+        self._runs_of_b: dict[int, list[Run]] = {}
+
+    def add(self, a: AnnotatedFrame, b: AnnotatedFrame) -> None:
+        """Compare one frame."""
+        left = [t for t in a.tracks if t.present]
+        right = [t for t in b.tracks if t.present]
+        now: dict[int, int] = {}
+        for i, j in self._frame_pairs(left, right):
+            now[left[i].id] = right[j].id
+            self._take(a.index, left[i], right[j])
+        self._before = set(now.items())
+        if self._tolerance_px == 0 and a.relations != b.relations:
+            theirs = {tuple(sorted((edge.a, edge.b))): edge for edge in b.relations}
+            for edge in a.relations:
+                at = tuple(sorted((now.get(edge.a, -1), now.get(edge.b, -1))))
+                if at in theirs and theirs[at].state == edge.state:
+                    self._take_edge(a.index, edge, theirs[at])
+
+    def _frame_pairs(self, left: Sequence[Track], right: Sequence[Track]) -> list[tuple[int, int]]:
+        places: dict[Any, list[int]] = {}
+        for j, track in enumerate(right):
+            places.setdefault(track.box, []).append(j)
+        ours: dict[Any, int] = {}
+        for track in left:
+            ours[track.box] = ours.get(track.box, 0) + 1
+        same = [(i, places[t.box][0]) for i, t in enumerate(left) if ours[t.box] == 1 == len(places.get(t.box, ()))]
+        taken_a, taken_b = {i for i, _ in same}, {j for _, j in same}
+        rows = [i for i in range(len(left)) if i not in taken_a]
+        columns = [j for j in range(len(right)) if j not in taken_b]
+        if not rows or not columns:
+            return same
+        overlap = iou(_boxes([left[i] for i in rows]), _boxes([right[j] for j in columns]))
+        habit = np.array([[(left[i].id, right[j].id) in self._before for j in columns] for i in rows])
+        found = assign(1.0 - overlap - _HABIT * habit, overlap >= MATCH_IOU)
+        return sorted([*same, *((rows[i], columns[j]) for i, j in found)])
+
+    def _take(self, frame: int, a: Track, b: Track) -> None:
+        pair = self.pairs.setdefault((a.id, b.id), Pair())
+        extend(pair.spans, frame)
+        pair.frames += 1
+        if a == b:
+            return
+        if a.box != b.box:
+            (ax, ay, aw, ah), (bx, by, bw, bh) = a.box, b.box
+            off = max(abs(ax - bx), abs(ay - by), abs(ax + aw - bx - bw), abs(ay + ah - by - bh))
+            if off > self._tolerance_px or (off == 0 and self._tolerance_px == 0):
+                pair.far += 1
+                pair.first_far = frame if pair.far == 1 else pair.first_far
+                pair.largest_px = max(pair.largest_px, off)
+        _note(pair.values, self._fields, frame, a, b)
+
+    def _take_edge(self, frame: int, a: Relation, b: Relation) -> None:
+        if any(getattr(a, name) != getattr(b, name) for name in EDGE_VALUES):
+            _note(self.edges.setdefault(((a.a, a.b), (b.a, b.b)), {}), EDGE_VALUES, frame, a, b)
+
+    # -- who is whom -----------------------------------------------------------------------------------------------
+
+    def finish(self) -> None:
+        """Pair the tracks."""
+        for component in _components(sorted(self.pairs)):
+            ids_a, ids_b = (sorted({pair[side] for pair in component}) for side in (0, 1))
+            shared = np.zeros((len(ids_a), len(ids_b)))
+            for a, b in component:
+                shared[ids_a.index(a), ids_b.index(b)] = self.pairs[a, b].frames
+            # Shares, not counts: the solver takes costs up to 1000.
+            for i, j in assign(-shared / shared.max() * 900.0, shared > 0):
+                self.partner[ids_a[i]] = ids_b[j]
+        self.partner = dict(sorted(self.partner.items()))
+        self.back = {b: a for a, b in self.partner.items()}
+        runs: dict[int, list[Run]] = {}
+        for (a, b), pair in self.pairs.items():
+            runs.setdefault(b, []).extend(Run(first, last, a, b) for first, last in pair.spans)
+        self._runs_of_b = {b: self._cleaned(b, found) for b, found in sorted(runs.items())}
+
+    def _cleaned(self, b: int, runs: list[Run]) -> list[Run]:
+        own = self.back.get(b)
+        kept: list[Run] = []
+        for run in sorted(runs, key=lambda r: r.first):
+            if run.a != own and own is not None and run.last - run.first + 1 < SHORTEST_CHANGE:
+                continue
+            if kept and kept[-1].a == run.a:
+                run = Run(kept.pop().first, run.last, run.a, b)  # noqa: PLW2901 - two runs become one
+            kept.append(run)
+        return kept
+
+    def changes(self) -> Iterator[tuple[Run, int]]:
+        """Where a track of B lies on another track of A than its partner: each pair once, and in how many frames."""
+        for b, runs in self._runs_of_b.items():
+            first: dict[int, Run] = {}
+            for run in runs:
+                if run.a != self.back.get(b):
+                    first.setdefault(run.a, run)
+            for a, run in first.items():
+                yield run, self.pairs[a, b].frames
+
+    def translated(self, b: int, frame: int) -> int:
+        """A track of B by its number in A: whom it lies on then; a negative number for one that A has not."""
+        runs = self._runs_of_b.get(b)
+        if not runs:
+            return -1 - b
+        return next((run.a for run in reversed(runs) if run.first <= frame), runs[0].a)
 
 
-def match_tracks(a: Content, b: Content) -> TrackMatch:
-    """Match tracks by the number of frames in which their boxes overlap (IoU >= 0.5), all at once.
-
-    Within a frame boxes are paired by the assignment of greatest overlap; over the recording tracks are paired by the
-    assignment of most shared frames. Ties: lower ids first.
-    """
-    boxes_a, boxes_b = a.boxes, b.boxes
-    pairs = _frame_pairs(boxes_a, boxes_b, sorted(set(a.times) & set(b.times)))
-    ids_a, ids_b = (np.unique(boxes[:, 1]).astype(int) for boxes in (boxes_a, boxes_b))
-    if not len(pairs):
-        return TrackMatch({}, {}, [])
-    at_a = np.searchsorted(ids_a, boxes_a[pairs[:, 0], 1].astype(int))
-    at_b = np.searchsorted(ids_b, boxes_b[pairs[:, 1], 1].astype(int))
-    shared = np.zeros((len(ids_a), len(ids_b)))
-    np.add.at(shared, (at_a, at_b), 1.0)
-    # Shares, not counts, reach the solver: it takes costs up to 1000.
-    best = assign(-shared / shared.max() * 900.0, shared > 0)
-    partner = {int(ids_a[i]): int(ids_b[j]) for i, j in best}
-    places, swaps = {}, []
-    for i, track in enumerate(ids_a):
-        rows = pairs[at_a == i]
-        other = boxes_b[rows[:, 1], 1].astype(int)
-        on_partner = other == partner.get(int(track), -1)
-        places[int(track)] = rows[on_partner]
-        previous = True
-        for k, right in enumerate(on_partner):
-            if previous and not right:
-                swaps.append((int(boxes_a[rows[k, 0], 0]), int(track), int(other[k])))
-            previous = bool(right)
-    return TrackMatch(partner, places, sorted(swaps))
+def _boxes(tracks: Sequence[Track]) -> np.ndarray:
+    return np.array([t.box for t in tracks], np.float64).reshape(-1, 4)
 
 
-def _frame_pairs(a: NDArray[np.float64], b: NDArray[np.float64], frames: list[int]) -> NDArray[np.intp]:
-    found: list[tuple[int, int]] = []
-    starts_a, ends_a = _bounds(a, frames)
-    starts_b, ends_b = _bounds(b, frames)
-    for k in range(len(frames)):
-        sa, ea, sb, eb = starts_a[k], ends_a[k], starts_b[k], ends_b[k]
-        overlap = iou(a[sa:ea, 2:], b[sb:eb, 2:])
-        found += [(int(sa) + i, int(sb) + j) for i, j in assign(1.0 - overlap, overlap >= MATCH_IOU)]
-    return np.array(found, np.intp).reshape(-1, 2)
+def _note(changes: dict[str, Change], fields: Sequence[str], frame: int, a: Any, b: Any) -> None:
+    for name in fields:
+        x, y = getattr(a, name), getattr(b, name)
+        if x != y:
+            change = changes.setdefault(name, Change(0, frame, x, y))
+            change.frames += 1
 
 
-def _bounds(boxes: NDArray[np.float64], frames: list[int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    return np.searchsorted(boxes[:, 0], frames), np.searchsorted(boxes[:, 0], frames, side="right")
+def _components(pairs: Sequence[tuple[int, int]]) -> list[list[tuple[int, int]]]:
+    """Pairs that hang together by a track of either side, in order."""
+    root: dict[tuple[str, int], tuple[str, int]] = {}
+
+    def find(node: tuple[str, int]) -> tuple[str, int]:
+        while root.setdefault(node, node) != node:
+            root[node] = root[root[node]]
+            node = root[node]
+        return node
+
+    for a, b in pairs:
+        root[find(("b", b))] = find(("a", a))
+    out: dict[tuple[str, int], list[tuple[int, int]]] = {}
+    for a, b in pairs:
+        out.setdefault(find(("a", a)), []).append((a, b))
+    return list(out.values())

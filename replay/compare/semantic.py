@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
-from recorders.messages import Event
-from replay.chain import recorded_frames
-from replay.compare.content import Content, GroupLife, Span, read_content
+from replay.annotated import AnnotatedLog
+from replay.compare.content import Content
 from replay.compare.difference import Comparison, Difference
-from replay.compare.matching import TrackMatch, match_tracks
-from replay.facts import facts_of
+from replay.compare.happenings import Happenings
+from replay.compare.intervals import count, intersect, subtract
+from replay.compare.matching import Change, Matching
+from replay.compare.raw import RECORDING, Raw, compare_bytes
+from replay.facts import Facts, facts_of
+from replay.verifying import both, short
+
+_READ = ("tracks", "relations", "groups", "events")
+# What a difference in a channel shows as; a channel that is not here is told of only where nothing else explains it.
+_SHOWN_AS = {"tracks": ("track", "identity"), "relations": ("relation",), "groups": ("group",), "events": ("event",)}
 
 
 @dataclass(frozen=True)
@@ -23,8 +28,10 @@ class CompareOptions:
     """What counts as the same.
 
     Attributes:
-        tolerance_px: a matched track's box may be off by so much on each side. 0: any difference counts.
-        tolerance_s: an event or an interval's end may be off by so much and still counts as moved, not as another one.
+        tolerance_px: a matched track's box may be off by so much on each side. 0: every value counts; over 0: boxes
+            within it, modes, interaction states, places in the scene, events, relations and groups count, and the
+            measured values and pictures beneath them do not.
+        tolerance_s: an event or an interval's begin may be off by so much and counts as moved, not as another one.
     """
 
     tolerance_px: float = 0.0
@@ -37,249 +44,211 @@ def compare(
     """Compare log B with log A.
 
     Tracks are matched by place, so other numbers are no difference; events by kind, subjects and time; relations and
-    groups by their intervals.
+    groups by their intervals. The logs are read side by side, frame by frame.
 
     Raises:
         RecordingError: one of them is not an annotated log, or is damaged.
     """
     options = options or CompareOptions()
-    if _same_digests(a, b, limits):
-        frames = len(read_content(a, limits).times)
-        return Comparison(str(a), str(b), True, frames, {}, [])
-    left, right = read_content(a, limits), read_content(b, limits)
-    matched = match_tracks(left, right)
-    comparer = _Comparer(left, right, matched, options)
-    found = [*comparer.frames(), *comparer.tracks(), *comparer.events(), *comparer.relations(), *comparer.groups()]
-    found.sort(key=lambda d: (d.frame, d.what, d.change, d.subjects, d.text))
-    shared = len(set(left.times) & set(right.times))
-    return Comparison(str(a), str(b), False, shared, matched.partner, found)
-
-
-def _same_digests(a: str | Path, b: str | Path, limits: Limits) -> bool:
     with LogReader(a, limits) as left, LogReader(b, limits) as right:
-        cameras = [facts_of(log).camera for log in (left, right)]
-        theirs = recorded_frames(right, cameras[1])
-        for ours in recorded_frames(left, cameras[0]):
-            other = next(theirs, None)
-            # The payloads themselves: a log that was edited still carries its old digests.
-            if other is None or (ours.time_ns, ours.payloads) != (other.time_ns, other.payloads):
-                return False
-        return next(theirs, None) is None
+        facts = facts_of(left), facts_of(right)
+        raw = compare_bytes(left, right, facts[0].camera, facts[1].camera)
+    made = _made(*facts)
+    if raw.identical:
+        return Comparison(str(a), str(b), True, raw.frames, {}, [], made)
+    contents = Content(), Content()
+    matching = Matching(options.tolerance_px)
+    _read(a, b, facts, contents, matching, limits)
+    comparer = _Comparer(*contents, matching, options, raw)
+    found = comparer.all()
+    return Comparison(str(a), str(b), False, count(comparer.shared), matching.partner, found, made)
+
+
+def _read(
+    a: str | Path, b: str | Path, facts: tuple[Facts, Facts], contents: tuple[Content, Content], matching: Matching,
+    limits: Limits,
+) -> None:  # fmt: skip
+    with AnnotatedLog(a, facts[0].camera, limits) as left, AnnotatedLog(b, facts[1].camera, limits) as right:
+        ours, theirs = left.frames(_READ), right.frames(_READ)
+        x, y = next(ours, None), next(theirs, None)
+        while x is not None or y is not None:
+            both = x is not None and y is not None and x.index == y.index
+            if both:
+                assert x is not None
+                assert y is not None
+                matching.add(x, y)
+            first = x is not None and (y is None or x.index <= y.index)
+            if y is not None and (both or not first):
+                contents[1].add(y)
+                y = next(theirs, None)
+            if x is not None and first:
+                contents[0].add(x)
+                x = next(ours, None)
+    matching.finish()
+
+
+def _made(a: Facts, b: Facts) -> list[str]:
+    lines = [f"tracker: {b.tracker}, not {a.tracker}"] if a.tracker != b.tracker else []
+    for section in sorted({*a.configuration, *b.configuration}):
+        old, new = a.configuration.get(section, {}), b.configuration.get(section, {})
+        if a.tracker != b.tracker and (not old or not new):
+            continue
+        lines += [
+            f"parameter: {section}.{name} = {new.get(name, 'absent')}, not {old.get(name, 'absent')}"
+            for name in sorted({*old, *new})
+            if old.get(name) != new.get(name) or type(old.get(name)) is not type(new.get(name))
+        ]
+    pairs = [(n, a.packages.get(n), b.packages.get(n)) for n in sorted({*a.packages, *b.packages})]
+    pairs += [(f"OpenCV: {n}", a.opencv_build.get(n), b.opencv_build.get(n)) for n in sorted(a.opencv_build)]
+    return lines + [f"version: {n} {new or 'absent'}, not {old or 'absent'}" for n, old, new in pairs if old != new]
 
 
 class _Comparer:
-    def __init__(self, a: Content, b: Content, matched: TrackMatch, options: CompareOptions) -> None:
+    def __init__(self, a: Content, b: Content, matching: Matching, options: CompareOptions, raw: Raw) -> None:
         self.a, self.b = a, b
-        self.matched = matched
+        self.matching = matching
         self.options = options
-        self.back = {other: track for track, other in matched.partner.items()}
-        self.shared = set(a.times) & set(b.times)
+        self.raw = raw
+        self.strict = options.tolerance_px == 0
+        self.shared = intersect(a.frames, b.frames)
+        self.happenings = Happenings(a, b, self.shared, matching, options.tolerance_s, self.strict)
 
-    def _translated(self, tracks: Sequence[int]) -> tuple[int, ...]:
-        """Tracks of B by their numbers in A; an unmatched one by a negative number, which no track has."""
-        return tuple(sorted(self.back.get(track, -1 - track) for track in tracks))
+    def all(self) -> list[Difference]:
+        """Every difference, by frame."""
+        found = [*self._frames(), *self._tracks(), *self._identities()]
+        found += [*self.happenings.events(), *self.happenings.relations(), *self.happenings.groups()]
+        if self.strict:
+            found += self._edge_values({(d.what, *d.subjects) for d in found if d.what == "relation"})
+            found += self._recording()
+            found += self._messages(found)
+        return sorted(found, key=lambda d: (d.frame, d.what, d.change, d.subjects, d.text))
 
     # -- frames and tracks -----------------------------------------------------------------------------------------
 
-    def frames(self) -> Iterator[Difference]:
-        """Frames that only one log has."""
-        for content, other, change in ((self.a, self.b, "vanished"), (self.b, self.a, "appeared")):
-            alone = sorted(set(content.times) - set(other.times))
+    def _frames(self) -> Iterator[Difference]:
+        for content, other, change, name in ((self.a, self.b, "vanished", "A"), (self.b, self.a, "appeared", "B")):
+            alone = subtract(content.frames, other.frames)
             if alone:
-                name = "A" if change == "vanished" else "B"
-                text = f"{len(alone)} frames are in {name} only, from frame {alone[0]} to frame {alone[-1]}"
-                yield Difference("frames", change, alone[0], content.seconds(alone[0]), [], text)
+                first, n = alone[0][0], count(alone)
+                text = f"{n} frame{'s are' if n > 1 else ' is'} in {name} only, from frame {first} to {alone[-1][1]}"
+                yield Difference("frames", change, first, content.seconds(first), [], text, {"frames": n})
 
-    def tracks(self) -> Iterator[Difference]:
-        """Tracks without a partner, tracks that change it, tracks that lie elsewhere."""
-        yield from self._alone(self.a, set(self.matched.partner), "vanished", "track {} is not in B")
-        yield from self._alone(self.b, set(self.back), "appeared", "track {} of B is not in A")
-        for frame, track, other in self.matched.swaps:
-            partner = self.matched.partner.get(track)
-            if partner is None:
-                continue
-            text = f"track {track} (B's {partner}) is B's track {other} at {self.a.seconds(frame):.1f} s"
-            yield Difference(
-                "identity", "changed", frame, self.a.seconds(frame), [track], text, {"partner": partner, "other": other}
-            )
-        for track, rows in self.matched.places.items():
-            yield from self._moved(track, rows)
+    def _tracks(self) -> Iterator[Difference]:
+        lying = self._lying()
+        for track, spans in self.a.tracks.items():
+            if track in self.matching.partner:
+                yield from self._matched(track)
+            else:
+                yield from self._alone(self.a, track, spans, "vanished", f"track {track} is not in B", lying[0])
+        for track, spans in self.b.tracks.items():
+            if track not in self.matching.back:
+                yield from self._alone(self.b, track, spans, "appeared", f"track {track} of B is not in A", lying[1])
 
-    def _alone(self, content: Content, known: set[int], change: str, text: str) -> Iterator[Difference]:
-        boxes = content.boxes
-        mine = boxes[np.isin(boxes[:, 0], sorted(self.shared))]
-        ids, first, count = np.unique(mine[:, 1].astype(int), return_index=True, return_counts=True)
-        for track, at, frames in zip(ids.tolist(), first.tolist(), count.tolist(), strict=True):
-            if track not in known:
-                frame = int(mine[at, 0])
-                t = content.seconds(frame)
-                words = f"{text.format(track)}: {frames} frames from {t:.1f} s"
-                yield Difference("track", change, frame, t, [track], words, {"frames": frames})
+    def _lying(self) -> tuple[dict[int, int], dict[int, int]]:
+        """In how many frames each track of A, and of B, lies on one of the other log."""
+        a: dict[int, int] = {}
+        b: dict[int, int] = {}
+        for (x, y), pair in self.matching.pairs.items():
+            a[x] = a.get(x, 0) + pair.frames
+            b[y] = b.get(y, 0) + pair.frames
+        return a, b
 
-    def _moved(self, track: int, rows: np.ndarray) -> Iterator[Difference]:
-        boxes_a, boxes_b = self.a.boxes, self.b.boxes
-        ours, theirs = boxes_a[rows[:, 0]], boxes_b[rows[:, 1]]
-        off = np.abs(ours[:, 2:] - theirs[:, 2:])
-        corner = np.abs(ours[:, 2:4] + ours[:, 4:] - theirs[:, 2:4] - theirs[:, 4:])
-        worst = np.maximum(off[:, :2], corner).max(axis=1, initial=0.0)
-        far = worst > self.options.tolerance_px
-        if far.any():
-            first = int(ours[far][0, 0])
-            t = self.a.seconds(first)
-            text = (
-                f"track {track} lies elsewhere in {int(far.sum())} of {len(rows)} frames, "
-                f"by up to {worst.max():.2f} px, first at {t:.1f} s"
-            )
-            details = {"frames": int(far.sum()), "largest_px": float(worst.max())}
-            yield Difference("track", "moved", first, t, [track], text, details)
-        both = [self.a.boxes[self.a.boxes[:, 1] == track, 0], self._frames_of_b(self.matched.partner.get(track, -1))]
-        missing = sorted(self.shared & (set(both[0].astype(int).tolist()) ^ set(both[1].astype(int).tolist())))
-        if missing and track in self.matched.partner:
-            t = self.a.seconds(missing[0])
-            text = f"track {track} is in {len(missing)} frames of one log only, first at {t:.1f} s"
-            yield Difference("track", "changed", missing[0], t, [track], text, {"frames": len(missing)})
-
-    def _frames_of_b(self, track: int) -> np.ndarray:
-        frames: np.ndarray = self.b.boxes[self.b.boxes[:, 1] == track, 0]
-        return frames
-
-    # -- events ----------------------------------------------------------------------------------------------------
-
-    def events(self) -> Iterator[Difference]:
-        """Events by kind and subjects, each matched to the nearest in time."""
-        left: dict[tuple[str, tuple[int, ...]], list[Event]] = {}
-        right: dict[tuple[str, tuple[int, ...]], list[Event]] = {}
-        for e in self.a.events:
-            if e.frame in self.shared:
-                left.setdefault((e.kind, tuple(sorted(e.subjects))), []).append(e)
-        for e in self.b.events:
-            if e.frame in self.shared:
-                right.setdefault((e.kind, self._translated(e.subjects)), []).append(e)
-        for key in [*left, *(k for k in right if k not in left)]:
-            yield from self._event_kind(key[0], left.get(key, []), right.get(key, []))
-
-    def _event_kind(self, kind: str, ours: list[Event], theirs: list[Event]) -> Iterator[Difference]:
-        pairs, lost, new = _nearest([e.time_ns for e in ours], [e.time_ns for e in theirs], self.options.tolerance_s)
-        for i, j in pairs:
-            a, b = ours[i], theirs[j]
-            if a.frame != b.frame:
-                ta, tb = self.a.seconds(a.frame), self.b.seconds(b.frame)
-                text = f"{_subject(a)} {_verb(kind)} at {tb:.2f} s, no longer at {ta:.2f} s"
-                details = {"frame_a": a.frame, "frame_b": b.frame, "event_a": a.id, "event_b": b.id}
-                yield Difference("event", "moved", min(a.frame, b.frame), min(ta, tb), list(a.subjects), text, details)
-        for i in lost:
-            a = ours[i]
-            t = self.a.seconds(a.frame)
-            text = f"{_subject(a)} no longer {_verb(kind)} at {t:.1f} s"
-            yield Difference("event", "vanished", a.frame, t, list(a.subjects), text, {"kind": kind, "event_a": a.id})
-        for j in new:
-            b = theirs[j]
-            t = self.b.seconds(b.frame)
-            text = f"{_subject(b)} (B) now {_verb(kind)} at {t:.1f} s"
-            yield Difference("event", "appeared", b.frame, t, list(b.subjects), text, {"kind": kind, "event_b": b.id})
-
-    # -- relations and groups --------------------------------------------------------------------------------------
-
-    def relations(self) -> Iterator[Difference]:
-        """Relations by their intervals."""
-        theirs = {(*self._translated(key[:2]), key[2]): (key, spans) for key, spans in self.b.relations.items()}
-        for key, spans in self.a.relations.items():
-            other = theirs.pop(key, (key, []))[1]
-            yield from self._spans(f"{key[2]} of {key[0]} and {key[1]}", "relation", list(key[:2]), spans, other)
-        for key, spans in theirs.values():
-            yield from self._spans(f"{key[2]} of {key[0]} and {key[1]} (B)", "relation", list(key[:2]), [], spans)
-
-    def groups(self) -> Iterator[Difference]:
-        """Groups by members; their labels are only names."""
-        ours, theirs = _by_members(self.a.groups), _by_members(self.b.groups, self._translated)
-        names = {self._translated(g.members): g for g in self.b.groups}
-        for members in [*ours, *(m for m in theirs if m not in ours)]:
-            known = ours.get(members)
-            label = f"group of {', '.join(map(str, members if known else names[members].members))}"
-            text = label if known else f"{label} (B)"
-            yield from self._spans(text, "group", list(members), known or [], theirs.get(members, []))
-
-    def _spans(
-        self, name: str, what: str, subjects: list[int], ours: Sequence[Span], theirs: Sequence[Span]
+    def _alone(
+        self, content: Content, track: int, spans: list[tuple[int, int]], change: str, text: str, lying: dict[int, int]
     ) -> Iterator[Difference]:
-        ours = [s for s in ours if s.first in self.shared or s.last in self.shared]
-        theirs = [s for s in theirs if s.first in self.shared or s.last in self.shared]
-        left = [self.a.times[s.first] for s in ours]
-        right = [self.b.times[s.first] for s in theirs]
-        pairs, lost, new = _nearest(left, right, self.options.tolerance_s)
-        for i, j in pairs:
-            a, b = ours[i], theirs[j]
-            if (a.first, a.last) != (b.first, b.last) and not self._cut(a, b):
-                text = (
-                    f"{name} lasts from {self.b.seconds(b.first):.2f} to {self.b.seconds(b.last):.2f} s, "
-                    f"no longer from {self.a.seconds(a.first):.2f} to {self.a.seconds(a.last):.2f} s"
-                )
-                details = {"a": [a.first, a.last], "b": [b.first, b.last]}
-                frame = min(a.first, b.first) if a.first != b.first else min(a.last, b.last)
-                yield Difference(what, "moved", frame, self.a.seconds(frame), subjects, text, details)
-        for i in lost:
-            a = ours[i]
-            t = self.a.seconds(a.first)
-            text = f"{name} no longer from {t:.1f} to {self.a.seconds(a.last):.1f} s"
-            yield Difference(what, "vanished", a.first, t, subjects, text, {"a": [a.first, a.last]})
-        for j in new:
-            b = theirs[j]
-            t = self.b.seconds(b.first)
-            text = f"{name} now from {t:.1f} to {self.b.seconds(b.last):.1f} s"
-            yield Difference(what, "appeared", b.first, t, subjects, text, {"b": [b.first, b.last]})
+        here = intersect(spans, self.shared)
+        n = count(here)
+        # Where it lies on another log's track most of its time, it is told as a change of identity.
+        if n and lying.get(track, 0) * 2 < n:
+            t = content.seconds(here[0][0])
+            words = f"{text}: {n} frame{'s' if n > 1 else ''} from {t:.1f} s"
+            yield Difference("track", change, here[0][0], t, [track], words, {"frames": n})
 
-    def _cut(self, a: Span, b: Span) -> bool:
-        """Whether they differ only where one log ends."""
-        edges = {min(self.shared, default=0), max(self.shared, default=0)}
-        return (a.first == b.first or max(a.first, b.first) in edges) and (
-            a.last == b.last or min(a.last, b.last) in edges
+    def _matched(self, track: int) -> Iterator[Difference]:
+        partner = self.matching.partner[track]
+        pair = self.matching.pairs[track, partner]
+        ours, theirs = (
+            intersect(spans, self.shared) for spans in (self.a.tracks[track], self.b.tracks.get(partner, []))
         )
+        for mine, other, change, name in ((ours, theirs, "vanished", "A"), (theirs, ours, "appeared", "B")):
+            alone = subtract(mine, other)
+            if alone:
+                n, frame = count(alone), alone[0][0]
+                t = self.a.seconds(frame)
+                text = f"track {track} is in {n} frame{'s' if n > 1 else ''} of {name} only, first at {t:.1f} s"
+                yield Difference("track", change, frame, t, [track], text, {"frames": n, "partner": partner})
+        apart = subtract(intersect(ours, theirs), pair.spans)
+        n = pair.far + count(apart)
+        if n:
+            frame = min([f for f in (pair.first_far, apart[0][0] if apart else -1) if f >= 0])
+            t = self.a.seconds(frame)
+            far = "without overlap" if apart else f"by up to {pair.largest_px:.3g} px"
+            text = (
+                f"track {track} lies elsewhere in {n} of {pair.frames + count(apart)} frames, {far}, first at {t:.1f} s"
+            )
+            details = {"frames": n, "largest_px": pair.largest_px, "frames_apart": count(apart), "partner": partner}
+            yield Difference("track", "moved", frame, t, [track], text, details)
+        if pair.values:
+            yield self._values("track", f"track {track}", [track], pair.values)
 
+    def _values(self, what: str, name: str, subjects: list[int], values: dict[str, Change]) -> Difference:
+        """One line for all values of a track or relation that differ: the first one with both sides."""
+        field, first = min(values.items(), key=lambda item: item[1].first)
+        t = self.a.seconds(first.first)
+        others = f", and {len(values) - 1} more values" if len(values) > 1 else ""
+        frames = max(change.frames for change in values.values())
+        old, new = both(first.a, first.b)
+        text = (
+            f"{name} has {field} {new}, not {old}, at {t:.1f} s{others}; in {frames} frame{'s' if frames > 1 else ''}"
+        )
+        details = {
+            n: {"frames": c.frames, "first": c.first, "a": short(c.a), "b": short(c.b)} for n, c in values.items()
+        }
+        return Difference(what, "changed", first.first, t, subjects, text, details)
 
-def _by_members(groups: Sequence[GroupLife], translate: object = None) -> dict[tuple[int, ...], list[GroupLife]]:
-    out: dict[tuple[int, ...], list[GroupLife]] = {}
-    for group in groups:
-        key = translate(group.members) if callable(translate) else group.members
-        out.setdefault(key, []).append(group)
-    return out
+    def _identities(self) -> Iterator[Difference]:
+        for run, frames in self.matching.changes():
+            t = self.a.seconds(run.first)
+            own, partner = self.matching.back.get(run.b), self.matching.partner.get(run.a)
+            text = (
+                f"track {run.a} becomes B's track {run.b} at {t:.1f} s, for {frames} frame{'s' if frames > 1 else ''}"
+            )
+            text += f"; else it is B's {partner}" if partner is not None else ""
+            text += f"; B's {run.b} is else track {own}" if own is not None else ""
+            details = {"track_b": run.b, "own": own, "partner": partner, "frames": frames}
+            yield Difference("identity", "changed", run.first, t, [run.a], text, details)
 
+    # -- what only bytes show --------------------------------------------------------------------------------------
 
-def _nearest(
-    ours: Sequence[int], theirs: Sequence[int], tolerance_s: float
-) -> tuple[list[tuple[int, int]], list[int], list[int]]:
-    """Pair times of two lists, closest first (ties: earlier first), within a tolerance; then who is left of each."""
-    limit = tolerance_s * 1e9
-    near = sorted((abs(a - b), i, j) for i, a in enumerate(ours) for j, b in enumerate(theirs) if abs(a - b) <= limit)
-    taken_a: set[int] = set()
-    taken_b: set[int] = set()
-    pairs = []
-    for _, i, j in near:
-        if i not in taken_a and j not in taken_b:
-            taken_a.add(i)
-            taken_b.add(j)
-            pairs.append((i, j))
-    lost = [i for i in range(len(ours)) if i not in taken_a]
-    return sorted(pairs), lost, [j for j in range(len(theirs)) if j not in taken_b]
+    def _edge_values(self, known: set[tuple[str | int, ...]]) -> Iterator[Difference]:
+        for (a, b), values in self.matching.edges.items():
+            translated = tuple(sorted(self.matching.back.get(track, -1) for track in b))
+            if translated == a and ("relation", *a) not in known:
+                yield self._values("relation", f"the relation of {a[0]} and {a[1]}", list(a), values)
 
+    def _recording(self) -> Iterator[Difference]:
+        first = self.raw.channels.get(RECORDING)
+        if first is not None:
+            n = first.frames
+            text = (
+                f"the recorded messages differ in {n} frame{'s' if n > 1 else ''}: another recording, or an altered one"
+            )
+            details = {"frames": n, "a": first.a, "b": first.b}
+            yield Difference("recording", "changed", first.frame, self.a.seconds(first.frame), [], text, details)
 
-_VERBS = {
-    "track_confirmed": "is confirmed", "track_lost": "is lost", "track_recovered": "is recovered",
-    "track_removed": "is removed", "entering": "is entering", "entered": "has entered", "exiting": "is exiting",
-    "returned": "returns", "exited": "exits", "interaction_started": "begin to interact", "joined": "join",
-    "separated": "separate", "interaction_ended": "end their interaction", "grouping": "groups",
-    "grouped": "is grouped",
-    "splitting": "splits", "single": "is single", "group_formed": "forms a group", "group_changed": "changes its group",
-    "group_ended": "ends its group", "group_entered_scene": "enter as a group", "mode_changed": "changes its mode",
-    "disagreement": "is in disagreement", "anomaly": "shows an anomaly", "zone_entered": "enters a zone",
-    "zone_left": "leaves a zone",
-}  # fmt: skip
-
-
-def _verb(kind: str) -> str:
-    return _VERBS.get(kind, kind)
-
-
-def _subject(event: Event) -> str:
-    if event.groups and event.kind.startswith("group"):
-        return "group " + ", ".join(map(str, event.groups))
-    return " and ".join(map(str, event.subjects)) if event.subjects else "the scene"
+    def _messages(self, found: list[Difference]) -> Iterator[Difference]:
+        """Channels whose bytes differ where nothing above says so. Other track numbers alone change bytes, too."""
+        ids = {*self.a.tracks, *self.b.tracks}
+        if any(self.matching.partner.get(i, i) != i or self.matching.back.get(i, i) != i for i in ids):
+            return
+        explained = min((d.frame for d in found), default=None)
+        kinds = {d.what for d in found}
+        for name, first in self.raw.channels.items():
+            shown_as = _SHOWN_AS.get(name)
+            covered = explained is not None and explained <= first.frame
+            if name == RECORDING or (kinds & set(shown_as) if shown_as else covered):
+                continue
+            n, t = first.frames, self.a.seconds(first.frame)
+            text = f"channel {name}: {first.field} {first.b}, not {first.a}; in {n} frame{'s' if n > 1 else ''}"
+            details = {"channel": name, "field": first.field, "a": first.a, "b": first.b, "frames": n}
+            yield Difference("message", "changed", first.frame, t, [], text, details)

@@ -1,0 +1,220 @@
+"""Differences in what happens: events by kind, subjects and time; relations and groups by their intervals."""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from replay.compare import words
+from replay.compare.content import NANOS, Content, Happening, Lasting
+from replay.compare.difference import Difference
+from replay.compare.intervals import Interval, holds, intersect
+from replay.compare.matching import Matching
+from replay.verifying import both
+
+Key = tuple[str, tuple[int, ...]]
+_DIGITS = re.compile(r"\d+")
+
+
+class Happenings:
+    """Compares what happens in two logs over the frames that both have."""
+
+    def __init__(
+        self, a: Content, b: Content, shared: Sequence[Interval], matching: Matching, tolerance_s: float, strict: bool
+    ) -> None:
+        self.a, self.b = a, b
+        self._shared = shared
+        self._matching = matching
+        self._tolerance_ns = round(tolerance_s * NANOS)
+        self._strict = strict
+        self._same_numbers = all(x == y for x, y in matching.partner.items())
+
+    def _in_a(self, tracks: Sequence[int], frame: int) -> tuple[int, ...]:
+        then = sorted(self._matching.translated(track, frame) for track in tracks)
+        if len(set(then)) < len(then):
+            # Two of B on one of A's places: then their usual partners say who they are.
+            then = sorted(self._matching.back.get(track, -1 - track) for track in tracks)
+        return tuple(then)
+
+    @staticmethod
+    def names(tracks: Sequence[int]) -> list[str]:
+        """Tracks of A by their numbers; those that A has not, as `Matching.translated` gives them, as B's."""
+        return [str(t) for t in tracks if t >= 0] + [f"B's {-1 - t}" for t in reversed(tracks) if t < 0]
+
+    # -- events ----------------------------------------------------------------------------------------------------
+
+    def events(self) -> Iterator[Difference]:
+        """Events by kind and subjects, each matched to the nearest in time."""
+        left: dict[Key, list[Happening]] = {}
+        right: dict[Key, list[Happening]] = {}
+        for e in self.a.events:
+            if holds(self._shared, e.frame):
+                left.setdefault((e.kind, tuple(sorted(e.subjects))), []).append(e)
+        for e in self.b.events:
+            if holds(self._shared, e.frame):
+                right.setdefault((e.kind, self._in_a(e.subjects, e.frame)), []).append(e)
+        for key in [*left, *(k for k in right if k not in left)]:
+            yield from self._events(key, left.get(key, []), right.get(key, []))
+
+    def _events(self, key: Key, ours: list[Happening], theirs: list[Happening]) -> Iterator[Difference]:
+        kind, subjects = key
+        pairs, lost, new = nearest([e.time_ns for e in ours], [e.time_ns for e in theirs], self._tolerance_ns)
+        for i, j in pairs:
+            yield from self._pair(kind, subjects, ours[i], theirs[j])
+        for i in lost:
+            a, t = ours[i], self.a.seconds(ours[i].frame)
+            who, one = words.subject(self.names(subjects), [str(g) for g in a.groups])
+            text = f"{who} no longer {words.verb(kind, one)} at {t:.1f} s"
+            details = {"kind": kind, "event_a": a.id, "groups_a": list(a.groups)}
+            yield Difference("event", "vanished", a.frame, t, list(a.subjects), text, details)
+        for j in new:
+            b, t = theirs[j], self.b.seconds(theirs[j].frame)
+            who, one = words.subject(self.names(subjects), [f"{g} of B" for g in b.groups])
+            text = f"{who} now {words.verb(kind, one)} at {t:.1f} s"
+            details = {"kind": kind, "event_b": b.id, "groups_b": list(b.groups), "subjects_b": list(b.subjects)}
+            yield Difference("event", "appeared", b.frame, t, self._shown(subjects), text, details)
+
+    @staticmethod
+    def _shown(subjects: Sequence[int]) -> list[int]:
+        return [t if t >= 0 else -1 - t for t in subjects]
+
+    def _pair(self, kind: str, subjects: tuple[int, ...], a: Happening, b: Happening) -> Iterator[Difference]:
+        who, one = words.subject(self.names(subjects), [str(g) for g in a.groups])
+        ta, tb = self.a.seconds(a.frame), self.b.seconds(b.frame)
+        details: dict[str, Any] = {"kind": kind, "event_a": a.id, "event_b": b.id}
+        if a.frame != b.frame:
+            text = f"{who} {words.verb(kind, one)} at {tb:.2f} s, no longer at {ta:.2f} s"
+            details |= {"frame_a": a.frame, "frame_b": b.frame}
+            yield Difference("event", "moved", min(a.frame, b.frame), min(ta, tb), list(subjects), text, details)
+        elif self._strict and a.whole != b.whole:
+            found = self._unequal_events(a, b)
+            if found is not None:
+                place, x, y = found
+                text = f"{who} {words.verb(kind, one)} at {ta:.1f} s as before, but with {place} {y}, not {x}"
+                details |= {"field": place, "a": x, "b": y}
+                yield Difference("event", "changed", a.frame, ta, list(subjects), text, details)
+
+    def _unequal_events(self, a: Happening, b: Happening) -> tuple[str, str, str] | None:
+        """The first of their values that differs, and not by numbers of tracks and groups alone."""
+        x, y = a.event(), b.event()
+        for name in ("rule", "evidence", "text"):
+            for place, p, q in _leaves(getattr(x, name), getattr(y, name), name):
+                if self._same_numbers or not self._renumbered(p, q, (a, b)):
+                    return place, *both(p, q)
+        return None
+
+    def _renumbered(self, x: Any, y: Any, events: tuple[Happening, Happening]) -> bool:
+        """Whether two values may differ only in how tracks and groups are numbered."""
+        if isinstance(x, str) and isinstance(y, str):
+            return _DIGITS.sub("#", x) == _DIGITS.sub("#", y)
+        if isinstance(x, list) and isinstance(y, list):
+            return len(x) == len(y)
+        a, b = events
+        whole = type(x) is int and type(y) is int
+        return whole and (self._matching.partner.get(x) == y or (x in a.groups and y in b.groups))
+
+    # -- relations and groups --------------------------------------------------------------------------------------
+
+    def relations(self) -> Iterator[Difference]:
+        """Relations by their intervals."""
+
+        def name(state: str, members: Sequence[str], _: Sequence[Lasting]) -> str:
+            return f"{state} of {words.tracks(members)}"
+
+        yield from self._lasting("relation", self.a.relations, self.b.relations, name, by_label=True)
+
+    def groups(self) -> Iterator[Difference]:
+        """Groups by members; their labels are only names."""
+
+        def name(_: str, members: Sequence[str], lives: Sequence[Lasting]) -> str:
+            return words.group(lives[0].label, members)
+
+        yield from self._lasting("group", self.a.groups, self.b.groups, name, by_label=False)
+
+    def _lasting(
+        self, what: str, ours: Sequence[Lasting], theirs: Sequence[Lasting], name: Any, by_label: bool
+    ) -> Iterator[Difference]:
+        left: dict[Key, list[Lasting]] = {}
+        right: dict[Key, list[Lasting]] = {}
+        for life in ours:
+            left.setdefault((life.label if by_label else "", life.members), []).extend(self._clipped(life))
+        for life in theirs:
+            members = self._in_a(life.members, life.first)
+            right.setdefault((life.label if by_label else "", members), []).extend(self._clipped(life))
+        for key in [*left, *(k for k in right if k not in left)]:
+            lives = left.get(key) or right.get(key) or []
+            if lives:
+                words_for = name(key[0], self.names(key[1]), lives)
+                if not left.get(key) and not by_label:
+                    words_for = words_for.replace("group ", "B's group ", 1)
+                yield from self._spans(what, words_for, key[1], left.get(key, []), right.get(key, []))
+
+    def _clipped(self, life: Lasting) -> list[Lasting]:
+        """What of it lies in the frames that both logs have: where one log ends is no difference."""
+        spans = intersect([(life.first, life.last)], self._shared)
+        return [Lasting(life.label, life.members, spans[0][0], spans[-1][1])] if spans else []
+
+    def _spans(
+        self, what: str, name: str, members: tuple[int, ...], ours: list[Lasting], theirs: list[Lasting]
+    ) -> Iterator[Difference]:
+        left, right = ([c.time_ns(s.first) for s in spans] for c, spans in ((self.a, ours), (self.b, theirs)))
+        pairs, lost, new = nearest(left, right, self._tolerance_ns)
+        subjects = self._shown(members)
+        for i, j in pairs:
+            a, b = ours[i], theirs[j]
+            if (a.first, a.last) != (b.first, b.last):
+                then = f"{self.a.seconds(a.first):.2f} to {self.a.seconds(a.last):.2f} s"
+                now = f"{self.b.seconds(b.first):.2f} to {self.b.seconds(b.last):.2f} s"
+                frame = min(a.first, b.first) if a.first != b.first else min(a.last, b.last)
+                details = {"a": [a.first, a.last], "b": [b.first, b.last]}
+                text = f"{name}: now from {now}, no longer from {then}"
+                yield Difference(what, "moved", frame, self.a.seconds(frame), subjects, text, details)
+        for i in lost:
+            a = ours[i]
+            t, end = self.a.seconds(a.first), self.a.seconds(a.last)
+            text = f"{name}: no longer from {t:.1f} to {end:.1f} s"
+            yield Difference(what, "vanished", a.first, t, subjects, text, {"a": [a.first, a.last]})
+        for j in new:
+            b = theirs[j]
+            t, end = self.b.seconds(b.first), self.b.seconds(b.last)
+            text = f"{name}: now from {t:.1f} to {end:.1f} s"
+            yield Difference(what, "appeared", b.first, t, subjects, text, {"b": [b.first, b.last]})
+
+
+def _leaves(x: Any, y: Any, place: str) -> Iterator[tuple[str, Any, Any]]:
+    """Places where two plain values differ; lists of as many whole numbers, which may be tracks, stay together."""
+    if isinstance(x, dict) and isinstance(y, dict):
+        for key in [*x, *(k for k in y if k not in x)]:
+            yield from _leaves(x.get(key), y.get(key), f"{place}.{key}")
+    elif isinstance(x, list) and isinstance(y, list) and len(x) == len(y) and not all(type(v) is int for v in x + y):
+        for k, (p, q) in enumerate(zip(x, y, strict=True)):
+            yield from _leaves(p, q, f"{place}[{k}]")
+    elif x != y or type(x) is not type(y):
+        yield place, x, y
+
+
+def nearest(
+    ours: Sequence[int], theirs: Sequence[int], limit: int
+) -> tuple[list[tuple[int, int]], list[int], list[int]]:
+    """Pair times of two ascending lists, closest first (ties: earlier first), within a limit; then who is left of each.
+
+    >>> nearest([0, 10], [9, 30], 5)
+    ([(1, 0)], [0], [1])
+    """
+    near = sorted(
+        (abs(a - theirs[j]), i, j)
+        for i, a in enumerate(ours)
+        for j in range(bisect_left(theirs, a - limit), bisect_right(theirs, a + limit))
+    )
+    taken_a: set[int] = set()
+    taken_b: set[int] = set()
+    pairs = []
+    for _, i, j in near:
+        if i not in taken_a and j not in taken_b:
+            taken_a.add(i)
+            taken_b.add(j)
+            pairs.append((i, j))
+    lost = [i for i in range(len(ours)) if i not in taken_a]
+    return sorted(pairs), lost, [j for j in range(len(theirs)) if j not in taken_b]
