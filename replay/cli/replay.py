@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from recorders.errors import UsageError
+from recorders.parameters import Config
 from recorders.scene import SceneLog
-from replay.cli import common
+from replay.cli import common, diff
 
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -19,11 +22,12 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "Replay a scene log through a tracker, reason over what its targets do to one another, and write everything\n"
         "back beside the recorded messages. Same recording, same configuration: the same annotations, bit for bit.",
         "scenetrace replay scene.mcap -o annotated.mcap --tracker events\n"
-        "scenetrace replay scene.mcap -o minute.mcap --from 60 --to 120 --annotations-only",
+        "scenetrace replay scene.mcap -o minute.mcap --from 60 --to 120 --annotations-only\n"
+        "scenetrace replay scene.mcap --against annotated.mcap --set interactions.safety_margin=0.5",
     )
     p.add_argument("scene", type=Path, help="a scene log, or an annotated log to be replayed anew")
-    p.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the annotated log")
-    p.add_argument("--tracker", default="events", metavar="NAME", help="events (default), shells or parts")
+    p.add_argument("-o", "--output", type=Path, metavar="FILE", help="the annotated log")
+    p.add_argument("--tracker", metavar="NAME", help="events (default), shells or parts")
     common.add_configuration(p)
     p.add_argument("--from", dest="start", metavar="T", help="first time to write: seconds, frame:N or RFC 3339")
     p.add_argument("--to", dest="end", metavar="T", help="end of what is written, excluded")
@@ -34,16 +38,59 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     )
     p.add_argument("--camera", metavar="NAME", help="which camera, where the log has several")
     p.add_argument("--force", action="store_true", help="overwrite an existing output")
+    p.add_argument(
+        "--against", type=Path, metavar="LOG",
+        help="print what happens otherwise than in this annotated log, whose tracker and parameters are taken where "
+        "none are given; exit code 4 where it differs; -o may be left out",
+    )  # fmt: skip
+    diff.add_options(p)
+    p.add_argument("--json", action="store_true", help="with --against: the differences as JSON")
     p.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Replay."""
-    from replay.configuration import replay_config
+    if args.output is None and args.against is None:
+        raise UsageError("no output: give -o FILE, or --against LOG to compare alone")
+    if args.against is None:
+        return _replay(args, args.output)
+    with TemporaryDirectory(prefix="scenetrace-") as folder:
+        out = args.output or Path(folder) / "replayed.mcap"
+        return _replay(args, out) or _compare(args, out)
+
+
+def _configured(args: argparse.Namespace) -> tuple[str, Config]:
+    """Tracker and configuration: of the log to compare with, then of the file, then of the words."""
+    from recorders.log import LogReader
+    from recorders.parameters import as_plain
+    from replay.configuration import DEFAULT_TRACKER, recorded_config, replay_config, sections
+    from replay.facts import facts_of
+
+    if args.against is None:
+        tracker = args.tracker or DEFAULT_TRACKER
+        return tracker, replay_config(tracker, args.config, args.assignments)
+    with LogReader(args.against) as log:
+        facts = facts_of(log)
+    tracker = args.tracker or facts.tracker
+    known = sections(tracker)
+    recorded, notes = recorded_config(tracker, {s: v for s, v in facts.configuration.items() if s in known})
+    for note in notes if tracker == facts.tracker else ():
+        common.say(f"{args.against}: {note}")
+    return tracker, replay_config(tracker, args.config, args.assignments, as_plain(recorded))
+
+
+def _compare(args: argparse.Namespace, out: Path) -> int:
+    from replay.compare import compare
+
+    options = replace(diff.options_of(args), only_shared=args.start is not None or args.end is not None)
+    return diff.show(replace(compare(args.against, out, options), b=str(args.output or "this replay")), args.json)
+
+
+def _replay(args: argparse.Namespace, out: Path) -> int:
     from replay.replaying import ReplayOptions
     from replay.writing import replay
 
-    config = replay_config(args.tracker, args.config, args.assignments)
+    tracker, config = _configured(args)
     if args.checkpoint is not None and not args.checkpoint > 0:
         raise UsageError(f"--checkpoint {args.checkpoint}: must be over 0 seconds")
     with SceneLog(args.scene, args.camera) as scene:
@@ -52,20 +99,21 @@ def run(args: argparse.Namespace) -> int:
         check_span(args, first, end, scene)
         counts = [c.message_count for c in scene.recorded if c.topic.endswith("/detections")]
     options = ReplayOptions(
-        tracker=args.tracker,
+        tracker=tracker,
         config=config,
         from_ns=first,
         to_ns=end,
-        annotations_only=args.annotations_only,
+        # What is thrown away after the comparison needs no copy of the recording.
+        annotations_only=args.annotations_only or args.output is None,
         checkpoint_ns=None if args.checkpoint is None else int(args.checkpoint * common.NANOS),
         checkpoints=args.checkpoints,
         force=args.force,
         camera=args.camera,
     )
     with common.progress(counts[0] if counts else None) as progress:
-        done = replay(args.scene, args.output, options, progress)
+        done = replay(args.scene, out, options, progress)
     common.say(
-        f"{args.output}: {done.frames} frames, {done.tracks} tracks, {done.events} events, "
+        f"{args.output or args.scene}: {done.frames} frames, {done.tracks} tracks, {done.events} events, "
         f"output digest {done.output_digest[:16]}"
     )
     return 0
