@@ -20,27 +20,35 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Free:
-    """What may be associated with objects that have not been found, or start new ones: boxes (N, 4), blobs (N,)."""
+    """What may be associated with objects that have not been found, or start new ones.
+
+    Attributes:
+        boxes: (N, 4) x, y, w, h in pixels.
+        blobs: (N,) labels of the blobs.
+        whole: (N,) bool, the box is that of a blob that is nobody else's.
+    """
 
     boxes: Floats
     blobs: NDArray[np.int64]
+    whole: NDArray[np.bool_]
 
 
 def boxes_alone(frame: Frame) -> Free:
     """Without masks every detection is a blob of its own."""
-    return Free(frame.boxes, np.arange(1, len(frame.boxes) + 1))
+    n = len(frame.boxes)
+    return Free(frame.boxes, np.arange(1, n + 1), np.zeros(n, bool))
 
 
-def unexplained(frame: Frame, fg: Foreground, resolver: Resolver, p: ShellsParameters) -> Free:
+def unexplained(frame: Frame, resolver: Resolver, p: ShellsParameters) -> Free:
     """The detections most of whose foreground belongs to no object that was found.
 
     A blob that holds one detection and no object stands for itself, whatever box was drawn into it.
     """
-    boxes = frame.boxes
+    fg, boxes = resolver.foreground, frame.boxes
     n = len(boxes)
     blobs = np.array(frame.detections.blobs or [NO_BLOB] * n, np.int64)
     if not n:
-        return Free(boxes, blobs)
+        return Free(boxes, blobs, np.zeros(0, bool))
     taken = np.zeros(len(fg.boxes) + 1, bool)
     placed: list[Box] = []
     for at in resolver.found.values():
@@ -51,6 +59,7 @@ def unexplained(frame: Frame, fg: Foreground, resolver: Resolver, p: ShellsParam
     # A blob that is wholly somebody's own explains itself; only blobs that were shared or misfit are looked into.
     own = {at.blob for at in resolver.found.values() if at.alone}
     keep: list[int] = []
+    whole = np.zeros(n, bool)
     out = boxes.copy()
     for k in range(n):
         blob = int(blobs[k])
@@ -58,10 +67,11 @@ def unexplained(frame: Frame, fg: Foreground, resolver: Resolver, p: ShellsParam
             continue
         if blob > 0 and not taken[blob] and only[blob] == 1 and resolver.free[blob - 1]:
             out[k] = fg.boxes[blob - 1]
+            whole[k] = True
             keep.append(k)
         elif _rest(fg, boxes[k], placed) >= p.min_unexplained:
             keep.append(k)
-    return Free(out[keep], blobs[keep])
+    return Free(out[keep], blobs[keep], whole[keep])
 
 
 def _rest(fg: Foreground, box: Floats, placed: list[Box]) -> float:

@@ -83,13 +83,14 @@ class Resolver:
     """Finds the given rows of the bodies in a frame.
 
     Attributes:
+        foreground: of the frame.
         found: by row.
         fronts: for rows that are hidden the id of who hides them.
         free: (M,) the blobs (rows) that no object lies over.
     """
 
     def __init__(self, frame: Frame, bodies: Bodies, rows: Rows, radii: Floats, p: ShellsParameters) -> None:
-        self._fg = frame.foreground
+        self.foreground = self._fg = frame.foreground
         self._frame = frame
         self._bodies = bodies
         self._radii = radii
@@ -117,7 +118,7 @@ class Resolver:
                 continue
             main = int(mine[np.argmax(pixels[i, mine])])
             if tenants[main] == 1 and held[main] <= 1 and fits[i, main]:
-                self.found[int(rows[i])] = self._whole(int(rows[i]), main)
+                self.found[int(rows[i])] = self.whole(int(rows[i]), main)
             else:
                 shared.append(i)
         for members in _neighbourhoods(shared, linked):
@@ -138,7 +139,7 @@ class Resolver:
         high = (ratio <= p.larger) | (cut[None, :] & mine[:, None] & (ratio <= 2 * p.larger))
         return np.asarray((low & high) | patient[:, None])
 
-    def _whole(self, row: int, blob: int) -> Found:
+    def whole(self, row: int, blob: int) -> Found:
         """A blob that belongs to an object as it is."""
         b = self._fg.components[blob]
         x, y, w, h = (int(v) for v in b.box)
@@ -156,7 +157,7 @@ class Resolver:
         handed = self._hand_out(rows, blobs, fits[:, blobs])
         if handed is not None:
             for k, m in handed:
-                self.found[int(rows[k])] = self._whole(int(rows[k]), int(blobs[m]))
+                self.found[int(rows[k])] = self.whole(int(rows[k]), int(blobs[m]))
             return
         self._evaluate(rows, blobs, fits)
 
@@ -264,7 +265,7 @@ class Resolver:
     ) -> None:
         for k, row in enumerate(rows.tolist()):
             if k in whole:
-                self.found[row] = self._whole(row, whole[k])
+                self.found[row] = self.whole(row, whole[k])
                 continue
             body = self._bodies.items[row]
             own = owner == k + 1

@@ -65,13 +65,15 @@ class ShellsTracker:
         for body in self._bodies.items:
             body.begin_frame()
         radii = self._bodies.radii(self._k_s)
+        resolver = self._resolve(frame, radii, dt)
+        free = births.boxes_alone(frame) if resolver is None else births.unexplained(frame, resolver, self._p)
+        taken = self._associate(frame, free, radii)
+        taken |= self._start(frame, free, taken)
         found: dict[int, Found] = {}
-        if frame.mask is not None:
-            free, found = self._resolve(frame, frame.mask, radii, dt)
-        else:
-            free = births.boxes_alone(frame)
-        used = self._associate(frame, free, radii)
-        self._start(frame, free, used)
+        if resolver is not None:
+            found = resolver.found
+            for column in np.flatnonzero(free.whole).tolist():
+                found[taken[column]] = resolver.whole(taken[column], int(free.blobs[column]) - 1)
         self._confirm(frame, notices)
         found = self._settle(frame, found, notices)
         self._relate(frame)
@@ -101,21 +103,21 @@ class ShellsTracker:
             bank.p00[row, 2:] *= 1 - gain
             bank.value[row, 1] = foot - bank.value[row, 3] / 2
 
-    def _resolve(
-        self, frame: Frame, mask: NDArray[np.uint8], radii: Floats, dt: float
-    ) -> tuple[Free, dict[int, Found]]:
-        """Find the confirmed objects in the foreground; what is left over are others."""
-        fg = Foreground(mask, frame.detections.components)
+    def _resolve(self, frame: Frame, radii: Floats, dt: float) -> Resolver | None:
+        """Find the confirmed objects in the foreground; None where there is none."""
+        mask = frame.mask
+        if mask is None:
+            return None
         items = self._bodies.items
         rows = np.array([k for k, b in enumerate(items) if b.id != TENTATIVE and not b.lost], np.intp)
         blobs = np.array(frame.detections.blobs or [NO_BLOB] * len(frame.boxes), np.int64)
-        seen = Seen(fg, frame.boxes, blobs, lambda: frame.image)
+        seen = Seen(Foreground(mask, frame.detections.components), frame.boxes, blobs, lambda: frame.image)
         resolver = Resolver(seen, self._bodies, rows, radii, self._p)
         for row, at in sorted(resolver.found.items()):
             self._observe(row, frame, at, dt)
         for row, front in resolver.fronts.items():
             items[row].front = front
-        return births.unexplained(frame, fg, resolver, self._p), resolver.found
+        return resolver
 
     def _observe(self, row: int, frame: Frame, at: Found, dt: float) -> None:
         """Take what was found of an object (SHELLS 2.5)."""
@@ -133,21 +135,20 @@ class ShellsTracker:
         body.quality += (at.visible - body.quality) / min(body.hits, 10)
         body.measured = at.box if at.sized else self._bodies.box(row)
 
-    def _associate(self, frame: Frame, free: Free, radii: Floats) -> NDArray[np.bool_]:
-        """What was not found takes what is free within its shell: confirmed objects first, then the new ones."""
-        used = np.zeros(len(free.boxes), bool)
+    def _associate(self, frame: Frame, free: Free, radii: Floats) -> dict[int, int]:
+        """What was not found takes what is free within its shell, confirmed objects first; {column: row}."""
+        taken: dict[int, int] = {}
         items = self._bodies.items
         stages = (
             [k for k, b in enumerate(items) if b.id != TENTATIVE and not b.observed and not b.lost],
             [k for k, b in enumerate(items) if b.id == TENTATIVE],
         )
         for stage in stages:
-            rows, columns = np.array(stage, np.intp), np.flatnonzero(~used)
-            for i, j in self._match(rows, free.boxes[columns], radii):
-                column = int(columns[j])
-                used[column] = True
-                self._sight(int(rows[i]), frame, free, column)
-        return used
+            columns = [c for c in range(len(free.boxes)) if c not in taken]
+            for i, j in self._match(np.array(stage, np.intp), free.boxes[columns], radii):
+                taken[columns[j]] = stage[i]
+                self._sight(stage[i], frame, free, columns[j])
+        return taken
 
     def _match(self, rows: Rows, boxes: Floats, radii: Floats) -> list[tuple[int, int]]:
         if not len(rows) or not len(boxes):
@@ -173,12 +174,18 @@ class ShellsTracker:
         if body.id == TENTATIVE:
             body.sightings.append([float(frame.index), x, y, w, h])
 
-    def _start(self, frame: Frame, free: Free, used: NDArray[np.bool_]) -> None:
-        for column in np.flatnonzero(~used).tolist():
+    def _start(self, frame: Frame, free: Free, taken: dict[int, int]) -> dict[int, int]:
+        """Start an object at everything that is left; {column: row}."""
+        begun: dict[int, int] = {}
+        for column in range(len(free.boxes)):
+            if column in taken:
+                continue
             x, y, w, h = free.boxes[column].tolist()
             body = Body(TENTATIVE, frame.index, frame.time_ns, frame.time_ns, blob=int(free.blobs[column]))
             body.sightings.append([float(frame.index), x, y, w, h])
+            begun[column] = len(self._bodies)
             self._bodies.start((x, y, w, h), body)
+        return begun
 
     def _confirm(self, frame: Frame, notices: list[Notice]) -> None:
         for row, body in enumerate(self._bodies.items):
@@ -189,7 +196,8 @@ class ShellsTracker:
             body.id = self._next_id
             self._next_id += 1
             body.newborn = True
-            body.area = births.area_of(self._bodies.box(row), body.blob, frame)
+            if body.area <= 0:
+                body.area = births.area_of(self._bodies.box(row), body.blob, frame)
             evidence = {"hits": body.hits, "first_frame": body.born, "sightings": body.sightings[:-1]}
             notices.append(Notice("track_confirmed", [body.id], "EVENTS 2: enough support", evidence))
             body.sightings = []
@@ -319,6 +327,7 @@ class ShellsTracker:
             return ()
         labels = LabelImage(self._scene.width, self._scene.height)
         by_id = {self._bodies.items[row].id: at for row, at in found.items()}
+        by_id.pop(TENTATIVE, None)
         for identity in sorted(by_id):
             at = by_id[identity]
             labels.put(identity, at.own, at.left, at.top)
@@ -369,4 +378,3 @@ class ShellsTracker:
         self._bodies.restore(state["bodies"])
         self._book.restore(state["book"])
         self._doubts.restore(state["doubts"])
-
