@@ -1,1 +1,22 @@
-"""PARTS: part-based model and layered data association."""
+"""PARTS: tracking under heavy occlusion by a part-based model and layered data association."""
+
+from __future__ import annotations
+
+from recorders.parameters import Config, Parameters
+from replay.trackers.parts.parameters import PartsParameters
+from replay.trackers.parts.scoring import PartFeatures
+from replay.trackers.parts.tracker import PartsTracker
+from replay.trackers.tracker import SceneInfo, Tracker
+
+SECTIONS: dict[str, type[Parameters]] = {"parts": PartsParameters, "part_features": PartFeatures}
+
+
+def make(scene: SceneInfo, config: Config) -> Tracker:
+    """Build the tracker for a scene from its configuration's sections ``parts`` and ``part_features``."""
+    parameters, features = config["parts"], config["part_features"]
+    assert isinstance(parameters, PartsParameters)
+    assert isinstance(features, PartFeatures)
+    return PartsTracker(scene, parameters, features)
+
+
+__all__ = ["SECTIONS", "PartFeatures", "PartsParameters", "PartsTracker", "make"]

@@ -1,0 +1,114 @@
+"""How targets begin (PARTS 3): at new blobs and where blobs split, or by hand; and how they are confirmed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.errors import ConfigError
+from recorders.messages import NO_BLOB, Notice
+from replay.trackers.association import intersection
+from replay.trackers.parts.candidates import Observed
+from replay.trackers.parts.parameters import PartsParameters
+from replay.trackers.parts.targets import TENTATIVE, Target, Targets
+from replay.trackers.tracker import Frame
+
+Floats = NDArray[np.float64]
+SPLIT_SHARE = 0.3
+"""A new target that covers this much of another one's last box, or shares its blob, was born of a split."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """A target started by hand: frame from 0, box x, y, w, h in pixels."""
+
+    frame: int
+    box: tuple[float, float, float, float]
+
+
+def parse_init(words: str) -> tuple[Start, ...]:
+    """Targets started by hand, by frame, then in the order of the words.
+
+    >>> parse_init("frame:3:10,20,30,60; frame:0:1,2,3,4")
+    (Start(frame=0, box=(1.0, 2.0, 3.0, 4.0)), Start(frame=3, box=(10.0, 20.0, 30.0, 60.0)))
+
+    Raises:
+        ConfigError: not ``frame:N:x,y,w,h``, or a box without a size.
+    """
+    out: list[Start] = []
+    for word in (w.strip() for w in words.split(";")):
+        if not word:
+            continue
+        kind, _, rest = word.partition(":")
+        number, _, box = rest.partition(":")
+        try:
+            x, y, w, h = (float(v) for v in box.split(","))
+            if kind != "frame" or not number.isdigit() or not all(map(math.isfinite, (x, y, w, h))) or min(w, h) <= 0:
+                raise ValueError(word)
+        except ValueError:
+            raise ConfigError(
+                f"parts.init: {word!r} must be frame:N:x,y,w,h with N from 0 and w and h over 0"
+            ) from None
+        out.append(Start(int(number), (x, y, w, h)))
+    return tuple(sorted(out, key=lambda s: s.frame))
+
+
+class Beginning:
+    """Starts and confirms targets."""
+
+    def __init__(self, p: PartsParameters, targets: Targets) -> None:
+        self._p = p
+        self._targets = targets
+
+    def by_hand(self, frame: Frame, starts: Sequence[Start]) -> None:
+        """Start what was drawn into this frame."""
+        for start in starts:
+            if start.frame == frame.index:
+                target = Target(TENTATIVE, frame.index, frame.time_ns, frame.time_ns, manual=True)
+                target.measured = start.box
+                self._targets.start(np.array(start.box, np.float64), target)
+
+    def automatic(self, frame: Frame, seen: Observed, unexplained: Floats) -> None:
+        """Start a tentative target at every detection that nobody explains.
+
+        Args:
+            frame: the frame.
+            seen: its observations.
+            unexplained: (K,) share of each that belongs to no target.
+        """
+        has_mask = bool(len(seen.blob_boxes))
+        before = self._targets.boxes.copy()
+        crowded = {t.blob for t in self._targets.items if t.observed and t.blob != NO_BLOB}
+        for k in np.flatnonzero((unexplained >= self._p.min_unexplained) & (seen.scores > 0)).tolist():
+            # Whatever its score: the score of a body within a blob means little once nobody explains it.
+            if not has_mask and seen.scores[k] < self._p.high_score:
+                continue
+            blob = int(seen.blobs[k])
+            target = Target(TENTATIVE, frame.index, frame.time_ns, frame.time_ns, blob=blob)
+            share = intersection(seen.boxes[k : k + 1], before) / max(float(seen.boxes[k, 2] * seen.boxes[k, 3]), 1.0)
+            target.split = blob in crowded or bool((share >= SPLIT_SHARE).any())
+            target.sightings.append([float(frame.index), *seen.boxes[k].tolist()])
+            target.measured = tuple(seen.boxes[k].tolist())
+            self._targets.start(seen.boxes[k], target)
+
+    def confirm(self, frame: Frame, next_id: int, notices: list[Notice]) -> int:
+        """Give ids to what has had enough support, in the order of birth; returns the next id."""
+        p = self._p
+        for target in self._targets.items:
+            if target.id != TENTATIVE or not target.observed:
+                continue
+            seconds = (frame.time_ns - target.born_ns) * 1e-9
+            if not target.manual and (target.hits < p.confirm_hits or seconds < p.confirm_s):
+                continue
+            target.id = next_id
+            next_id += 1
+            target.newborn = True
+            rule = "PARTS 3: started by hand" if target.manual else "PARTS 3: a new blob or a split"
+            evidence = {"hits": target.hits, "first_frame": target.born, "sightings": target.sightings[:-1]}
+            notices.append(Notice("track_confirmed", [target.id], rule, evidence))
+            target.sightings = []
+        return next_id

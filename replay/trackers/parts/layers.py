@@ -1,0 +1,192 @@
+"""Layered data association (PARTS 4): features -> parts -> the whole target, then all targets jointly.
+
+Conflicts: every anchor goes to one target at most, by the joint assignment of highest total score; the assignment is made
+twice, first with everybody where they were last, then with everybody where the first one put them, so that a part
+that somebody nearer covers counts as hidden. Two targets whose boxes still all but coincide are told apart by their
+scores: the lower one (of equals the later born) gives way and chooses again without that anchor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay.trackers.association import assign, iou
+from replay.trackers.parts.candidates import Candidates
+from replay.trackers.parts.features import Measured
+from replay.trackers.parts.parameters import PartsParameters
+from replay.trackers.parts.regions import covered
+from replay.trackers.parts.scoring import FULL, Scorer
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+COINCIDE = 0.75
+"""IoU of two targets' boxes from which on one has to give way."""
+TRUNK = 0.8
+"""A body hides what is behind this share of its box's width."""
+NEARER = 0.03
+"""A foot this share of the height lower is nearer to the camera."""
+
+
+@dataclass(frozen=True)
+class Scored:
+    """N candidates with their scores.
+
+    Attributes:
+        candidates: the candidates.
+        measured: their features.
+        parts: (N, 5) their parts' scores, of `FULL`.
+        rectangles: (N, 5, 4) their parts.
+        foreground: (N, 5) foreground pixels of the parts.
+    """
+
+    candidates: Candidates
+    measured: Measured
+    parts: Ints
+    rectangles: Floats
+    foreground: Floats
+
+
+@dataclass(frozen=True)
+class Match:
+    """A target's place.
+
+    Attributes:
+        row: the target.
+        candidate: row of the candidate.
+        box: its box, refined where several were near-equal.
+        score: global score, of `FULL`.
+        hidden: (5,) parts that nearer targets cover.
+        rival: the target that wanted the same anchor and had to give way, -1 for none.
+    """
+
+    row: int
+    candidate: int
+    box: Floats
+    score: int
+    hidden: Bools
+    rival: int = -1
+
+
+Refine = Callable[[int, Floats, float], Floats | None]
+"""(target, box, reach in pixels) -> the box with the head where its image fits best, None if that tells nothing."""
+
+
+class Association:
+    """One frame's layered association."""
+
+    def __init__(self, scored: Scored, scorer: Scorer, p: PartsParameters, refine: Refine | None) -> None:
+        self._s, self._scorer, self._p, self._refine = scored, scorer, p, refine
+        self._hidden_score = round(p.hidden_score * FULL)
+        self._least = round(p.match_score * FULL)
+
+    def solve(self, rows: NDArray[np.intp], boxes: Floats, taken: Floats) -> list[Match]:
+        """Match targets and candidates.
+
+        Args:
+            rows: (T,) the targets that take part, in the order of their birth.
+            boxes: (T, 4) where they were last.
+            taken: (M, 4) boxes of targets that have been placed already.
+        """
+        if not len(rows) or not len(self._s.candidates.rows):
+            return []
+        where = {int(r): b for r, b in zip(rows, boxes, strict=True)}
+        matches: list[Match] = []
+        for _ in range(2):
+            hidden = self._hidden(where, taken)
+            scores = self._scorer.whole(self._s.parts, hidden, self._hidden_score)
+            matches = self._assign(rows, scores, hidden)
+            where = {**where, **{m.row: m.box for m in matches}}
+        return matches
+
+    def _hidden(self, where: dict[int, Floats], taken: Floats) -> Bools:
+        """Which parts of each candidate nearer targets cover."""
+        c = self._s.candidates
+        others = np.concatenate([np.array(list(where.values())).reshape(-1, 4), taken])
+        owner = np.array([*where, *[-1] * len(taken)])
+        foot = c.boxes[:, 1] + c.boxes[:, 3]
+        nearer = (others[:, 1] + others[:, 3])[None, :] > (foot + NEARER * c.boxes[:, 3])[:, None]
+        nearer &= owner[None, :] != c.rows[:, None]
+        trunks = others + np.stack(
+            [others[:, 2] * (1 - TRUNK) / 2, 0 * others[:, 2], -others[:, 2] * (1 - TRUNK), 0 * others[:, 2]], axis=1
+        )
+        return covered(self._s.rectangles, trunks, nearer) >= self._p.hidden_cover
+
+    def _assign(self, rows: NDArray[np.intp], scores: Ints, hidden: Bools) -> list[Match]:
+        c = self._s.candidates
+        order = {int(r): t for t, r in enumerate(rows)}
+        best = np.full((len(rows), c.count), -1, np.int64)
+        for k in range(len(c.rows)):
+            t = order.get(int(c.rows[k]))
+            if t is not None and (best[t, c.anchors[k]] < 0 or scores[k] > scores[best[t, c.anchors[k]]]):
+                best[t, c.anchors[k]] = k
+        value = np.where(best >= 0, scores[best], -1)
+        boxes = c.boxes.copy()
+        if self._refine is not None:
+            self._prune(rows, best, value, boxes)
+        visible = (~hidden * self._scorer.gamma).sum(axis=1) >= self._p.min_visible * int(self._scorer.gamma.sum())
+        visible &= self._filled(hidden)
+        allowed = (value >= self._least) & visible[best]
+        wanted = np.where(allowed.any(axis=1), np.argmax(np.where(allowed, value, -1), axis=1), -1)
+        while True:
+            pairs = assign(-value / FULL, allowed)
+            loser = _coinciding(pairs, best, boxes, value)
+            if loser is None:
+                break
+            allowed[loser] = False
+        taker = {a: t for t, a in pairs}
+        out = []
+        for t, a in pairs:
+            k = int(best[t, a])
+            rivals = [u for u in range(len(rows)) if u != t and wanted[u] == a and taker.get(a) == t]
+            rival = int(rows[rivals[0]]) if rivals else -1
+            out.append(Match(int(rows[t]), k, boxes[k], int(value[t, a]), hidden[k], rival))
+        return out
+
+    def _filled(self, hidden: Bools) -> Bools:
+        """Whether there is foreground enough in the parts that are to be seen, (N,)."""
+        seen = self._s.rectangles[:, :, 2] * self._s.rectangles[:, :, 3] * ~hidden
+        return np.asarray((self._s.foreground * ~hidden).sum(axis=1) >= self._p.min_fill * seen.sum(axis=1))
+
+    def _prune(self, rows: NDArray[np.intp], best: Ints, value: Ints, boxes: Floats) -> None:
+        """Multiple responses: near-equal candidates nearby are decided by the image of the head (PARTS 4.1)."""
+        assert self._refine is not None
+        for t in range(len(rows)):
+            top = int(value[t].max(initial=-1))
+            if top < self._least:
+                continue
+            near = np.flatnonzero(value[t] * self._p.ratio >= top)
+            if len(near) < 2:
+                continue
+            first = near[int(np.argmax(value[t, near]))]
+            box = boxes[best[t, first]]
+            away = np.abs(boxes[best[t, near], :2] - box[:2]).max(axis=1)
+            near = near[away <= 0.6 * box[3]]
+            if len(near) < 2:
+                continue
+            refined = self._refine(int(rows[t]), box, float(away[away <= 0.6 * box[3]].max()) + 0.1 * float(box[3]))
+            if refined is None:
+                continue
+            middle = boxes[best[t, near], 0] + boxes[best[t, near], 2] / 2
+            off = np.abs(middle - refined[0] - refined[2] / 2) + np.abs(boxes[best[t, near], 1] - refined[1])
+            winner = near[int(np.argmin(off))]
+            others = near[near != winner]
+            value[t, winner] = top
+            value[t, others] = (value[t, others] / self._p.ratio).astype(np.int64)
+
+
+def _coinciding(pairs: list[tuple[int, int]], best: Ints, boxes: Floats, value: Ints) -> tuple[int, int] | None:
+    """The pair that has to give way, None if no two boxes all but coincide."""
+    if len(pairs) < 2:
+        return None
+    placed = boxes[[best[t, a] for t, a in pairs]]
+    overlap = np.triu(iou(placed, placed), 1)
+    if float(overlap.max()) < COINCIDE:
+        return None
+    i, j = np.unravel_index(int(np.argmax(overlap)), overlap.shape)
+    return pairs[int(i)] if value[pairs[int(i)]] < value[pairs[int(j)]] else pairs[int(j)]

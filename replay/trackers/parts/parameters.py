@@ -1,0 +1,60 @@
+"""Parameters of the PARTS tracker. Lengths are in units of the target's width or height, times in seconds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from recorders.parameters import Parameters, param
+
+
+@dataclass(frozen=True)
+class PartsParameters(Parameters):
+    """Global and parts model, dynamical model, layered data association (PARTS 2 to 4)."""
+
+    hindsight: bool = param(True, "join, fill and smooth the tracks after the forward pass")
+    init: str = param(
+        "",
+        "targets that are started by hand: frame:N:x,y,w,h, several parted by ';'. With any, nothing else starts one",
+        source="PARTS 3",
+    )
+    use_parts: bool = param(True, "off: candidates are scored by place and size alone (for comparison)")
+    use_heads: bool = param(
+        True, "off: no head detection, merged blobs give no candidates of their own (for comparison)"
+    )
+    use_pruning: bool = param(
+        True, "off: near-equal candidates are not told apart by the head's image (for comparison)"
+    )
+    gate_sizes: float = param(0.45, "least half side of the gate", unit="target heights", low=0.01, high=10.0)
+    gate_speeds: float = param(2.5, "half side of the gate over the way at the present speed", low=0.0, high=100.0)
+    gate_most: float = param(2.0, "largest half side of the gate", unit="target heights", low=0.1, high=100.0)
+    occlusion: float = param(
+        0.5, "a candidate that much wider, higher or smaller is occluded", low=0.05, high=5.0, source="PARTS 3.1"
+    )
+    size_step: float = param(0.05, "step of the five sizes under a head", low=0.0, high=0.2, source="PARTS eq. 9, 10")
+    centroid_frames: int = param(
+        4, "window of the running means of alpha and beta", unit="frames", low=1, high=100, source="PARTS 2.1: 3 to 5"
+    )
+    match_score: float = param(0.40, "least global score of a match", low=0.0, high=1.0, source="PARTS 4")
+    ratio: float = param(
+        1.06, "the best candidate's score over its runner-up's, else the head's image decides", low=1.0, high=10.0,
+        source="PARTS 4",
+    )  # fmt: skip
+    part_score: float = param(0.35, "least score of a part that matches", low=0.0, high=1.0, source="PARTS 4.2")
+    hidden_score: float = param(0.38, "what a part that others cover counts for", low=0.0, high=1.0)
+    hidden_cover: float = param(0.5, "a part is hidden if nearer targets cover this much of it", low=0.05, high=1.0)
+    min_fill: float = param(0.3, "least share of foreground in the parts that nobody covers", low=0.0, high=1.0)
+    min_visible: float = param(0.3, "least visible share of an observed target, by gamma", low=0.0, high=1.0)
+    learn_most: float = param(0.3, "largest weight of a new observation in a part's model", low=0.0, high=1.0)
+    learn_s: float = param(0.2, "a lone target's parts are compared and learnt this often", unit="s", low=0.0, high=60)
+    place_noise: float = param(0.06, "standard deviation of a measured centroid", unit="heights", low=0.001, high=10)
+    size_noise: float = param(0.08, "standard deviation of a measured size", unit="heights", low=0.001, high=10)
+    agility: float = param(0.7, "standard deviation of a target's acceleration", unit="heights/s^2", low=0, high=1e3)
+    size_agility: float = param(0.05, "the same of width and height", unit="heights/s^2", low=0, high=1e3)
+    high_score: float = param(0.7, "lone detections from this score on may start targets", low=0.0, high=1.0)
+    confirm_s: float = param(0.4, "a new target is confirmed after this time", unit="s", low=0.0, high=60.0)
+    confirm_hits: int = param(3, "and after this many observations", unit="frames", low=1, high=1000)
+    tentative_s: float = param(0.3, "a new target unseen for longer is dropped", unit="s", low=0.0, high=60.0)
+    coast_s: float = param(0.5, "an unseen target is held present for this time", unit="s", low=0.0, high=60.0)
+    keep_s: float = param(4.0, "an unseen target may come back within this time", unit="s", low=0.0, high=3600.0)
+    half_life_s: float = param(0.5, "an unseen target's confidence halves in this time", unit="s", low=0.001, high=3600)
+    min_unexplained: float = param(0.5, "a detection with less foreground of its own starts nothing", low=0, high=1)

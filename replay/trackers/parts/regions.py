@@ -1,0 +1,88 @@
+"""Where the five parts lie in a person's box (PARTS 2.1, Figure 2).
+
+The head is the top seventh, over the whole width. Below it the centroid (x_c, y_c) parts torso from legs and left
+from right. ``alpha`` and ``beta`` say where the centroid lies within the box, so that it can be laid into a box of
+which only the head is seen (eq. 1 and 2).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+PARTS = ("head", "left_torso", "right_torso", "left_legs", "right_legs")
+"""Left and right as in the picture."""
+HEAD = 1.0 / 7.0
+"""The head's share of the height."""
+ALPHA, BETA = 0.5, 0.42
+"""Usual places of the centroid, before a target's own are known."""
+
+
+def alpha_of(boxes: Floats, x_c: Floats) -> Floats:
+    """alpha = (x_c - x_tl) / w, eq. 1, kept within the box's middle half; boxes (N, 4), x_c (N,) -> (N,)."""
+    return np.asarray(np.clip((x_c - boxes[:, 0]) / np.maximum(boxes[:, 2], 1e-9), 0.25, 0.75))
+
+
+def beta_of(boxes: Floats, y_c: Floats) -> Floats:
+    """beta = (y_c - y_tl - h/7) / (h - h/7), eq. 2 with its signs set right, kept plausible; -> (N,)."""
+    h = np.maximum(boxes[:, 3], 1e-9)
+    return np.asarray(np.clip((y_c - boxes[:, 1] - HEAD * h) / ((1 - HEAD) * h), 0.25, 0.65))
+
+
+def parts_of(boxes: Floats, alpha: Floats, beta: Floats) -> Floats:
+    """The parts' rectangles of N boxes, (N, 5, 4) x, y, w, h in pixels, in the order of `PARTS`.
+
+    Args:
+        boxes: (N, 4) x, y, w, h.
+        alpha: (N,) place of the centroid across, of the width.
+        beta: (N,) and down the body, of the height below the head.
+    """
+    x, y, w, h = boxes.T
+    x_c, shoulders = x + alpha * w, y + HEAD * h
+    y_c = shoulders + beta * (h - HEAD * h)
+    foot = y + h
+    out = np.empty((len(boxes), 5, 4))
+    left, right = (x, x_c), (x_c, x + w)
+    for j, ((x1, x2), (y1, y2)) in enumerate(
+        (
+            ((x, x + w), (y, shoulders)),
+            (left, (shoulders, y_c)),
+            (right, (shoulders, y_c)),
+            (left, (y_c, foot)),
+            (right, (y_c, foot)),
+        )
+    ):
+        out[:, j, 0], out[:, j, 1], out[:, j, 2], out[:, j, 3] = x1, y1, x2 - x1, y2 - y1
+    return out
+
+
+def hung(heads: Floats, sizes: Floats, alpha: Floats) -> Floats:
+    """Boxes of given sizes hung from the tops of heads: x_c and y_tl are the head's, alpha gives x_tl (PARTS 2.1).
+
+    Args:
+        heads: (N, 2) x, y of each head's top in pixels.
+        sizes: (N, 2) width, height.
+        alpha: (N,).
+    """
+    return np.stack([heads[:, 0] - alpha * sizes[:, 0], heads[:, 1], sizes[:, 0], sizes[:, 1]], axis=1)
+
+
+def covered(parts: Floats, boxes: Floats, nearer: NDArray[np.bool_]) -> Floats:
+    """How much of each part other boxes cover, (N, 5) in [0, 1].
+
+    Args:
+        parts: (N, 5, 4).
+        boxes: (M, 4) the others.
+        nearer: (N, M) whether the other stands in front of whom the parts belong to.
+    """
+    n, m = nearer.shape
+    if not n or not m:
+        return np.zeros((n, 5))
+    p, b = parts[:, :, None, :], boxes[None, None, :, :]
+    wide = np.minimum(p[..., 0] + p[..., 2], b[..., 0] + b[..., 2]) - np.maximum(p[..., 0], b[..., 0])
+    high = np.minimum(p[..., 1] + p[..., 3], b[..., 1] + b[..., 3]) - np.maximum(p[..., 1], b[..., 1])
+    meet = np.maximum(wide, 0.0) * np.maximum(high, 0.0) * nearer[:, None, :]
+    area = np.maximum(parts[..., 2] * parts[..., 3], 1e-9)
+    return np.asarray(np.minimum(meet.sum(axis=2) / area, 1.0))

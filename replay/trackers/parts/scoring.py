@@ -1,0 +1,132 @@
+"""From differences to scores: p(d | theta) per feature and part, part scores, the global score (PARTS 2.2 and 4.1).
+
+The matching case's models come from the section ``part_features`` of the configuration, which `scenetrace fit` writes.
+Each is tabulated once over all differences, over its own highest value, so that features of different spread weigh
+what their weights say; scores are integers of which `FULL` is 1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.errors import ConfigError
+from recorders.parameters import Parameters, param
+from replay.trackers.parts.features import FEATURES, ONE
+from replay.trackers.parts.regions import PARTS
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FULL = 1000
+"""The score of a perfect match."""
+_SHAPES = {"half-normal": 1, "mixture": 3}
+
+
+@dataclass(frozen=True)
+class PartFeatures(Parameters):
+    """The matching case's features: models by part, weights omega and gamma, and what they were fitted on.
+
+    A model is ``half-normal SIGMA`` or ``mixture WEIGHT MEAN SIGMA ...``, differences in units of the feature; parts
+    in the order head, left torso, right torso, left legs, right legs, parted by ';'. One model alone is everybody's.
+    """
+
+    area: str = param("half-normal 0.18", "area: foreground over the part's area", source="PARTS 2.2, fitted")
+    perimeter: str = param("half-normal 0.12", "contour over the part's perimeter", source="PARTS 2.2, fitted")
+    hsv: str = param("half-normal 0.16", "HSV histograms, share that differs", source="PARTS 2.2, fitted")
+    xyz: str = param("half-normal 0.16", "XYZ histograms, share that differs", source="PARTS 2.2, fitted")
+    displacement: str = param("half-normal 0.35", "way of the part, in half gates", source="PARTS 2.2, fitted")
+    overlap: str = param("half-normal 0.25", "overlap with the part's last place", source="PARTS 2.2, fitted")
+    omega_area: float = param(0.2, "weight of a feature", low=0, high=1, source="PARTS eq. 12, fitted")
+    omega_perimeter: float = param(0.1, "weight of a feature", low=0, high=1, source="PARTS eq. 12, fitted")
+    omega_hsv: float = param(0.2, "weight of a feature", low=0, high=1, source="PARTS eq. 12, fitted")
+    omega_xyz: float = param(0.2, "weight of a feature", low=0, high=1, source="PARTS eq. 12, fitted")
+    omega_displacement: float = param(0.2, "weight of a feature", low=0, high=1, source="PARTS eq. 12, fitted")
+    omega_overlap: float = param(0.1, "weight of a feature", low=0, high=1, source="PARTS eq. 12, fitted")
+    gamma_head: float = param(0.2, "weight of a part", low=0, high=1, source="PARTS eq. 13, fitted")
+    gamma_left_torso: float = param(0.25, "weight of a part", low=0, high=1, source="PARTS eq. 13, fitted")
+    gamma_right_torso: float = param(0.25, "weight of a part", low=0, high=1, source="PARTS eq. 13, fitted")
+    gamma_left_legs: float = param(0.15, "weight of a part", low=0, high=1, source="PARTS eq. 13, fitted")
+    gamma_right_legs: float = param(0.15, "weight of a part", low=0, high=1, source="PARTS eq. 13, fitted")
+    fitted_on: str = param("set by hand", "what the models and weights were fitted on")
+
+
+def density(words: str, at: Floats, where: str = "model") -> Floats:
+    """p(d | theta) at differences ``at``, of a model in words, not normalised over the half line's edge.
+
+    Raises:
+        ConfigError: not a model; names ``where``.
+    """
+    kind, *rest = words.split()
+    size = _SHAPES.get(kind)
+    try:
+        numbers = [float(word) for word in rest]
+    except ValueError:
+        numbers = []
+    if size is None or not numbers or len(numbers) % size or (size == 1 and len(numbers) > 1):
+        raise ConfigError(f"{where} = {words!r}: must be 'half-normal SIGMA' or 'mixture WEIGHT MEAN SIGMA ...'")
+    if not all(math.isfinite(v) for v in numbers) or min(numbers[size - 1 :: size]) <= 0 or min(numbers[::size]) < 0:
+        raise ConfigError(f"{where} = {words!r}: spreads must be over 0, weights not below 0")
+    if kind == "half-normal":
+        sigma = numbers[0]
+        return np.asarray(math.sqrt(2 / math.pi) / sigma * np.exp(-0.5 * (at / sigma) ** 2))
+    total = np.zeros_like(at)
+    for weight, mean, sigma in zip(numbers[::3], numbers[1::3], numbers[2::3], strict=True):
+        total += weight / (sigma * math.sqrt(2 * math.pi)) * np.exp(-0.5 * ((at - mean) / sigma) ** 2)
+    return total
+
+
+def split_models(words: str, where: str) -> list[str]:
+    """One model per part.
+
+    Raises:
+        ConfigError: neither one nor as many as there are parts.
+    """
+    models = [m.strip() for m in words.split(";") if m.strip()]
+    if len(models) not in (1, len(PARTS)):
+        raise ConfigError(f"{where} = {words!r}: must be one model, or {len(PARTS)} parted by ';'")
+    return models * len(PARTS) if len(models) == 1 else models
+
+
+class Scorer:
+    """Scores of candidates by the shipped or fitted models.
+
+    Raises:
+        ConfigError: a model is not one, or all weights are 0.
+    """
+
+    def __init__(self, p: PartFeatures) -> None:
+        at = np.arange(ONE) / ONE
+        self.tables: Ints = np.empty((len(FEATURES), len(PARTS), ONE), np.int64)
+        for i, feature in enumerate(FEATURES):
+            where = f"part_features.{feature}"
+            for j, words in enumerate(split_models(getattr(p, feature), where)):
+                values = density(words, at, where)
+                self.tables[i, j] = np.rint(values / max(float(values.max()), 1e-300) * FULL).astype(np.int64)
+        self.omega = _weights([getattr(p, f"omega_{f}") for f in FEATURES], "omega")
+        self.gamma = _weights([getattr(p, f"gamma_{j}") for j in PARTS], "gamma")
+
+    def parts(self, differences: Ints, known: NDArray[np.bool_]) -> Ints:
+        """Part scores p_j = sum_i omega_i p(d_ij | theta_ij), eq. 12, of N candidates, (N, 5) in [0, `FULL`].
+
+        Args:
+            differences: (N, 5, 6) as `features.differences` gives them.
+            known: (6,) features that were measured; the others' weights fall to these.
+        """
+        i, j = np.arange(len(FEATURES))[None, None, :], np.arange(len(PARTS))[None, :, None]
+        scores = self.tables[i, j, differences]
+        omega = self.omega * known
+        return np.asarray((scores * omega).sum(axis=2) // max(1, int(omega.sum())))
+
+    def whole(self, parts: Ints, hidden: NDArray[np.bool_], hidden_score: int) -> Ints:
+        """Global scores p = sum_j gamma_j p_j, eq. 13, (N,); hidden parts (N, 5) count ``hidden_score``."""
+        return np.asarray((np.where(hidden, hidden_score, parts) * self.gamma).sum(axis=1) // int(self.gamma.sum()))
+
+
+def _weights(values: list[float], name: str) -> Ints:
+    if sum(values) <= 0:
+        raise ConfigError(f"part_features.{name}_*: at least one weight must be over 0")
+    return np.array([round(v * 1000 / sum(values)) for v in values], np.int64)

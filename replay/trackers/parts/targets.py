@@ -1,0 +1,234 @@
+"""The targets: global model, parts model, the two Kalman filters, the head's template (PARTS 2 and 3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.messages import NO_BLOB, Box, Mode
+from replay.trackers.kalman import KalmanBank
+from replay.trackers.parts.features import ONE, Measured, PartsModel
+from replay.trackers.parts.parameters import PartsParameters
+from replay.trackers.parts.regions import ALPHA, BETA, PARTS, alpha_of, beta_of, parts_of
+from replay.trackers.parts.template import SIDE
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+TENTATIVE = -1
+_MODEL = ("area", "perimeter", "overlap", "colours", "seen")
+
+
+@dataclass(slots=True)
+class Target:
+    """One target's bookkeeping; its numbers are a row of `Targets`' arrays.
+
+    Attributes:
+        id: identity, `TENTATIVE` before confirmation.
+        born: frame of the first observation; born_ns its time.
+        seen_ns: time of the last observation.
+        hits: observations so far.
+        quality: running mean of the matches' scores.
+        sightings: while tentative, [frame, x, y, w, h] of every observation.
+        lost: held, but no longer said to be present.
+        manual: started by hand.
+    """
+
+    id: int
+    born: int
+    born_ns: int
+    seen_ns: int
+    hits: int = 1
+    quality: float = 1.0
+    mode: Mode = "motion"
+    confidence: float = 1.0
+    observed: bool = True
+    blob: int = NO_BLOB
+    newborn: bool = False
+    lost: bool = False
+    split: bool = False
+    manual: bool = False
+    measured: Box | None = None
+    now: Mode = "motion"
+    score: float | None = None
+    learnt_ns: int = -1
+    signed: bool = False
+    sightings: list[list[float]] = field(default_factory=list)
+
+    def begin_frame(self) -> None:
+        """Forget what was true of the last frame alone."""
+        self.newborn = self.observed = self.signed = False
+        self.measured = self.score = None
+
+
+class Targets:
+    """All targets in the order of their birth; row k of every array belongs to item k.
+
+    Attributes:
+        motion: KF1 over the box's centre: gives the speed, not the place (eq. 7).
+        size: KF2 over (h, w) (eq. 8).
+        boxes: (N, 4) the last validated box.
+        alpha, beta: (N,) running means of the centroid's place in the box.
+        misses: (N,) frames since the last observation.
+        hidden: (N, 5) parts held to be hidden.
+        model: the parts models.
+        template: (N, SIDE * SIDE, 3) uint8 image of the head, with ``has_template`` (N,).
+    """
+
+    def __init__(self, parameters: PartsParameters) -> None:
+        self._p = parameters
+        self.items: list[Target] = []
+        self.motion, self.size = KalmanBank(2), KalmanBank(2)
+        self.boxes: Floats = np.zeros((0, 4))
+        self.alpha: Floats = np.zeros(0)
+        self.beta: Floats = np.zeros(0)
+        self.misses = np.zeros(0, np.int64)
+        self.hidden = np.zeros((0, len(PARTS)), bool)
+        self.model = PartsModel.empty()
+        self.template: Bytes = np.zeros((0, SIDE * SIDE, 3), np.uint8)
+        self.has_template = np.zeros(0, bool)
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    @property
+    def speeds(self) -> Floats:
+        """Magnitudes of the speeds, (N,) pixels per second."""
+        return np.sqrt((self.motion.rate**2).sum(axis=1))
+
+    def predict(self, dt: float) -> None:
+        """Advance both filters by dt seconds. The places stay: no direction is assumed (PARTS 3)."""
+        if not self.items or dt <= 0:
+            return
+        h = self.boxes[:, 3:4]
+        self.motion.predict(dt, (h * self._p.agility) ** 2)
+        self.size.predict(dt, (h * self._p.size_agility) ** 2)
+        # A size that went on changing while nobody can see it would soon be nonsense.
+        unsure = np.array([t.now != "motion" or not t.observed for t in self.items], bool)
+        self.size.rate[unsure] = 0.0
+
+    def expected(self) -> Floats:
+        """Boxes of the predicted sizes at the last places, the foot's middle kept, (N, 4)."""
+        w, h = np.maximum(self.size.value[:, 1], 2.0), np.maximum(self.size.value[:, 0], 4.0)
+        b = self.boxes
+        return np.stack([b[:, 0] + (b[:, 2] - w) / 2, b[:, 1] + b[:, 3] - h, w, h], axis=1)
+
+    def gates(self, dt: float) -> Floats:
+        """Half sides of the gates, (N,) pixels: by speed, doubled for every frame missed."""
+        p, h = self._p, self.boxes[:, 3]
+        half = np.maximum(p.gate_sizes * h, p.gate_speeds * self.speeds * dt)
+        return np.asarray(np.minimum(half * 2.0 ** np.minimum(self.misses, 8), p.gate_most * h))
+
+    def lean(self, rows: NDArray[np.intp], sizes: Floats, spread: float) -> None:
+        """Let predicted sizes lean towards those that are usual at their places, (M, 2) width and height."""
+        usual = sizes[:, ::-1]
+        self.size.update(rows, usual, (spread * usual[:, :1]) ** 2)
+
+    def start(self, box: Floats, target: Target) -> None:
+        """Append a target at a box."""
+        x, y, w, h = box.tolist()
+        p = self._p
+        place = np.array([[x + w / 2, y + h / 2]])
+        self.motion.add(place, np.array((h * p.place_noise) ** 2), np.array(h**2))
+        self.size.add(np.array([[h, w]]), np.array((h * p.size_noise) ** 2), np.array((0.03 * h) ** 2))
+        self.boxes = np.concatenate([self.boxes, box[None]])
+        self.alpha, self.beta = np.append(self.alpha, ALPHA), np.append(self.beta, BETA)
+        self.misses = np.append(self.misses, 0)
+        self.hidden = np.concatenate([self.hidden, np.zeros((1, len(PARTS)), bool)])
+        self.model.append(PartsModel.empty(1))
+        self.template = np.concatenate([self.template, np.zeros((1, SIDE * SIDE, 3), np.uint8)])
+        self.has_template = np.append(self.has_template, False)
+        self.items.append(target)
+
+    def correct(self, row: int, box: Floats, centroid: tuple[float, float] | None, occluded: bool) -> None:
+        """Update the global model (PARTS 4.2): replaced if unoccluded, else averaged over time.
+
+        The average over a sliding window is the filters' own: KF1's for the place, KF2's for the size; what is averaged
+        is where the target is relative to its path, so that it does not lag behind.
+        """
+        p = self._p
+        x, y, w, h = box.tolist()
+        at = np.array([row])
+        k = 4.0 if occluded else 1.0
+        self.size.update(at, np.array([[h, w]]), k * k * k * (h * p.size_noise) ** 2)
+        if centroid is not None and not occluded:
+            gain = 1.0 / p.centroid_frames
+            self.alpha[row] += gain * (float(alpha_of(box[None], np.array([centroid[0]]))[0]) - self.alpha[row])
+            self.beta[row] += gain * (float(beta_of(box[None], np.array([centroid[1]]))[0]) - self.beta[row])
+        place = np.array([[x + w / 2, y + h / 2]])
+        self.motion.update(at, place, k * (h * p.place_noise) ** 2)
+        if occluded:
+            x_c, y_c = self.motion.value[row].tolist()
+            hh, ww = self.size.value[row].tolist()
+            self.boxes[row] = (x_c - ww / 2, y_c - hh / 2, ww, hh)
+        else:
+            self.boxes[row] = box
+        self.misses[row] = 0
+
+    def parts(self, rows: NDArray[np.intp], boxes: Floats) -> Floats:
+        """Parts (N, 5, 4) of boxes (N, 4), split where the targets of these rows usually have their centroids."""
+        return parts_of(boxes, self.alpha[rows], self.beta[rows])
+
+    def learn(self, row: int, m: Measured, k: int, scores: NDArray[np.int64], matched: NDArray[np.bool_]) -> None:
+        """Blend matched parts into the model with weights that grow with their scores (5,) of 1000."""
+        most = round(self._p.learn_most * ONE)
+        self.model.learn(row, m, k, np.where(matched, scores * most // 1000, 0))
+
+    def keep(self, kept: list[int]) -> None:
+        """Keep the given rows, in that order."""
+        if len(kept) == len(self.items):
+            return
+        rows = np.array(kept, np.intp)
+        self.motion.keep(rows)
+        self.size.keep(rows)
+        self.items = [self.items[k] for k in kept]
+        self.model = self.model.take(rows)
+        for name in ("boxes", "alpha", "beta", "misses", "hidden", "template", "has_template"):
+            setattr(self, name, getattr(self, name)[rows])
+
+    def state(self) -> dict[str, Any]:
+        """Plain data for a checkpoint."""
+        names = ("boxes", "alpha", "beta", "misses", "hidden", "template", "has_template")
+        return {
+            "items": [_plain(t) for t in self.items],
+            "motion": self.motion.state(),
+            "size": self.size.state(),
+            **{name: getattr(self, name).copy() for name in names},
+            "model": {name: getattr(self.model, name).copy() for name in _MODEL},
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from what `state` gave."""
+        self.items = [_target(t) for t in state["items"]]
+        self.motion.restore(state["motion"])
+        self.size.restore(state["size"])
+        n, empty = len(self.items), Targets(self._p)
+        for name in ("boxes", "alpha", "beta", "misses", "hidden", "template", "has_template"):
+            like = getattr(empty, name)
+            setattr(self, name, np.array(state[name], like.dtype).reshape(n, *like.shape[1:]))
+        for name in _MODEL:
+            like = getattr(empty.model, name)
+            setattr(self.model, name, np.array(state["model"][name], like.dtype).reshape(n, *like.shape[1:]))
+
+
+def _plain(target: Target) -> dict[str, Any]:
+    out = {f.name: getattr(target, f.name) for f in fields(target)}
+    out["measured"] = None if target.measured is None else list(target.measured)
+    out["sightings"] = [list(s) for s in target.sightings]
+    return out
+
+
+def _target(state: Mapping[str, Any]) -> Target:
+    plain = dict(state)
+    plain["measured"] = None if plain["measured"] is None else tuple(plain["measured"])
+    plain["sightings"] = [list(s) for s in plain["sightings"]]
+    return Target(**plain)
+
+
+def finite(box: Floats) -> bool:
+    """Whether a box is one."""
+    return all(math.isfinite(v) for v in box.tolist()) and box[2] > 0 and box[3] > 0

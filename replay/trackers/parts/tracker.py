@@ -1,0 +1,165 @@
+"""The PARTS tracker: people under heavy occlusion by five parts and layered data association.
+
+Ties: joint assignment by `replay.trackers.association.assign` (targets in the order of their birth, anchors in the
+order of the observations); ids are given in the order of birth. Deviations from the paper are said where they are made
+(`candidates`, `features`, `heads`, `targets`); here: a target alone in a blob of its own that fits is matched to it
+without a comparison of parts, except every `learn_s`, when its parts are learnt.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from recorders.messages import NO_BLOB, Mode, Notice
+from recorders.messages import Target as Answer
+from recorders.messages import Targets as Answers
+from recorders.segmentation.sizes import SizeModel
+from replay.trackers.parts.beginning import Beginning, parse_init
+from replay.trackers.parts.candidates import observe
+from replay.trackers.parts.heads import ColourShapeHeads, HeadDetector
+from replay.trackers.parts.matching import Matching
+from replay.trackers.parts.parameters import PartsParameters
+from replay.trackers.parts.regions import PARTS
+from replay.trackers.parts.scoring import PartFeatures, Scorer
+from replay.trackers.parts.signature import signature
+from replay.trackers.parts.targets import TENTATIVE, Targets
+from replay.trackers.tracker import Frame, SceneInfo, State
+
+NS = 1e-9
+BODY_SPREAD = 0.12
+"""Standard deviation of bodies' sizes around the size model, of their height."""
+
+
+class PartsTracker:
+    """The PARTS tracker: see `replay.trackers.tracker.Tracker`.
+
+    Args:
+        scene: what is known of the recording.
+        parameters: section ``parts``.
+        features: section ``part_features``.
+        find_heads: another head detector, if wanted.
+
+    Raises:
+        ConfigError: ``init`` or a feature's model cannot be read.
+    """
+
+    def __init__(
+        self,
+        scene: SceneInfo,
+        parameters: PartsParameters,
+        features: PartFeatures,
+        find_heads: HeadDetector | None = None,
+    ) -> None:
+        self._scene = scene
+        self._p = parameters
+        self._scorer = Scorer(features)
+        self._find_heads = find_heads or ColourShapeHeads()
+        self._by_hand = parse_init(parameters.init)
+        self._targets = Targets(parameters)
+        self._next_id = 1
+        self._time_ns: int | None = None
+
+    def step(self, frame: Frame) -> Answers:
+        """Take the next frame, answer with all targets, by id."""
+        notices: list[Notice] = []
+        dt = 0.0 if self._time_ns is None else (frame.time_ns - self._time_ns) * NS
+        self._time_ns = frame.time_ns
+        targets = self._targets
+        targets.predict(dt)
+        self._lean(SizeModel.from_list(frame.detections.size_model))
+        for item in targets.items:
+            item.begin_frame()
+        seen = observe(frame.detections)
+        matching = Matching(self._scene, frame, seen, targets, self._p, dt if dt > 0 else self._scene.frame_ns * NS)
+        matching.run(self._scorer, self._find_heads, notices)
+        begin, before = Beginning(self._p, targets), len(targets)
+        if self._by_hand:
+            begin.by_hand(frame, self._by_hand)
+        else:
+            begin.automatic(frame, seen, matching.unexplained())
+        matching.learn_new(before)
+        self._next_id = begin.confirm(frame, self._next_id, notices)
+        self._age(frame, notices)
+        return self._answer(frame, notices)
+
+    def _lean(self, model: SizeModel | None) -> None:
+        """Predicted sizes of targets that are not seen whole lean towards those usual at their places."""
+        rows = np.array([k for k, t in enumerate(self._targets.items) if t.now != "motion" or not t.observed], np.intp)
+        if model is not None and len(rows):
+            boxes = self._targets.boxes[rows]
+            heights = model.heights(boxes[:, 1] + boxes[:, 3])
+            self._targets.lean(rows, np.stack([model.aspect * heights, heights], axis=1), BODY_SPREAD)
+
+    def _age(self, frame: Frame, notices: list[Notice]) -> None:
+        """Confidence falls while a target is unseen; then it is lost, then removed."""
+        kept = []
+        p = self._p
+        for row, item in enumerate(self._targets.items):
+            unseen = (frame.time_ns - item.seen_ns) * NS
+            if not item.observed:
+                self._targets.misses[row] += 1
+            if item.id == TENTATIVE:
+                if unseen <= p.tentative_s:
+                    kept.append(row)
+                continue
+            mode: Mode = item.now if item.observed else "predicted"
+            if mode != item.mode:
+                change = {"from": item.mode, "to": mode, "unseen_s": unseen}
+                notices.append(Notice("mode_changed", [item.id], "PARTS 3.1: occlusion test", change))
+                item.mode = mode
+            item.confidence = item.quality * 0.5 ** (unseen / p.half_life_s)
+            lost = unseen > p.coast_s
+            if lost != item.lost:
+                kind = "track_lost" if lost else "track_recovered"
+                notices.append(
+                    Notice(kind, [item.id], "PARTS 3: the gate grows until found or lost", {"unseen_s": unseen})
+                )
+                item.lost = lost
+            if unseen > p.keep_s or self._outside(row):
+                evidence = {"unseen_s": unseen, "box": self._targets.boxes[row].tolist()}
+                notices.append(Notice("track_removed", [item.id], "PARTS 3: lost", evidence))
+                continue
+            kept.append(row)
+        self._targets.keep(kept)
+
+    def _outside(self, row: int) -> bool:
+        x, y, w, h = self._targets.boxes[row].tolist()
+        return not (0 <= x + w / 2 < self._scene.width and 0 <= y + h / 2 < self._scene.height)
+
+    def _answer(self, frame: Frame, notices: list[Notice]) -> Answers:
+        out = []
+        targets = self._targets
+        for row, item in enumerate(targets.items):
+            if item.id == TENTATIVE:
+                continue
+            vx, vy = targets.motion.rate[row].tolist()
+            x, y, w, h = targets.boxes[row].tolist()
+            out.append(
+                Answer(
+                    item.id,
+                    (x, y, max(w, 1.0), max(h, 1.0)),
+                    (vx, vy),
+                    item.mode,
+                    min(1.0, max(0.0, item.confidence)),
+                    present=not item.lost,
+                    observed=item.observed,
+                    blob=item.blob if item.observed else NO_BLOB,
+                    newborn=item.newborn,
+                    born_of_split=item.newborn and item.split,
+                    hidden_parts=[name for name, hid in zip(PARTS, targets.hidden[row].tolist(), strict=True) if hid],
+                    score=item.score,
+                    measured=item.measured,
+                    signature=signature(targets.model, row) if item.signed else [],
+                )
+            )
+        return Answers(frame.index, sorted(out, key=lambda t: t.id), None, notices)
+
+    def state(self) -> State:
+        """The whole state as plain data."""
+        return {"next_id": self._next_id, "time_ns": self._time_ns, "targets": self._targets.state()}
+
+    def restore(self, state: State) -> None:
+        """Continue from what `state` gave."""
+        self._next_id = state["next_id"]
+        self._time_ns = state["time_ns"]
+        self._targets.restore(state["targets"])
