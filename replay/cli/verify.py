@@ -7,6 +7,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+from recorders.errors import UsageError
 from replay.cli import common
 
 DIFFERS = 4
@@ -19,28 +20,61 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "verify",
         "replay again and compare digests",
         "Replay a recording again with the tracker and configuration that its annotated log names, and say that the\n"
-        "result is identical, or which frame, channel, track and field differ first. Exit code 4 where it differs.",
-        "scenetrace verify annotated.mcap\nscenetrace verify annotated.mcap --quick",
+        "result is identical, or which frame, channel, track and field differ first, and why: the recording, the\n"
+        "configuration, a package's version, OpenCV's build or the log itself was changed. Exit code 4 where it\n"
+        "differs.",
+        "scenetrace verify annotated.mcap\n"
+        "scenetrace verify annotated.mcap --quick\n"
+        "scenetrace verify --manifest case.json --public-key lab.key.pub",
     )
-    p.add_argument("annotated", type=Path, help="an annotated log")
+    p.add_argument("annotated", type=Path, nargs="?", help="an annotated log")
     p.add_argument("--scene", type=Path, metavar="FILE", help="the scene log, where the annotated log lacks it")
     p.add_argument("--quick", action="store_true", help="check the digest chain alone, without replaying")
+    p.add_argument("--manifest", type=Path, metavar="FILE", help="check the files of a manifest of `scenetrace seal`")
+    p.add_argument("--public-key", type=Path, metavar="FILE", help="the key that must have signed the manifest")
     p.add_argument("--json", action="store_true", help="the verdict as JSON")
     p.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Verify."""
+    if args.annotated is None and args.manifest is None:
+        raise UsageError("nothing to verify: give an annotated log or --manifest FILE")
+    if args.public_key is not None and args.manifest is None:
+        raise UsageError("--public-key belongs to --manifest")
+    codes = [] if args.manifest is None else [_manifest(args)]
+    if args.annotated is not None:
+        codes.append(_log(args))
+    return max(codes)
+
+
+def _manifest(args: argparse.Namespace) -> int:
+    from replay.sealing import check_manifest
+
+    with common.progress(None, "files") as progress:
+        verdict = check_manifest(args.manifest, key=args.public_key, progress=progress)
+    print(json.dumps(asdict(verdict), indent=2) if args.json else "\n".join(verdict.lines()))
+    return 0 if verdict.intact else DIFFERS
+
+
+def _log(args: argparse.Namespace) -> int:
     from replay.verifying import verify, verify_chain
 
     with common.progress(None) as progress:
-        verdict = verify_chain(args.annotated) if args.quick else verify(args.annotated, args.scene, progress=progress)
+        if args.quick:
+            verdict = verify_chain(args.annotated, progress=progress)
+        else:
+            verdict = verify(args.annotated, args.scene, progress=progress)
     if args.json:
         print(json.dumps(asdict(verdict), indent=2))
     elif verdict.identical:
         print(f"identical: {verdict.frames} frames, output digest {verdict.output_digest}")
+        for reason in verdict.reasons:
+            print(f"  without effect: {reason}")
     else:
         print(f"differs after {verdict.frames} equal frames: {verdict.difference}")
+        if verdict.effect is not None:
+            print(f"  first effect: {verdict.effect}")
         for reason in verdict.reasons:
             print(f"  reason: {reason}")
     return 0 if verdict.identical else DIFFERS

@@ -51,6 +51,7 @@ class Content:
         tracks: in which frames each track is present.
         events: in their order.
         relations, groups: by first frame.
+        origin_ns: log time that seconds count from, the recording's start.
     """
 
     frames: list[Interval] = field(default_factory=list)
@@ -58,6 +59,7 @@ class Content:
     events: list[Happening] = field(default_factory=list)
     relations: list[Lasting] = field(default_factory=list)
     groups: list[Lasting] = field(default_factory=list)
+    origin_ns: int = 0
     _numbers: array[int] = field(default_factory=lambda: array("q"))
     _times: array[int] = field(default_factory=lambda: array("q"))
     _alive: dict[tuple[str, str], Lasting] = field(default_factory=dict)
@@ -68,8 +70,8 @@ class Content:
         return self._times[at] if self._times else 0
 
     def seconds(self, frame: int) -> float:
-        """A frame's time in seconds from the log's first frame, or from the recording's where that is frame 0."""
-        return (self.time_ns(frame) - self._times[0]) / NANOS if self._times else 0.0
+        """A frame's time in seconds from the recording's start."""
+        return (self.time_ns(frame) - self.origin_ns) / NANOS if self._times else 0.0
 
     def add(self, frame: AnnotatedFrame) -> None:
         """Take the next frame in."""

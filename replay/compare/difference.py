@@ -17,7 +17,7 @@ class Difference:
         what: one of `KINDS`; ``identity``: who it is, ``message``: a value that nobody's story shows.
         change: ``appeared`` (only in B), ``vanished`` (only in A), ``moved`` (in time or place) or ``changed``.
         frame: where it shows first.
-        t: that frame's time in seconds from the log's first frame.
+        t: that frame's time in seconds from the recording's start.
         subjects: the tracks, by their ids in A (by their ids in B where A has no such track).
         text: in words.
         details: both sides' values.

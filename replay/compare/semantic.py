@@ -86,6 +86,8 @@ def _read(
             if x is not None and first:
                 contents[0].add(x)
                 x = next(ours, None)
+        for content, log in zip(contents, (left, right), strict=True):
+            content.origin_ns = log.start_ns
     matching.finish()
 
 

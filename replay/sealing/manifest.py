@@ -1,0 +1,199 @@
+"""The manifest: which files belong to a case, what they are, and the SHA-256 of each."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from recorders.errors import RecordingError, SceneTraceError, UsageError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.log import LogReader
+from replay.export.output import whole
+from replay.facts import METADATA
+
+FORMAT: Literal["scenetrace manifest"] = "scenetrace manifest"
+VERSION: Literal[1] = 1
+_MAGIC = b"\x89MCAP0\r\n"
+_BLOCK = 1 << 20
+_MOST_BYTES = 64 << 20
+_RECORDING = "scenetrace.recording"
+Role = Literal["source", "scene", "annotated", "file"]
+Hex64 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+
+
+class Entry(Struct, frozen=True, forbid_unknown_fields=True):
+    """One file.
+
+    Attributes:
+        name: its path relative to the manifest's folder, with ``/``.
+        role: ``annotated``: a replay's log, ``scene``: a scene log, ``source``: what a scene log here was recorded
+            from, ``file``: anything else (an exported answer, a report).
+        bytes: its size.
+        sha256: of its bytes.
+        facts: what a log says of itself: tracker, input and output digest, source digest.
+    """
+
+    name: Annotated[str, Meta(min_length=1)]
+    role: Role
+    bytes: Annotated[int, Meta(ge=0)]
+    sha256: Hex64
+    facts: dict[str, str] = {}
+
+
+class Signature(Struct, frozen=True, forbid_unknown_fields=True):
+    """A signature over the manifest's canonical bytes; key and signature in hexadecimal."""
+
+    algorithm: Literal["Ed25519"]
+    public_key: Hex64
+    signature: Annotated[str, Meta(pattern="^[0-9a-f]{128}$")]
+
+
+class Manifest(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The files by name, and who vouches for them."""
+
+    format: Literal["scenetrace manifest"]
+    version: Literal[1]
+    files: list[Entry]
+    note: str = ""
+    signature: Signature | None = None
+
+    def canonical(self) -> bytes:
+        """What is signed: everything but the signature, JSON with sorted keys and no white space."""
+        return msgspec.json.encode(msgspec.structs.replace(self, signature=None), order="sorted")
+
+    def encode(self) -> bytes:
+        """The file's bytes: sorted keys, two spaces, a line break at the end."""
+        return msgspec.json.format(msgspec.json.encode(self, order="sorted"), indent=2) + b"\n"
+
+
+def seal(paths: Iterable[str | Path], out: str | Path, *, note: str = "") -> Manifest:
+    """The manifest of a case's files, to be written to ``out``; folders stand for all files in them.
+
+    Args:
+        paths: source, scene log, annotated logs, exported answers: whatever belongs to the case.
+        out: where the manifest will be: names are relative to its folder.
+        note: a text that is sealed with the files.
+
+    Raises:
+        UsageError: no files, one that is not there, or the manifest among them.
+        RecordingError: a log is damaged: it is not sealed as if it were whole.
+    """
+    out = Path(out)
+    files = sorted(_files(paths))
+    if not files:
+        raise UsageError("nothing to seal: give the case's files")
+    for file in files:
+        if file.resolve() == out.resolve():
+            raise UsageError(f"{file}: the manifest cannot seal itself")
+    folder = out.parent.resolve()
+    entries = {_relative(file, folder): _entry(file, _relative(file, folder)) for file in files}
+    known = {digest for entry, digests in entries.values() for digest in digests}
+    made = [
+        msgspec.structs.replace(entry, role="source") if entry.role == "file" and entry.sha256 in known else entry
+        for entry, _ in entries.values()
+    ]
+    return Manifest(FORMAT, VERSION, sorted(made, key=lambda e: e.name), note)
+
+
+def write_manifest(manifest: Manifest, out: str | Path, *, force: bool = False) -> None:
+    """Write it, whole or not at all.
+
+    Raises:
+        OutputExistsError: it exists and ``force`` is not set.
+    """
+    with whole(out, force=force) as file:
+        file.write(manifest.encode())
+
+
+def read_manifest(path: str | Path) -> Manifest:
+    """Read a manifest.
+
+    Raises:
+        RecordingError: it is none.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise RecordingError(f"over {_MOST_BYTES} bytes: not a manifest", path)
+        data = path.read_bytes()
+    except OSError as e:
+        raise RecordingError(f"cannot be read: {e.strerror}", path) from e
+    try:
+        found = msgspec.json.decode(data, type=Manifest)
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as e:
+        raise RecordingError(f"not a manifest of `scenetrace seal`: {e}", path) from e
+    names = [entry.name for entry in found.files]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise RecordingError(f"lists {twice!r} twice: altered", path)
+    return found
+
+
+def file_digest(path: Path) -> tuple[int, str]:
+    """Size and SHA-256 of a regular file's bytes, read in blocks.
+
+    Raises:
+        RecordingError: it cannot be read, or is a device, a pipe, a folder.
+    """
+    digest = hashlib.sha256()
+    size = 0
+    try:
+        # Without O_NONBLOCK a pipe in a file's place would make us wait for ever.
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        with os.fdopen(descriptor, "rb") as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise RecordingError("not a regular file", path)
+            while block := file.read(_BLOCK):
+                digest.update(block)
+                size += len(block)
+    except OSError as e:
+        raise RecordingError(f"cannot be read: {e.strerror}", path) from e
+    return size, digest.hexdigest()
+
+
+def _files(paths: Iterable[str | Path]) -> Iterator[Path]:
+    for given in paths:
+        path = Path(given)
+        if path.is_dir():
+            yield from (file for file in sorted(path.rglob("*")) if file.is_file())
+        elif path.exists():
+            yield path
+        else:
+            raise UsageError(f"{path}: is not there")
+
+
+def _relative(file: Path, folder: Path) -> str:
+    return Path(os.path.relpath(file.resolve(), folder)).as_posix()
+
+
+def _entry(file: Path, name: str) -> tuple[Entry, Sequence[str]]:
+    """A file's entry, and the digests of the sources that it names."""
+    size, digest = file_digest(file)
+    role, facts, sources = _log_facts(file, DEFAULT_LIMITS)
+    return Entry(name, role, size, digest, facts), sources
+
+
+def _log_facts(file: Path, limits: Limits) -> tuple[Role, dict[str, str], Sequence[str]]:
+    with file.open("rb") as f:
+        if f.read(len(_MAGIC)) != _MAGIC:
+            return "file", {}, ()
+    try:
+        with LogReader(file, limits) as log:
+            records = dict(log.metadata())
+            lists = [a.data for a in log.attachments() if a.media_type == "text/plain"]
+    except SceneTraceError as e:
+        raise RecordingError(f"a damaged log is not sealed (see `scenetrace doctor`): {e}", file) from e
+    own = records.get(METADATA, {})
+    recording = records.get(_RECORDING, own)
+    names = ("tracker", "input_digest", "output_digest", "scene") if own.get("kind") == "annotated" else ()
+    facts = {name: own[name] for name in names if name in own}
+    facts |= {name: recording[name] for name in ("source", "source_digest") if name in recording}
+    role: Role = "annotated" if own.get("kind") == "annotated" else "scene" if own else "file"
+    return role, facts, [line[:64] for data in lists for line in data.decode("utf-8", "replace").splitlines()]
