@@ -120,7 +120,14 @@ def configure(
             raise ConfigError(f"--set {word}: must be section.field=value")
         section, name, kind = _known(sections, key.strip())
         chosen[section][name] = _parse(key.strip(), kind, text.strip())
-    return {name: cls(**chosen[name]) for name, cls in sections.items()}
+    return {name: _built(name, cls, chosen[name]) for name, cls in sections.items()}
+
+
+def _built(section: str, cls: type[Parameters], values: Mapping[str, Any]) -> Parameters:
+    try:
+        return cls(**values)
+    except ConfigError as e:  # the person knows the section, not the class
+        raise ConfigError(str(e).replace(f"{cls.__name__}.", f"{section}.", 1)) from e
 
 
 def _read_toml(file: str | Path) -> dict[str, Any]:

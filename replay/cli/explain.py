@@ -45,13 +45,13 @@ def run(args: argparse.Namespace) -> int:
             recording = rows[0][0] if rows else None
         references = [r for word in args.references for r in word.split()]
         found = [explain(case, r, recording) for r in references]
-    if args.json:
-        print(json.dumps([e.as_json() for e in found], indent=1, ensure_ascii=False))
-    else:
-        print("\n\n".join("\n".join(e.lines()) for e in found))
     if args.output is not None:
         from replay.report.evidence import write_explanations
 
         count = write_explanations(args.annotated, found, args.output, camera=args.camera)
         say(f"{args.output}: {count} pictures, explanation.txt, explanation.json")
+    if args.json:
+        print(json.dumps([e.as_json() for e in found], indent=1, ensure_ascii=False))
+    else:
+        print("\n\n".join("\n".join(e.lines()) for e in found))
     return 0

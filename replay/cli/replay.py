@@ -91,8 +91,8 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
     from replay.writing import replay
 
     tracker, config = _configured(args)
-    if args.checkpoint is not None and not args.checkpoint > 0:
-        raise UsageError(f"--checkpoint {args.checkpoint}: must be over 0 seconds")
+    if args.checkpoint is not None and not 1e-9 <= args.checkpoint <= 1e9:
+        raise UsageError(f"--checkpoint {args.checkpoint}: must be over 0 and at most 1e9 seconds")
     with SceneLog(args.scene, args.camera) as scene:
         first = None if args.start is None else common.parse_time(args.start, scene)
         end = None if args.end is None else common.parse_time(args.end, scene)

@@ -43,13 +43,13 @@ def test_a_file_and_assignments_in_that_order(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("word", "message"),
     [
-        ("gate.radius_px=0.1", "Gate.radius_px = 0.1: must be in [0.5, 100.0]"),
+        ("gate.radius_px=0.1", "gate.radius_px = 0.1: must be in [0.5, 100.0]"),
         ("gate.radius_px=nan", "must be finite"),
         ("gate.radius_px=wide", "gate.radius_px = 'wide': must be float"),
-        ("gate.tries=0", "Gate.tries = 0: must be at least 1"),
+        ("gate.tries=0", "gate.tries = 0: must be at least 1"),
         ("gate.tries=2.5", "gate.tries = '2.5': must be int"),
         ("gate.on=yes", "gate.on = 'yes': must be true or false"),
-        ("gate.kind=star", "Gate.kind = 'star': must be one of box, circle"),
+        ("gate.kind=star", "gate.kind = 'star': must be one of box, circle"),
         ("gate.size=1", "unknown parameter gate.size; gate has: radius_px, kind, tries, on"),
         ("door.size=1", "no section 'door'"),
         ("gate.tries", "must be section.field=value"),
