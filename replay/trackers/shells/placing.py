@@ -68,7 +68,7 @@ def place(
             for j, piece in enumerate(pieces):
                 if j != k:
                     _explain(others, piece, gains[j])
-            _move(pieces[k], np.where(own, gains[k] - others, -99.0), empty, _span(who, k, reach, step, sweep), step, p)
+            _move(pieces[k], np.where(own, gains[k] - others, -99.0), empty, _span(who, k, reach, step, sweep), reach[k] / step, p)
     out = who.boxes.copy()
     for k, piece in enumerate(pieces):
         out[k, 0] += (piece.left - piece.home[1]) * step
@@ -98,7 +98,7 @@ def _span(who: Claimants, k: int, reach: Floats, step: int, sweep: int) -> tuple
     size = float(np.sqrt(max(1.0, who.boxes[k, 2] * who.boxes[k, 3])))
     if sweep:
         return 2, 1
-    span = min(max(2.0 * float(reach[k]), 0.25 * size), 0.7 * size)
+    span = min(max(2.0 * float(reach[k]), 0.25 * size), max(0.7 * size, 1.5 * float(reach[k])))
     return max(2, 2 * round(span / step / 2)), 2
 
 
@@ -115,7 +115,7 @@ def _explain(others: Floats, piece: _Piece, gain: Floats) -> None:
 
 
 def _move(
-    piece: _Piece, free: Floats, empty: NDArray[np.bool_], span: tuple[int, int], step: int, p: ShellsParameters
+    piece: _Piece, free: Floats, empty: NDArray[np.bool_], span: tuple[int, int], doubt: float, p: ShellsParameters
 ) -> None:
     """Move a piece to the best place within the span; of equals the one nearest to the top left."""
     reach, stride = span
@@ -133,7 +133,7 @@ def _move(
     total = np.maximum(windows + piece.log, 0.0).sum(axis=(2, 3)) - p.gap_cost * (gaps * piece.gap).sum(axis=(2, 3))
     y = top + np.arange(total.shape[0]) * stride - piece.home[0]
     x = left + np.arange(total.shape[1]) * stride - piece.home[1]
-    scale = 0.1 * np.sqrt(rows * columns)
+    scale = max(0.1 * float(np.sqrt(rows * columns)), doubt)
     total = total / piece.worth - p.prior_cost * (y[:, None] * y[:, None] + x * x) / (scale * scale)
     i, j = divmod(int(np.argmax(total)), total.shape[1])
     piece.top, piece.left = top + i * stride, left + j * stride

@@ -89,11 +89,20 @@ class Resolver:
         free: (M,) the blobs (rows) that no object lies over.
     """
 
-    def __init__(self, frame: Frame, bodies: Bodies, rows: Rows, radii: Floats, p: ShellsParameters) -> None:
+    def __init__(
+        self,
+        frame: Frame,
+        bodies: Bodies,
+        rows: Rows,
+        radii: Floats,
+        related: Callable[[int, int], bool],
+        p: ShellsParameters,
+    ) -> None:
         self.foreground = self._fg = frame.foreground
         self._frame = frame
         self._bodies = bodies
         self._radii = radii
+        self._related = related
         self._p = p
         self._boxes = bodies.boxes
         self.found: dict[int, Found] = {}
@@ -121,9 +130,24 @@ class Resolver:
                 self.found[int(rows[i])] = self.whole(int(rows[i]), main)
             else:
                 shared.append(i)
+        hidden = self._hidden(rows, linked, shared)
         for members in _neighbourhoods(shared, linked):
             blobs = np.flatnonzero(linked[members].any(axis=0))
-            self._neighbourhood(rows[members], blobs, fits[members])
+            sought = [k for k in hidden if any(self._reappears(rows, k, i) for i in members)]
+            hidden = [k for k in hidden if k not in sought]
+            everyone = sorted(members + sought)
+            self._neighbourhood(rows[everyone], blobs, fits[everyone])
+
+    def _hidden(self, rows: Rows, linked: Bools, shared: list[int]) -> list[int]:
+        """Objects that lie over no blob and were hidden by another when last sought, or meet another now."""
+        items = self._bodies.items
+        gone = [k for k in range(len(rows)) if int(rows[k]) not in self.found and k not in shared]
+        return [k for k in gone if not linked[k].any() or items[rows[k]].front]
+
+    def _reappears(self, rows: Rows, hidden: int, other: int) -> bool:
+        """Whether a hidden object may reappear around another: one that it is related to (SHELLS 2.3, case III)."""
+        a, b = (self._bodies.items[int(rows[k])] for k in (hidden, other))
+        return a.front == b.id or self._related(a.id, b.id)
 
     def _fits(self, rows: Rows) -> Bools:
         """Whether each blob may be each object alone, by its area, (N, M); what the border cuts may be smaller."""
@@ -206,6 +230,9 @@ class Resolver:
         bins = self._bins(cut) if any(t is not None for t in tells) else None
         who = Claimants(boxes, radii, tells, [b.mask for b in items])
         reach = np.sqrt(self._bodies.bank.p00[rows, :2]).max(axis=1)
+        for k, body in enumerate(items):
+            if body.front:
+                reach[k] = max(float(reach[k]), 0.5 * float(radii.max()))
         order = np.argsort([-b.visible for b in items], kind="stable").tolist()
         who = Claimants(place(who, reach, order, cut, bins, self._p), radii, tells, who.masks)
         members = assign_pixels(who, cut, bins, self._p)
@@ -290,7 +317,7 @@ class Resolver:
                 _ellipse(own, cut), own, cut.left, cut.top, hidden, len(rows) == 1,
             )  # fmt: skip
             grown = extent(own, cut)
-            if visible >= 0.8 and grown is not None and not hidden:
+            if visible >= 0.8 and count <= self._p.larger * body.area and grown is not None and not hidden:
                 self.found[row].box = grown
                 self.found[row].sized = True
 

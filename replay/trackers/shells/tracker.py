@@ -109,15 +109,33 @@ class ShellsTracker:
         if mask is None:
             return None
         items = self._bodies.items
-        rows = np.array([k for k, b in enumerate(items) if b.id != TENTATIVE and not b.lost], np.intp)
+        rows = np.array([k for k, b in enumerate(items) if b.id != TENTATIVE and (not b.lost or b.front)], np.intp)
         blobs = np.array(frame.detections.blobs or [NO_BLOB] * len(frame.boxes), np.int64)
         seen = Seen(Foreground(mask, frame.detections.components), frame.boxes, blobs, lambda: frame.image)
-        resolver = Resolver(seen, self._bodies, rows, radii, self._p)
+        resolver = Resolver(seen, self._bodies, rows, radii, self._are_related, self._p)
         for row, at in sorted(resolver.found.items()):
             self._observe(row, frame, at, dt)
         for row, front in resolver.fronts.items():
             items[row].front = front
+        self._follow(radii)
         return resolver
+
+    def _are_related(self, a: int, b: int) -> bool:
+        return self._book.get(a, b) is not None
+
+    def _follow(self, radii: Floats) -> None:
+        """What is hidden stays within the shell of who hides it (SHELLS 2.3, case III), and goes along with it."""
+        rows = dict(self._rows_by_id())
+        bank = self._bodies.bank
+        for row, body in enumerate(self._bodies.items):
+            front = rows.get(body.front)
+            if body.observed or front is None:
+                continue
+            d = bank.value[row, :2] - bank.value[front, :2]
+            away, reach = float(np.sqrt(d[0] * d[0] + d[1] * d[1])), 0.7 * float(radii[front])
+            if away > reach:
+                bank.value[row, :2] = bank.value[front, :2] + d * (reach / away)
+            bank.rate[row, :2] = bank.rate[front, :2]
 
     def _observe(self, row: int, frame: Frame, at: Found, dt: float) -> None:
         """Take what was found of an object (SHELLS 2.5)."""
