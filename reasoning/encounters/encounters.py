@@ -1,6 +1,6 @@
 """Encounters: two targets who approach one another, stay or walk together; not two who pass.
 
-The rule, in body sizes (mean height of the two boxes) and seconds:
+The rule, in body sizes (mean diagonal of the two boxes: about a person's height) and seconds:
 
 1. *Together for sure* in a moment: distance at most ``near_sizes`` and relative speed at most ``pace_sizes_per_s``.
    Two who pass are as near, but fast against one another; two who walk together are not.
@@ -32,28 +32,27 @@ Span = tuple[int, int]
 
 @dataclass(frozen=True)
 class EncounterParameters(Parameters):
-    """Thresholds of the encounters. Body sizes are mean box heights of the two."""
+    """Thresholds of the encounters. A body size is the mean diagonal of the two boxes."""
 
-    near_sizes: float = param(1.6, "together for sure within this distance", unit="body sizes", low=0.1, high=10)
-    far_sizes: float = param(3.0, "an encounter begins and ends at this distance", unit="body sizes", low=0.1, high=20)
+    near_sizes: float = param(1.0, "together for sure within this distance", unit="body sizes", low=0.1, high=10)
+    far_sizes: float = param(2.0, "an encounter begins and ends at this distance", unit="body sizes", low=0.1, high=20)
     pace_sizes_per_s: float = param(
-        1.1, "together for sure up to this relative speed", unit="body sizes/s", low=0.05, high=20
+        0.6, "together for sure up to this relative speed", unit="body sizes/s", low=0.05, high=20
     )
     least_s: float = param(1.2, "least time together for sure", unit="s", low=0.0, high=60)
     live_s: float = param(0.4, "live, an encounter is announced after this time", unit="s", low=0.0, high=60)
     gap_s: float = param(1.0, "gaps up to this long are closed", unit="s", low=0.0, high=60)
     window_s: float = param(0.5, "distances are median filtered over this time", unit="s", low=0.0, high=10)
-    walk_sizes_per_s: float = param(0.3, "who walks is at least this fast", unit="body sizes/s", low=0.0, high=10)
-    touch_sizes: float = param(1.0, "touching distance", unit="body sizes", low=0.05, high=5)
+    walk_sizes_per_s: float = param(0.15, "who walks is at least this fast", unit="body sizes/s", low=0.0, high=10)
+    touch_sizes: float = param(0.6, "touching distance", unit="body sizes", low=0.05, high=5)
     abrupt_sizes_per_s: float = param(
-        0.8,
+        0.4,
         "abrupt: relative speed over half a second of two who touch, from here",
         unit="body sizes/s",
         low=0.05,
         high=20,
     )
 
-    lull_s: float = param(1.5, "lulls in a contact up to this long belong to it", unit="s", low=0.0, high=60)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -221,7 +220,7 @@ def _contact(pair: Pair, part: slice, p: EncounterParameters, joint: Sequence[Sp
     contact = (pair.distance[part] <= p.touch_sizes) & (pair.agitation[part] >= p.abrupt_sizes_per_s) & ~moving
     found = spans(contact)
     for (_, end), (start, _) in pairwise(found):
-        if times[start] - times[end] <= p.lull_s:
+        if times[start] - times[end] <= p.gap_s:
             contact[end:start] = True
     frames = pair.frames[part]
     for first, last in joint:

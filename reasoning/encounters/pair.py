@@ -1,8 +1,9 @@
 """What two targets' boxes say of one another over time: distance, relative speed, speeds, heading.
 
-Places are where a target stands: the middle of the box's lower edge. Lengths are in body sizes, the mean height of
+Places are where a target stands: the middle of the box's lower edge. Lengths are in body sizes, the mean diagonal of
 the two boxes in that frame, so that perspective needs no calibration: who stands twice as far away is drawn half as
-tall, and so is the distance between two people there.
+large, and so is the distance between two people there. Somebody upright is one body size tall, near enough; the
+diagonal, unlike the height, also holds for who lies, for animals, and for views from above.
 """
 
 from __future__ import annotations
@@ -111,7 +112,7 @@ def pairs(a: History, b: History, window_s: float, gap_s: float, causal: bool = 
 def _measure(frames: Ints, times_s: Floats, a: Floats, b: Floats, window_s: float, causal: bool) -> Pair:
     step = float(np.median(np.diff(times_s)))
     half = max(1, round(window_s / 2 / step)) if step > 0 else 1
-    size = np.maximum((a[:, 3] + b[:, 3]) / 2, 1.0)
+    size = np.maximum((length(a[:, 2:]) + length(b[:, 2:])) / 2, 1.0)
     foot_a = np.stack([a[:, 0] + a[:, 2] / 2, a[:, 1] + a[:, 3]], axis=1)
     foot_b = np.stack([b[:, 0] + b[:, 2] / 2, b[:, 1] + b[:, 3]], axis=1)
     wide = 2 * half

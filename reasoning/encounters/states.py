@@ -11,9 +11,8 @@ import numpy as np
 from reasoning.encounters.encounters import EncounterParameters, side_by_side
 from reasoning.encounters.pair import Bools, History, length, running_median, spans, velocity
 
-STILL_SIZES_PER_S = 0.15
+STILL_SIZES_PER_S = 0.08
 STILL_LEAST_S = 1.0
-REACH_SIZES = 1.0
 
 
 @dataclass(frozen=True)
@@ -27,13 +26,13 @@ class Stretch:
 
 
 def still(history: History, parameters: EncounterParameters | None = None) -> list[Stretch]:
-    """When a target stood still: slower than 0.15 of its own height per second for at least a second."""
+    """When a target stood still: slower than 0.08 of its own size per second for at least a second."""
     p = parameters or EncounterParameters()
     if len(history.frames) < 2:
         return []
     step = float(np.median(np.diff(history.times_s)))
     half = max(1, round(p.window_s / step)) if step > 0 else 1
-    size = max(float(np.median(history.boxes[:, 3])), 1.0)
+    size = max(float(np.median(length(history.boxes[:, 2:]))), 1.0)
     feet = np.stack([history.boxes[:, 0] + history.boxes[:, 2] / 2, history.boxes[:, 1] + history.boxes[:, 3]], axis=1)
     steady = np.stack([running_median(feet[:, k], half) for k in (0, 1)], axis=1)
     slow = length(velocity(steady, history.times_s, half)) <= STILL_SIZES_PER_S * size
@@ -44,7 +43,7 @@ def still(history: History, parameters: EncounterParameters | None = None) -> li
 def near(
     histories: Mapping[int, History], parameters: EncounterParameters | None = None
 ) -> list[tuple[int, int, Stretch]]:
-    """When two targets a < b stood within the height of the taller one of each other, by start, a, b."""
+    """When two targets a < b stood within touching distance, in sizes of the larger one, by start, a, b."""
     p = parameters or EncounterParameters()
     out: list[tuple[int, int, Stretch]] = []
     for a, b in side_by_side(histories):
@@ -62,10 +61,11 @@ def near(
         )
         step = float(np.median(np.diff(times)))
         half = max(1, round(p.window_s / 2 / step)) if step > 0 else 1
-        distance = running_median(length(apart) / np.maximum(np.maximum(box_a[:, 3], box_b[:, 3]), 1.0), half)
+        size = np.maximum(np.maximum(length(box_a[:, 2:]), length(box_b[:, 2:])), 1.0)
+        distance = running_median(length(apart) / size, half)
         gap = np.concatenate([[False], np.diff(times) > p.gap_s])
         pair = History(common, times, box_a)
-        out += [(a, b, s) for s in _stretches(distance <= REACH_SIZES, gap, pair)]
+        out += [(a, b, s) for s in _stretches(distance <= p.touch_sizes, gap, pair)]
     return sorted(out, key=lambda x: (x[2].start_frame, x[0], x[1]))
 
 

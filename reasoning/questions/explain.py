@@ -244,7 +244,7 @@ def _pair(case: Case, kind: str, ids: tuple[int, int], since: int, only: str) ->
             _began(case, name, ids, row), led, {},
         )  # fmt: skip
     if kind == "near":
-        text = f"Targets {a} and {b} stood within the height of the taller of them."
+        text = f"Targets {a} and {b} stood within touching distance."
         return Explanation(reference, name, kind, text, "ours: standing points", [a, b], *span, [], led, {})
     return Explanation(
         reference, name, f"{kind} ({row['kind']})",

@@ -106,7 +106,7 @@ MEANING: Mapping[str, str] = {
     "zones": "one row per stay of a track in a named zone",
     "phases": "the parts of each encounter, in order",
     "still": "one row per time in which a track stood still",
-    "near": "one row per time in which a and b stood within the height of the taller of them",
+    "near": "one row per time in which a and b stood within touching distance",
     "encounter_evidence": "the measured values behind each encounter, in body sizes and seconds",
     "event_groups": "the groups that an event names",
 }

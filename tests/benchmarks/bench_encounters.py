@@ -20,9 +20,10 @@ import numpy as np
 from reasoning.encounters import EncounterParameters, find_encounters
 
 GRID = {
-    "near_sizes": (1.2, 1.4, 1.6, 1.8, 2.0),
-    "far_sizes": (2.4, 2.6, 2.8, 3.0, 3.2, 3.4),
-    "least_s": (0.8, 1.0, 1.2, 1.5, 2.0),
+    "near_sizes": (0.8, 1.0, 1.2),
+    "far_sizes": (1.6, 2.0, 2.4),
+    "pace_sizes_per_s": (0.4, 0.6, 0.8),
+    "least_s": (0.8, 1.2, 1.6),
 }
 ONE_INTERVAL = 2 / 15
 

@@ -136,7 +136,7 @@ _STATES: Mapping[str, Atom] = {
     "moving": Atom("two walk together", _pairs("phases", "kind = 'moving'", "phase")),
     "contact": Atom("two touch, abruptly or JOINT", _pairs("phases", "kind = 'contact'", "phase")),
     "separation": Atom("two who were together walk apart", _pairs("phases", "kind = 'separation'", "phase")),
-    "near": Atom("two within the taller one's height", _pairs("near", "true", "near")),
+    "near": Atom("two within touching distance", _pairs("near", "true", "near")),
     "group": Atom("members of one group", _group, 1, 4),
     "present": Atom("a target is in the picture", _state("presence", "track"), 1, 1),
     "still": Atom("a target stands still", _state("still", "track"), 1, 1),

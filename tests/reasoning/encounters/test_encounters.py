@@ -18,6 +18,7 @@ from recorders.errors import ConfigError
 
 FPS = 25.0
 H = 80.0
+SIZE = float(np.hypot(H, 30.0))
 
 
 def walk(xs: np.ndarray, y: float = 200.0, first: int = 0) -> History:
@@ -39,8 +40,8 @@ def test_two_who_meet_are_one_encounter() -> None:
     (found,) = find_encounters(meet_and_part())
     assert (found.a, found.b, found.kind) == (1, 2, "meeting")
     p = EncounterParameters()
-    # The onset is back-dated to when they came within far_sizes: 560 - 3 x 80 = 320 px, frame 80.
-    assert abs(found.start_frame - (560 - p.far_sizes * H) / 4) <= 4
+    # The onset is back-dated to when they came within far_sizes.
+    assert abs(found.start_frame - (560 - p.far_sizes * SIZE) / 4) <= 4
     assert found.sure_frame > found.start_frame + 20
     assert found.phases[0].start_frame == found.start_frame
     assert found.phases[-1].end_frame == found.end_frame
@@ -144,7 +145,7 @@ def test_still_and_near() -> None:
     assert abs(stood.start_frame - 75) <= 15
     assert abs(stood.end_frame - 175) <= 15
     (close,) = [s for a, b, s in near({1: walk(path), 2: walk(np.full(len(path), 330.0))})]
-    assert close.start_frame < 75 < 175 < close.end_frame
+    assert close.start_frame < 75 < 160 < close.end_frame
 
 
 @pytest.fixture(scope="module")
@@ -181,7 +182,7 @@ def test_caviar_leave_one_out(bench) -> None:
     frame, interval, onset = caviar.f1(scored.held_out.sum(axis=0))
     assert frame >= 0.93
     assert interval >= 0.92
-    assert onset >= 0.85
+    assert onset >= 0.92
     live = caviar.f1(scored.live.sum(axis=0))
-    assert live[0] >= 0.86
+    assert live[0] >= 0.84
     assert live[2] >= 0.45

@@ -1,0 +1,172 @@
+"""A synthetic index: how long ready questions take, and how an index grows.
+
+    python tests/benchmarks/bench_index.py [--recordings 500] [--relations 10000] [--folder DIR] [--log ANNOTATED.mcap]
+
+Deterministic: every row is a function of its number. Per recording (an hour long): ``--relations`` rows of relations
+among forty targets, a tenth as many encounters and bits, a twentieth as many groups, stays in zones and events. The
+tables `frames` and `tracks` stay empty: no ready question reads tracks, and they grow with the frames, not the case
+(``--log`` measures the growth of all tables on a real annotated log). The case of 10^8 relation rows:
+
+    python tests/benchmarks/bench_index.py --recordings 10000
+
+Each question is asked of one recording and, where that makes sense, of all of them at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import duckdb
+
+from reasoning.questions import Case, QueryError, QueryLimits
+from reasoning.questions.index import build_index
+from reasoning.questions.patterns import plan
+from reasoning.questions.ready import Options, question
+from reasoning.questions.schema import create_statements
+from reasoning.questions.values import Moment
+
+HOUR = 3600.0
+FPS = 25
+TARGETS = 40
+
+
+def _name(expression: str) -> str:
+    return f"printf('garage-%05d', CAST({expression} AS INTEGER))"
+
+
+def _span(n: int, length: int) -> str:
+    """start and end, frames and seconds, of the k-th of n intervals spread over an hour, up to ``length`` frames."""
+    start = f"CAST(k * {int(HOUR * FPS) // n} + hash(i, 1) % 7 AS INTEGER)"
+    end = f"{start} + CAST(hash(i, 2) % {length} AS INTEGER)"
+    return f"{start} AS s, {end} AS e, ({start}) / {FPS}.0 AS st, ({end}) / {FPS}.0 AS et"
+
+
+def generate(path: Path, recordings: int, relations: int) -> None:
+    """Write the index."""
+    with duckdb.connect(str(path), config={"threads": "2", "memory_limit": "8GB"}) as con:
+        for statement in create_statements():
+            con.execute(statement)
+        con.execute(
+            f"INSERT INTO recordings SELECT {_name('i')}, printf('%064d', i), '', 'camera', 'events', 640, 480, "
+            f"{int(HOUR * FPS)}, i * 3600 * 1000000000, {HOUR}, '' FROM range({recordings}) t(i)"
+        )
+        con.execute(
+            f"INSERT INTO presence SELECT {_name('i // 40')}, CAST(i % 40 AS INTEGER), "
+            "CAST((i % 40) * 100 AS INTEGER), "
+            f"CAST((i % 40) * 100 + 80000 AS INTEGER), (i % 40) * 4.0, (i % 40) * 4.0 + 3200.0 "
+            f"FROM range({recordings * TARGETS}) t(i)"
+        )
+        few, fewer = max(1, relations // 10), max(1, relations // 20)
+        pair = "CAST(least(p, q) AS INTEGER) AS a, CAST(greatest(p, q) AS INTEGER) AS b"
+        _fill(con, "relations", recordings, relations, 120,
+              f"{pair}, if(hash(i, 5) % 3 = 0, 'JOINT', 'INTERACTION'), s, e, st, et")  # fmt: skip
+        _fill(con, "encounters", recordings, few, 900, f"{pair}, 'meeting', s, e, st, et, 0.5")
+        bit = "if(hash(i, 5) % 2 = 0, 'grouping', 'splitting')"
+        _fill(con, "bits", recordings, few, 900, f"CAST(p AS INTEGER), {bit}, [CAST(q AS INTEGER)], s, e, st, et")
+        formed = "CASE WHEN k > 0 AND hash(i, 6) % 4 = 0 THEN [CAST(k - 1 AS INTEGER)] ELSE [] END"
+        members = "[CAST(p AS INTEGER), CAST(q AS INTEGER)]"
+        group = f"CAST(k AS INTEGER), {members}, s, e, st, et, {formed}, 'group_ended'"
+        _fill(con, "groups", recordings, fewer, 400, group)
+        _fill(con, "zones", recordings, fewer, 2000, "CAST(p AS INTEGER), 'bench', s, e, st, et")
+        kind = "CASE hash(i, 7) % 4 WHEN 0 THEN 'entered' WHEN 1 THEN 'exited' ELSE 'joined' END"
+        event = f"CAST(k AS INTEGER), {kind}, s, st, [CAST(p AS INTEGER)], 'SHELLS 2.3', '{{}}', ''"
+        _fill(con, "events", recordings, fewer, 1, event)
+        con.execute("CHECKPOINT")
+
+
+def _fill(con: duckdb.DuckDBPyConnection, table: str, recordings: int, n: int, length: int, columns: str) -> None:
+    batch = max(1, 20_000_000 // n)
+    for first in range(0, recordings, batch):
+        count = min(batch, recordings - first) * n
+        con.execute(
+            f"INSERT INTO {table} SELECT {_name('r')}, {columns} FROM (SELECT *, hash(i, 3) % {TARGETS} AS p, "
+            f"(hash(i, 3) % {TARGETS} + 1 + hash(i, 4) % {TARGETS - 1}) % {TARGETS} AS q, {_span(n, length)} "
+            f"FROM (SELECT i + {first * n} AS i, (i + {first * n}) // {n} AS r, i % {n} AS k FROM range({count}) t(i)))"
+        )
+
+
+def questions(recording: str) -> dict[str, str]:
+    """Each question's SQL: of one recording, and of all."""
+    at = Moment(seconds=1800.0)
+    asked = (
+        ("met", ["7"], {}), ("met", ["7", "12"], {}), ("together", ["7", "12"], {}), ("left-with", ["7"], {}),
+        ("who-was-in", ["bench"], {"at": at}), ("loitered", ["bench"], {"least_s": 60.0}),
+        ("entered-never-left", [], {}),
+        ("grouping-and-splitting", [], {}), ("group-history", ["100"], {}), ("before", ["100"], {}),
+        ("contacts", ["7"], {"depth": 3}), ("timeline", ["7"], {}),
+    )  # fmt: skip
+    out = {}
+    for name, words, options in asked:
+        label = " ".join([name, *words])
+        out[f"{label} (one)"] = question(name).sql(words, Options(recording=recording, **options))
+        out[f"{label} (all)"] = question(name).sql(words, Options(**options))
+    text = "interaction(a,b)[>2s] ; joint(a,b)[>3s, gap<10s] ; exited(a)[<30s]"
+    out["pattern (one)"] = plan(text, recording=recording)
+    out["pattern (all)"] = plan(text)
+    return out
+
+
+def ask(path: Path, recordings: int, rounds: int) -> None:
+    """Print median and largest time of each question, and median and p95 over the questions."""
+    medians: dict[str, list[float]] = {"one": [], "all": []}
+    every: dict[str, list[float]] = {"one": [], "all": []}
+    with Case([path], QueryLimits(seconds=600, memory_mib=12_000)) as case:
+        for label, query in questions(f"garage-{recordings * 2 // 3:05d}").items():
+            taken, rows = [], 0
+            try:
+                for _ in range(rounds):
+                    start = time.perf_counter()
+                    rows = sum(1 for _ in case.sql(query).rows)
+                    taken.append(time.perf_counter() - start)
+            except QueryError as e:
+                print(f"  {label:32s} {e}", flush=True)
+                continue
+            kind = "one" if label.endswith("(one)") else "all"
+            medians[kind].append(statistics.median(taken))
+            every[kind] += taken
+            print(f"  {label:32s} {rows:9d} rows  median {statistics.median(taken):7.3f} s  most {max(taken):7.3f} s",
+                  flush=True)  # fmt: skip
+    for kind, words in (("one", "of one recording"), ("all", "of all at once")):
+        ordered = sorted(every[kind])
+        p95 = ordered[min(len(ordered) - 1, int(0.95 * len(ordered)))]
+        print(f"questions {words}: median {statistics.median(medians[kind]):.3f} s, p95 {p95:.3f} s")
+
+
+def main() -> int:
+    p = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    p.add_argument("--recordings", type=int, default=500)
+    p.add_argument("--relations", type=int, default=10_000, help="rows of relations per recording")
+    p.add_argument("--rounds", type=int, default=3)
+    p.add_argument("--folder", type=Path, help="where the index goes; kept there and used again")
+    p.add_argument("--log", type=Path, help="an annotated log, to measure the growth per hour of a real recording")
+    args = p.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = args.folder or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"bench-{args.recordings}-{args.relations}.duckdb"
+        if not path.exists():
+            start = time.perf_counter()
+            generate(path, args.recordings, args.relations)
+            print(f"generated in {time.perf_counter() - start:.0f} s")
+        size = path.stat().st_size / 1e6
+        total = args.recordings * args.relations
+        print(f"{args.recordings} recordings of an hour, {total} relation rows: {size:.0f} MB, "
+              f"{size / args.recordings:.2f} MB per hour without tracks")  # fmt: skip
+        ask(path, args.recordings, args.rounds)
+        if args.log is not None:
+            start = time.perf_counter()
+            (facts,) = build_index([args.log], Path(temporary) / "real.duckdb").added
+            taken = time.perf_counter() - start
+            grown = (Path(temporary) / "real.duckdb").stat().st_size / 1e6
+            print(f"{args.log.name}: {facts.seconds:.0f} s of recording indexed in {taken:.1f} s, {grown:.2f} MB: "
+                  f"{grown * HOUR / max(facts.seconds, 1e-9):.1f} MB per hour with tracks")  # fmt: skip
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
