@@ -20,6 +20,10 @@ def learn(track: Track, image: Image, mask: Image | None, box: tuple[float, floa
     """Learn a target's colours from its box, weighted towards the ellipse's centre, foreground alone."""
     seen = look_at(image, mask, box)
     if seen is not None:
+        if track.company:
+            track.fresh = track.fresh or Colours()
+            track.fresh.learn(seen)
+            return
         if track.colours is None:
             track.colours = Colours()
         track.colours.learn(seen)

@@ -26,6 +26,9 @@ class EventsParameters(Parameters):
         0.12, "standard deviation of bodies' sizes around the learnt model", unit="heights", low=0.001, high=10.0
     )
     speed: float = param(1.5, "standard deviation of a new target's speed", unit="sizes/s", low=0.0, high=1e3)
+    looseness: float = param(
+        1.4, "a place that was searched for is so many times less exact than a measured one", low=0.1, high=100.0
+    )
     surprise: float = param(
         1.5, "from this innovation on a manoeuvre is assumed", unit="standard deviations", low=0.1, high=1e6
     )
@@ -63,3 +66,10 @@ class EventsParameters(Parameters):
     min_part: float = param(
         0.5, "a blob of this share of a body's height may be its lower part", unit="heights", low=0.0, high=10.0
     )
+    exchange_ratio: float = param(
+        0.6,
+        "targets leaving a blob were taken for one another if their colours differ by less than this share then",
+        low=0.0,
+        high=1.0,
+    )
+    exchange_s: float = param(3.0, "whoever left a blob for this long is who it is", unit="s", low=0.0, high=3600.0)

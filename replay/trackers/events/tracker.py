@@ -25,6 +25,7 @@ from replay.trackers.events.answer import answer, shared_regions
 from replay.trackers.events.associate import Seen, match
 from replay.trackers.events.colours import learn, likenesses, look_at
 from replay.trackers.events.groups import GroupTracks
+from replay.trackers.events.identity import keep_company, verify
 from replay.trackers.events.lifecycle import Lifecycle
 from replay.trackers.events.orphans import follow_colours, share_detections
 from replay.trackers.events.parameters import EventsParameters
@@ -75,7 +76,11 @@ class EventsTracker:
         self._start(frame, seen, used)
         self._learn(frame)
         notices = self._life.confirm(frame, self._regions) + self._life.age(frame, self._regions)
-        groups = self._groups.step(frame.time_ns, shared_regions(self._tracks, frame))
+        shared = shared_regions(self._tracks, frame)
+        keep_company(self._tracks, [members for members, _ in shared], frame.time_ns)
+        notices += verify(self._tracks, frame.time_ns, self._p)
+        shared = shared_regions(self._tracks, frame)
+        groups = self._groups.step(frame.time_ns, shared)
         return answer(self._tracks, frame, groups, notices)
 
     def _take_regions(self, regions: Regions | None) -> None:
@@ -97,11 +102,12 @@ class EventsTracker:
         items, bank = self._tracks.items, self._tracks.bank
         rows = [k for k, t in enumerate(items) if t.id != TENTATIVE and not t.lost]
         doubt = np.sqrt(bank.p00[rows])
+        reach = np.hypot(doubt[:, :2].max(axis=1, initial=0.0), self._p.place_noise * self._tracks.sizes[rows])
         patient = np.array([items[r].misfit_s > self._p.patience_s for r in rows], bool)
         model = SizeModel.from_list(frame.detections.size_model)
         expected = Expected(
             self._tracks.boxes[rows],
-            doubt[:, :2].max(axis=1, initial=0.0),
+            reach,
             doubt[:, 2:4],
             patient,
             bank.value[rows, 4:6],

@@ -38,6 +38,9 @@ class Track:
         hits: observations so far.
         quality: running mean of the observations' scores.
         sightings: while tentative, [frame, x, y, w, h] of every observation: a confirmed track's earlier life.
+        company: ids of those with whom it shared a blob since its colours last proved who it is.
+        apart_ns: when it last shared one.
+        fresh: its colours since then, to be compared with those that it had before.
         lost: held, but no longer said to be present.
     """
 
@@ -63,6 +66,9 @@ class Track:
     alone: bool = False
     signed: bool = False
     colours: Colours | None = None
+    company: list[int] = field(default_factory=list)
+    apart_ns: int = 0
+    fresh: Colours | None = None
     sightings: list[list[float]] = field(default_factory=list)
 
     def begin_frame(self) -> None:
@@ -151,7 +157,7 @@ class Tracks:
         size = np.array([math.sqrt(max(box[2] * box[3], 1.0))])
         variance = self.measurement_variance(size)
         if not sized:
-            variance[:, :2] *= 4.0
+            variance[:, :2] *= self._p.looseness * self._p.looseness
             variance[:, 2:] = 1e12
         else:
             # The shape of a blob is its target's own, that of a detector's box is noise more often.
@@ -198,6 +204,8 @@ def _plain(track: Track) -> dict[str, Any]:
     out = {f.name: getattr(track, f.name) for f in fields(track)}
     out["colours"] = None if track.colours is None else track.colours.state()
     out["measured"] = None if track.measured is None else list(track.measured)
+    out["fresh"] = None if track.fresh is None else track.fresh.state()
+    out["company"] = list(track.company)
     out["sightings"] = [list(s) for s in track.sightings]
     return out
 
@@ -206,6 +214,8 @@ def _track(state: Mapping[str, Any]) -> Track:
     plain = dict(state)
     plain["colours"] = None if plain["colours"] is None else Colours.from_state(plain["colours"])
     plain["measured"] = None if plain["measured"] is None else tuple(plain["measured"])
+    plain["fresh"] = None if plain["fresh"] is None else Colours.from_state(plain["fresh"])
+    plain["company"] = list(plain["company"])
     plain["sightings"] = [list(s) for s in plain["sightings"]]
     return Track(**plain)
 

@@ -1,0 +1,92 @@
+"""Who is who after a blob has split (EVENTS 2): the colours that each target had before say if two were exchanged.
+
+While targets share a blob their colours are not learnt. What is seen of them afterwards is kept apart until it has been
+compared with what each one of them looked like before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from recorders.messages import Notice
+from replay.trackers.appearance import distance
+from replay.trackers.events.parameters import EventsParameters
+from replay.trackers.events.tracks import TENTATIVE, Track, Tracks
+
+NS = 1e-9
+LOOKS = 3
+"""So many looks at a target must have been taken before and after."""
+
+
+def keep_company(tracks: Tracks, regions: Sequence[Sequence[int]], time_ns: int) -> None:
+    """Remember who shared a region of pixels with whom in this frame."""
+    by_id = {t.id: t for t in tracks.items if t.id != TENTATIVE}
+    for members in regions:
+        for i in members:
+            track = by_id[i]
+            if track.colours is not None and track.colours.updates >= LOOKS:
+                track.company = sorted({*track.company, *(j for j in members if j != i)})
+                track.apart_ns = time_ns
+                track.fresh = None
+
+
+def verify(tracks: Tracks, time_ns: int, p: EventsParameters) -> list[Notice]:
+    """Exchange identities where colours say so, and believe the rest; by id of the first of each pair."""
+    notices: list[Notice] = []
+    by_id = {t.id: t for t in tracks.items if t.id != TENTATIVE}
+    for i in sorted(by_id):
+        track = by_id[i]
+        if not track.company or not _ready(track):
+            continue
+        waiting = (time_ns - track.apart_ns) * NS <= p.exchange_s
+        undecided = False
+        for j in track.company:
+            other = by_id.get(j)
+            if other is None or other.colours is None or other.colours.updates < LOOKS:
+                continue
+            if not other.lost and not _ready(other):
+                undecided = True
+                continue
+            found = _exchanged(track, other, p)
+            if found is not None:
+                notices.append(found)
+                _exchange(track, other)
+                by_id[track.id], by_id[other.id] = track, other
+                break
+        if not (undecided and waiting):
+            _believe(by_id[i])
+    return notices
+
+
+def _ready(track: Track) -> bool:
+    return track.fresh is not None and track.fresh.updates >= LOOKS
+
+
+def _exchanged(a: Track, b: Track, p: EventsParameters) -> Notice | None:
+    """Whether a is b (and b is a, unless it has not been seen since)."""
+    if a.colours is None or b.colours is None or a.fresh is None:
+        return None
+    straight, crossed = distance(a.colours.table, a.fresh.table), distance(b.colours.table, a.fresh.table)
+    if _ready(b) and b.fresh is not None:
+        straight += distance(b.colours.table, b.fresh.table)
+        crossed += distance(a.colours.table, b.fresh.table)
+    if crossed > p.exchange_ratio * straight:
+        return None
+    evidence = {"as_they_were": straight, "exchanged": crossed, "most_ratio": p.exchange_ratio}
+    rule = "EVENTS 2: after the split each has the colours that the other one had"
+    return Notice("track_recovered", sorted([a.id, b.id]), rule, evidence)
+
+
+def _exchange(a: Track, b: Track) -> None:
+    """Exchange who they are; where they are stays."""
+    for name in ("id", "born", "born_ns", "colours", "split", "company"):
+        mine, theirs = getattr(a, name), getattr(b, name)
+        setattr(a, name, theirs)
+        setattr(b, name, mine)
+
+
+def _believe(track: Track) -> None:
+    """What was seen since the split are the target's own colours."""
+    if track.fresh is not None and track.colours is not None:
+        track.colours.learn(track.fresh.table)
+    track.company, track.fresh = [], None
