@@ -20,9 +20,9 @@ from recorders.errors import LimitError, RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
 from recorders.messages import Event, Graph, Group, Regions, Relation, Track
-from recorders.pictures import decode_picture
 from recorders.scene import Frame, SceneLog
 from replay.evaluate.truth import MotTable
+from replay.membership import Labels, decode_labels
 
 Image = NDArray[np.uint8]
 SCENE = ("tracks", "relations", "groups", "events", "graph", "regions", "membership")
@@ -199,11 +199,9 @@ class AnnotatedLog:
                 if scene.info.has_images:
                     yield frame.time_ns, partial(_loaded, frame, self.path)
 
-    def membership(self, frame: AnnotatedFrame) -> Image | None:
-        """The picture of which pixel belongs to whom, or None."""
-        if frame.membership is None:
-            return None
-        return decode_picture(frame.membership, gray=True, path=self.path, limits=self.limits)
+    def membership(self, frame: AnnotatedFrame) -> Labels | None:
+        """Which pixel belongs to whom: (height, width) uint16 of `replay.membership.value_of` each track, or None."""
+        return None if frame.membership is None else decode_labels(frame.membership, self.path, self.limits)
 
 
 def _loaded(frame: Frame, path: Path) -> Image:

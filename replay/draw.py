@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from recorders.messages import Box, Event, Group, Regions, Relation, Track
 from recorders.vision import cv2
+from replay.membership import Labels
 
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -67,8 +68,8 @@ class DrawOptions:
 class Overlay:
     """What one frame shows; events are those still to be read, `title` stands at the top.
 
-    ``membership`` is a (height, width) or (height, width, 3) uint8 picture of the frame's size that says which
-    pixels belong to whom, 0 for none; a single channel holds identities modulo 255, plus 1.
+    ``membership`` is a (height, width) uint16 image of the frame's size that says which pixels belong to whom, 0 for
+    nobody, else `replay.membership.value_of` the track's identity.
     """
 
     tracks: Sequence[Track] = ()
@@ -76,7 +77,7 @@ class Overlay:
     groups: Sequence[Group] = ()
     events: Sequence[Event] = ()
     regions: Regions | None = None
-    membership: Image | None = None
+    membership: Labels | None = None
     title: str = ""
     marks: Sequence[tuple[Box, str]] = field(default_factory=tuple)
 
@@ -308,17 +309,16 @@ class _Canvas:
             shown = _fitted(text, width - 8, size)
             cv2.putText(self.image, shown, (5, begin + step * k + h + 3), _FONT, size, _WHITE, 1, cv2.LINE_AA)
 
-    def tint(self, membership: Image) -> None:
-        """Mix the owners' colours into the pixels that somebody owns."""
+    def tint(self, membership: Labels) -> None:
+        """Mix the owners' colours into the pixels that somebody owns (SHELLS, Figure 3c)."""
         height, width = self.image.shape[:2]
-        whose = np.asarray(cv2.resize(membership, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
-        if whose.ndim == 2:
-            table = np.array([_BLACK, *(track_colour(i) for i in range(255))], np.uint8)
-            colours = table[whose]
-        else:
-            colours = whose
-        mixed = cv2.addWeighted(self.image, 0.45, colours, 0.55, 0)
-        owned = whose.reshape(height, width, -1).any(axis=2)
+        whose = np.asarray(cv2.resize(membership, (width, height), interpolation=cv2.INTER_NEAREST), np.uint16)
+        present = np.flatnonzero(np.bincount(membership.ravel()))
+        table = np.zeros((int(present.max(initial=0)) + 1, 3), np.uint8)
+        for value in present.tolist():
+            table[value] = track_colour(value) if value else _BLACK
+        mixed = cv2.addWeighted(self.image, 0.45, table[whose], 0.55, 0)
+        owned = whose > 0
         self.image[owned] = mixed[owned]
 
 

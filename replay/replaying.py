@@ -34,6 +34,7 @@ from replay.checkpoint import Checkpoint
 from replay.configuration import DEFAULT_TRACKER, fingerprint, replay_config, tracker_factory, uses_hindsight
 from replay.engine import Extra, Forward, Step, continuing
 from replay.facts import facts_of, sha256
+from replay.membership import renamed
 from replay.trackers.tracker import TrackerFactory
 
 Progress = Callable[[str, int], None]
@@ -230,11 +231,13 @@ class Run:
             self._progress("tracking", step.frame.index)
         first = 0 if start is None else start.frame + 1
         start_ns = None if start is None else start.time_ns + 1
-        rewritten = hindsight.rewrite(spool.targets, self.scene.info, times, self.options.config)
+        names: dict[int, int] = {}
+        rewritten = hindsight.rewrite(spool.targets, self.scene.info, times, self.options.config, names)
         frames = self.scene.frames(start_ns, first)
         seen = islice(rewritten, first, None)
         for frame, kept, targets in zip(frames, spool.entries(first), seen, strict=True):
-            yield Step(frame, targets, kept.extra, kept.recorded, kept.input_link, kept.targets, kept.state)
+            extra = tuple((n, renamed(data, names) if n == "membership" else data) for n, data in kept.extra)
+            yield Step(frame, targets, extra, kept.recorded, kept.input_link, kept.targets, kept.state)
 
     # -- reasoning and writing -------------------------------------------------------------------------------------
 

@@ -55,7 +55,9 @@ class _Row:
     boxes: list[tuple[float, float, float, float]]
 
 
-def rewrite(targets: Reading, scene: SceneInfo, times: Sequence[int], config: Config) -> Iterator[Targets]:
+def rewrite(
+    targets: Reading, scene: SceneInfo, times: Sequence[int], config: Config, names: dict[int, int] | None = None
+) -> Iterator[Targets]:
     """Rewrite a forward pass in hindsight.
 
     Args:
@@ -63,6 +65,7 @@ def rewrite(targets: Reading, scene: SceneInfo, times: Sequence[int], config: Co
         scene: what is known of the recording.
         times: capture time in ns of the k-th answer.
         config: section ``hindsight``.
+        names: gets every kept forward id's final id before the first answer.
 
     Yields:
         One answer per frame, in order, with the forward pass's group tracks; notices of births, losses, joins,
@@ -72,6 +75,8 @@ def rewrite(targets: Reading, scene: SceneInfo, times: Sequence[int], config: Co
     assert isinstance(p, HindsightParameters)
     fragments = gather(targets(), times)
     lives = _lives(fragments, join(fragments, p), p, scene)
+    if names is not None:
+        names.update((k, lives[k].id) for k in sorted(lives))
     yield from _Writer(lives, scene, times, p).run(targets())
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from reasoning.relations import RelationParameters
 from reasoning.shells import ShellParameters
-
 from recorders.parameters import Config, Parameters
 from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.shells.tracker import ShellsTracker

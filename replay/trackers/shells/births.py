@@ -113,7 +113,7 @@ def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, 
     lost = [k for k, b in enumerate(bodies.items) if b.id != TENTATIVE and b.lost]
     if not lost:
         return None
-    seen = _colours(bodies.box(row), body.blob, frame)
+    seen = _colours(bodies.box(row), frame)
     by_id = {b.id: k for k, b in enumerate(bodies.items) if b.id != TENTATIVE}
     here = bodies.bank.value[row]
     best: tuple[float, int] | None = None
@@ -134,7 +134,7 @@ def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, 
     return None if best is None else best[1]
 
 
-def _colours(box: Box, blob: int, frame: Frame) -> Floats | None:
+def _colours(box: Box, frame: Frame) -> Floats | None:
     image, mask = frame.image, frame.mask
     if image is None:
         return None

@@ -1,4 +1,4 @@
-"""One frame's foreground: blobs, their labels where somebody asks for pixels, and which objects lie over which blobs."""
+"""One frame's foreground: blobs, their labels where pixels are asked for, and which objects lie over which blobs."""
 
 from __future__ import annotations
 

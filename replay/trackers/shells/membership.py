@@ -1,8 +1,8 @@
 """Pixel membership (SHELLS 2.4): who owns each foreground pixel within the shells of objects that meet.
 
 Equations 6 to 8: the owner of a pixel is argmax over the object and those it is related to of P(p|c) P(c), with the
-colour histogram's likelihood and the shell's Epanechnikov kernel as the prior, which is 0 outside c's own shell. Ties go to the
-object that was born first. Everything is done over all pixels of an object's shell at once.
+colour histogram's likelihood and the shell's Epanechnikov kernel as the prior, which is 0 outside c's own shell. Ties
+go to the object that was born first. Everything is done over all pixels of an object's shell at once.
 
 Beyond the paper, each with a parameter of its own: the object's last mask as a further cue (``shape``), shares of
 pixels in place of whole ones (``soft``), and pixels that belong to nobody because two objects claim them alike
@@ -71,11 +71,11 @@ _ELLIPSE = _ellipse()
 def cells(start: float, size: float, first: int, last: int) -> NDArray[np.intp]:
     """Cells of a box's side (start, size) in which the pixels first to last - 1 lie, out of range outside of it."""
     centre = np.arange(first, last) + 0.5
-    return np.floor((centre - start) * (GRID / max(size, 1.0))).astype(np.intp)
+    return np.asarray(np.floor((centre - start) * (GRID / max(size, 1.0))), np.intp)
 
 
 def score(k: int, who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParameters) -> tuple[Floats, slice, slice]:
-    """log P(p|c) P(c) of claimant k over the part of the cut that its shell meets, and that part's rows and columns."""
+    """Score log P(p|c) P(c) of claimant k over the part of the cut that its shell meets, and where that is."""
     x, y, w, h = who.boxes[k].tolist()
     r = float(who.radii[k])
     cx, cy = x + w / 2 - cut.left, y + h / 2 - cut.top

@@ -68,7 +68,14 @@ def place(
             for j, piece in enumerate(pieces):
                 if j != k:
                     _explain(others, piece, gains[j])
-            _move(pieces[k], np.where(own, gains[k] - others, -99.0), empty, _span(who, k, reach, step, sweep), reach[k] / step, p)
+            _move(
+                pieces[k],
+                np.where(own, gains[k] - others, -99.0),
+                empty,
+                _span(who, k, reach, step, sweep),
+                reach[k] / step,
+                p,
+            )
     out = who.boxes.copy()
     for k, piece in enumerate(pieces):
         out[k, 0] += (piece.left - piece.home[1]) * step

@@ -9,6 +9,7 @@ to the lists L_i needs no further test.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -116,7 +117,7 @@ class Resolver:
         area = np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)
         pixels = fg.links(boxes)
         linked = (pixels > 0) & ((pixels >= _LINK * area[:, None]) | (pixels >= 0.5 * fg.areas))
-        self.free = ~linked.any(axis=0)
+        self.free = np.asarray(~linked.any(axis=0))
         fits = self._fits(rows)
         tenants = linked.sum(axis=0)
         held = np.bincount(np.clip(self._frame.detection_blobs, 0, len(fg.boxes)), minlength=len(fg.boxes) + 1)[1:]
@@ -238,7 +239,7 @@ class Resolver:
         members = assign_pixels(who, cut, bins, self._p)
         owner = members.owner
         whole = self._purify(owner, rows, blobs, fits, cut)
-        self._measure(rows, who, owner, members.counts, members.means, cut, whole)
+        self._measure(rows, who, owner, members.means, cut, whole)
 
     def _with_fragments(self, boxes: Floats, radii: Floats, blobs: Rows) -> Rows:
         """The blobs, and those that nobody lies over but that lie within a shell."""
@@ -285,7 +286,6 @@ class Resolver:
         rows: Rows,
         who: Claimants,
         owner: NDArray[np.uint8],
-        counts: Floats,
         means: Floats,
         cut: Cut,
         whole: dict[int, int],
@@ -307,7 +307,7 @@ class Resolver:
             mean = (float(means[k, 0]), float(means[k, 1]))
             # E[P] of what is visible, and the placed mask for what is not.
             mx, my = mean[0] - body.centroid[0] * w, mean[1] - body.centroid[1] * h
-            share = max(0.0, (visible - 0.5) * 2) if mx == mx else 0.0
+            share = max(0.0, (visible - 0.5) * 2) if not math.isnan(mx) else 0.0
             cx = share * mx + (1 - share) * (x + w / 2)
             cy = share * my + (1 - share) * (y + h / 2)
             blob = int(np.argmax(np.bincount(cut.labels[own], minlength=1)))

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
 from reasoning.relations import Objects, RelationBook, RelationParameters
 from reasoning.shells import ShellParameters
-
 from recorders.messages import NO_BLOB, Box, Mode, Notice, Target, Targets
 from recorders.segmentation.sizes import SizeModel
 from replay.membership import LabelImage
