@@ -32,7 +32,7 @@ class Options:
         at: the moment of who-was-in, the start of contacts.
         least_s: shortest stay of loitered.
         within_s: how far back (before), or how close together (left-with).
-        gap_s: stays with a gap up to this are one.
+        gap_s: stays with a gap up to this are one (loitered); contact until so long before leaving (left-with).
         depth: longest chain of contacts.
         by: what counts as a contact.
     """
@@ -100,7 +100,9 @@ def _two(words: Sequence[str], _: Options) -> Mapping[str, str]:
 
 
 def _one(words: Sequence[str], options: Options) -> Mapping[str, str]:
-    return {"a": str(identity(words[0])), "within": repr(10.0 if options.within_s is None else options.within_s)}
+    within = 5.0 if options.within_s is None else options.within_s
+    gap = 1.0 if options.gap_s is None else options.gap_s
+    return {"a": str(identity(words[0])), "within": repr(within), "gap": repr(gap)}
 
 
 def _stays(words: Sequence[str]) -> str:
@@ -152,7 +154,7 @@ QUESTIONS: Mapping[str, Question] = {
     for x in (
         Question("met", "A [B]", "whom A met (whose shells touched A's), when, and how long", q.MET, _met),
         Question("together", "A B", "when A and B were socially together, in hindsight", q.TOGETHER, _two),
-        Question("left-with", "A --within 10s", "who left with A, having been in contact with A just before",
+        Question("left-with", "A --within 5s", "who left with A, in contact until the first of them left (--gap 1s)",
                  q.LEFT_WITH, _one),
         Question("who-was-in", "ZONE --at T", "who was in a zone at a moment (zone `scene`: anywhere)",
                  q.WHO_WAS_IN, _zone_at),

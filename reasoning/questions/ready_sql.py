@@ -28,6 +28,7 @@ WHERE e.a = $a AND e.b = $b$only ORDER BY e.recording, e.start_frame
 """
 
 LEFT_WITH = """
+-- with: in contact until at most $gap s before the first of them left
 -- leaving is the last exit; without one, the last sight of a track that was gone before the recording ended
 WITH departures AS (
   SELECT p.recording, p.track, p.end_frame AS frame, coalesce(x.t, p.end_t) AS t, x.event
@@ -42,15 +43,15 @@ contact AS (
   SELECT recording, if(a = $a, b, a) AS other, start_t, end_t, format('relation:{}-{}@{}', a, b, start_frame) AS why
   FROM relations WHERE (a = $a OR b = $a)$only
   UNION ALL
-  SELECT recording, if(a = $a, b, a), start_t, end_t, format('encounter:{}-{}@{}', a, b, start_frame)
-  FROM encounters WHERE (a = $a OR b = $a)$only)
+  SELECT recording, if(a = $a, b, a), start_t, end_t, format('phase:{}-{}@{}', a, b, start_frame)
+  FROM phases WHERE (a = $a OR b = $a) AND kind <> 'separation'$only)
 SELECT d.recording, $a AS track, d.track AS other, l.t AS track_left_t, d.t AS other_left_t,
   round(d.t - l.t, 3) AS seconds_after, max(c.end_t) AS last_contact_t,
   concat_ws(' ', arg_max(c.why, c.end_t), if(d.event IS NULL, format('track:{}@{}', d.track, d.frame),
     format('event:{}', d.event))) AS explain
 FROM leaver l JOIN departures d ON d.recording = l.recording AND d.track <> l.track AND abs(d.t - l.t) <= $within
 JOIN contact c ON c.recording = l.recording AND c.other = d.track
-  AND c.start_t <= least(l.t, d.t) AND c.end_t >= least(l.t, d.t) - $within
+  AND c.start_t <= least(l.t, d.t) AND c.end_t >= least(l.t, d.t) - $gap
 GROUP BY d.recording, d.track, l.t, d.t, d.event, d.frame ORDER BY d.recording, abs(d.t - l.t), d.track
 """
 

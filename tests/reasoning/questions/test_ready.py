@@ -41,9 +41,10 @@ def test_together(case: Case) -> None:
 
 
 def test_left_with(case: Case) -> None:
-    (row,) = ask(case, "left-with", "2", within_s=5.0)
+    (row,) = ask(case, "left-with", "2", within_s=5.0, gap_s=5.0)
     assert (row["other"], row["track_left_t"], row["other_left_t"]) == (3, 10.0, 11.2)
-    assert ask(case, "left-with", "2", within_s=1.0) == []
+    assert ask(case, "left-with", "2", within_s=1.0, gap_s=5.0) == []
+    assert ask(case, "left-with", "2", within_s=5.0) == []
     assert ask(case, "left-with", "1") == []
 
 
@@ -121,7 +122,7 @@ def test_timeline(case: Case) -> None:
 
 def test_every_row_can_be_explained(case: Case) -> None:
     asked = [
-        ("met", ["1"], {}), ("together", ["1", "2"], {}), ("left-with", ["2"], {"within_s": 5.0}),
+        ("met", ["1"], {}), ("together", ["1", "2"], {}), ("left-with", ["2"], {"within_s": 5.0, "gap_s": 5.0}),
         ("who-was-in", ["bench"], {"at": moment("7")}), ("loitered", ["bench"], {"least_s": 1.0}),
         ("entered-never-left", [], {}), ("grouping-and-splitting", [], {}), ("group-history", ["3"], {}),
         ("before", ["9"], {}), ("contacts", ["1"], {}), ("timeline", ["2"], {}), ("timeline", ["3"], {}),
