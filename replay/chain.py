@@ -8,13 +8,13 @@ from itertools import groupby
 from pathlib import Path
 
 from recorders import channels
-from recorders.errors import LimitError
+from recorders.errors import LimitError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
 from recorders.messages import Digest
 from replay import digest
 from replay.checkpoint import PREFIX
-from replay.facts import Facts, facts_of, sha256
+from replay.facts import GOLDEN, Facts, facts_of, sha256
 
 WHOLE = -1
 
@@ -131,9 +131,12 @@ def verify_chain(
 
     Raises:
         RecordingError: not an annotated log, or damaged beyond reading.
+        UsageError: a golden file, which has no digests.
     """
     with LogReader(path, limits) as log:
         facts = facts_of(log)
+        if any(name == GOLDEN for name, _ in log.metadata()):
+            raise UsageError(f"{path}: a golden file holds no digests to verify; compare it with `scenetrace diff`")
         reasons = [f"the metadata's {name} was altered after the replay" for name in facts.altered()]
         found: Difference | None = None
         if reasons:

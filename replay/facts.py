@@ -21,6 +21,7 @@ from recorders.log import LogReader
 METADATA = "scenetrace"
 FORMAT_VERSION = "1"
 KIND = "annotated"
+GOLDEN = "scenetrace.golden"
 _DIGESTS = "fact_digests"
 T = TypeVar("T")
 

@@ -32,12 +32,14 @@ class CompareOptions:
             within it, modes, interaction states, places in the scene, events, relations and groups count, and the
             measured values and pictures beneath them do not.
         tolerance_s: an event or an interval's begin may be off by so much and counts as moved, not as another one.
+        story: compare tracks, relations, groups and events alone: one of them is a golden file.
         only_shared: frames that only one log has are no difference: one of them is a span.
     """
 
     tolerance_px: float = 0.0
     tolerance_s: float = 1.0
     only_shared: bool = False
+    story: bool = False
 
 
 def compare(
@@ -122,7 +124,9 @@ class _Comparer:
         found = [*self._tracks(), *self._identities()]
         found += [] if self.options.only_shared else self._frames()
         found += [*self.happenings.events(), *self.happenings.relations(), *self.happenings.groups()]
-        if self.strict:
+        if self.strict and self.options.story:
+            found += self._edge_values({(d.what, *d.subjects) for d in found if d.what == "relation"})
+        elif self.strict:
             found += self._edge_values({(d.what, *d.subjects) for d in found if d.what == "relation"})
             found += self._recording()
             found += self._messages(found)

@@ -1,0 +1,103 @@
+"""A replay in a process of its own: reads an order as JSON, prints the digest, and, watched, whom the tracker asked.
+
+Run by `replay.golden.running`; a result must not depend on this process being another one.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import random
+import sys
+import sysconfig
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from recorders import errors
+from replay.golden.running import Job, configured, imported
+
+_CLOCK = "the clock"
+_CHANCE = "chance"
+_TIMES = frozenset(
+    {
+        "time", "time_ns", "monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns", "process_time",
+        "process_time_ns", "thread_time", "thread_time_ns", "localtime", "gmtime", "ctime",
+    }
+)  # fmt: skip
+_OWN = Path(__file__).resolve().parent.parent
+_FOREIGN = tuple(
+    str(Path(place).resolve())
+    for place in (
+        sysconfig.get_path("stdlib"),
+        sysconfig.get_path("platstdlib"),
+        str(Path(errors.__file__).parent),
+    )
+)
+
+
+class Watch:
+    """Notes from where clocks and sources of chance are asked, through the interpreter's profiling hook."""
+
+    def __init__(self) -> None:
+        self.asked: dict[str, dict[str, int]] = {_CLOCK: {}, _CHANCE: {}}
+
+    def __call__(self, frame: FrameType, event: str, function: Any) -> None:
+        """A profile event."""
+        if event != "c_call":
+            return
+        kind = _kind(function)
+        if kind is not None:
+            caller = _caller(frame)
+            if caller is not None:
+                words = f"{caller} calls {getattr(function, '__module__', None) or 'datetime'}.{function.__name__}()"
+                self.asked[kind][words] = self.asked[kind].get(words, 0) + 1
+
+
+def _kind(function: Any) -> str | None:
+    name, owner = function.__name__, getattr(function, "__self__", None)
+    if getattr(owner, "__name__", "") == "time" and name in _TIMES:
+        return _CLOCK
+    if isinstance(owner, type) and issubclass(owner, datetime.date) and name in ("now", "utcnow", "today"):
+        return _CLOCK
+    if (isinstance(owner, random.Random) and name in ("random", "getrandbits")) or name == "urandom":
+        return _CHANCE
+    return None
+
+
+def _caller(frame: FrameType | None) -> str | None:
+    """The nearest place in the tracker's own code; None where the call is the machinery's."""
+    while frame is not None:
+        file = Path(frame.f_code.co_filename).resolve()
+        inside = file.is_relative_to(_OWN) and not file.is_relative_to(_OWN / "trackers")
+        if inside:
+            return None
+        if not str(file).startswith(_FOREIGN) and "site-packages" not in file.parts and file.exists():
+            return f"{file.name}:{frame.f_lineno}"
+        frame = frame.f_back
+    return None
+
+
+def main() -> int:
+    """Replay once."""
+    order = json.load(sys.stdin)
+    tracker = order["tracker"] if isinstance(order["tracker"], str) else imported(order["tracker"])
+    job = Job(Path(order["scene"]), tracker, configured(tracker, order["config"]))
+    watch = Watch()
+    before = random.getstate(), str(np.random.get_state(legacy=False))  # noqa: NPY002 - is it touched?
+    if order["watched"]:
+        sys.setprofile(watch)
+    try:
+        digest = job.run(Path(order["out"]))
+    finally:
+        sys.setprofile(None)
+    if str(np.random.get_state(legacy=False)) != before[1]:  # noqa: NPY002
+        watch.asked[_CHANCE]["numpy's global random state was used"] = 1
+    print(json.dumps({"digest": digest, "clock": watch.asked[_CLOCK], "chance": watch.asked[_CHANCE]}))  # noqa: T201
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

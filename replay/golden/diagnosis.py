@@ -1,0 +1,131 @@
+"""Why two replays of one scene differ: chance or the clock, shared state, the order of a set, a state too small."""
+
+from __future__ import annotations
+
+import inspect
+import itertools
+import sys
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+from recorders.errors import SceneTraceError
+from recorders.log import LogReader
+from replay.compare.raw import compare_bytes
+from replay.facts import facts_of
+from replay.golden.running import Job, NotImportableError
+from replay.trackers.catalogue import TRACKERS
+
+_PLAIN = (bool, int, float, str, bytes, list, tuple, dict, set, frozenset, deque, itertools.count)
+_MOST = 3
+Memory = dict[str, str]
+
+
+def shared_state(job: Job) -> Memory:
+    """What the tracker's class and module hold outside its instances, as text by name."""
+    factory: Any = TRACKERS[job.tracker] if isinstance(job.tracker, str) else job.tracker
+    module = sys.modules.get(getattr(factory, "__module__", ""))
+    own = [] if module is None else [c for _, c in sorted(vars(module).items()) if inspect.isclass(c)]
+    classes = [c for c in own if c.__module__ == getattr(module, "__name__", None)]
+    if inspect.isclass(factory):
+        classes += [c for c in factory.__mro__ if c not in classes and c is not object]
+    found: Memory = {}
+    for owner in classes:
+        found |= {f"{owner.__name__}.{name}": repr(v)[:200] for name, v in vars(owner).items() if _is_plain(name, v)}
+    if module is not None:
+        found |= {name: repr(v)[:200] for name, v in vars(module).items() if _is_plain(name, v)}
+    return found
+
+
+def _is_plain(name: str, value: Any) -> bool:
+    return not name.startswith("__") and isinstance(value, _PLAIN)
+
+
+def first_difference(a: Path, b: Path) -> str:
+    """Where two annotated logs of one scene differ first, with both values."""
+    with LogReader(a) as left, LogReader(b) as right:
+        raw = compare_bytes(left, right, facts_of(left).camera, facts_of(right).camera)
+    for name, first in raw.channels.items():
+        return f"frame {first.frame}, {name}, {first.field}: {first.a} in the first, {first.b} in the second"
+    return "one has frames that the other has not"
+
+
+def same_process(job: Job, folder: Path, first: Path, second: Path, before: Memory, after: Memory) -> str:
+    """Two replays in one process differ."""
+    head = (
+        f"{job.name} is not deterministic: two replays of {job.scene.name} in one process, each with a fresh instance, "
+        f"differ.\n  {first_difference(first, second)}"
+    )
+    changed = [f"{name} was {before.get(name, 'absent')}, then {after[name]}" for name in after
+               if before.get(name) != after[name]]  # fmt: skip
+    try:
+        one, seen = job.elsewhere(folder / "one.mcap", 1, watched=True)
+        two, _ = job.elsewhere(folder / "two.mcap", 1)
+    except SceneTraceError as e:
+        one, two, seen = "", "", {"clock": {}, "chance": {}}
+        head += f"\n  (In a process of its own it could not be tried: {str(e).splitlines()[0]})"
+    if one != two or seen["clock"] or seen["chance"]:
+        return f"{head}\n{_asked(seen)}"
+    words = _listed(changed) if changed else "something outside the instance that the first replay leaves behind"
+    return (
+        f"{head}\n  It looks like state that instances share: two processes give the same result, a second instance in "
+        f"one process does not.\n  {words}\n"
+        "  Keep everything in the instance: counters and caches in __init__, none in the class or the module."
+    )
+
+
+def other_process(job: Job, folder: Path, here: Path, there: Path) -> str:
+    """Two replays in one process agree, one in another process with another hash seed does not."""
+    head = (
+        f"{job.name} is not deterministic: a replay of {job.scene.name} in another process differs.\n"
+        f"  {first_difference(here, there)}"
+    )
+    again, seen = job.elsewhere(folder / "again.mcap", 1, watched=True)
+    other, _ = job.elsewhere(folder / "other.mcap", 2)
+    third, _ = job.elsewhere(folder / "third.mcap", 1)
+    if again != third:
+        return f"{head}\n{_asked(seen)}"
+    if again != other:
+        return (
+            f"{head}\n  It follows the hash seed (PYTHONHASHSEED): it looks like a loop over a set, or another order "
+            "that comes from hashes.\n  Loop over sorted(...), or keep a dict or a list in its place."
+        )
+    return (
+        f"{head}\n  Other processes agree with one another whatever the hash seed, so it looks like something that was "
+        "left behind in this one: a class variable, a cache, a module's variable, or an environment variable.\n"
+        "  Keep everything in the instance."
+    )
+
+
+def restored(job: Job, whole: Path, part: Path) -> str:
+    """A replay from the middle, out of state() and restore(), goes another way."""
+    return (
+        f"{job.name}: a replay that starts from state() in the middle of {job.scene.name} goes another way than one "
+        f"from the start.\n  {first_difference(whole, part)}\n"
+        "  state() must hold everything that the next frame's answer depends on, and restore() take all of it up."
+    )
+
+
+def _asked(seen: dict[str, Any]) -> str:
+    if seen["clock"]:
+        return (
+            f"  It looks like the clock: {_listed(list(seen['clock']))}.\n"
+            "  Take the time from the frame: frame.time_ns."
+        )
+    if seen["chance"]:
+        return (
+            f"  It looks like chance: {_listed(list(seen['chance']))}.\n"
+            "  Use no randomness, or a generator of the instance with a seed from its parameters, kept in state()."
+        )
+    return (
+        "  Two processes with the same hash seed differ as well: it looks like chance, the clock, memory addresses "
+        "(id(), hash() of an object) or threads."
+    )
+
+
+def _listed(words: list[str]) -> str:
+    shown = "; ".join(words[:_MOST])
+    return shown + (f"; and {len(words) - _MOST} more" if len(words) > _MOST else "")
+
+
+__all__ = ["NotImportableError", "first_difference", "other_process", "restored", "same_process", "shared_state"]

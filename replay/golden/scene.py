@@ -1,0 +1,164 @@
+"""What the fixture `golden_scene` does, without pytest: replay more than once, compare with the golden file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection
+from pathlib import Path
+
+from recorders.errors import SceneTraceError
+from recorders.log import LogReader
+from recorders.parameters import Config
+from recorders.scene import SceneLog
+from replay.compare import CompareOptions, Comparison, compare
+from replay.facts import facts_of
+from replay.golden import diagnosis
+from replay.golden.running import Job, NotImportableError, Values, configured
+from replay.golden.story import write_story
+from replay.trackers.tracker import TrackerFactory
+
+_LINES = 30
+HASH_SEED = 1
+
+
+class GoldenError(AssertionError):
+    """The replay is not what the golden file says, or not deterministic; the text is for the test's reader."""
+
+
+class GoldenScene:
+    """Replays scenes and holds them against golden files in one folder.
+
+    Args:
+        folder: where golden files are, one ``NAME.mcap`` each: the test's own.
+        name: the golden file's name, where a call gives none.
+        scratch: a folder for the replays.
+        update: names of golden files that are to be written anew.
+        used: called with every name that is asked for.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        scratch: Path,
+        update: Collection[str] = (),
+        used: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._folder = folder
+        self._name = re.sub(r"[^A-Za-z0-9_.-]+", "-", name).strip("-")
+        self._scratch = scratch
+        self._update = update
+        self._used = used
+        self._taken: list[str] = []
+
+    def __call__(
+        self,
+        log: str | Path,
+        tracker: str | TrackerFactory = "events",
+        config: Values | Config | None = None,
+        tolerance: float = 0.0,
+        *,
+        time_tolerance: float = 1.0,
+        name: str | None = None,
+        other_process: bool = True,
+        checkpoint: bool = True,
+    ) -> Comparison:
+        """Replay a scene and compare it with its golden file.
+
+        Args:
+            log: the scene log.
+            tracker: a name of scenetrace's catalogue, or a tracker class (or function) of one's own.
+            config: section to parameters, plain or as `Parameters`; the others have their defaults.
+            tolerance: how far a box may be off in pixels; 0: to the bit. See `replay.compare.CompareOptions`.
+            time_tolerance: how far an event may move in seconds and still be called the same one, moved.
+            name: the golden file's name without ``.mcap``; the test's name without.
+            other_process: replay in another process with another hash seed, too.
+            checkpoint: replay from a state in the middle, too.
+
+        Returns:
+            The comparison, which holds no difference.
+
+        Raises:
+            GoldenError: a difference, a missing golden file (it is written), or no determinism; says which and why.
+            SceneTraceError: the log or the configuration is not usable.
+        """
+        chosen = name or self._name
+        if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", chosen):
+            raise GoldenError(f"name={chosen!r}: must be letters, digits, '_', '-', '.'")
+        if chosen in self._taken:
+            raise GoldenError(f"golden_scene was called twice for {chosen!r} in one test: give each call a name=")
+        self._taken.append(chosen)
+        self._used(chosen)
+        job = Job(Path(log), tracker, configured(tracker, config))
+        scratch = self._scratch / chosen
+        scratch.mkdir()
+        replayed = self._replayed(job, scratch, other_process, checkpoint)
+        golden = self._folder / f"{chosen}.mcap"
+        if not golden.exists():
+            write_story(replayed, golden)
+            raise GoldenError(
+                f"there was no golden file, so it was written: {golden}\n"
+                "Look at it (`scenetrace query`, `scenetrace info`), commit it, and run the test again."
+            )
+        found = compare(golden, replayed, CompareOptions(tolerance, time_tolerance, story=True))
+        if chosen in self._update:
+            write_story(replayed, golden)
+            said = "\n".join(found.lines(_LINES)) if found.differences else "nothing in it differs"
+            raise GoldenError(f"the golden file was written anew: {golden}\n{said}\nRun again without the option.")
+        if found.differences:
+            raise GoldenError(self._differs(job, golden, replayed, found, chosen))
+        return found
+
+    def _replayed(self, job: Job, scratch: Path, other_process: bool, checkpoint: bool) -> Path:
+        """Replay at least twice; the first one's log.
+
+        Raises:
+            GoldenError: they differ.
+        """
+        first, second = scratch / "first.mcap", scratch / "second.mcap"
+        before = diagnosis.shared_state(job)
+        middle = _middle(job.scene)
+        digest = job.run(first, checkpoint_ns=middle[1] if checkpoint else None)
+        after = diagnosis.shared_state(job)
+        if job.run(second) != digest:
+            raise GoldenError(diagnosis.same_process(job, scratch, first, second, before, after))
+        if other_process:
+            try:
+                there, _ = job.elsewhere(scratch / "there.mcap", HASH_SEED)
+            except NotImportableError:
+                there = digest
+            if there != digest:
+                raise GoldenError(diagnosis.other_process(job, scratch, first, scratch / "there.mcap"))
+        if checkpoint and middle[0] is not None:
+            part = scratch / "part.mcap"
+            try:
+                again = job.run(part, checkpoints=first, from_ns=middle[0])
+            except SceneTraceError as e:
+                raise GoldenError(f"{job.name}: a replay from the middle of {job.scene.name} fails: {e}") from e
+            if again != digest:
+                raise GoldenError(diagnosis.restored(job, first, part))
+        return first
+
+    @staticmethod
+    def _differs(job: Job, golden: Path, replayed: Path, found: Comparison, name: str) -> str:
+        with LogReader(golden) as a, LogReader(replayed) as b:
+            inputs = facts_of(a).input_digest, facts_of(b).input_digest
+        other = "" if inputs[0] == inputs[1] else (
+            f"\n{job.scene.name} is not the recording that the golden file was made from "
+            f"(input digest {inputs[0][:16]}, now {inputs[1][:16]})"
+        )  # fmt: skip
+        return (
+            f"{job.name} no longer says of {job.scene.name} what {golden.name} says (A: golden, B: now){other}\n"
+            + "\n".join(found.lines(_LINES))
+            + f"\nIf that is right: pytest --scenetrace-update {name}"
+        )
+
+
+def _middle(path: Path) -> tuple[int | None, int | None]:
+    """A time just behind the middle of a scene and the time from its start, None for scenes of few frames."""
+    with SceneLog(path) as scene:
+        times = list(scene.frame_times())
+    if len(times) < 4:
+        return None, None
+    middle = times[len(times) // 2]
+    return middle + 1, max(middle - times[0], 1)
