@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import tempfile
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import islice
@@ -169,6 +169,12 @@ def recorded_targets(path: Path, camera: str, last_frame: int, limits: Limits) -
         raise UsageError(f"{path}: holds the forward pass up to frame {expected} only; replay without --checkpoints")
 
 
+def _under_final_ids(kept: SpoolEntry, names: Mapping[int, int]) -> Extra:
+    """What a tracker wrote besides its targets, under the identities that they have after hindsight."""
+    ids = [t.id for t in kept.targets.targets]
+    return tuple((n, renamed(data, names, ids) if n == "membership" else data) for n, data in kept.extra)
+
+
 class Run:
     """The replay of one scene: iterate `frames` for the annotated frames in order.
 
@@ -236,8 +242,7 @@ class Run:
         frames = self.scene.frames(start_ns, first)
         seen = islice(rewritten, first, None)
         for frame, kept, targets in zip(frames, spool.entries(first), seen, strict=True):
-            extra = tuple((n, renamed(data, names) if n == "membership" else data) for n, data in kept.extra)
-            yield Step(frame, targets, extra, kept.recorded, kept.input_link, kept.targets, kept.state)
+            yield Step(frame, targets, _under_final_ids(kept, names), kept.recorded, kept.input_link, kept.targets, kept.state)
 
     # -- reasoning and writing -------------------------------------------------------------------------------------
 
