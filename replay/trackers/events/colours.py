@@ -16,13 +16,17 @@ from replay.trackers.tracker import Image
 Floats = NDArray[np.float64]
 
 
+LATEST = 4
+"""Looks that count while it is not yet sure who a target is."""
+
+
 def learn(track: Track, image: Image, mask: Image | None, box: tuple[float, float, float, float]) -> None:
     """Learn a target's colours from its box, weighted towards the ellipse's centre, foreground alone."""
     seen = look_at(image, mask, box)
     if seen is not None:
         if track.company:
             track.fresh = track.fresh or Colours()
-            track.fresh.learn(seen)
+            track.fresh.learn(seen, LATEST)
             return
         if track.colours is None:
             track.colours = Colours()

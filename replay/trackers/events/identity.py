@@ -13,7 +13,7 @@ from replay.trackers.appearance import distance
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.tracks import TENTATIVE, Track, Tracks
 
-NS = 1e-9
+NS = 1e9
 LOOKS = 3
 """So many looks at a target must have been taken before and after."""
 
@@ -38,14 +38,15 @@ def verify(tracks: Tracks, time_ns: int, p: EventsParameters) -> list[Notice]:
         track = by_id[i]
         if not track.company or not _ready(track):
             continue
-        waiting = (time_ns - track.apart_ns) * NS <= p.exchange_s
+        waiting = (time_ns - track.apart_ns) / NS <= p.exchange_s
         undecided = False
         for j in track.company:
             other = by_id.get(j)
             if other is None or other.colours is None or other.colours.updates < LOOKS:
                 continue
+            # Who is not to be seen yet may be anywhere, also where this one is thought to be.
+            undecided |= other.lost or not _ready(other)
             if not other.lost and not _ready(other):
-                undecided = True
                 continue
             found = _exchanged(track, other, p)
             if found is not None:

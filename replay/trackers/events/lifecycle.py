@@ -12,7 +12,7 @@ from replay.trackers.events.recover import Recovery, recover
 from replay.trackers.events.tracks import TENTATIVE, Track, Tracks
 from replay.trackers.tracker import Frame
 
-NS = 1e-9
+NS = 1e9
 
 
 class Lifecycle:
@@ -48,7 +48,7 @@ class Lifecycle:
         return notices
 
     def _ripe(self, track: Track, frame: Frame) -> bool:
-        old = (frame.time_ns - track.born_ns) * NS >= self._p.confirm_s
+        old = (frame.time_ns - track.born_ns) / NS >= self._p.confirm_s
         return track.observed and old and track.hits >= self._p.confirm_hits
 
     def _take_over(self, r: Recovery, frame: Frame) -> list[Notice]:
@@ -59,7 +59,7 @@ class Lifecycle:
         if orphan.colours is not None:
             track.colours = orphan.colours
         evidence: dict[str, Any] = {
-            "unseen_s": (frame.time_ns - orphan.seen_ns) * NS,
+            "unseen_s": (frame.time_ns - orphan.seen_ns) / NS,
             "cost": r.cost,
             "motion": r.motion,
             "size": r.size,
@@ -77,7 +77,7 @@ class Lifecycle:
         kept: list[int] = []
         notices: list[Notice] = []
         for row, track in enumerate(self._tracks.items):
-            unseen = (frame.time_ns - track.seen_ns) * NS
+            unseen = (frame.time_ns - track.seen_ns) / NS
             if track.id == TENTATIVE:
                 if unseen <= self._p.tentative_s:
                     kept.append(row)

@@ -73,3 +73,6 @@ class EventsParameters(Parameters):
         high=1.0,
     )
     exchange_s: float = param(3.0, "whoever left a blob for this long is who it is", unit="s", low=0.0, high=3600.0)
+    recover_colour_cost: float = param(
+        2.0, "cost of entirely different colours when a lost target is looked for", low=0.0, high=100.0
+    )

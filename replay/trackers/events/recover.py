@@ -14,6 +14,10 @@ from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.tracks import Tracks
 
 
+UNKNOWN = 0.25
+"""What unknown colours differ by: as much as one's own colours may after a while."""
+
+
 @dataclass(frozen=True, slots=True)
 class Recovery:
     """An orphan's row, the new track's row, and what the match cost by term."""
@@ -43,7 +47,7 @@ def recover(tracks: Tracks, orphans: list[int], fresh: list[int], time_ns: int, 
 def _price(tracks: Tracks, a: int, b: int, time_ns: int, p: EventsParameters) -> Recovery:
     """Half the squared miss, of the straight path or of one who stood still, plus size and colours."""
     orphan, fresh, bank = tracks.items[a], tracks.items[b], tracks.bank
-    gap = (time_ns - orphan.seen_ns) * 1e-9
+    gap = (time_ns - orphan.seen_ns) / 1e9
     x, y, w, h = bank.value[a, :4].tolist()
     vx, vy = bank.rate[a, :2].tolist()
     u, v, fw, fh = bank.value[b, :4].tolist()
@@ -56,5 +60,5 @@ def _price(tracks: Tracks, a: int, b: int, time_ns: int, p: EventsParameters) ->
     if orphan.colours is not None and fresh.colours is not None:
         colours = distance(orphan.colours.table, fresh.colours.table)
     # Without colours nothing but the place speaks for it, so it has to be more exact.
-    cost = motion + 0.5 * differs + p.colour_cost * (0.4 if colours is None else colours)
+    cost = motion + 0.5 * differs + p.recover_colour_cost * (UNKNOWN if colours is None else colours)
     return Recovery(a, b, cost, motion, differs, colours)

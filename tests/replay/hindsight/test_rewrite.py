@@ -1,0 +1,172 @@
+"""Hindsight over made-up forward passes: joined, filled, smoothed, back-dated, dropped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from itertools import pairwise
+
+import pytest
+
+from recorders.messages import GroupTrack, Notice, Target, Targets
+from recorders.parameters import Config, configure
+from recorders.scene import SceneInfo
+from replay.hindsight import SECTIONS, rewrite
+
+FRAME_NS = 100_000_000
+SCENE = SceneInfo(640, 480, FRAME_NS, False, False)
+COLOURS_A, COLOURS_B = [100, 0, 0, 50], [0, 80, 70, 0]
+
+
+def _config(*words: str) -> Config:
+    return configure(SECTIONS, None, words)
+
+
+def _target(identity: int, frame: int, x: float, y: float = 200.0, **facts: object) -> Target:
+    plain = Target(identity, (x, y, 20.0, 40.0), (0.0, 0.0), measured=(x, y, 20.0, 40.0))
+    fields = {f: getattr(plain, f) for f in plain.__struct_fields__}
+    return Target(**{**fields, **facts})
+
+
+def _run(frames: list[Targets], *words: str) -> list[Targets]:
+    readings = []
+
+    def read() -> Iterable[Targets]:
+        readings.append(1)
+        return iter(frames)
+
+    out = list(rewrite(read, SCENE, [k * FRAME_NS for k in range(len(frames))], _config(*words)))
+    assert len(readings) == 2
+    assert [t.frame for t in out] == [t.frame for t in frames]
+    return out
+
+
+def _walk(frames: int, hidden: range, second: int = 2, **facts: object) -> list[Targets]:
+    """Target 1 walks at 50 px/s; unseen during ``hidden``, afterwards it has the second id."""
+    out = []
+    for k in range(frames):
+        here = [] if k in hidden else [_target(1 if k < hidden.start else second, k, 50 + 5.0 * k, **facts)]
+        out.append(Targets(k, here))
+    return out
+
+
+def _notices(out: list[Targets], kind: str) -> list[tuple[int, Notice]]:
+    return [(t.frame, n) for t in out for n in t.notices if n.kind == kind]
+
+
+def test_fragments_are_joined_and_the_gap_is_filled_on_the_path() -> None:
+    out = _run(_walk(60, range(20, 32)))
+    assert all([t.id for t in frame.targets] == [1] for frame in out)
+    for k in range(20, 32):
+        target = out[k].targets[0]
+        assert target.box[0] == pytest.approx(50 + 5.0 * k, abs=1.0)
+        assert target.mode == "predicted"
+        assert not target.observed
+    [(frame, notice)] = _notices(out, "track_recovered")
+    assert frame == 32
+    assert notice.rule.startswith("EVENTS hindsight")
+    assert notice.evidence["fragment"] == 2
+    assert notice.evidence["after"] == 1
+    assert notice.evidence["gap_s"] == pytest.approx(1.3)
+    assert notice.evidence["cost"] >= notice.evidence["motion"]
+
+
+def test_colours_decide_who_goes_on() -> None:
+    frames = []
+    for k in range(80):
+        here = []
+        if k < 30:
+            here = [_target(1, k, 100.0, 200.0, signature=COLOURS_A), _target(2, k, 100.0, 230.0, signature=COLOURS_B)]
+        if k >= 40:
+            here = [_target(3, k, 104.0, 200.0, signature=COLOURS_B), _target(4, k, 104.0, 230.0, signature=COLOURS_A)]
+        frames.append(Targets(k, here))
+    out = _run(frames)
+    last = {t.id: t.box[1] for t in out[-1].targets}
+    assert last[1] == pytest.approx(230.0, abs=1.0)
+    assert last[2] == pytest.approx(200.0, abs=1.0)
+
+
+def test_what_is_too_far_or_too_late_stays_apart() -> None:
+    far = [Targets(k, [_target(1 if k < 30 else 2, k, 50.0 if k < 30 else 500.0)]) for k in range(60)]
+    assert {t.id for frame in _run(far) for t in frame.targets} == {1, 2}
+    late = _walk(120, range(20, 90))
+    out = _run(late)
+    assert {t.id for frame in out for t in frame.targets} == {1, 2}
+    assert not any(frame.targets for frame in out[21:90])
+    assert [(f, n.subjects) for f, n in _notices(out, "track_removed")] == [(20, [1])]
+
+
+def test_births_are_back_dated_to_the_first_sighting() -> None:
+    frames = _walk(40, range(0))
+    frames = [Targets(t.frame, []) if t.frame < 5 else t for t in frames]
+    sightings = [[float(k), 50 + 5.0 * k, 200.0, 20.0, 40.0] for k in range(2, 5)]
+    confirmed = Notice("track_confirmed", [2], "rule", {"sightings": sightings})
+    frames[5] = Targets(5, frames[5].targets, None, [confirmed])
+    out = _run(frames)
+    assert [len(t.targets) for t in out[:6]] == [0, 0, 1, 1, 1, 1]
+    assert out[2].targets[0].newborn
+    assert [f for f, _ in _notices(out, "track_confirmed")] == [2]
+
+
+def test_short_and_tiny_paths_are_dropped_unless_asked_for() -> None:
+    frames = _walk(60, range(0))
+    frames = [
+        Targets(t.frame, [*t.targets, _target(9, t.frame, 400.0)] if 10 <= t.frame < 14 else t.targets) for t in frames
+    ]
+    small = [
+        Targets(t.frame, [*t.targets, Target(10, (300.0, 50.0, 4.0, 8.0), measured=(300.0, 50.0, 4.0, 8.0))])
+        for t in frames
+    ]
+    assert {t.id for f in _run(small) for t in f.targets} == {2}
+    assert {t.id for f in _run(small, "hindsight.min_life_s=0", "hindsight.min_size=0") for t in f.targets} == {
+        2,
+        9,
+        10,
+    }
+
+
+def test_noise_is_smoothed_and_speed_comes_with_it() -> None:
+    frames = []
+    for k in range(100):
+        x = 50 + 5.0 * k + 3 * math.sin(12.9898 * k)
+        frames.append(Targets(k, [_target(1, k, x)]))
+    out = _run(frames)
+    rough = [abs(f.targets[0].box[0] - (50 + 5.0 * k)) for k, f in enumerate(frames)]
+    smooth = [abs(f.targets[0].box[0] - (50 + 5.0 * k)) for k, f in enumerate(out)]
+    assert sum(smooth) < 0.6 * sum(rough)
+    assert out[50].targets[0].velocity[0] == pytest.approx(50.0, abs=8.0)
+
+
+def test_blocks_do_not_show() -> None:
+    frames = _walk(400, range(120, 135))
+    out = _run(frames)
+    steps = [b.targets[0].box[0] - a.targets[0].box[0] for a, b in pairwise(out)]
+    assert steps == pytest.approx([5.0] * 399, abs=0.2)
+
+
+def test_unfilled_gap_of_one_target_is_lost_and_found() -> None:
+    frames = [Targets(k, [_target(1, k, 50.0)] if not 30 <= k < 75 else []) for k in range(120)]
+    out = _run(frames)
+    assert not any(f.targets for f in out[30:75])
+    assert [f for f, _ in _notices(out, "track_lost")] == [30]
+    assert [f for f, _ in _notices(out, "track_recovered")] == [75]
+
+
+def test_groups_and_other_notices_follow_the_final_ids() -> None:
+    frames = []
+    for k in range(60):
+        other = _target(7, k, 300.0, blob=3)
+        mine = _target(1 if k < 20 else 2, k, 280.0, blob=3)
+        here = [other] if 20 <= k < 25 else [mine, other]
+        group = GroupTrack(4, (280.0, 200.0, 40.0, 40.0), True, False, [2, 7] if k >= 25 else [1, 7])
+        lone = GroupTrack(5, (0.0, 0.0, 5.0, 5.0), True, False, [7, 99])
+        frames.append(Targets(k, here, [group, lone], [Notice("anomaly", [2], "r")] if k == 40 else []))
+    out = _run(frames)
+    assert [(g.id, g.members) for g in out[40].group_tracks or []] == [(4, [1, 7])]
+    assert [(f, n.subjects) for f, n in _notices(out, "anomaly")] == [(40, [1])]
+
+
+def test_nothing_at_all() -> None:
+    assert _run([]) == []
+    out = _run([Targets(k) for k in range(5)])
+    assert all(not f.targets and not f.notices for f in out)

@@ -1,0 +1,290 @@
+"""The EVENTS tracker on made-up frames: lives, merged blobs, colours, groups, regions, checkpoints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from recorders.messages import Box, Detections, Notice, Regions, Targets
+from recorders.parameters import Config, configure
+from recorders.scene import Frame, SceneInfo
+from recorders.segmentation.blobs import components
+from replay.trackers import events
+from replay.trackers.tracker import Tracker
+
+WIDTH, HEIGHT, FRAME_NS = 320, 240, 100_000_000
+BODY = (20.0, 40.0)
+RED, BLUE, GREY = (40, 40, 200), (200, 60, 40), (120, 120, 120)
+Actor = tuple[float, float, tuple[int, int, int]]
+Play = Callable[[int], list[Actor]]
+
+
+def _config(*words: str) -> Config:
+    return configure(events.SECTIONS, None, words)
+
+
+def _box_frame(index: int, boxes: Sequence[Box], scores: Sequence[float] = (), regions: Regions | None = None) -> Frame:
+    n = len(boxes)
+    given = list(scores) or [0.9] * n
+    return Frame(index, index * FRAME_NS, Detections(index, WIDTH, HEIGHT, list(boxes), given, ["o"] * n), regions)
+
+
+def _body(x: float, y: float) -> Box:
+    return (x, y, *BODY)
+
+
+def _pixel_frame(index: int, actors: Sequence[Actor]) -> Frame:
+    """Rectangles, later ones in front; the mask's blobs are the detections."""
+    image = np.full((HEIGHT, WIDTH, 3), GREY, np.uint8)
+    image += (np.arange(WIDTH) % 7).astype(np.uint8)[None, :, None]
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    for x, y, colour in actors:
+        x1, y1 = max(0, round(x)), max(0, round(y))
+        x2, y2 = max(0, round(x + BODY[0])), max(0, round(y + BODY[1]))
+        image[y1:y2, x1:x2] = colour
+        mask[y1:y2, x1:x2] = 255
+    clean, _, blobs = components(mask, 20)
+    n = len(blobs)
+    detections = Detections(
+        index, WIDTH, HEIGHT, [b.box for b in blobs], [0.8] * n, ["o"] * n,
+        [b.ellipse for b in blobs], [b.id for b in blobs], blobs,
+    )  # fmt: skip
+    return Frame(index, index * FRAME_NS, detections, None, lambda: image, lambda: clean)
+
+
+def _boxes_only(*words: str) -> Tracker:
+    return events.make(SceneInfo(WIDTH, HEIGHT, FRAME_NS, False, False), _config(*words))
+
+
+def _pixels(*words: str) -> Tracker:
+    return events.make(SceneInfo(WIDTH, HEIGHT, FRAME_NS, True, True), _config(*words))
+
+
+def _play(tracker: Tracker, play: Play, frames: int) -> list[Targets]:
+    return [tracker.step(_pixel_frame(k, play(k))) for k in range(frames)]
+
+
+def _told(out: Sequence[Targets], kind: str) -> list[tuple[int, Notice]]:
+    return [(t.frame, n) for t in out for n in t.notices if n.kind == kind]
+
+
+def _passing(k: int) -> list[Actor]:
+    """Red stands, blue walks past in front of it."""
+    return [(150.0, 102.0, RED), (40.0 + 4.0 * k, 106.0, BLUE)]
+
+
+def test_a_target_is_confirmed_after_enough_sightings_and_keeps_them_all() -> None:
+    tracker = _boxes_only()
+    out = [tracker.step(_box_frame(k, [_body(100 + 3.0 * k, 80)])) for k in range(10)]
+    assert [len(t.targets) for t in out] == [0, 0, 0, 0, 1, 1, 1, 1, 1, 1]
+    [(frame, notice)] = _told(out, "track_confirmed")
+    assert frame == 4
+    assert notice.evidence["first_frame"] == 0
+    assert [s[0] for s in notice.evidence["sightings"]] == [0, 1, 2, 3]
+    target = out[9].targets[0]
+    assert target.box == pytest.approx(_body(127, 80), abs=2.0)
+    assert target.velocity == pytest.approx((30.0, 0.0), abs=4.0)
+    assert (target.mode, target.observed, target.present) == ("motion", True, True)
+
+
+def test_a_flash_is_no_target() -> None:
+    tracker = _boxes_only()
+    out = [tracker.step(_box_frame(k, [_body(100, 80)] if k < 2 else [])) for k in range(20)]
+    assert not any(t.targets or t.notices for t in out)
+
+
+def test_unseen_its_confidence_falls_until_it_is_lost_and_removed() -> None:
+    tracker = _boxes_only("events.keep_s=2")
+    out = [tracker.step(_box_frame(k, [_body(100 + k, 80)] if k < 20 else [])) for k in range(60)]
+    falling = [t.targets[0].confidence for t in out[19:40]]
+    assert all(b < a for a, b in pairwise(falling))
+    assert {t.targets[0].mode for t in out[20:40]} == {"predicted"}
+    assert [t.targets[0].present for t in out[19:26]] == [True] * 4 + [False] * 3
+    assert [f for f, _ in _told(out, "mode_changed")] == [20]
+    assert [f for f, _ in _told(out, "track_lost")] == [23]
+    assert [f for f, _ in _told(out, "track_removed")] == [40]
+    assert not out[40].targets
+
+
+def test_it_comes_back_under_its_id() -> None:
+    tracker = _boxes_only()
+    out = [tracker.step(_box_frame(k, [_body(100 + 2 * k, 80)] if not 20 <= k < 30 else [])) for k in range(50)]
+    assert {t.id for o in out for t in o.targets} == {1}
+    assert len(_told(out, "track_recovered")) == 1
+    assert out[-1].targets[0].present
+
+
+def test_low_scores_keep_a_target_but_start_none() -> None:
+    tracker = _boxes_only()
+    out = [
+        tracker.step(_box_frame(k, [_body(100, 80), _body(200, 80)], [0.9 if k < 10 else 0.3, 0.3])) for k in range(30)
+    ]
+    assert [[t.id for t in o.targets] for o in out[10:]] == [[1]] * 20
+    assert all(o.targets[0].observed for o in out[10:])
+
+
+def test_a_merged_detection_is_one_blob_of_two_targets() -> None:
+    tracker = _boxes_only()
+    out = []
+    for k in range(40):
+        a, b = 60.0 + 3 * k, 240.0 - 3 * k
+        boxes = [_body(a, 80), _body(b, 82)]
+        if abs(a - b) < 14:
+            boxes = [(min(a, b), 80.0, BODY[0] + abs(a - b), 42.0)]
+        out.append(tracker.step(_box_frame(k, boxes)))
+    shared = [o for o in out if len(o.targets) == 2 and o.targets[0].blob == o.targets[1].blob >= 0]
+    assert shared
+    assert all([g.members for g in o.group_tracks or [] if g.observed] == [[1, 2]] for o in shared)
+    assert [t.id for t in out[-1].targets] == [1, 2]
+    assert out[-1].targets[0].box[0] > out[-1].targets[1].box[0]
+
+
+def test_only_roi_and_border_start_targets_and_whoever_leaves_them_goes() -> None:
+    square = [(80.0, 20.0), (240.0, 20.0), (240.0, 220.0), (80.0, 220.0)]
+    regions = Regions(WIDTH, HEIGHT, [square], [square])
+    tracker = _boxes_only()
+    out = [tracker.step(_box_frame(k, [_body(20 + 6.0 * k, 80)], (), regions)) for k in range(45)]
+    here = [o.frame for o in out if o.targets]
+    assert 20 + 6.0 * here[0] + BODY[0] > 80
+    first = _told(out, "track_confirmed")[0][1].evidence["first_frame"]
+    assert 20 + 6.0 * first + BODY[0] / 2 == pytest.approx(80, abs=6)
+    [(_, notice)] = _told(out, "track_removed")
+    assert "outside" in notice.rule
+    assert not out[-1].targets
+
+
+def test_two_who_pass_keep_their_ids_and_are_followed_by_appearance_within_one_blob() -> None:
+    out = _play(_pixels(), _passing, 60)
+    assert {t.id for o in out for t in o.targets} == {1, 2}
+    merged = [o for o in out[10:] if len(o.targets) == 2 and o.targets[0].blob == o.targets[1].blob >= 0]
+    assert len(merged) >= 6
+    assert all({t.mode for t in o.targets} == {"appearance"} for o in merged)
+    assert all([g.members for g in o.group_tracks or [] if g.observed] == [[1, 2]] for o in merged)
+    newborn = [g.newborn for o in merged for g in o.group_tracks or [] if g.observed]
+    assert newborn == [True] + [False] * (len(newborn) - 1)
+    red, blue = (min(out[8].targets, key=lambda t, x=x: abs(t.box[0] - x)).id for x in (150, 72))
+    end = {t.id: t for t in out[-1].targets}
+    assert end[red].box[0] == pytest.approx(150, abs=4)
+    assert end[blue].box[0] == pytest.approx(40 + 4 * 59, abs=6)
+    assert {t.mode for t in out[-1].targets} == {"motion"}
+
+
+def test_places_within_a_blob_are_near_the_truth() -> None:
+    out = _play(_pixels(), _passing, 60)
+    for o in out[10:50]:
+        truth = [150.0, 40.0 + 4.0 * o.frame]
+        boxes = sorted(t.box[0] for t in o.targets)
+        assert len(boxes) == 2
+        if abs(truth[0] - truth[1]) > 10:
+            assert boxes == pytest.approx(sorted(truth), abs=8)
+
+
+def test_colours_bring_a_target_back_that_waited_elsewhere() -> None:
+    def play(k: int) -> list[Actor]:
+        here: list[Actor] = [(220.0, 150.0, BLUE)]
+        return here if 30 <= k < 50 else [*here, (100.0 if k < 30 else 135.0, 80.0, RED)]
+
+    out = _play(_pixels(), play, 70)
+    assert {t.id for o in out for t in o.targets} == {1, 2}
+    [(_, notice)] = _told(out, "track_recovered")
+    assert notice.evidence["appearance"] < 0.3
+    assert notice.evidence["cost"] <= notice.evidence["most"]
+
+
+def test_exchanged_identities_are_put_right_by_colours() -> None:
+    """They meet, stop behind one another, and turn back: by motion alone each would be taken for the other."""
+
+    def play(k: int) -> list[Actor]:
+        away = max(0.0, 90.0 - 6.0 * k) if k < 22 else 6.0 * (k - 22)
+        return [(150.0 - away, 100.0, RED), (150.0 + away, 101.0, BLUE)]
+
+    out = _play(_pixels(), play, 45)
+    red = next(t.id for t in out[8].targets if t.box[0] < 150)
+    assert red == next(t.id for t in out[-1].targets if t.present and t.box[0] < 150)
+    [(_, notice)] = [(f, n) for f, n in _told(out, "track_recovered") if "exchanged" in n.evidence]
+    assert notice.subjects == [1, 2]
+    assert notice.evidence["exchanged"] <= notice.evidence["most_ratio"] * notice.evidence["as_they_were"]
+
+
+def test_signatures_come_from_lone_targets_only() -> None:
+    out = _play(_pixels(), _passing, 60)
+    signed = [t for o in out for t in o.targets if t.signature]
+    assert signed
+    assert all(t.mode == "motion" for t in signed)
+    assert len({len(t.signature) for t in signed}) == 1
+
+
+def test_ellipses_turn_with_their_target() -> None:
+    tracker = _pixels()
+    for k in range(12):
+        out = tracker.step(_pixel_frame(k, [(100.0 + k, 100.0, RED)]))
+    ellipse = out.targets[0].ellipse
+    assert ellipse is not None
+    assert abs(ellipse.theta) == pytest.approx(np.pi / 2, abs=0.1)
+    assert ellipse.h > 1.5 * ellipse.w
+
+
+def _encoded(out: Targets) -> bytes:
+    return msgspec.json.encode(out)
+
+
+def _plain(state: Any) -> Any:
+    """What a checkpoint keeps: arrays by their bytes, everything else as JSON."""
+    if isinstance(state, np.ndarray):
+        return np.frombuffer(state.tobytes(), state.dtype).reshape(state.shape).copy()
+    if isinstance(state, dict):
+        assert all(isinstance(k, str) for k in state)
+        return {k: _plain(v) for k, v in state.items()}
+    if isinstance(state, list):
+        return [_plain(v) for v in state]
+    assert state is None or isinstance(state, (bool, int, float, str)), type(state)
+    return state
+
+
+@pytest.mark.parametrize("at", [0, 3, 9, 25, 29, 36, 44])
+def test_restored_it_goes_on_the_same_with_pixels(at: int) -> None:
+    frames = [_pixel_frame(k, [*_passing(k), (250.0, 30.0 + 2 * k, RED)][: 3 if k % 20 < 15 else 2]) for k in range(60)]
+    whole, first, second = _pixels(), _pixels(), _pixels()
+    expected = [_encoded(whole.step(f)) for f in frames]
+    for f in frames[: at + 1]:
+        first.step(f)
+    second.restore(_plain(first.state()))
+    assert [_encoded(second.step(f)) for f in frames[at + 1 :]] == expected[at + 1 :]
+
+
+@pytest.mark.parametrize("at", [0, 5, 14, 22, 31])
+def test_restored_it_goes_on_the_same_with_boxes(at: int) -> None:
+    rng = np.random.Generator(np.random.PCG64(2))
+    frames = []
+    for k in range(50):
+        boxes = [(20 + 4.0 * k + rng.normal(), 60.0 + rng.normal(), 20.0, 40.0), (260 - 4.0 * k, 70.0, 20.0, 40.0)]
+        frames.append(_box_frame(k, boxes[: 1 + (k % 9 > 2)], [0.9, 0.5][: 1 + (k % 9 > 2)]))
+    whole, first, second = _boxes_only(), _boxes_only(), _boxes_only()
+    expected = [_encoded(whole.step(f)) for f in frames]
+    for f in frames[: at + 1]:
+        first.step(f)
+    second.restore(_plain(first.state()))
+    assert [_encoded(second.step(f)) for f in frames[at + 1 :]] == expected[at + 1 :]
+
+
+def test_two_trackers_do_not_share_ids() -> None:
+    for _ in range(2):
+        tracker = _boxes_only()
+        out = [tracker.step(_box_frame(k, [_body(100, 80)])) for k in range(8)]
+        assert [t.id for t in out[-1].targets] == [1]
+
+
+def test_empty_frames_and_gaps_in_time() -> None:
+    tracker = _pixels()
+    assert tracker.step(_pixel_frame(0, [])).targets == []
+    for k in range(1, 12):
+        out = tracker.step(_pixel_frame(k, [(100.0, 100.0, RED)]))
+    later = _pixel_frame(12, [(100.0, 100.0, RED)])
+    later.time_ns += 60_000_000_000
+    assert len(out.targets) == 1
+    assert len(tracker.step(later).targets) <= 1
