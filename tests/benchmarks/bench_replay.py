@@ -1,0 +1,231 @@
+"""`replay`, end to end, against the peers' bare loops on the same input, in one process, by turns; growth and memory.
+
+    python tests/benchmarks/bench_replay.py [pictures] [detections] [targets] [memory] [--quick] [-o PLOT.png]
+
+pictures    pictures and masks through each tracker, against a bare OpenCV loop on the video (decode, MOG2,
+            morphology, components; no tracker, nothing written)
+detections  detections alone through each tracker, against SORT (the tracker alone: no reading, no relations, no
+            events, nothing written)
+targets     time per frame against the number of targets, beside SORT
+memory      the most memory that a replay of a minute and of an hour takes, each in a process of its own
+
+A replay reads the log, tracks, rewrites in hindsight, reasons, draws and writes the annotated log.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from bench_record import bare_loop
+from sort import Sort
+
+from recorders import channels
+from recorders.errors import SceneTraceError
+from recorders.log import LogWriter
+from recorders.messages import NO_BLOB, Detections
+from recorders.recording import RecordOptions, record
+from recorders.scene import SceneLog
+from recorders.sources import open_source
+from replay.configuration import replay_config
+from replay.replaying import ReplayOptions
+from replay.trackers.catalogue import TRACKERS
+from replay.writing import replay
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = Path(os.environ.get("SCENETRACE_DATA", ROOT.parent / "shared" / "data"))
+SEQUENCE = DATA / "pets09-s2l1"
+COUNTS = (2, 5, 10, 20, 50, 100, 200)
+MINUTE, HOUR = 1_500, 90_000
+FRAME_NS = 40_000_000
+MEASURE = """
+import resource, sys
+from pathlib import Path
+from bench_replay import run
+run(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3])()
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+def run(scene: Path, folder: Path, tracker: str) -> Callable[[], int]:
+    """A replay of a scene log with a tracker's defaults; gives the number of frames."""
+
+    def once() -> int:
+        options = ReplayOptions(tracker=tracker, config=replay_config(tracker), force=True)
+        return replay(scene, folder / "annotated.mcap", options).frames
+
+    return once
+
+
+def rounds_of(runs: dict[str, Callable[[], int]], rounds: int) -> dict[str, list[float]]:
+    """Frames per second of each run, by turns; one that cannot run is left out, and said."""
+    rates: dict[str, list[float]] = {label: [] for label in runs}
+    for _ in range(rounds):
+        for label, call in runs.items():
+            gc.collect()
+            start = time.perf_counter()
+            try:
+                frames = call()
+            except SceneTraceError as e:
+                print(f"  {label}: left out: {e}")
+                continue
+            rates[label].append(frames / (time.perf_counter() - start))
+    return {label: values for label, values in rates.items() if values}
+
+
+def show(rates: dict[str, list[float]], base: str) -> None:
+    """Medians, and the median of the ratios round by round."""
+    for label, values in rates.items():
+        ratio = statistics.median(v / b for v, b in zip(values, rates[base], strict=True))
+        print(f"  {label:28} {statistics.median(values):8.0f} frames/s   {ratio:6.2f} x")
+
+
+def pictures(args: argparse.Namespace, folder: Path) -> None:
+    """With pixels, against the bare loop."""
+    video = SEQUENCE / "video.avi"
+    if not video.exists():
+        print(f"  skipped: {video} is not there")
+        return
+    scene = folder / "pictures.mcap"
+    record(open_source(video), scene, RecordOptions(force=True))
+    runs: dict[str, Callable[[], int]] = {"bare OpenCV loop": lambda: bare_loop(video)}
+    runs |= {f"replay --tracker {name}": run(scene, folder, name) for name in TRACKERS}
+    show(rounds_of(runs, args.rounds), "bare OpenCV loop")
+
+
+def sort_over(scene: Path) -> Callable[[], int]:
+    """SORT over a log's detections, which are read beforehand."""
+    with SceneLog(scene) as log:
+        frames = [np.array(f.boxes) for f in log.frames()]
+
+    def once() -> int:
+        sort = Sort()
+        for boxes in frames:
+            sort.step(boxes)
+        return len(frames)
+
+    return once
+
+
+def detections(args: argparse.Namespace, folder: Path) -> None:
+    """Without pixels, against SORT."""
+    text = SEQUENCE / "det.txt"
+    if not text.exists():
+        print(f"  skipped: {text} is not there")
+        return
+    scene = folder / "detections.mcap"
+    record(open_source(text, fps="7", size=(768, 576)), scene, RecordOptions(force=True))
+    runs: dict[str, Callable[[], int]] = {"SORT (tracker only)": sort_over(scene)}
+    runs |= {f"replay --tracker {name}": run(scene, folder, name) for name in TRACKERS}
+    show(rounds_of(runs, args.rounds), "SORT (tracker only)")
+
+
+def walkers(path: Path, people: int, frames: int, seed: int = 0) -> Path:
+    """A scene log of detections: people of 20 x 50 px wander, one to 100 x 100 px of ground whatever their number."""
+    rng = np.random.default_rng(seed)
+    side = float(round(100 * people**0.5))
+    places, speeds = rng.uniform(0, side - 51, (people, 2)), rng.normal(0, 1.2, (people, 2))
+    with LogWriter(path, force=True) as log:
+        channel = log.channel("/camera/detections", channels.schema("detections"), "json")
+        for k in range(frames):
+            speeds += rng.normal(0, 0.1, speeds.shape)
+            speeds = np.clip(speeds, -2.5, 2.5)
+            places += speeds
+            turned = (places < 0) | (places > side - 51)
+            speeds[turned] *= -1
+            places = np.clip(places, 0, side - 51)
+            noisy = np.round(places + rng.normal(0, 0.5, places.shape), 2)
+            boxes = [(float(x), float(y), 20.0, 50.0) for x, y in noisy]
+            n = len(boxes)
+            found = Detections(k, int(side) + 1, int(side) + 1, boxes, [1.0] * n, [""] * n, [None] * n, [NO_BLOB] * n)
+            log.write(channel, channels.encode("detections", found), k * FRAME_NS)
+    return path
+
+
+def targets(args: argparse.Namespace, folder: Path) -> None:
+    """Time per frame against the number of targets."""
+    frames = 100 if args.quick else 300
+    table: dict[str, list[float]] = {}
+    for people in COUNTS:
+        scene = walkers(folder / "walkers.mcap", people, frames)
+        runs = {"SORT": sort_over(scene)} | {name: run(scene, folder, name) for name in TRACKERS}
+        for label, values in rounds_of(runs, max(1, args.rounds - 2)).items():
+            table.setdefault(label, []).append(1e3 / statistics.median(values))
+    print("  ms per frame" + "".join(f"{n:>9}" for n in COUNTS) + "   targets")
+    for label, times in table.items():
+        print(f"  {label:12}" + "".join(f"{t:9.2f}" for t in times))
+    for label, times in table.items():
+        slope = np.polyfit(np.log(COUNTS[-4:]), np.log(times[-4:]), 1)[0]
+        print(f"  {label:12} grows with the number of targets to the power {slope:.2f} from {COUNTS[-4]} targets on")
+    if args.output is not None:
+        plot(table, args.output)
+
+
+def plot(table: dict[str, list[float]], path: Path) -> None:
+    """Draw the table."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
+    for label, times in table.items():
+        axes.loglog(COUNTS[: len(times)], times, marker="o", label=label)
+    axes.set(xlabel="targets", ylabel="ms per frame")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.savefig(path)
+    print(f"  {path}: written")
+
+
+def memory(args: argparse.Namespace, folder: Path) -> None:
+    """The most memory of a short and of a long replay."""
+    long = HOUR // 10 if args.quick else HOUR
+    short_scene, long_scene = (walkers(folder / f"{n}.mcap", 5, n) for n in (MINUTE, long))
+    for tracker in TRACKERS:
+        peaks = []
+        for scene in (short_scene, long_scene):
+            words = [sys.executable, "-c", MEASURE, str(scene), str(folder), tracker]
+            done = subprocess.run(words, cwd=Path(__file__).parent, check=False, capture_output=True, text=True)
+            if done.returncode:
+                print(f"  {tracker}: left out: {done.stderr.strip().splitlines()[-1]}")
+                break
+            peaks.append(int(done.stdout) / (1024 if sys.platform == "linux" else 1024 * 1024))
+        else:
+            grown = peaks[1] - peaks[0]
+            figures = f"{peaks[0]:6.0f} MiB over {MINUTE} frames, {peaks[1]:6.0f} MiB over {long}"
+            print(f"  {tracker:12} {figures} ({grown:+.0f})")
+
+
+PARTS = {"pictures": pictures, "detections": detections, "targets": targets, "memory": memory}
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", choices=[*PARTS, []], help="default: all")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--quick", action="store_true", help="one round, shorter recordings")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="plot time against targets")
+    args = parser.parse_args(words)
+    if args.quick:
+        args.rounds = 1
+    load = ", ".join(f"{x:.1f}" for x in os.getloadavg()) if hasattr(os, "getloadavg") else "unknown"
+    print(f"{os.cpu_count()} processors, load {load}, {args.rounds} rounds by turns")
+    with tempfile.TemporaryDirectory() as name:
+        for part in args.parts or PARTS:
+            print(f"{part}:", flush=True)
+            PARTS[part](args, Path(name))
+
+
+if __name__ == "__main__":
+    main()
