@@ -7,7 +7,7 @@ that the tracks have after hindsight, so that a pixel's value is always an id of
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,9 @@ from recorders.pictures import check_size, is_whole, read_header
 from recorders.vision import cv2
 
 Labels = NDArray[np.uint16]
+AnyLabels = NDArray[np.uint8] | NDArray[np.uint16]
 _MOST = 65535
+_SMALL = 256
 # Label images are long runs: no filter and run lengths alone take a fifth of the time and no more bytes.
 _OPTIONS = [
     cv2.IMWRITE_PNG_COMPRESSION, 1,
@@ -36,10 +38,10 @@ def value_of(identity: int) -> int:
 
 
 class LabelImage:
-    """A label image being painted."""
+    """A label image being painted: of 8 bits where the largest identity in it allows, else of 16."""
 
-    def __init__(self, width: int, height: int) -> None:
-        self.pixels: Labels = np.zeros((height, width), np.uint16)
+    def __init__(self, width: int, height: int, largest: int) -> None:
+        self.pixels: AnyLabels = np.zeros((height, width), np.uint8 if largest < _SMALL else np.uint16)
 
     def put(self, identity: int, own: NDArray[np.bool_], left: int, top: int) -> None:
         """Give a track the pixels of a mask (h, w) whose top left corner is at (left, top); it may reach outside."""
@@ -52,19 +54,22 @@ class LabelImage:
 
     def payload(self, time_ns: int, camera: str = channels.DEFAULT_CAMERA) -> bytes:
         """The channel's payload."""
-        return channels.compressed_image(encode_labels(self.pixels), "png", time_ns, camera)
+        return channels.compressed_image(_encoded(self.pixels), "png", time_ns, camera)
 
 
-def encode_labels(labels: Labels) -> bytes:
-    """A PNG of a label image, of 8 bits where that suffices."""
-    small = int(labels.max(initial=0)) < 256
-    done, data = cv2.imencode(".png", labels.astype(np.uint8) if small else labels, _OPTIONS)
+def _encoded(labels: AnyLabels) -> bytes:
+    done, data = cv2.imencode(".png", labels, _OPTIONS)
     assert done, "OpenCV cannot encode PNG"
     return bytes(data)
 
 
 def decode_labels(data: bytes, path: str | Path = "", limits: Limits = DEFAULT_LIMITS) -> Labels:
-    """A label image (H, W) uint16 from its PNG.
+    """A label image (H, W) uint16 from its PNG; raises what `_decoded` does."""
+    return np.asarray(_decoded(data, path, limits), np.uint16)
+
+
+def _decoded(data: bytes, path: str | Path, limits: Limits) -> AnyLabels:
+    """A label image (H, W) as it is in its PNG, uint8 or uint16.
 
     Raises:
         LimitError: the header claims too many pixels.
@@ -80,10 +85,11 @@ def decode_labels(data: bytes, path: str | Path = "", limits: Limits = DEFAULT_L
         raise RecordingError(f"a damaged label image: {e.err}", path, record="membership") from e
     if found is None or found.ndim != 2 or found.shape != (header.height, header.width):
         raise RecordingError("a damaged label image", path, record="membership")
-    return np.asarray(found, np.uint16)
+    labels: AnyLabels = found
+    return labels
 
 
-def renamed(payload: bytes, names: Mapping[int, int], present: Iterable[int]) -> bytes:
+def renamed(payload: bytes, names: Mapping[int, int], present: Collection[int]) -> bytes:
     """The payload with other identities.
 
     Args:
@@ -94,11 +100,13 @@ def renamed(payload: bytes, names: Mapping[int, int], present: Iterable[int]) ->
     if all(names.get(i) == i for i in present):
         return payload
     message = channels.decode("membership", payload)
-    labels = decode_labels(message.data)
-    top = int(labels.max(initial=0))
-    table = np.zeros(top + 1, np.uint16)
-    for before, after in sorted(names.items()):
-        if value_of(before) <= top:
-            table[value_of(before)] = value_of(after)
-    message.data = encode_labels(table[labels])
+    labels = _decoded(message.data, "", DEFAULT_LIMITS)
+    table = np.zeros(256 if labels.dtype == np.uint8 else _MOST + 1, np.uint16)
+    for identity in sorted(present):
+        table[value_of(identity)] = value_of(names[identity]) if identity in names else 0
+    if labels.dtype == np.uint8 and int(table.max()) < _SMALL:
+        fresh: AnyLabels = np.asarray(cv2.LUT(labels, table.astype(np.uint8)), np.uint8)
+    else:
+        fresh = table[labels]
+    message.data = _encoded(fresh)
     return channels.encode("membership", message)

@@ -242,7 +242,9 @@ class Run:
         frames = self.scene.frames(start_ns, first)
         seen = islice(rewritten, first, None)
         for frame, kept, targets in zip(frames, spool.entries(first), seen, strict=True):
-            yield Step(frame, targets, _under_final_ids(kept, names), kept.recorded, kept.input_link, kept.targets, kept.state)
+            yield Step(
+                frame, targets, _under_final_ids(kept, names), kept.recorded, kept.input_link, kept.targets, kept.state
+            )
 
     # -- reasoning and writing -------------------------------------------------------------------------------------
 

@@ -81,4 +81,5 @@ def distance(a: Floats, b: Floats) -> float:
 def signature(table: Floats) -> list[int]:
     """A compact form for `recorders.messages.Target.signature`: 4 lumas by 8 by 8 chromas, counts of 1000."""
     coarse = table.reshape(LUMA // 2, 2, CHROMA // 2, 2, CHROMA // 2, 2).sum(axis=(1, 3, 5))
-    return [round(v) for v in (coarse * 1000).ravel().tolist()]
+    counts: list[int] = np.rint(coarse * 1000).astype(np.int64).ravel().tolist()
+    return counts

@@ -343,9 +343,9 @@ class ShellsTracker:
         """Each object's pixels as a label image."""
         if not self._p.membership or frame.mask is None:
             return ()
-        labels = LabelImage(self._scene.width, self._scene.height)
         by_id = {self._bodies.items[row].id: at for row, at in found.items()}
         by_id.pop(TENTATIVE, None)
+        labels = LabelImage(self._scene.width, self._scene.height, max(by_id, default=0))
         for identity in sorted(by_id):
             at = by_id[identity]
             labels.put(identity, at.own, at.left, at.top)
