@@ -68,9 +68,26 @@ def seconds(ns: int) -> float:
     return round(ns / SECOND_NS, 3)
 
 
+_NOTICE_TEXT = {
+    "track_confirmed": "{t} is confirmed.",
+    "track_lost": "{t} is lost: not seen for too long.",
+    "track_recovered": "{t} is found again under its old identity.",
+    "track_removed": "{t} is not tracked any more.",
+    "mode_changed": "{t} is tracked by {m}.",
+}
+_BY = {"motion": "motion", "appearance": "appearance", "predicted": "prediction alone"}
+
+
 def notice(log: EventLog, n: Notice) -> None:
-    """Something the tracker tells of itself."""
-    log.add(n.kind, n.subjects, n.rule, dict(n.evidence), n.text or f"{n.kind}: {list_of(n.subjects)}.")
+    """Something the tracker tells of itself; what it says in words stands, else the kind speaks."""
+    mode = str(n.evidence.get("to", n.evidence.get("mode", "")))
+    text = n.text or _NOTICE_TEXT.get(n.kind, f"{{t}}: {n.kind}.").format(
+        t=f"Target {n.subjects[0]}" if len(n.subjects) == 1 else f"Targets {list_of(n.subjects)}",
+        m=_BY.get(mode, "other means"),
+    )
+    if not n.text and n.kind == "track_recovered" and len(n.subjects) == 2:
+        text = f"Targets {list_of(n.subjects)} had been taken for one another: their identities are exchanged."
+    log.add(n.kind, n.subjects, n.rule, dict(n.evidence), text)
 
 
 def life(log: EventLog, kind: str, t: Target, evidence: dict[str, Any], text: str) -> None:

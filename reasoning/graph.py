@@ -127,6 +127,8 @@ def _group_node(g: HeldGroup) -> dict[str, Any]:
         "since_frame": g.since_frame,
         "since_ns": g.since_ns,
         "formed_from": list(g.formed_from),
+        "former_members": [list(m) for m in g.former_members],
+        "entered_as_one": g.entered_as_one,
     }
 
 

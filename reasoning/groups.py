@@ -29,6 +29,8 @@ class HeldGroup:
     since_frame: int
     since_ns: int
     formed_from: tuple[int, ...] = ()
+    former_members: tuple[tuple[int, ...], ...] = ()
+    entered_as_one: bool = False
     source: str = ""
     source_id: int = -1
 
@@ -103,7 +105,16 @@ class GroupBook:
 
     def _begin(self, frame: int, ns: int, members: tuple[int, ...], cluster: Cluster | None) -> GroupChange:
         source, number = ("", -1) if cluster is None else (cluster.source, cluster.source_id)
-        group = HeldGroup(self._next, members, cluster is not None, frame, ns, (), source, number)
+        group = HeldGroup(
+            self._next,
+            members,
+            cluster is not None,
+            frame,
+            ns,
+            source=source,
+            source_id=number,
+            entered_as_one=cluster is None,
+        )
         self._groups[group.label] = group
         self._next += 1
         return GroupChange("group_formed" if cluster is not None else "group_entered_scene", group)
@@ -123,6 +134,7 @@ class GroupBook:
         if not before:
             return change
         group.formed_from = tuple(g.label for g in before)
+        group.former_members = tuple(g.members for g in before)
         kind: Literal["group_changed", "group_entered_scene"] = (
             "group_entered_scene" if change.kind == "group_entered_scene" else "group_changed"
         )
@@ -145,13 +157,15 @@ class GroupBook:
         groups = [dataclasses.asdict(g) for g in self.groups]
         for g in groups:
             g["members"], g["formed_from"] = list(g["members"]), list(g["formed_from"])
+            g["former_members"] = [list(m) for m in g["former_members"]]
         return {"groups": groups, "next": self._next}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` gave."""
         self._groups = {}
         for g in state["groups"]:
-            plain = dict(g, members=tuple(g["members"]), formed_from=tuple(g["formed_from"]))
+            former = tuple(tuple(m) for m in g["former_members"])
+            plain = dict(g, members=tuple(g["members"]), formed_from=tuple(g["formed_from"]), former_members=former)
             self._groups[plain["label"]] = HeldGroup(**plain)
         self._next = state["next"]
         self._of = {i: g.label for g in self.groups for i in g.members}

@@ -25,7 +25,7 @@ import numpy as np
 from reasoning import events as tell
 from reasoning.geometry import Floats, circles_overlap_share
 from reasoning.graph import GraphBook, Scene
-from reasoning.groups import GroupBook, GroupChange
+from reasoning.groups import GroupBook, GroupChange, HeldGroup
 from reasoning.interactions import Bond, Cluster, InteractionBook, InteractionParameters, Members, PairChange
 from reasoning.regions import RegionParameters, SceneBook, SceneRegions, default_regions
 from reasoning.relations import Change, Objects, RelationBook, RelationParameters
@@ -132,7 +132,9 @@ class Reasoner:
         rows = _Rows([given[i] for i in sorted(given)], self._last)
         told = {(n.kind, s) for n in targets.notices for s in n.subjects}
         self._tell_life(rows, removed, told)
-        for c in self._scene.step(time_ns, self._regions, rows.ids, rows.boxes, rows.of_split, rows.present):
+        for c in self._scene.step(
+            time_ns, self._regions, rows.ids, rows.boxes, rows.of_split, rows.present, self._leaving
+        ):
             if (c.kind, c.id) in told:
                 continue
             box = (given if c.id in given else self._last)[c.id].box
@@ -206,7 +208,7 @@ class Reasoner:
         groups = self._group(frame, ns, rows, clusters)
         for c in changes:
             if c.after:
-                tell.pair(self._log, c, self._group_of_pair(c.a, c.b), self._limits)
+                tell.pair(self._log, c, self._group_of_pair(c, groups), self._limits)
         born = {i for c in changes if c.of_split for i in (c.a, c.b)}
         wrong: list[Wrong] = []
         for i, after in book.states.items():
@@ -231,9 +233,13 @@ class Reasoner:
         ]
         return self._groups.step(frame, ns, clusters, _united(entered), splitting, rows.row)
 
-    def _group_of_pair(self, a: int, b: int) -> int | None:
-        label = self._groups.of(a)
-        return label if label is not None and label == self._groups.of(b) else None
+    def _group_of_pair(self, c: PairChange, changes: Sequence[GroupChange]) -> int | None:
+        """The group that both are in; where they split and it ended for others, the one that had them both."""
+        label = self._groups.of(c.a)
+        if label is not None and label == self._groups.of(c.b):
+            return label
+        ended = [g for change in changes for g in change.before] if c.after == SPLITTING else []
+        return next((g.label for g in ended if c.a in g.members and c.b in g.members), None)
 
     def _bonds(self) -> list[tuple[int, int, Bond]]:
         return [(a, b, self._interactions.bonds[a, b]) for a, b in sorted(self._interactions.bonds)]
@@ -304,7 +310,8 @@ class Reasoner:
     def _relations(self) -> list[Relation]:
         answer: list[Relation] = []
         for e in self._book.edges:
-            bit = self._interactions.bit_of(e.a, e.b)
+            bond = self._interactions.bonds.get((e.a, e.b))
+            bit = 0 if bond is None else bond.bit
             answer.append(
                 Relation(
                     a=e.a,
@@ -317,6 +324,10 @@ class Reasoner:
                     splitting=bit == SPLITTING,
                     shell_overlap=circles_overlap_share(e.distance, e.radius_a, e.radius_b),
                     rule=e.rule,
+                    met_frame=e.met_frame,
+                    met_ns=e.met_ns,
+                    partners_since_frame=None if bond is None else bond.since_frame,
+                    partners_since_ns=None if bond is None else bond.since_ns,
                 )
             )
         return answer
@@ -386,8 +397,11 @@ def _united(sets: Sequence[Sequence[int]]) -> list[tuple[int, ...]]:
     return sorted(tuple(w) for w in whole)
 
 
-def _group(g: Any) -> Group:
-    return Group(g.label, list(g.members), g.observed, g.since_frame, g.since_ns, list(g.formed_from))
+def _group(g: HeldGroup) -> Group:
+    former = [list(m) for m in g.former_members]
+    return Group(
+        g.label, list(g.members), g.observed, g.since_frame, g.since_ns, list(g.formed_from), former, g.entered_as_one
+    )
 
 
 def _as(kind: type[Any], value: object) -> Any:

@@ -18,7 +18,7 @@ Rules of ours where the paper is silent:
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -212,17 +212,20 @@ class SceneBook:
         boxes: Floats,
         born_of_split: Sequence[bool],
         present: Sequence[bool],
+        leaving: Collection[int] = (),
     ) -> list[SceneChange]:
         """Take a frame's targets (N ids ascending, boxes (N, 4)); answer with every change, by id, zones by name.
 
         A target that is not in the picture keeps its status and zones, except that its place may lie wholly outside.
+        Those who are ``leaving`` have disappeared and stay among the targets for this frame alone.
         """
         places, zones = regions.places(boxes), regions.zones_of(boxes)
         changes: list[SceneChange] = []
-        now = set(ids)
-        for i in sorted(set(self.targets) - now):
-            changes += self._vanish(i, time_ns)
+        for i in sorted(set(self.targets).difference(ids).union(leaving)):
+            changes += self._vanish(i, time_ns, i in leaving)
         for k, i in enumerate(ids):
+            if i in leaving:
+                continue
             at = int(places.roi[k]), int(places.area[k])
             held = self.targets.get(i)
             if held is None:
@@ -254,8 +257,10 @@ class SceneBook:
         held.zones.update(dict.fromkeys(come, ns))
         return changes + [SceneChange("zone_entered", i, "", *at, 0, z) for z in come]
 
-    def _vanish(self, i: int, ns: int) -> list[SceneChange]:
+    def _vanish(self, i: int, ns: int, stays: bool) -> list[SceneChange]:
         held = self.targets.pop(i)
+        if stays:
+            self.targets[i] = Presence("outside" if held.status == "exiting" else held.status, ns, held.been_in, {})
         why = "the track ended here"
         changes = [
             SceneChange("zone_left", i, "", PARTLY, PARTLY, ns - begun, z, why)

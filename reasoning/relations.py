@@ -108,6 +108,8 @@ def same_blob(blob_i: int, seen_i: bool, blob_j: int, seen_j: bool) -> bool | No
 class Edge:
     """A pair's relation that is not INDEPENDENT; ``rule`` is the one that began its present state.
 
+    ``since_frame`` is the present state's first frame, ``met_frame`` the first one after they were INDEPENDENT.
+
     ``distance`` and ``gap`` (distance minus both radii, negative: overlap) are of the last frame, in pixels.
     """
 
@@ -120,6 +122,8 @@ class Edge:
     distance: float
     radius_a: float
     radius_b: float
+    met_frame: int
+    met_ns: int
     pending: str = ""
     pending_ns: int = 0
 
@@ -237,7 +241,7 @@ class RelationBook:
     def _begin(self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, distance: float) -> Change:
         step = resolve("INDEPENDENT", meets=True, same_blob=False)
         ra, rb = float(o.radii[m[0]]), float(o.radii[m[1]])
-        self._edges[pair] = Edge(*pair, step.after, frame, ns, step.rule, distance, ra, rb)
+        self._edges[pair] = Edge(*pair, step.after, frame, ns, step.rule, distance, ra, rb, frame, ns)
         same = same_blob(o.blobs[m[0]], o.seen[m[0]], o.blobs[m[1]], o.seen[m[1]])
         return Change(*pair, "INDEPENDENT", step.after, step.case, step.rule, distance, ra, rb, same, 0, frame)
 

@@ -231,7 +231,12 @@ class Tracks(Struct, frozen=True):
 
 
 class Relation(Struct, frozen=True):
-    """An edge that is not INDEPENDENT; a < b; ``since_frame`` is the first frame of the present state."""
+    """An edge that is not INDEPENDENT; a < b; ``since_frame`` is the first frame of the present state.
+
+    ``met_frame`` and ``met_ns``: since when they have not been INDEPENDENT. ``partners_since_frame`` and
+    ``partners_since_ns``: since when they have been grouping, grouped or splitting, whichever holds now; None where
+    none does.
+    """
 
     a: Identity
     b: Identity
@@ -243,6 +248,10 @@ class Relation(Struct, frozen=True):
     splitting: bool
     shell_overlap: float
     rule: str = ""
+    met_frame: Count = 0
+    met_ns: int = 0
+    partners_since_frame: int | None = None
+    partners_since_ns: int | None = None
 
 
 class Relations(Struct, frozen=True):
@@ -253,7 +262,11 @@ class Relations(Struct, frozen=True):
 
 
 class Group(Struct, frozen=True):
-    """A group: label, members by id, whether it has an observation in this frame, where it came from."""
+    """A group: label, members by id, whether it has an observation in this frame, where it came from.
+
+    ``formed_from`` are the labels of the groups that ended for it, ``former_members`` whom each of them had, in the
+    same order. ``entered_as_one``: it was understood only as it split, in frame ``since_frame``.
+    """
 
     label: Identity
     members: list[int]
@@ -261,6 +274,8 @@ class Group(Struct, frozen=True):
     since_frame: Count
     since_ns: int
     formed_from: list[int] = []
+    former_members: list[list[int]] = []
+    entered_as_one: bool = False
 
 
 class Groups(Struct, frozen=True):

@@ -83,7 +83,7 @@ def test_three_way_one_leaves_as_another_joins():
         (3, "separated", [1, 3]),
         (3, "joined", [2, 4]),
         (3, "joined", [3, 4]),
-        (3, "splitting", [1, 2]),
+        (3, "splitting", [1, 2], [1]),
         (3, "grouped", [3, 4], [2]),
         (3, "group_changed", [1, 2, 3, 4], [1, 2]),
         (4, "interaction_ended", [1, 2]),
