@@ -21,6 +21,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
 
 from recorders import messages
+from recorders.checks import check_detections, check_regions
 from recorders.errors import RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import Schema
@@ -66,7 +67,8 @@ ANNOTATED = (
 _SCHEMA_NAMES = {"events": "scenetrace.Event"}
 # Fields of type Any take whatever a file nests into them; only there the depth has to be counted.
 _OPEN_ENDED = frozenset({"events", "graph", "targets"})
-_STRINGS = re.compile(rb'"(?:[^"\\]|\\.)*"')
+# An unterminated string reaches to the end, or every quote in it would be tried as a start of its own.
+_STRINGS = re.compile(rb'"(?:[^"\\]|\\.)*+(?:"|\\?\Z)', re.DOTALL)
 _CAMERA = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 
 
@@ -164,7 +166,9 @@ def decode(name: str, data: bytes, *, path: str = "", limits: Limits = DEFAULT_L
             _check_depth(data, limits.max_json_depth)
         decoded = _decoder(name).decode(data)
         if name == "detections":
-            _check_detections(decoded, limits)
+            check_detections(decoded, limits)
+        elif name == "regions":
+            check_regions(decoded)
         return decoded  # noqa: TRY300 - the checks belong to the decoding
     except (msgspec.MsgspecError, DecodeError, RecursionError, UnicodeDecodeError, ValueError) as e:
         raise RecordingError(f"not a {name} message: {e}", path, record=name) from e
@@ -179,27 +183,6 @@ def _check_depth(data: bytes, limit: int) -> None:
     depth = int(np.cumsum(opened - closed).max(initial=0))
     if depth > limit:
         raise ValueError(f"nested {depth} deep, over the limit of {limit} (max_json_depth)")
-
-
-def _check_detections(d: messages.Detections, limits: Limits) -> None:
-    n = len(d.boxes)
-    if n > limits.max_detections_per_frame:
-        limit = limits.max_detections_per_frame
-        raise ValueError(f"{n} detections, over the limit of {limit} (max_detections_per_frame)")
-    for field in ("scores", "labels", "ellipses", "blobs"):
-        if len(getattr(d, field)) not in (0, n):
-            raise ValueError(f"frame {d.frame}: {len(getattr(d, field))} {field} for {n} boxes")
-    boxes = np.array(d.boxes, np.float64).reshape(-1, 4)
-    bad = ~(np.isfinite(boxes).all(axis=1) & (boxes[:, 2:] > 0).all(axis=1) & (np.abs(boxes) < 1e7).all(axis=1))
-    if bad.any():
-        k = int(np.argmax(bad))
-        raise ValueError(f"frame {d.frame}: box {k} is {d.boxes[k]}; wanted finite x, y and w, h over 0")
-    if not (d.width and d.height):
-        raise ValueError(f"frame {d.frame}: made for a picture of {d.width}x{d.height}")
-    beyond = (boxes[:, :2] >= (d.width, d.height)).any(axis=1) | (boxes[:, :2] + boxes[:, 2:] <= 0).any(axis=1)
-    if beyond.any():
-        k = int(np.argmax(beyond))
-        raise ValueError(f"frame {d.frame}: box {k} is {d.boxes[k]}, beyond the picture of {d.width}x{d.height}")
 
 
 def _stamp(target: Any, time_ns: int) -> None:

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from recorders.checks import LARGEST
 from recorders.errors import LimitError, SourceError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.messages import Box
@@ -35,7 +36,6 @@ from recorders.sources.source import (
 
 _COLUMNS = range(6, 11)
 _LONGEST_LINE = 4096
-_LARGEST = 1e7
 _FIELDS = ("frame", "id", "x", "y", "width", "height", "confidence")
 
 Row = tuple[int, float, float, float, float, float, float]
@@ -130,9 +130,12 @@ class MotText:
             raise LimitError(f"frame {int(frame)}, over the limit of {MAX_FRAMES} frames", f"{self.path}:{line}")
         if w <= 0 or h <= 0:
             raise SourceError(f"a box of width {w:g} and height {h:g}: both must be over 0", self.path, line)
-        if max(abs(x), abs(y), w, h) > _LARGEST:
+        if max(abs(x), abs(y), w, h) > LARGEST:
             raise SourceError(f"a box at {x:g}, {y:g} of {w:g} x {h:g}: beyond any picture", self.path, line)
-        return int(frame), identity, x, y, w, h, values[6] if len(values) > 6 else 1.0
+        score = values[6] if len(values) > 6 else 1.0
+        if abs(score) > LARGEST:
+            raise SourceError(f"confidence {score:g}: at most {LARGEST:g} is wanted", self.path, line)
+        return int(frame), identity, x, y, w, h, score
 
     def check_inside(self, width: float, height: float, picture: str) -> None:
         """Refuse a file with a box that shares no pixel with a picture of this size (in the file's pixels).

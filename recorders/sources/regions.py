@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
+from recorders.checks import LARGEST, MOST_POLYGONS, MOST_VERTICES
 from recorders.errors import SourceError
 from recorders.messages import Regions, Zone
 from recorders.sources.source import existing_file
@@ -23,10 +24,7 @@ Point = tuple[float, float]
 Polygon = list[Point]
 
 _LARGEST_FILE = 1 << 20
-_MOST_VERTICES = 500
-_MOST_POLYGONS = 200
 _SMALLEST_AREA = 1e-6
-_LARGEST = 1e7
 
 
 def read_regions(path: str | Path, width: int, height: int) -> Regions:
@@ -77,8 +75,8 @@ class _Reader:
     def _zones(self, data: object) -> list[Zone]:
         if not isinstance(data, Mapping):
             self._fail('zones must be an object: {"name": [[x, y], ...]}')
-        if len(data) > _MOST_POLYGONS:
-            self._fail(f"{len(data)} zones, at most {_MOST_POLYGONS}")
+        if len(data) > MOST_POLYGONS:
+            self._fail(f"{len(data)} zones, at most {MOST_POLYGONS}")
         for name in data:
             if not name.strip():
                 self._fail("a zone without a name")
@@ -90,8 +88,8 @@ class _Reader:
         nested = isinstance(data[0], list) and bool(data[0]) and isinstance(data[0][0], list)
         if not nested:
             return [self._polygon(data, name)]
-        if len(data) > _MOST_POLYGONS:
-            self._fail(f"{len(data)} polygons in {name}, at most {_MOST_POLYGONS}")
+        if len(data) > MOST_POLYGONS:
+            self._fail(f"{len(data)} polygons in {name}, at most {MOST_POLYGONS}")
         return [self._polygon(p, f"{name} {k + 1}") for k, p in enumerate(data)]
 
     def _polygon(self, data: object, name: str) -> Polygon:
@@ -102,8 +100,8 @@ class _Reader:
             polygon.pop()
         if len(polygon) < 3:
             self._fail(f"{name} has {len(polygon)} vertices, at least 3 are wanted")
-        if len(polygon) > _MOST_VERTICES:
-            self._fail(f"{name} has {len(polygon)} vertices, at most {_MOST_VERTICES}")
+        if len(polygon) > MOST_VERTICES:
+            self._fail(f"{name} has {len(polygon)} vertices, at most {MOST_VERTICES}")
         if _crosses_itself(polygon):
             self._fail(f"{name} crosses itself")
         if abs(_area(polygon)) < _SMALLEST_AREA:
@@ -119,7 +117,7 @@ class _Reader:
             self._fail(f"{name}: a vertex must be [x, y], not {str(data)[:40]}")
         for value in data:
             number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not number or not math.isfinite(value) or abs(value) > _LARGEST:
+            if not number or not math.isfinite(value) or abs(value) > LARGEST:
                 self._fail(f"{name}: {str(value)[:40]} is not a coordinate in pixels")
         return float(data[0]), float(data[1])
 
