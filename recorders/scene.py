@@ -20,11 +20,13 @@ from recorders import channels
 from recorders.errors import LimitError, RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import ChannelInfo, LogReader, Message
-from recorders.messages import Detections, Regions
+from recorders.messages import NO_BLOB, Detections, Regions
 from recorders.pictures import VideoDecoder, decode_picture
 
 Image = NDArray[np.uint8]
 _SAMPLED_FRAMES = 64
+LAST_NS = 2**63 - 1
+"""The latest time that a frame may have (the year 2262 for times since 1970): times are signed 64-bit numbers."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,7 @@ class SceneLog:
     def frame_times(self) -> Iterator[int]:
         """The frames' log times in ns, reading the detections' channel alone."""
         for message in self._log.messages([self._topics["detections"]]):
-            yield message.log_time_ns
+            yield self._time(message)
 
     def frames(self, start_ns: int | None = None, first_index: int = 0) -> Iterator[Frame]:
         """The frames in order; from ``start_ns`` on, the first one then counting as ``first_index``.
@@ -196,6 +198,7 @@ class SceneLog:
                     if detections is not None:
                         raise RecordingError(f"two frames at {now} ns; frames need times of their own", self.path)
                     detections = self._decode("detections", message)
+                    self._time(message)
                 elif message.topic == self._topics["regions"]:
                     regions = self._decode("regions", message)
                 elif message.topic == self._topics["image"]:
@@ -204,10 +207,37 @@ class SceneLog:
                     mask = self._mask_loader(message)
             if detections is None:
                 continue
+            self._check(detections, now, mask is not None)
             yield Frame(index, now, detections, regions, image, mask, tuple(pending))
             pending = []
             index += 1
         self.trailing = tuple(pending)
+
+    def _time(self, message: Message) -> int:
+        if message.log_time_ns > LAST_NS:
+            raise RecordingError(
+                f"a frame at {message.log_time_ns} ns: the latest time that a frame may have is {LAST_NS} ns",
+                self.path,
+                record=message.topic,
+            )
+        return message.log_time_ns
+
+    def _check(self, detections: Detections, now: int, has_mask: bool) -> None:
+        """Hold a frame's detections to the recording's size and to its mask's blobs."""
+        size = (detections.width, detections.height)
+        if size != (self.info.width, self.info.height):
+            raise RecordingError(
+                f"the detections at {now} ns are made for a picture of {size[0]}x{size[1]}, "
+                f"the first ones for {self.info.width}x{self.info.height}; record each size by itself",
+                self.path,
+                record=self._topics["detections"],
+            )
+        if has_mask and not detections.components and max(detections.blobs, default=NO_BLOB) > 0:
+            raise RecordingError(
+                f"the detections at {now} ns name blobs of the mask, but list no components",
+                self.path,
+                record=self._topics["detections"],
+            )
 
     def _decode(self, name: str, message: Message) -> Any:
         return channels.decode(name, message.data, path=str(self.path), limits=self.limits)
@@ -226,10 +256,13 @@ class SceneLog:
         if start_ns is None:
             return video
         before: list[Message] = []
+        held = 0
         for message in self._log.messages([self._topics["image"]], end_ns=start_ns, reverse=True):
             if not _is_video(message):
                 break
             before.append(message)
+            held += len(message.data)
+            _check_group(held, self, message)
             packet = self._decode("video", message).data
             if VideoDecoder.is_key(packet):
                 break
@@ -260,6 +293,7 @@ class _Video:
     def __init__(self, scene: SceneLog) -> None:
         self._scene = scene
         self._group: list[bytes] = []
+        self._group_bytes = 0
         self._decoder: VideoDecoder | None = None
         self._decoding: list[bytes] = []
         self._decoded = 0
@@ -283,8 +317,10 @@ class _Video:
         """Take a packet into its group of pictures; the group and the packet's place in it."""
         packet = channels.decode("video", message.data, path=str(self._scene.path), limits=self._scene.limits).data
         if VideoDecoder.is_key(packet):
-            self._group = []
+            self._group, self._group_bytes = [], 0
         self._group.append(packet)
+        self._group_bytes += len(packet)
+        _check_group(self._group_bytes, self._scene, message)
         return self._group, len(self._group) - 1
 
     def _load(self, group: list[bytes], position: int, message: Message) -> Image:
@@ -301,6 +337,17 @@ class _Video:
                 f"no picture in the video packet at {message.log_time_ns} ns", self._scene.path, record=message.topic
             )
         return image
+
+
+def _check_group(held: int, scene: SceneLog, message: Message) -> None:
+    """Packets are kept until the next key frame, since any of them may be asked for."""
+    if held > scene.limits.max_open_bytes:
+        raise LimitError(
+            f"{held} bytes of video up to {message.log_time_ns} ns without a key frame, over the limit "
+            f"max_open_bytes = {scene.limits.max_open_bytes}",
+            scene.path,
+            record=message.topic,
+        )
 
 
 def _is_video(message: Message) -> bool:
