@@ -15,6 +15,7 @@ from typing import Any, get_type_hints
 
 from recorders.errors import ConfigError
 
+_LARGEST_INT = 2**53
 Plain = bool | int | float | str
 
 
@@ -55,8 +56,10 @@ class Parameters:
 
 def _checked(owner: str, f: dataclasses.Field[Any], kind: type, value: object) -> Plain:
     name = f"{owner}.{f.name}"
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
+    if isinstance(value, int) and not isinstance(value, bool):
+        if abs(value) > _LARGEST_INT:
+            raise ConfigError(f"{name}: a number of {value.bit_length()} bits is too large")
+        value = float(value) if kind is float else value
     if type(value) is not kind:
         raise ConfigError(f"{name} = {value!r}: must be {kind.__name__}, not {type(value).__name__}")
     if isinstance(value, float) and not math.isfinite(value):

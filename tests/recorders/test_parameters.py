@@ -73,6 +73,14 @@ def test_a_file_that_is_no_toml_and_one_that_is_not_there(tmp_path: Path) -> Non
         configure(SECTIONS, file)
 
 
+def test_numbers_of_many_digits_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "c.toml"
+    for name in ("radius_px", "tries"):
+        file.write_text(f"[gate]\n{name} = {'9' * 400}\n")
+        with pytest.raises(ConfigError, match=f"gate.{name}: a number of 1329 bits is too large"):
+            configure(SECTIONS, file)
+
+
 def test_recorded_values_of_another_kind_are_refused() -> None:
     with pytest.raises(ConfigError, match="must be int, not str"):
         configure(SECTIONS, values={"gate": {"tries": "3"}})
