@@ -47,6 +47,9 @@ PROPOSAL_BONUS = 1.25
 GRID_X, GRID_Y = 0.2, 0.08
 """Distance of neighbouring boxes, of their width and of their height."""
 ROUNDS = 8
+MOST_BOXES = 300_000
+"""Of more boxes in the grid, their distance grows until they are no more than this: bodies of a few pixels in a large
+picture would take gigabytes."""
 
 
 def integral_of(mask: Image) -> Integral:
@@ -238,16 +241,32 @@ def _neighbours(boxes: Floats) -> Floats:
 
 def _grid(model: SizeModel, width: int, height: int) -> Floats:
     """Boxes of bodies standing at every place, `GRID_X` widths and `GRID_Y` heights apart."""
+    wider = 1.0
+    while True:
+        feet = _feet(model, height, wider)
+        heights = model.heights(feet)
+        steps = wider * np.maximum(1.0, GRID_X * model.aspect * heights)
+        if float(((width + 1.5 * model.aspect * heights) / steps + 1.0).sum()) <= MOST_BOXES:
+            break
+        wider *= 1.25
     rows: list[Floats] = []
+    for foot, h, step in zip(feet.tolist(), heights.tolist(), steps.tolist(), strict=True):
+        w = model.aspect * h
+        x = np.arange(-w / 2, width + w, step)
+        rows.append(model.boxes(x, np.full(len(x), foot)))
+    return np.concatenate(rows) if rows else np.zeros((0, 4))
+
+
+def _feet(model: SizeModel, height: int, wider: float) -> Floats:
+    """Where rows of bodies stand, px from the top: until their heads are under the picture."""
+    feet: list[float] = []
     foot = model.first_foot()
     while True:
         h = float(model.heights(np.array([foot]))[0])
         if foot - h > height:
-            return np.concatenate(rows) if rows else np.zeros((0, 4))
-        w = model.aspect * h
-        x = np.arange(-w / 2, width + w, max(1.0, GRID_X * w))
-        rows.append(model.boxes(x, np.full(len(x), foot)))
-        foot += max(1.0, GRID_Y * h)
+            return np.array(feet, np.float64)
+        feet.append(foot)
+        foot += wider * max(1.0, GRID_Y * h)
 
 
 def _best_of_neighbours(boxes: Floats, rank: Floats) -> Ints:

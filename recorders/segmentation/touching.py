@@ -27,6 +27,8 @@ MAX_ONE_BODY = 1.9
 """From this many typical areas on, it is not, whatever it looks like."""
 MIN_TWO_BODIES = 1.4
 """A core that does not look like one body is several from this many typical areas on."""
+MOST_BODIES = 40
+"""What is as large as more bodies than this is none of them: a hand, a flash of light."""
 ITERATIONS = 20
 
 
@@ -45,6 +47,8 @@ def bodies_in(core: Blob, body_area: float) -> int:
     if body_area <= 0:
         return 1
     share = core.area / body_area
+    if share > MOST_BODIES:
+        return 1
     if _fill(core) >= ONE_BODY_FILL:
         return max(1, int(share + 0.5)) if share >= MAX_ONE_BODY else 1
     return max(2, int(share + 0.5)) if share >= MIN_TWO_BODIES else 1
@@ -78,12 +82,13 @@ def _spread(own: Image, groups: Ints, bodies: int) -> list[Image]:
     """Give each pixel of the blob to the body with the nearest ellipse; one mask for each body."""
     y, x = np.nonzero(own)
     fx, fy = x.astype(np.float64), y.astype(np.float64)
-    distance = np.full((bodies, len(x)), np.inf)
+    least = np.full(len(x), np.inf)
+    nearest = np.zeros(len(x), np.int64)
     for k in range(bodies):
         cy, cx = np.nonzero(groups == k + 1)
         if len(cx):
-            distance[k] = np.sqrt(_mahalanobis(fx, fy, cx.astype(np.float64), cy.astype(np.float64))[0])
-    nearest = np.argmin(distance, axis=0)
+            distance = np.sqrt(_mahalanobis(fx, fy, cx.astype(np.float64), cy.astype(np.float64))[0])
+            _take_nearer(distance, k, least, nearest)
     masks = []
     for k in range(bodies):
         mask = np.zeros_like(own)
@@ -104,17 +109,24 @@ def _clusters(x: Floats, y: Floats, count: int) -> Ints:
     along = (x - mx) * np.cos(theta) + (y - my) * np.sin(theta)
     own[np.argsort(along, kind="stable")] = np.arange(len(x)) * count // len(x)
     for _ in range(ITERATIONS):
-        cost = np.full((count, len(x)), np.inf)
+        least = np.full(len(x), np.inf)
+        new = np.zeros(len(x), np.int64)
         for k in range(count):
             members = own == k
             if np.count_nonzero(members) >= 3:
                 squared, size = _mahalanobis(x, y, x[members], y[members])
-                cost[k] = squared + size
-        new = np.argmin(cost, axis=0)
+                _take_nearer(squared + size, k, least, new)
         if np.array_equal(new, own):
             break
         own = new
     return own
+
+
+def _take_nearer(cost: Floats, k: int, least: Floats, nearest: Ints) -> None:
+    """Put ``k`` where its cost is less than the least so far (equal costs: the first), in place."""
+    nearer = cost < least
+    nearest[nearer] = k
+    np.copyto(least, cost, where=nearer)
 
 
 def _mahalanobis(x: Floats, y: Floats, px: Floats, py: Floats) -> tuple[Floats, float]:

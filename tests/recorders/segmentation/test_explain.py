@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from recorders.segmentation.explain import MIN_SCORE, Explainer, box_scores, integral_of
+from recorders.segmentation.explain import MIN_SCORE, MOST_BOXES, Explainer, box_scores, integral_of
 from recorders.segmentation.sizes import SizeModel
 
 MODEL = SizeModel(0.2, 20.0, 0.4, 40.0, 90.0)
@@ -117,3 +117,13 @@ def test_scores_are_those_of_the_formula_for_a_lone_full_box():
     assert scores[0] == 1.0
     assert scores[1] < scores[0]
     assert scores[2] == -1.0 < MIN_SCORE
+
+
+@pytest.mark.parametrize(
+    "model",
+    [SizeModel(0.0, 1.0, 1e-9, 1e-9, 1e-9), SizeModel(0.0, 3.0, 0.5, 3.0, 3.0)],
+    ids=["no size at all", "three pixels"],
+)
+def test_tiny_bodies_in_a_large_picture_make_no_more_boxes_than_allowed(model):
+    explainer = Explainer(model, 4000, 3000)
+    assert len(explainer._grid.boxes) <= MOST_BOXES
