@@ -21,7 +21,8 @@ import msgspec
 import numpy as np
 
 from recorders import channels
-from recorders.errors import OutputExistsError, SceneTraceError, UsageError
+from recorders.checks import check_detections
+from recorders.errors import OutputExistsError, SceneTraceError, SourceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogWriter
 from recorders.messages import NO_BLOB, Detections, Regions
@@ -342,6 +343,7 @@ class _Writer:
     def write(self, frame: _Encoded) -> None:
         """Write one frame: regions before the first, then picture, mask, detections."""
         now = self._options.start_ns + frame.time_ns
+        self._check(frame.detections)
         camera = self._options.camera
         if not self.frames:
             self._begin(now)
@@ -356,19 +358,26 @@ class _Writer:
         self._detections += len(frame.detections.boxes)
         self._last_ns = frame.time_ns
 
+    def _check(self, detections: Detections) -> None:
+        """Never record what no replay would take."""
+        try:
+            check_detections(detections, self._options.limits)
+        except ValueError as e:
+            raise SourceError(str(e), self._source.path) from e
+
     def finish(self, out: Path) -> RecordSummary:
         """Write what the log says of itself."""
         source, options = self._source, self._options
         digests = source.digests()
-        listing = "".join(f"{digest}  {name}\n" for name, digest in digests)
+        listing = "".join(f"{digest}  {utf8(name)}\n" for name, digest in digests)
         digest = digests[0][1] if len(digests) == 1 else hashlib.sha256(listing.encode()).hexdigest()
         facts = {
             **self._facts,
             "source_digest": f"sha256:{digest}",
             "source_files": str(len(digests)),
             "frames": str(self.frames),
-            "notes": _json(source.notes),
-            "losses": _json(source.losses),
+            "notes": _json([utf8(note) for note in source.notes]),
+            "losses": _json([utf8(loss) for loss in source.losses]),
         }
         self._log.attach(DIGESTS_ATTACHMENT, "text/plain", listing.encode(), options.start_ns)
         self._log.metadata(METADATA, facts)
@@ -395,7 +404,7 @@ def _known_at_start(source: Source, options: RecordOptions) -> dict[str, str]:
         "camera": options.camera,
         "configuration": _json(as_plain(options.config)),
         "packages": _json(_package_versions()),
-        "source": source.path.name,
+        "source": utf8(source.path.name),
         "source_kind": source.name,
         "width": str(source.width),
         "height": str(source.height),
@@ -408,6 +417,15 @@ def _known_at_start(source: Source, options: RecordOptions) -> dict[str, str]:
 
 def _json(value: object) -> str:
     return msgspec.json.encode(value, order="deterministic").decode()
+
+
+def utf8(name: str) -> str:
+    r"""A file's name as a log can hold it: bytes that are not UTF-8 are spelt out.
+
+    >>> utf8("gate\udcff.avi")
+    'gate\\udcff.avi'
+    """
+    return name.encode("utf-8", "backslashreplace").decode()
 
 
 def _package_versions() -> dict[str, str]:

@@ -10,6 +10,7 @@ from recorders import channels
 from recorders.errors import OutputExistsError, UsageError
 from recorders.log import LogWriter, Message
 from recorders.parameters import as_plain
+from recorders.recording import utf8
 from recorders.scene import SceneLog
 from replay import checkpoint, digest
 from replay.checkpoint import Checkpoint
@@ -172,7 +173,7 @@ class AnnotatedWriter:
             "python": python_version(),
             "machine": machine(),
             "opencv_build": opencv_build(),
-            "scene": self._scene.path.name,
+            "scene": utf8(self._scene.path.name),
             "input_digest": run.input_link,
             "input_frames": str(run.last_index + 1),
             "output_digest": self._link,

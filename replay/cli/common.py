@@ -44,7 +44,16 @@ def add_configuration(parser: argparse.ArgumentParser) -> None:
 
 def say(text: str) -> None:
     """A message to the person: on stderr, so that results stay clean."""
-    print(text, file=sys.stderr)
+    print(shown(text), file=sys.stderr)
+
+
+def shown(text: str) -> str:
+    r"""A text from a file as one line for a terminal: what would move its cursor or colour it is spelt out.
+
+    >>> print(shown("door\x1b[2J\n"))
+    door\x1b[2J\n
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def parse_time(text: str, scene: SceneLog) -> int:

@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps([asdict(f) for f in findings], indent=2))
     else:
         for f in findings:
-            print(f"{f.severity:<7} byte {f.offset:>10} {f.record}: {f.text}")
+            print(common.shown(f"{f.severity:<7} byte {f.offset:>10} {f.record}: {f.text}"))
         if not findings:
             print(f"{args.log}: sound")
     if errors:

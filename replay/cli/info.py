@@ -85,7 +85,7 @@ def when(time_ns: int | None) -> str:
 def _print(info: LogInfo) -> None:
     packed = ", ".join(f"{c.chunks} chunks {c.compression or 'uncompressed'}" for c in info.compression) or "no chunks"
     print(f"file      {info.path}, {info.size_bytes:,} bytes, {packed}")
-    print(f"written   by {info.library or 'unknown'}, profile {info.profile or 'none'}")
+    print(common.shown(f"written   by {info.library or 'unknown'}, profile {info.profile or 'none'}"))
     if not info.is_indexed:
         print("index     none: the file was scanned (unfinished or written without one)")
     span = f"{info.duration_ns / common.NANOS:.3f} s, from {when(info.start_ns)} to {when(info.end_ns)}"
@@ -93,15 +93,28 @@ def _print(info: LogInfo) -> None:
     width = max((len(c.topic) for c in info.channels), default=0)
     for c in info.channels:
         schema = "no schema" if c.schema is None else f"{c.schema.name} [{c.schema.encoding}]"
-        print(f"  {c.topic:<{width}}  {c.message_count if c.message_count is not None else '?':>7}  {schema}")
+        count = c.message_count if c.message_count is not None else "?"
+        print(common.shown(f"  {c.topic:<{width}}  {count:>7}  {schema}"))
     for a in info.attachments:
-        print(f"attached  {a.name}, {a.size_bytes:,} bytes, {a.media_type}, at {when(a.log_time_ns)}")
+        print(common.shown(f"attached  {a.name}, {a.size_bytes:,} bytes, {a.media_type}, at {when(a.log_time_ns)}"))
     for name, values in info.metadata:
-        print(f"metadata  {name}")
+        print(f"metadata  {common.shown(name)}")
         for key, value in sorted(values.items()):
-            if name in _OURS and key == "configuration":
-                print(f"  {key}:")
-                for section, fields in sorted(json.loads(value).items()):
-                    print(f"    [{section}] " + ", ".join(f"{k}={v}" for k, v in sorted(fields.items())))
-            else:
-                print(f"  {key}: {value}")
+            sections = _sections(value) if name in _OURS and key == "configuration" else None
+            if sections is None:
+                print(f"  {common.shown(key)}: {common.shown(value)}")
+                continue
+            print(f"  {key}:")
+            for section, fields in sections:
+                print(common.shown(f"    [{section}] " + ", ".join(f"{k}={v}" for k, v in sorted(fields.items()))))
+
+
+def _sections(text: str) -> list[tuple[str, dict[str, Any]]] | None:
+    """A recorded configuration's sections; None where another program wrote something else under that name."""
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(found, dict) or not all(isinstance(fields, dict) for fields in found.values()):
+        return None
+    return sorted(found.items())

@@ -12,6 +12,7 @@ import pytest
 
 from recorders import channels
 from recorders.errors import OutputExistsError, SourceError, UsageError
+from recorders.limits import Limits
 from recorders.log import LogReader
 from recorders.messages import NO_BLOB, Blob, Detections, Ellipse
 from recorders.pictures import encode_jpeg, encode_png
@@ -292,3 +293,13 @@ def test_real_sources_are_read_back_equal(tmp_path: Path, real_data: Path) -> No
             if source.has_images:
                 difference = np.abs(frames[33].image.astype(int) - expected[33].image)  # type: ignore[union-attr, operator]
                 assert difference.mean() < 3
+
+
+def test_nothing_is_recorded_that_no_replay_takes(tmp_path: Path) -> None:
+    det = tmp_path / "det.txt"
+    det.write_text("1,-1,2,2,5,5,1\n1,-1,3,3,5,5,1\n1,-1,4,4,5,5,1\n")
+    source = open_source(det, fps=5, size=(20, 20))
+    few = Limits(max_detections_per_frame=2)
+    with pytest.raises(SourceError, match=r"det\.txt: 3 detections, over the limit of 2"):
+        record(source, tmp_path / "s.mcap", RecordOptions(limits=few))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["det.txt"]

@@ -1,0 +1,48 @@
+"""What `info` and `doctor` print of logs that other programs, or nobody's friends, have written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from recorders.log import LogWriter
+from replay.cli import main
+
+
+@pytest.mark.parametrize("configuration", ["{", "[1]", '{"a": 1}', "[" * 100_000])
+def test_a_configuration_that_is_none_is_shown_as_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], configuration: str
+) -> None:
+    with LogWriter(tmp_path / "x.mcap") as log:
+        log.metadata("scenetrace", {"configuration": configuration})
+    assert main(["info", str(tmp_path / "x.mcap")]) == 0
+    assert f"configuration: {configuration}" in capsys.readouterr().out
+
+
+def test_texts_of_a_log_do_not_steer_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with LogWriter(tmp_path / "x.mcap", profile="\x1b[31m") as log:
+        log.channel("/a\x1b]0;title\x07", None, "json")
+        log.attach("b\rc", "text/\x9b2J", b"")
+        log.metadata("d\x1b[2J", {"e\nf": "g\u202eh"})
+    assert main(["info", str(tmp_path / "x.mcap")]) == 0
+    out = capsys.readouterr().out
+    assert not set(out) & set("\x1b\x07\r\x9b\u202e")
+    assert r"/a\x1b]0;title\x07" in out
+    assert r"e\nf: g\u202eh" in out
+
+
+def test_names_that_are_not_utf8_are_recorded_spelt_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = tmp_path / "gate\udcff.txt"
+    try:
+        source.write_text("1,-1,2,2,5,5,1\n2,-1,3,2,5,5,1\n")
+    except (OSError, UnicodeEncodeError):
+        pytest.skip("this file system takes UTF-8 names only")
+    scene, out = tmp_path / "scene\udcfe.mcap", tmp_path / "annotated.mcap"
+    assert main(["record", str(source), "-o", str(scene), "--fps", "5", "--size", "20x20"]) == 0
+    assert main(["replay", str(scene), "-o", str(out)]) == 0
+    capsys.readouterr()
+    assert main(["info", str(out)]) == 0
+    shown = capsys.readouterr().out
+    assert r"source: gate\udcff.txt" in shown
+    assert r"scene: scene\udcfe.mcap" in shown
