@@ -73,8 +73,13 @@ def run(args: argparse.Namespace) -> int:
 def _command(words: list[str]) -> None:
     from replay.cli import parser
 
-    print(f"\n$ scenetrace {shlex.join(words)}", flush=True)
+    print(f"\n$ scenetrace {' '.join(map(_quoted, words))}", flush=True)
     args = parser(words[0]).parse_args(words)
     code: int = args.run(args)
     if code:
         raise SceneTraceError(f"`scenetrace {words[0]}` ended with exit code {code}")
+
+
+def _quoted(word: str) -> str:
+    """A word for a shell; SQL is full of single quotes, so double ones where they do."""
+    return f'"{word}"' if "'" in word and not set(word) & set('"$`\\!') else shlex.quote(word)
