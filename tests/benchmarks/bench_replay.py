@@ -23,6 +23,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -66,26 +67,41 @@ def run(scene: Path, folder: Path, tracker: str) -> Callable[[], int]:
     return once
 
 
-def rounds_of(runs: dict[str, Callable[[], int]], rounds: int) -> dict[str, list[float]]:
-    """Frames per second of each run, by turns; one that cannot run is left out, and said."""
-    rates: dict[str, list[float]] = {label: [] for label in runs}
+@dataclass(frozen=True)
+class Cost:
+    """What a frame took: seconds by the clock, and of processor over all threads (which other load disturbs less)."""
+
+    wall_s: float
+    cpu_s: float
+
+
+def rounds_of(runs: dict[str, Callable[[], int]], rounds: int) -> dict[str, list[Cost]]:
+    """What a frame of each run cost, by turns; one that cannot run is left out, and said."""
+    costs: dict[str, list[Cost]] = {label: [] for label in runs}
     for _ in range(rounds):
         for label, call in runs.items():
             gc.collect()
-            start = time.perf_counter()
+            wall, cpu = time.perf_counter(), time.process_time()
             try:
                 frames = call()
             except SceneTraceError as e:
                 print(f"  {label}: left out: {e}")
                 continue
-            rates[label].append(frames / (time.perf_counter() - start))
-    return {label: values for label, values in rates.items() if values}
+            costs[label].append(Cost((time.perf_counter() - wall) / frames, (time.process_time() - cpu) / frames))
+    return {label: values for label, values in costs.items() if values}
 
 
-def show(rates: dict[str, list[float]], base: str) -> None:
-    """Medians, and the median of the ratios round by round."""
-    for label, values in rates.items():
-        ratio = statistics.median(v / b for v, b in zip(values, rates[base], strict=True))
+def show(costs: dict[str, list[Cost]], base: str) -> None:
+    """Medians, and the median of the ratios round by round (above 1: faster than the peer)."""
+    for label, values in costs.items():
+        pairs = list(zip(values, costs[base], strict=True))
+        rate = 1 / statistics.median(c.wall_s for c in values)
+        wall = statistics.median(b.wall_s / c.wall_s for c, b in pairs)
+        cpu = statistics.median(b.cpu_s / c.cpu_s for c, b in pairs)
+        processor = 1e3 * statistics.median(c.cpu_s for c in values)
+        print(
+            f"  {label:26} {rate:7.0f} frames/s {wall:6.2f} x   {processor:7.2f} ms of processor a frame {cpu:6.2f} x"
+        )
         print(f"  {label:28} {statistics.median(values):8.0f} frames/s   {ratio:6.2f} x")
 
 
@@ -159,10 +175,10 @@ def targets(args: argparse.Namespace, folder: Path) -> None:
         scene = walkers(folder / "walkers.mcap", people, frames)
         runs = {"SORT": sort_over(scene)} | {name: run(scene, folder, name) for name in TRACKERS}
         for label, values in rounds_of(runs, max(1, args.rounds - 2)).items():
-            table.setdefault(label, []).append(1e3 / statistics.median(values))
-    print("  ms per frame" + "".join(f"{n:>9}" for n in COUNTS) + "   targets")
+            table.setdefault(label, []).append(1e3 * statistics.median(c.cpu_s for c in values))
+    print("  ms of processor a frame" + "".join(f"{n:>9}" for n in COUNTS) + "   targets")
     for label, times in table.items():
-        print(f"  {label:12}" + "".join(f"{t:9.2f}" for t in times))
+        print(f"  {label:23}" + "".join(f"{t:9.2f}" for t in times))
     for label, times in table.items():
         slope = np.polyfit(np.log(COUNTS[-4:]), np.log(times[-4:]), 1)[0]
         print(f"  {label:12} grows with the number of targets to the power {slope:.2f} from {COUNTS[-4]} targets on")
@@ -180,7 +196,7 @@ def plot(table: dict[str, list[float]], path: Path) -> None:
     figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
     for label, times in table.items():
         axes.loglog(COUNTS[: len(times)], times, marker="o", label=label)
-    axes.set(xlabel="targets", ylabel="ms per frame")
+    axes.set(xlabel="targets", ylabel="ms of processor a frame")
     axes.grid(alpha=0.3)
     axes.legend()
     figure.savefig(path)
