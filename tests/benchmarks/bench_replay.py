@@ -102,7 +102,6 @@ def show(costs: dict[str, list[Cost]], base: str) -> None:
         print(
             f"  {label:26} {rate:7.0f} frames/s {wall:6.2f} x   {processor:7.2f} ms of processor a frame {cpu:6.2f} x"
         )
-        print(f"  {label:28} {statistics.median(values):8.0f} frames/s   {ratio:6.2f} x")
 
 
 def pictures(args: argparse.Namespace, folder: Path) -> None:
