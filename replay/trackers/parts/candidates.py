@@ -9,7 +9,6 @@ too, which the paper, without them, has to find by heads alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -145,15 +144,15 @@ def gather(
         p: the parameters.
     """
     centres, at = seen.boxes[:, :2] + seen.boxes[:, 2:] / 2, expected[:, :2] + expected[:, 2:] / 2
-    within = (np.abs(centres[None] - at[:, None]) <= gates[:, None, None]).all(axis=2)
+    within = np.asarray((np.abs(centres[None] - at[:, None]) <= gates[:, None, None]).all(axis=2))
     change = seen.boxes[None, :, 2:] / np.maximum(expected[:, None, 2:], 1.0)
-    larger = (change > 1 + p.occlusion).any(axis=2)
-    smaller = (change < 1 - p.occlusion).any(axis=2)
+    larger = np.asarray((change > 1 + p.occlusion).any(axis=2))
+    smaller = np.asarray((change < 1 - p.occlusion).any(axis=2))
     direct = within & ~larger & ~smaller
     anchors = Anchors()
     names = [anchors.at(b[0] + b[2] / 2, b[1], b[3]) for b in seen.boxes.tolist()]
     found: list[tuple[int, list[float], int, int, bool, int]] = []
-    heads = _Heads(find_heads if p.use_heads else _no_heads, pictures)
+    heads = _Heads(find_heads if p.use_heads else None, pictures)
     for t in range(len(rows)):
         for k in np.flatnonzero(direct[t]).tolist():
             found.append((t, seen.boxes[k].tolist(), names[k], int(seen.blobs[k]), True, k))
@@ -174,9 +173,9 @@ def gather(
     if not found:
         none = np.zeros(0, np.int64)
         return Candidates(none.astype(np.intp), np.zeros((0, 4)), none, none, none.astype(bool), none, 0)
-    t, boxes_, names_, blobs, are_direct, sources = zip(*found, strict=True)
+    owners, boxes_, names_, blobs, are_direct, sources = zip(*found, strict=True)
     return Candidates(
-        rows[np.array(t, np.intp)],
+        rows[np.array(owners, np.intp)],
         np.array(boxes_, np.float64),
         np.array(names_, np.int64),
         np.array(blobs, np.int64),
@@ -194,15 +193,10 @@ def _meets(expected: Floats, blob: Floats, gate: float) -> bool:
     return bool(across and min(y + h + gate, by + bh) > max(y - gate, by))
 
 
-def _no_heads(image: Image | None, mask: Image | None, box: Floats, height: float) -> Sequence[object]:
-    """No head is ever found."""
-    return ()
-
-
 class _Heads:
     """Heads by blob, looked for once for each size of body (to a quarter)."""
 
-    def __init__(self, find: object, pictures: tuple[Image | None, Image | None]) -> None:
+    def __init__(self, find: HeadDetector | None, pictures: tuple[Image | None, Image | None]) -> None:
         self._find = find
         self._pictures = pictures
         self._known: dict[tuple[int, int], list[tuple[float, float]]] = {}
@@ -211,6 +205,6 @@ class _Heads:
         """Tops of the heads in a blob."""
         size = round(4 * np.log2(max(height, 1.0)))
         if (blob, size) not in self._known:
-            found = self._find(*self._pictures, box, 2.0 ** (size / 4))  # type: ignore[operator]
+            found = () if self._find is None else self._find(*self._pictures, box, 2.0 ** (size / 4))
             self._known[blob, size] = [(h.x, h.y) for h in found]
         return self._known[blob, size]

@@ -181,14 +181,14 @@ def _displacement(parts: Floats, before: Floats, gate: Floats) -> Ints:
     dx = parts[:, :, 0] + parts[:, :, 2] / 2 - before[:, :, 0] - before[:, :, 2] / 2
     dy = parts[:, :, 1] + parts[:, :, 3] / 2 - before[:, :, 1] - before[:, :, 3] / 2
     way = np.sqrt(dx * dx + dy * dy) / np.maximum(gate, 1e-9)[:, None]
-    return np.rint(np.minimum(way, 4.0) * ONE).astype(np.int64)
+    return np.asarray(np.rint(np.minimum(way, 4.0) * ONE), np.int64)
 
 
 def _overlap(parts: Floats, before: Floats) -> Ints:
     ends, ended = parts[..., :2] + parts[..., 2:], before[..., :2] + before[..., 2:]
     size = np.maximum(np.minimum(ends, ended) - np.maximum(parts[..., :2], before[..., :2]), 0.0)
     share = size[..., 0] * size[..., 1] / np.maximum(before[..., 2] * before[..., 3], 1e-9)
-    return np.rint(np.minimum(share, 1.0) * ONE).astype(np.int64)
+    return np.asarray(np.rint(np.minimum(share, 1.0) * ONE), np.int64)
 
 
 @dataclass
@@ -211,8 +211,8 @@ class PartsModel:
     def empty(cls, n: int = 0) -> PartsModel:
         """Models of n targets of whom nothing is known."""
         k = len(PARTS)
-        zeros = [np.zeros((n, k), np.int64) for _ in range(3)]
-        return cls(*zeros, np.zeros((n, k, CHANNELS, BINS), np.int64), np.zeros((n, k), np.int64))
+        area, perimeter, overlap, seen = np.zeros((4, n, k), np.int64)
+        return cls(area, perimeter, overlap, np.zeros((n, k, CHANNELS, BINS), np.int64), seen)
 
     def take(self, rows: NDArray[np.intp]) -> PartsModel:
         """The models of some rows, in that order."""

@@ -79,7 +79,10 @@ class HeadDetector(Protocol):
 
 
 def likelihood(bgr: Bytes) -> Floats:
-    """Highest likelihood over all categories of hair and skin, (P,) in [0, 1], of pixels (P, 3) uint8 BGR, eq. 3 to 6."""
+    """Highest likelihood over all categories of hair and skin, (P,) in [0, 1].
+
+    Pixels are (P, 3) uint8 BGR; equations 3 to 6.
+    """
     categories = [*HAIR.values(), *SKIN.values()]
     pixels = _in_both(bgr)
     best = np.zeros(len(bgr))
@@ -139,7 +142,7 @@ class ColourShapeHeads:
         x1, y1, x2, y2 = _crop(box, mask.shape[1], mask.shape[0])
         if x2 - x1 < 3 or y2 - y1 < 3:
             return []
-        part = cv2.min(mask[y1:y2, x1:x2], np.ones((y2 - y1, x2 - x1), np.uint8))
+        part = np.minimum(mask[y1:y2, x1:x2], np.uint8(1))
         found = tops(part, height)
         if image is not None:
             found += coloured(image[y1:y2, x1:x2], part, height)
@@ -158,13 +161,13 @@ def tops(part: Bytes, height: float) -> list[Head]:
         Heads in the part's own pixels, from left to right; the score is the share of the ellipse under the top that is
         foreground.
     """
-    rows, columns = part.shape
+    rows = len(part)
     first = np.where(part.any(axis=0), np.argmax(part, axis=0), rows).astype(np.int64)
     reach = max(1, round(0.5 * _HEAD_W * height))
     padded = np.pad(first, reach, constant_values=rows)
     lowest = sliding_window_view(padded, 2 * reach + 1).min(axis=1)
     peak = (first == lowest) & (first < rows)
-    total = np.asarray(cv2.integral(part, sdepth=cv2.CV_32S))
+    total = np.asarray(cv2.integral(part, sdepth=cv2.CV_32S), np.int32)
     out: list[Head] = []
     edges = np.flatnonzero(np.diff(np.concatenate([[0], peak.view(np.int8), [0]])))
     for start, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
@@ -188,19 +191,22 @@ def coloured(image: Bytes, part: Bytes, height: float) -> list[Head]:
     hits = colour_table()[small[:, :, 0], small[:, :, 1], small[:, :, 2]] & part
     side = max(1, round(0.03 * height)) * 2 + 1
     closed = cv2.morphologyEx(hits, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
-    total = np.asarray(cv2.integral(closed, sdepth=cv2.CV_32S))
-    rows, columns = part.shape
+    total = np.asarray(cv2.integral(closed, sdepth=cv2.CV_32S), np.int32)
     step = max(1, round(0.02 * height))
-    x, y = (a.ravel() + 0.5 for a in np.meshgrid(np.arange(0, columns, step), np.arange(0, rows, step)))
+    middle_y, middle_x = np.nonzero(closed[::step, ::step])
+    wide, high = _HEAD_W * height, _HEAD_H * height
+    x: Floats = np.asarray(middle_x * step + 0.5, np.float64)
+    y: Floats = np.asarray(middle_y * step + 0.5 - high / 2, np.float64)
     inside = _occupancy(total, x, y, height)
-    wide = _HEAD_W * height
+    full = inside >= _MIN_COLOURED
+    x, y, inside = x[full], y[full], inside[full]
     beside = np.maximum(_occupancy(total, x - wide, y, height), _occupancy(total, x + wide, y, height))
-    beside = np.maximum(beside, _occupancy(total, x, y - _HEAD_H * height, height))
+    beside = np.maximum(beside, _occupancy(total, x, y - high, height))
     score = 0.9 * (inside - 0.5 * beside)
-    good = np.flatnonzero((inside >= _MIN_COLOURED) & (beside <= _MAX_BESIDE))
+    good = np.flatnonzero(beside <= _MAX_BESIDE)
     order = good[np.argsort(-score[good], kind="stable")]
     heads = [Head(float(x[k]), float(y[k]), float(score[k])) for k in order[:64].tolist()]
-    return _apart(heads, 2 * wide, _HEAD_H * height * 1.5)
+    return _apart(heads, 2 * wide, 1.5 * high)
 
 
 def _occupancy(total: NDArray[np.int32], x: Floats, y: Floats, height: float) -> Floats:

@@ -1,6 +1,6 @@
 """Layered data association (PARTS 4): features -> parts -> the whole target, then all targets jointly.
 
-Conflicts: every anchor goes to one target at most, by the joint assignment of highest total score; the assignment is made
+Conflicts: every anchor goes to one target at most, by the joint assignment of highest total score; it is made
 twice, first with everybody where they were last, then with everybody where the first one put them, so that a part
 that somebody nearer covers counts as hidden. Two targets whose boxes still all but coincide are told apart by their
 scores: the lower one (of equals the later born) gives way and chooses again without that anchor.

@@ -259,7 +259,7 @@ class Matching:
             return np.zeros(0)
         if self._pixels.mask is None:
             share = intersection(boxes, taken) / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)[:, None]
-            return 1.0 - np.minimum(share.max(axis=1, initial=0.0), 1.0)
+            return np.asarray(1.0 - np.minimum(share.max(axis=1, initial=0.0), 1.0))
         rest = self._pixels.mask.copy()
         for x, y, w, h in taken.tolist():
             x1, y1 = max(0, round(x - 0.1 * w)), max(0, round(y - 0.05 * h))

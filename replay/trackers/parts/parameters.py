@@ -34,13 +34,13 @@ class PartsParameters(Parameters):
     centroid_frames: int = param(
         4, "window of the running means of alpha and beta", unit="frames", low=1, high=100, source="PARTS 2.1: 3 to 5"
     )
-    match_score: float = param(0.40, "least global score of a match", low=0.0, high=1.0, source="PARTS 4")
+    match_score: float = param(0.55, "least global score of a match", low=0.0, high=1.0, source="PARTS 4")
     ratio: float = param(
         1.06, "the best candidate's score over its runner-up's, else the head's image decides", low=1.0, high=10.0,
         source="PARTS 4",
     )  # fmt: skip
     part_score: float = param(0.35, "least score of a part that matches", low=0.0, high=1.0, source="PARTS 4.2")
-    hidden_score: float = param(0.38, "what a part that others cover counts for", low=0.0, high=1.0)
+    hidden_score: float = param(0.4, "what a part that others cover counts for", low=0.0, high=1.0)
     hidden_cover: float = param(0.5, "a part is hidden if nearer targets cover this much of it", low=0.05, high=1.0)
     min_fill: float = param(0.3, "least share of foreground in the parts that nobody covers", low=0.0, high=1.0)
     min_visible: float = param(0.3, "least visible share of an observed target, by gamma", low=0.0, high=1.0)

@@ -21,12 +21,12 @@ ALPHA, BETA = 0.5, 0.42
 
 
 def alpha_of(boxes: Floats, x_c: Floats) -> Floats:
-    """alpha = (x_c - x_tl) / w, eq. 1, kept within the box's middle half; boxes (N, 4), x_c (N,) -> (N,)."""
+    """Where x_c lies: alpha = (x_c - x_tl) / w, eq. 1, kept in the box's middle half; (N, 4), (N,) -> (N,)."""
     return np.asarray(np.clip((x_c - boxes[:, 0]) / np.maximum(boxes[:, 2], 1e-9), 0.25, 0.75))
 
 
 def beta_of(boxes: Floats, y_c: Floats) -> Floats:
-    """beta = (y_c - y_tl - h/7) / (h - h/7), eq. 2 with its signs set right, kept plausible; -> (N,)."""
+    """Where y_c lies: beta = (y_c - y_tl - h/7) / (h - h/7), eq. 2 with its signs set right, kept plausible; (N,)."""
     h = np.maximum(boxes[:, 3], 1e-9)
     return np.asarray(np.clip((y_c - boxes[:, 1] - HEAD * h) / ((1 - HEAD) * h), 0.25, 0.65))
 

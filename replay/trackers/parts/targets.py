@@ -98,7 +98,7 @@ class Targets:
     @property
     def speeds(self) -> Floats:
         """Magnitudes of the speeds, (N,) pixels per second."""
-        return np.sqrt((self.motion.rate**2).sum(axis=1))
+        return np.asarray(np.sqrt((self.motion.rate**2).sum(axis=1)))
 
     def predict(self, dt: float) -> None:
         """Advance both filters by dt seconds. The places stay: no direction is assumed (PARTS 3)."""

@@ -30,13 +30,13 @@ def _flat(image: Bytes, tops: Floats, head_px: Floats) -> tuple[NDArray[np.int64
 
 
 def patches(image: Bytes, tops: Floats, head_px: Floats) -> tuple[Bytes, NDArray[np.bool_]]:
-    """Patches (N, SIDE * SIDE, 3) uint8 under head tops (N, 2), heads of heights (N,); and whether wholly in the picture."""
+    """Patches (N, SIDE * SIDE, 3) uint8 under head tops (N, 2), heads of heights (N,); and which lie in the picture."""
     flat, inside = _flat(image, tops, head_px)
     return image.reshape(-1, 3)[flat], np.asarray(inside.all(axis=1))
 
 
 def distance(image: Bytes, template: Bytes, tops: Floats, head_px: float) -> NDArray[np.int64]:
-    """Sum of absolute differences of a template and the patches under tops (N, 2), per place and channel, (N,) in 0..255.
+    """Mean absolute difference of a template and the patches under tops (N, 2), (N,) in 0..255, rounded down.
 
     Places outside of the picture count as entirely different.
     """
