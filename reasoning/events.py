@@ -9,7 +9,7 @@ anomalies in the order of their causes. Ids count on from 1 in this order.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from reasoning.groups import GroupChange, HeldGroup
@@ -160,8 +160,13 @@ def relation(log: EventLog, c: Change, overlap: float, margins: dict[str, float]
     log.add(_RELATION_KINDS.get(c.case, "interaction_ended"), [c.a, c.b], c.rule, evidence, text)
 
 
-def pair(log: EventLog, c: PairChange, group: int | None, limits: Mapping[str, float]) -> None:
-    """Two targets are grouping, grouped or splitting from this frame on (EVENTS 3.1)."""
+def pair(
+    log: EventLog, c: PairChange, group: int | None, limits: Mapping[str, float], inferred: Collection[int] = ()
+) -> None:
+    """Two targets are grouping, grouped or splitting from this frame on (EVENTS 3.1).
+
+    ``inferred``: who is born of a split by our rule, without a word of the tracker.
+    """
     kind = BIT_KINDS[c.after]
     evidence = {
         "before": BIT_KINDS.get(c.before, "none"),
@@ -180,6 +185,7 @@ def pair(log: EventLog, c: PairChange, group: int | None, limits: Mapping[str, f
     rule = f"EVENTS 3.1 {kind}"
     if c.of_split:
         rule, text = "EVENTS 3.1 born of a split", f"Targets {both} are splitting: one of them is born of the split."
+        evidence["inferred"] = c.a in inferred or c.b in inferred
     if c.jumped:
         rule = "EVENTS 3.1, ours: grouped targets that stop colliding at once are splitting for one frame"
     log.add(kind, [c.a, c.b], rule, evidence, text, [] if group is None else [group])

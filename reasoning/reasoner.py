@@ -20,19 +20,26 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from reasoning import events as tell
-from reasoning.geometry import Floats, circles_overlap_share
+from reasoning.geometry import WHOLLY, circles_overlap_share
 from reasoning.graph import GraphBook, Scene
 from reasoning.groups import GroupBook, GroupChange, HeldGroup
-from reasoning.interactions import Bond, Cluster, InteractionBook, InteractionParameters, Members, PairChange
+from reasoning.interactions import (
+    Bond,
+    Cluster,
+    InteractionBook,
+    InteractionParameters,
+    Members,
+    PairChange,
+    collision_map,
+)
 from reasoning.regions import RegionParameters, SceneBook, SceneRegions, default_regions
 from reasoning.relations import Change, Objects, RelationBook, RelationParameters
+from reasoning.rows import Rows, ghost, united
 from reasoning.shells import ShellParameters, Shells, shells
 from reasoning.transitions import GROUPED, GROUPING, SPLITTING, TransitionCounter
 from recorders.messages import (
-    NO_BLOB,
     Event,
     Graph,
     Group,
@@ -128,8 +135,9 @@ class Reasoner:
         removed = [i for i in self._last if i not in given and i not in self._leaving]
         self._leaving = self._lingering(removed)
         for i in self._leaving:
-            given[i] = _ghost(self._last[i])
-        rows = _Rows([given[i] for i in sorted(given)], self._last)
+            given[i] = ghost(self._last[i])
+        rows = Rows([given[i] for i in sorted(given)], self._last)
+        self._infer_splits(rows)
         told = {(n.kind, s) for n in targets.notices for s in n.subjects}
         self._tell_life(rows, removed, told)
         for c in self._scene.step(
@@ -162,12 +170,24 @@ class Reasoner:
         elif regions is not self._regions.message and regions != self._regions.message:
             self._regions = SceneRegions(regions, self._region)
 
+    def _infer_splits(self, rows: Rows) -> None:
+        """Who is first seen inside the region of interest and collides with an older target is born of a split."""
+        new = [k for k, i in enumerate(rows.ids) if rows.newborn[k] and i not in self._known and not rows.of_split[k]]
+        old = [k for k in range(len(rows.ids)) if rows.present[k] and not rows.newborn[k]]
+        if not (new and old and self._interaction.infer_splits):
+            return
+        collides = collision_map(rows.boxes[[*new, *old]], self._interaction.safety_margin)[: len(new), len(new) :]
+        inside = self._regions.places(rows.boxes[new]).roi == WHOLLY
+        for k, split in zip(new, (collides.any(axis=1) & inside).tolist(), strict=True):
+            rows.of_split[k] = split and rows.present[k]
+            rows.inferred += [rows.ids[k]] if rows.of_split[k] else []
+
     def _lingering(self, removed: Sequence[int]) -> list[int]:
         """Which of the ids that disappear now were JOINT or grouped, and so stay for one frame more."""
         states = self._interactions.states
         return sorted(i for i in removed if states[i] & GROUPED or any(s == "JOINT" for _, s in self._book.of(i)))
 
-    def _tell_life(self, rows: _Rows, removed: Sequence[int], told: set[tuple[str, int]]) -> None:
+    def _tell_life(self, rows: Rows, removed: Sequence[int], told: set[tuple[str, int]]) -> None:
         """Events of the tracks' own life that the tracker has not told itself."""
         for t in rows.targets:
             if t.id in self._leaving:
@@ -190,7 +210,7 @@ class Reasoner:
             if ("track_removed", i) not in told:
                 tell.life(self._log, "track_removed", self._last[i], {}, f"Target {i} is not tracked any more.")
 
-    def _relate(self, frame: int, ns: int, rows: _Rows) -> tuple[list[Change], Shells]:
+    def _relate(self, frame: int, ns: int, rows: Rows) -> tuple[list[Change], Shells]:
         shell = shells(rows.targets, self._shell)
         objects = Objects(rows.ids, shell.centres, shell.radii, rows.blobs, rows.seen, rows.present, self._leaving)
         changes = self._book.step(frame, ns, objects)
@@ -198,7 +218,7 @@ class Reasoner:
             tell.relation(self._log, c, circles_overlap_share(c.distance, c.radius_a, c.radius_b), self._margins)
         return changes, shell
 
-    def _interact(self, frame: int, ns: int, rows: _Rows, targets: Targets) -> tuple[list[PairChange], list[Wrong]]:
+    def _interact(self, frame: int, ns: int, rows: Rows, targets: Targets) -> tuple[list[PairChange], list[Wrong]]:
         book = self._interactions
         states_before = dict(book.states)
         members = Members(
@@ -208,7 +228,7 @@ class Reasoner:
         groups = self._group(frame, ns, rows, clusters)
         for c in changes:
             if c.after:
-                tell.pair(self._log, c, self._group_of_pair(c, groups), self._limits)
+                tell.pair(self._log, c, self._group_of_pair(c, groups), self._limits, rows.inferred)
         born = {i for c in changes if c.of_split for i in (c.a, c.b)}
         wrong: list[Wrong] = []
         for i, after in book.states.items():
@@ -224,14 +244,14 @@ class Reasoner:
             tell.group(self._log, g)
         return changes, wrong
 
-    def _group(self, frame: int, ns: int, rows: _Rows, clusters: Sequence[Cluster]) -> list[GroupChange]:
+    def _group(self, frame: int, ns: int, rows: Rows, clusters: Sequence[Cluster]) -> list[GroupChange]:
         splitting = [p for p, bond in self._interactions.bonds.items() if bond.bit == SPLITTING]
         entered = [
             [i, *self._interactions.partners(i, SPLITTING)]
             for i, split in zip(rows.ids, rows.of_split, strict=True)
             if split
         ]
-        return self._groups.step(frame, ns, clusters, _united(entered), splitting, rows.row)
+        return self._groups.step(frame, ns, clusters, united(entered), splitting, rows.row)
 
     def _group_of_pair(self, c: PairChange, changes: Sequence[GroupChange]) -> int | None:
         """The group that both are in; where they split and it ended for others, the one that had them both."""
@@ -244,7 +264,7 @@ class Reasoner:
     def _bonds(self) -> list[tuple[int, int, Bond]]:
         return [(a, b, self._interactions.bonds[a, b]) for a, b in sorted(self._interactions.bonds)]
 
-    def _tell_disputes(self, rows: _Rows) -> None:
+    def _tell_disputes(self, rows: Rows) -> None:
         """One event per episode in which a pair's two views contradict one another."""
         disputes: list[tuple[int, int]] = []
         for a, b, bond in self._bonds():
@@ -274,7 +294,7 @@ class Reasoner:
         for i, before, after in wrong:
             tell.forbidden(self._log, i, before, after)
 
-    def _tracks(self, rows: _Rows, shell: Shells) -> list[Track]:
+    def _tracks(self, rows: Rows, shell: Shells) -> list[Track]:
         book = self._interactions
         zones = self._scene.targets
         answer: list[Track] = []
@@ -364,37 +384,6 @@ class Reasoner:
         self._leaving = list(state["leaving"])
         self._known = set(state["known"])
         self._disputes = [(a, b) for a, b in state["disputes"]]
-
-
-class _Rows:
-    """A frame's targets as columns, ids ascending."""
-
-    def __init__(self, targets: Sequence[Target], before: Mapping[int, Target]) -> None:
-        self.targets = targets
-        self.ids = [t.id for t in targets]
-        self.row = {i: k for k, i in enumerate(self.ids)}
-        self.boxes: Floats = np.array([t.box for t in targets], np.float64).reshape(-1, 4)
-        self.blobs = [t.blob for t in targets]
-        self.seen = [t.observed for t in targets]
-        self.present = [t.present for t in targets]
-        self.newborn = [t.newborn or t.id not in before for t in targets]
-        self.of_split = [t.born_of_split and new for t, new in zip(targets, self.newborn, strict=True)]
-
-
-def _ghost(t: Target) -> Target:
-    return msgspec.structs.replace(
-        t, present=False, observed=False, mode="predicted", confidence=0.0, blob=NO_BLOB, newborn=False
-    )
-
-
-def _united(sets: Sequence[Sequence[int]]) -> list[tuple[int, ...]]:
-    """Sets that share a member become one; ascending, by the first member."""
-    whole: list[list[int]] = []
-    for s in sets:
-        apart = [w for w in whole if not set(w).intersection(s)]
-        together = [i for w in whole if set(w).intersection(s) for i in w]
-        whole = [*apart, sorted({*together, *s})]
-    return sorted(tuple(w) for w in whole)
 
 
 def _group(g: HeldGroup) -> Group:

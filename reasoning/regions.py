@@ -12,6 +12,8 @@ Rules of ours where the paper is silent:
   the border: the border is there to keep one who stands on an edge from coming and going all the time.
 - A target that was wholly outside and was not removed enters anew when it reaches the ROI.
 - A target that disappears while exiting has exited.
+- A target that disappeared within the scene and comes back wholly inside the ROI under its old identity had not left:
+  it takes up its status again. Anywhere else it enters anew.
 - Named zones ask where the target stands: the middle of its box's lower side, or its centre.
 """
 
@@ -203,6 +205,7 @@ class SceneBook:
 
     def __init__(self) -> None:
         self.targets: dict[int, Presence] = {}
+        self._away: dict[int, SceneStatus] = {}
 
     def step(
         self,
@@ -229,9 +232,13 @@ class SceneBook:
             at = int(places.roi[k]), int(places.area[k])
             held = self.targets.get(i)
             if held is None:
-                held = Presence(first_status(born_of_split[k]), time_ns, at[1] == WHOLLY, {})
+                was = self._away.pop(i, None)
+                back = was is not None and at[0] == WHOLLY
+                held = Presence(
+                    was if was is not None and back else first_status(born_of_split[k]), time_ns, at[1] == WHOLLY, {}
+                )
                 self.targets[i] = held
-                if held.status == "entering":
+                if held.status == "entering" and not back:
                     changes.append(SceneChange("entering", i, "", *at, 0))
             elif present[k] or at[1] == OUTSIDE:
                 changes += self._move(i, held, time_ns, at)
@@ -259,6 +266,8 @@ class SceneBook:
 
     def _vanish(self, i: int, ns: int, stays: bool) -> list[SceneChange]:
         held = self.targets.pop(i)
+        if held.status not in ("exiting", "outside"):
+            self._away[i] = held.status
         if stays:
             self.targets[i] = Presence("outside" if held.status == "exiting" else held.status, ns, held.been_in, {})
         why = "the track ended here"
@@ -276,9 +285,11 @@ class SceneBook:
             "targets": [
                 [i, h.status, h.since_ns, h.been_in, [[z, ns] for z, ns in sorted(h.zones.items())]]
                 for i, h in sorted(self.targets.items())
-            ]
+            ],
+            "away": [[i, status] for i, status in sorted(self._away.items())],
         }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continue from what `state` gave."""
         self.targets = {i: Presence(s, ns, been, dict(z)) for i, s, ns, been, z in state["targets"]}
+        self._away = dict(state["away"])

@@ -158,7 +158,67 @@ def test_one_who_comes_back_later_is_recovered_under_its_id():
         ["track_confirmed", "entering"],
         ["track_removed"],
         [],
+        ["track_recovered"],
+    ], "it had not left the scene, so it does not enter anew"
+
+
+def test_one_who_left_enters_anew():
+    _, answers = run([[person(1, 100)], [person(1, 100)], [person(1, -8)], [], [person(1, 120)]])
+    assert [[e.kind for e in a.events] for a in answers] == [
+        ["track_confirmed", "entering"],
+        ["entered"],
+        ["exiting"],
+        ["track_removed", "exited"],
         ["track_recovered", "entering"],
+    ]
+
+
+def test_one_who_leaves_from_within_a_group_exits_in_the_frame_of_its_end():
+    pair = [person(1, -4, 7), person(2, 8, 7)]
+    inside = [person(1, 10, 7), person(2, 22, 7)]
+    _, answers = run([inside, inside, pair, pair[1:], pair[1:]])
+    assert [(e.kind, e.subjects) for e in answers[3].events][:3] == [
+        ("track_removed", [1]),
+        ("exited", [1]),
+        ("separated", [1, 2]),
+    ]
+    assert [e.kind for e in answers[4].events] == ["interaction_ended", "single", "group_ended"]
+
+
+def test_who_appears_beside_another_within_the_scene_is_born_of_a_split():
+    _, answers = run(
+        [[person(1, 100)], [person(1, 100)], [person(1, 96), person(2, 120)], [person(1, 90), person(2, 126)]]
+    )
+    told = {e.kind: e for e in answers[2].events}
+    assert set(told) == {"track_confirmed", "interaction_started", "splitting", "group_entered_scene"}
+    assert told["splitting"].evidence["inferred"]
+    group = answers[2].groups.groups[0]
+    assert (group.members, group.entered_as_one, group.formed_from) == ([1, 2], True, [])
+
+
+def test_a_group_names_whom_the_ones_before_it_had():
+    def three(b, c):
+        return [person(1, 100, 7), person(2, 112, b), person(3, 124, c)]
+
+    _, answers = run([three(8, 9), three(7, 9), three(7, 7)])
+    group = answers[2].groups.groups[0]
+    assert (group.members, group.formed_from, group.former_members) == ([1, 2, 3], [1], [[1, 2]])
+
+
+def test_a_relation_says_since_when_they_have_met_and_been_partners():
+    pairs = [(100, 160), (100, 150), (110, 140), (110, 138), (112, 126)]
+    frames = [[person(1, a), person(2, b)] for a, b in pairs]
+    frames[4] = [person(1, 112, 7), person(2, 126, 7)]
+    _, answers = run(frames)
+    rows = [
+        [(r.state, r.since_frame, r.met_frame, r.partners_since_frame) for r in a.relations.relations] for a in answers
+    ]
+    assert rows == [
+        [],
+        [("INTERACTION", 1, 1, None)],
+        [("INTERACTION", 1, 1, 2)],
+        [("INTERACTION", 1, 1, 2)],
+        [("JOINT", 4, 1, 4)],
     ]
 
 

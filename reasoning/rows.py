@@ -1,0 +1,44 @@
+"""A frame's targets as columns, and the small transformations of them that the reasoner needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import msgspec
+import numpy as np
+
+from reasoning.geometry import Floats
+from recorders.messages import NO_BLOB, Target
+
+
+class Rows:
+    """A frame's targets as columns, ids ascending."""
+
+    def __init__(self, targets: Sequence[Target], before: Mapping[int, Target]) -> None:
+        self.targets = targets
+        self.ids = [t.id for t in targets]
+        self.row = {i: k for k, i in enumerate(self.ids)}
+        self.boxes: Floats = np.array([t.box for t in targets], np.float64).reshape(-1, 4)
+        self.blobs = [t.blob for t in targets]
+        self.seen = [t.observed for t in targets]
+        self.present = [t.present for t in targets]
+        self.newborn = [t.newborn or t.id not in before for t in targets]
+        self.of_split = [t.born_of_split and new for t, new in zip(targets, self.newborn, strict=True)]
+        self.inferred: list[int] = []
+
+
+def ghost(t: Target) -> Target:
+    """A target in the frame after its last: at its place, neither present nor observed."""
+    return msgspec.structs.replace(
+        t, present=False, observed=False, mode="predicted", confidence=0.0, blob=NO_BLOB, newborn=False
+    )
+
+
+def united(sets: Sequence[Sequence[int]]) -> list[tuple[int, ...]]:
+    """Sets that share a member become one; ascending, by the first member."""
+    whole: list[list[int]] = []
+    for s in sets:
+        apart = [w for w in whole if not set(w).intersection(s)]
+        together = [i for w in whole if set(w).intersection(s) for i in w]
+        whole = [*apart, sorted({*together, *s})]
+    return sorted(tuple(w) for w in whole)
