@@ -168,6 +168,11 @@ def _wrong(record: FrameRecord, link: str, facts: Facts, frames: int) -> tuple[D
             f"{len(record.digests)} digests at {record.time_ns} ns: frames were altered, removed or moved",
         )
     d = record.digest
+    expected_frame = facts.first_frame + frames
+    if d.frame != expected_frame:
+        then, now = ("a frame", "none") if d.frame > expected_frame else (f"frame {expected_frame}", f"frame {d.frame}")
+        reason = "frames were altered, removed or moved after the replay"
+        return Difference(min(d.frame, expected_frame), "frames", "", then, now), reason
     if record.recorded is not None and record.recorded != d.recorded:
         difference = Difference(d.frame, "recorded messages", "digest", d.recorded[:16], record.recorded[:16])
         return difference, f"the recorded messages of frame {d.frame} were altered after the replay"
@@ -180,7 +185,7 @@ def _wrong(record: FrameRecord, link: str, facts: Facts, frames: int) -> tuple[D
     expected = digest.link(link, d.frame, record.time_ns, d.recorded, d.channels)
     if expected != d.link:
         difference = Difference(d.frame, "digest", "link", d.link[:16], expected[:16])
-        return difference, "the chain is broken: frames were altered, removed or moved"
+        return difference, "the chain is broken: frames were altered, removed or moved after the replay"
     return None
 
 

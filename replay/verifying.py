@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from recorders import channels
-from recorders.errors import UsageError
+from recorders.errors import RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
 from recorders.scene import SceneLog
@@ -96,9 +96,9 @@ def _verdict(
 ) -> Verification:
     difference = changed or effect or chain.difference
     if changed is None and effect is not None and chain.difference is not None:
-        # The chain's difference has digests for values; the replay's has the values themselves.
-        earlier = WHOLE < chain.difference.frame < effect.frame
-        difference = chain.difference if earlier else effect
+        # The chain's difference has digests for values; the replay's has the values themselves. What belongs to no
+        # frame (an altered configuration) is the cause of what differs in frames.
+        difference = chain.difference if chain.difference.frame < effect.frame else effect
     if difference is not None and not reasons:
         reasons = [
             "none is known: recording, configuration and packages are as they were; the code changed without its "
@@ -214,7 +214,11 @@ class _States:
         if self.difference is not None or name not in self._known:
             return
         for attachment in self._log.attachments([name]):
-            then = checkpoint.decode(attachment.data, str(self._log.path))
+            try:
+                then = checkpoint.decode(attachment.data, str(self._log.path))
+            except RecordingError as e:
+                self.difference = Difference(made.frame, name, "", f"a state ({e.reason})", "another")
+                return
             for part in ("tracker_state", "reasoner_state"):
                 a, b = (checkpoint.encode_state(getattr(c, part)) for c in (then, made))
                 if a != b:

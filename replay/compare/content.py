@@ -46,6 +46,8 @@ class Lasting:
 class Content:
     """One log's tracks, events, relations and groups.
 
+    Frames are counted by their place among the frames of both logs; `number` gives the recording's own count.
+
     Attributes:
         frames: which frames there are.
         tracks: in which frames each track is present.
@@ -60,40 +62,55 @@ class Content:
     relations: list[Lasting] = field(default_factory=list)
     groups: list[Lasting] = field(default_factory=list)
     origin_ns: int = 0
+    _places: array[int] = field(default_factory=lambda: array("q"))
     _numbers: array[int] = field(default_factory=lambda: array("q"))
     _times: array[int] = field(default_factory=lambda: array("q"))
     _alive: dict[tuple[str, str], Lasting] = field(default_factory=dict)
 
+    def _at(self, frame: int) -> int:
+        """Where a frame is, or the next one where it is not there."""
+        return min(bisect_left(self._places, frame), len(self._places) - 1)
+
     def time_ns(self, frame: int) -> int:
         """A frame's log time; of a frame that is not there, that of the next one."""
-        at = min(bisect_left(self._numbers, frame), len(self._times) - 1)
-        return self._times[at] if self._times else 0
+        return self._times[self._at(frame)] if self._times else 0
+
+    def number(self, frame: int) -> int:
+        """A frame's number in its log; of a frame that is not there, that of the next one."""
+        return self._numbers[self._at(frame)] if self._numbers else 0
+
+    def place(self, number: int) -> int:
+        """A frame's place by its number in its log."""
+        at = min(bisect_left(self._numbers, number), len(self._places) - 1)
+        return self._places[at] if self._places else 0
 
     def seconds(self, frame: int) -> float:
         """A frame's time in seconds from the recording's start."""
         return (self.time_ns(frame) - self.origin_ns) / NANOS if self._times else 0.0
 
-    def add(self, frame: AnnotatedFrame) -> None:
-        """Take the next frame in."""
-        k = frame.index
-        self._numbers.append(k)
+    def add(self, k: int, frame: AnnotatedFrame) -> None:
+        """Take the next frame in, which is the k-th of both logs together."""
+        # A frame that only the other log has interrupts nothing.
+        gap = k - self._places[-1] if self._places else 1
+        self._places.append(k)
+        self._numbers.append(frame.index)
         self._times.append(frame.time_ns)
         extend(self.frames, k)
         for track in frame.tracks:
             if track.present:
-                extend(self.tracks.setdefault(track.id, []), k)
+                extend(self.tracks.setdefault(track.id, []), k, gap)
         for e in frame.events:
             whole = msgspec.json.encode(e)
-            self.events.append(Happening(e.id, e.kind, tuple(e.subjects), tuple(e.groups), k, e.time_ns, whole))
+            self.events.append(Happening(e.id, e.kind, tuple(e.subjects), tuple(e.groups), k, frame.time_ns, whole))
         for edge in frame.relations:
-            self._last("relation", f"{edge.a} {edge.b} {edge.state}", edge.state, (edge.a, edge.b), k)
+            self._last("relation", f"{edge.a} {edge.b} {edge.state}", edge.state, (edge.a, edge.b), k, gap)
         for group in frame.groups:
             members = tuple(sorted(group.members))
-            self._last("group", f"{group.label} {members}", str(group.label), members, k)
+            self._last("group", f"{group.label} {members}", str(group.label), members, k, gap)
 
-    def _last(self, what: str, key: str, label: str, members: tuple[int, ...], frame: int) -> None:
+    def _last(self, what: str, key: str, label: str, members: tuple[int, ...], frame: int, gap: int) -> None:
         alive = self._alive.get((what, key))
-        if alive is not None and alive.last == frame - 1:
+        if alive is not None and frame - alive.last <= gap:
             alive.last = frame
             return
         self._alive[what, key] = alive = Lasting(label, members, frame, frame)

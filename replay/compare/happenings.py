@@ -86,7 +86,7 @@ class Happenings:
         details: dict[str, Any] = {"kind": kind, "event_a": a.id, "event_b": b.id}
         if a.frame != b.frame:
             text = f"{who} {words.verb(kind, one)} at {tb:.2f} s, no longer at {ta:.2f} s"
-            details |= {"frame_a": a.frame, "frame_b": b.frame}
+            details |= {"frame_a": self.a.number(a.frame), "frame_b": self.b.number(b.frame)}
             yield Difference("event", "moved", min(a.frame, b.frame), min(ta, tb), list(subjects), text, details)
         elif self._strict and a.whole != b.whole:
             found = self._unequal_events(a, b)
@@ -146,6 +146,9 @@ class Happenings:
         for key in [*left, *(k for k in right if k not in left)]:
             lives = left.get(key) or right.get(key) or []
             if lives:
+                for side in (left, right):
+                    if key in side:
+                        side[key] = _joined(side[key])
                 words_for = name(key[0], self.names(key[1]), lives)
                 if not left.get(key) and not by_label:
                     words_for = words_for.replace("group ", "B's group ", 1)
@@ -155,6 +158,10 @@ class Happenings:
         """What of it lies in the frames that both logs have: where one log ends is no difference."""
         spans = intersect([(life.first, life.last)], self._shared)
         return [Lasting(life.label, life.members, spans[0][0], spans[-1][1])] if spans else []
+
+    @staticmethod
+    def _numbers_of(content: Content, life: Lasting) -> list[int]:
+        return [content.number(life.first), content.number(life.last)]
 
     def _spans(
         self, what: str, name: str, members: tuple[int, ...], ours: list[Lasting], theirs: list[Lasting]
@@ -167,20 +174,31 @@ class Happenings:
             if (a.first, a.last) != (b.first, b.last):
                 then = f"{self.a.seconds(a.first):.2f} to {self.a.seconds(a.last):.2f} s"
                 now = f"{self.b.seconds(b.first):.2f} to {self.b.seconds(b.last):.2f} s"
-                frame = min(a.first, b.first) if a.first != b.first else min(a.last, b.last)
-                details = {"a": [a.first, a.last], "b": [b.first, b.last]}
+                frame = min(a.first, b.first) if a.first != b.first else min(a.last, b.last) + 1
+                details = {"a": self._numbers_of(self.a, a), "b": self._numbers_of(self.b, b)}
                 text = f"{name}: now from {now}, no longer from {then}"
                 yield Difference(what, "moved", frame, self.a.seconds(frame), subjects, text, details)
         for i in lost:
             a = ours[i]
             t, end = self.a.seconds(a.first), self.a.seconds(a.last)
             text = f"{name}: no longer from {t:.1f} to {end:.1f} s"
-            yield Difference(what, "vanished", a.first, t, subjects, text, {"a": [a.first, a.last]})
+            yield Difference(what, "vanished", a.first, t, subjects, text, {"a": self._numbers_of(self.a, a)})
         for j in new:
             b = theirs[j]
             t, end = self.b.seconds(b.first), self.b.seconds(b.last)
             text = f"{name}: now from {t:.1f} to {end:.1f} s"
-            yield Difference(what, "appeared", b.first, t, subjects, text, {"b": [b.first, b.last]})
+            yield Difference(what, "appeared", b.first, t, subjects, text, {"b": self._numbers_of(self.b, b)})
+
+
+def _joined(lives: list[Lasting]) -> list[Lasting]:
+    """Intervals that follow one another are one: only a number changed between them."""
+    out: list[Lasting] = []
+    for life in sorted(lives, key=lambda one: one.first):
+        if out and life.first <= out[-1].last + 1:
+            out[-1] = Lasting(out[-1].label, out[-1].members, out[-1].first, max(out[-1].last, life.last))
+        else:
+            out.append(life)
+    return out
 
 
 def _leaves(x: Any, y: Any, place: str) -> Iterator[tuple[str, Any, Any]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from replay.trackers.association import assign, iou
 
 MATCH_IOU = 0.5
 _HABIT = 0.05
-# A stretch on another's place that is shorter than this, with the own partner around it, is a crossing, not a change.
+# A stretch on another's place that is shorter than this, beside longer ones, is a crossing, not a change.
 SHORTEST_CHANGE = 5
 DISCRETE = ("mode", "grouping", "grouped", "splitting", "scene", "zones", "hidden_parts")
 VALUES = ("ellipse", "velocity", "shell_radius", "confidence", "observed", "blob", *DISCRETE)
@@ -77,23 +78,24 @@ class Matching:
         self.edges: dict[tuple[tuple[int, int], tuple[int, int]], dict[str, Change]] = {}
         self.partner: dict[int, int] = {}
         self.back: dict[int, int] = {}
+        self._runs_of_a: dict[int, list[Run]] = {}
         self._runs_of_b: dict[int, list[Run]] = {}
 
-    def add(self, a: AnnotatedFrame, b: AnnotatedFrame) -> None:
-        """Compare one frame."""
+    def add(self, k: int, a: AnnotatedFrame, b: AnnotatedFrame) -> None:
+        """Compare one frame that both logs have, the k-th of both together."""
         left = [t for t in a.tracks if t.present]
         right = [t for t in b.tracks if t.present]
         now: dict[int, int] = {}
         for i, j in self._frame_pairs(left, right):
             now[left[i].id] = right[j].id
-            self._take(a.index, left[i], right[j])
+            self._take(k, left[i], right[j])
         self._before = set(now.items())
         if self._tolerance_px == 0 and a.relations != b.relations:
             theirs = {tuple(sorted((edge.a, edge.b))): edge for edge in b.relations}
             for edge in a.relations:
                 at = tuple(sorted((now.get(edge.a, -1), now.get(edge.b, -1))))
                 if at in theirs and theirs[at].state == edge.state:
-                    self._take_edge(a.index, edge, theirs[at])
+                    self._take_edge(k, edge, theirs[at])
 
     def _frame_pairs(self, left: Sequence[Track], right: Sequence[Track]) -> list[tuple[int, int]]:
         places: dict[Any, list[int]] = {}
@@ -146,31 +148,27 @@ class Matching:
                 self.partner[ids_a[i]] = ids_b[j]
         self.partner = dict(sorted(self.partner.items()))
         self.back = {b: a for a, b in self.partner.items()}
-        runs: dict[int, list[Run]] = {}
-        for (a, b), pair in self.pairs.items():
-            runs.setdefault(b, []).extend(Run(first, last, a, b) for first, last in pair.spans)
-        self._runs_of_b = {b: self._cleaned(b, found) for b, found in sorted(runs.items())}
+        by_a: dict[int, list[Run]] = {}
+        by_b: dict[int, list[Run]] = {}
+        for (a, b), pair in sorted(self.pairs.items()):
+            runs = [Run(first, last, a, b) for first, last in pair.spans]
+            by_a.setdefault(a, []).extend(runs)
+            by_b.setdefault(b, []).extend(runs)
+        self._runs_of_a = {a: _cleaned(found) for a, found in sorted(by_a.items())}
+        self._runs_of_b = {b: _cleaned(found) for b, found in sorted(by_b.items())}
 
-    def _cleaned(self, b: int, runs: list[Run]) -> list[Run]:
-        own = self.back.get(b)
-        kept: list[Run] = []
-        for run in sorted(runs, key=lambda r: r.first):
-            if run.a != own and own is not None and run.last - run.first + 1 < SHORTEST_CHANGE:
-                continue
-            if kept and kept[-1].a == run.a:
-                run = Run(kept.pop().first, run.last, run.a, b)  # noqa: PLW2901 - two runs become one
-            kept.append(run)
-        return kept
+    def changes(self) -> Iterator[tuple[Run, Run]]:
+        """Where a track of A goes on as another one of B, or one of B as another one of A: the runs before and after.
 
-    def changes(self) -> Iterator[tuple[Run, int]]:
-        """Where a track of B lies on another track of A than its partner: each pair once, and in how many frames."""
-        for b, runs in self._runs_of_b.items():
-            first: dict[int, Run] = {}
-            for run in runs:
-                if run.a != self.back.get(b):
-                    first.setdefault(run.a, run)
-            for a, run in first.items():
-                yield run, self.pairs[a, b].frames
+        A change that both sides see is told once, as A's.
+        """
+        for runs in self._runs_of_a.values():
+            yield from pairwise(runs)
+        for runs in self._runs_of_b.values():
+            for before, after in pairwise(runs):
+                ends, begins = self._runs_of_a[before.a][-1], self._runs_of_a[after.a][0]
+                if ends.b == before.b and begins.b == after.b:
+                    yield before, after
 
     def translated(self, b: int, frame: int) -> int:
         """A track of B by its number in A: whom it lies on then; a negative number for one that A has not."""
@@ -178,6 +176,18 @@ class Matching:
         if not runs:
             return -1 - b
         return next((run.a for run in reversed(runs) if run.first <= frame), runs[0].a)
+
+
+def _cleaned(runs: list[Run]) -> list[Run]:
+    """A track's runs in order, without those that are too short to count beside longer ones, joined where the same."""
+    long = [run for run in runs if run.last - run.first + 1 >= SHORTEST_CHANGE]
+    kept: list[Run] = []
+    for run in sorted(long or runs, key=lambda r: (r.first, r.a, r.b)):
+        if kept and (kept[-1].a, kept[-1].b) == (run.a, run.b):
+            kept[-1] = Run(kept[-1].first, run.last, run.a, run.b)
+        else:
+            kept.append(run)
+    return kept
 
 
 def _boxes(tracks: Sequence[Track]) -> np.ndarray:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
-from replay.annotated import AnnotatedLog
+from replay.annotated import AnnotatedFrame, AnnotatedLog
 from replay.compare.content import Content
 from replay.compare.difference import Comparison, Difference
 from replay.compare.happenings import Happenings
@@ -62,7 +62,7 @@ def compare(
         return Comparison(str(a), str(b), True, raw.frames, {}, [], made)
     contents = Content(), Content()
     matching = Matching(options.tolerance_px)
-    _read(a, b, facts, contents, matching, limits)
+    _read(a, b, facts, contents, matching, limits, by_time=raw.frames > 0)
     comparer = _Comparer(*contents, matching, options, raw)
     found = comparer.all()
     return Comparison(str(a), str(b), False, count(comparer.shared), matching.partner, found, made)
@@ -70,26 +70,31 @@ def compare(
 
 def _read(
     a: str | Path, b: str | Path, facts: tuple[Facts, Facts], contents: tuple[Content, Content], matching: Matching,
-    limits: Limits,
+    limits: Limits, by_time: bool,
 ) -> None:  # fmt: skip
+    """Read both logs side by side: frames of one time belong together, or of one number where no time is common."""
+
+    def key(frame: AnnotatedFrame) -> int:
+        return frame.time_ns if by_time else frame.index
+
     with AnnotatedLog(a, facts[0].camera, limits) as left, AnnotatedLog(b, facts[1].camera, limits) as right:
-        ours, theirs = left.frames(_READ), right.frames(_READ)
-        x, y = next(ours, None), next(theirs, None)
-        while x is not None or y is not None:
-            both = x is not None and y is not None and x.index == y.index
-            if both:
-                assert x is not None
-                assert y is not None
-                matching.add(x, y)
-            first = x is not None and (y is None or x.index <= y.index)
-            if y is not None and (both or not first):
-                contents[1].add(y)
-                y = next(theirs, None)
-            if x is not None and first:
-                contents[0].add(x)
-                x = next(ours, None)
         for content, log in zip(contents, (left, right), strict=True):
             content.origin_ns = log.start_ns
+        ours, theirs = left.frames(_READ), right.frames(_READ)
+        x, y = next(ours, None), next(theirs, None)
+        place = 0
+        while x is not None or y is not None:
+            take_x = x is not None and (y is None or key(x) <= key(y))
+            take_y = y is not None and (x is None or key(y) <= key(x))
+            if x is not None and y is not None and take_x and take_y:
+                matching.add(place, x, y)
+            if x is not None and take_x:
+                contents[0].add(place, x)
+                x = next(ours, None)
+            if y is not None and take_y:
+                contents[1].add(place, y)
+                y = next(theirs, None)
+            place += 1
     matching.finish()
 
 
@@ -130,7 +135,13 @@ class _Comparer:
             found += self._edge_values({(d.what, *d.subjects) for d in found if d.what == "relation"})
             found += self._recording()
             found += self._messages(found)
-        return sorted(found, key=lambda d: (d.frame, d.what, d.change, d.subjects, d.text))
+        found.sort(key=lambda d: (d.frame, d.what, d.change, d.subjects, d.text))
+        return [replace(d, frame=self._number(d)) for d in found]
+
+    def _number(self, d: Difference) -> int:
+        """A difference's frame as the log counts it in which it is to be seen: B for what is only there."""
+        content = self.b if d.what == "frames" and d.change == "appeared" else self.a
+        return content.number(d.frame) if content.frames else self.b.number(d.frame)
 
     # -- frames and tracks -----------------------------------------------------------------------------------------
 
@@ -139,7 +150,8 @@ class _Comparer:
             alone = subtract(content.frames, other.frames)
             if alone:
                 first, n = alone[0][0], count(alone)
-                text = f"{n} frame{'s are' if n > 1 else ' is'} in {name} only, from frame {first} to {alone[-1][1]}"
+                span = f"from frame {content.number(first)} to {content.number(alone[-1][1])}"
+                text = f"{n} frame{'s are' if n > 1 else ' is'} in {name} only, {span}"
                 yield Difference("frames", change, first, content.seconds(first), [], text, {"frames": n})
 
     def _tracks(self) -> Iterator[Difference]:
@@ -216,16 +228,14 @@ class _Comparer:
         return Difference(what, "changed", first.first, t, subjects, text, details)
 
     def _identities(self) -> Iterator[Difference]:
-        for run, frames in self.matching.changes():
-            t = self.a.seconds(run.first)
-            own, partner = self.matching.back.get(run.b), self.matching.partner.get(run.a)
-            text = (
-                f"track {run.a} becomes B's track {run.b} at {t:.1f} s, for {frames} frame{'s' if frames > 1 else ''}"
-            )
-            text += f"; else it is B's {partner}" if partner is not None else ""
-            text += f"; B's {run.b} is else track {own}" if own is not None else ""
-            details = {"track_b": run.b, "own": own, "partner": partner, "frames": frames}
-            yield Difference("identity", "changed", run.first, t, [run.a], text, details)
+        for before, after in self.matching.changes():
+            t = self.a.seconds(after.first)
+            if before.a == after.a:
+                text = f"track {after.a} is B's track {after.b} from {t:.1f} s on, B's track {before.b} before"
+            else:
+                text = f"B's track {after.b} is track {after.a} from {t:.1f} s on, track {before.a} before"
+            details = {"a": [before.a, after.a], "b": [before.b, after.b]}
+            yield Difference("identity", "changed", after.first, t, sorted({before.a, after.a}), text, details)
 
     # -- what only bytes show --------------------------------------------------------------------------------------
 
@@ -243,7 +253,8 @@ class _Comparer:
                 f"the recorded messages differ in {n} frame{'s' if n > 1 else ''}: another recording, or an altered one"
             )
             details = {"frames": n, "a": first.a, "b": first.b}
-            yield Difference("recording", "changed", first.frame, self.a.seconds(first.frame), [], text, details)
+            place = self.a.place(first.frame)
+            yield Difference("recording", "changed", place, self.a.seconds(place), [], text, details)
 
     def _messages(self, found: list[Difference]) -> Iterator[Difference]:
         """Channels whose bytes differ where nothing above says so. Other track numbers alone change bytes, too."""
@@ -254,10 +265,11 @@ class _Comparer:
         kinds = {d.what for d in found}
         for name, first in self.raw.channels.items():
             shown_as = _SHOWN_AS.get(name)
-            covered = explained is not None and explained <= first.frame
+            place = self.a.place(first.frame)
+            covered = explained is not None and explained <= place
             if name == RECORDING or (kinds & set(shown_as) if shown_as else covered):
                 continue
-            n, t = first.frames, self.a.seconds(first.frame)
+            n, t = first.frames, self.a.seconds(place)
             text = f"channel {name}: {first.field} {first.b}, not {first.a}; in {n} frame{'s' if n > 1 else ''}"
             details = {"channel": name, "field": first.field, "a": first.a, "b": first.b, "frames": n}
-            yield Difference("message", "changed", first.frame, t, [], text, details)
+            yield Difference("message", "changed", place, t, [], text, details)

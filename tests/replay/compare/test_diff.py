@@ -1,0 +1,227 @@
+"""Differences by meaning: numbers of tracks are none, what happens otherwise is told in words."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from fixtures.plants import copy_log
+from recorders import channels
+from recorders.errors import RecordingError
+from replay.cli import main
+from replay.compare import CompareOptions, compare
+from replay.compare.happenings import nearest
+
+SHIFT = 7
+_TRACK_FIELDS = ("id", "a", "b")
+_LISTS = ("subjects", "members", "grouping_partners", "grouped_partners", "splitting_partners", "partners_before")
+
+
+def renumbered(value: Any, number: Callable[[int], int]) -> Any:
+    """A JSON message with every track's number changed, and groups' labels by 100, as another replay numbers them."""
+    if isinstance(value, list):
+        return [renumbered(v, number) for v in value]
+    if not isinstance(value, dict):
+        return value
+    out = {}
+    for key, v in value.items():
+        if key in _TRACK_FIELDS and isinstance(v, int) and "kind" not in value:
+            out[key] = number(v)
+        elif key in _LISTS:
+            out[key] = sorted(number(i) for i in v)
+        elif key in ("group", "label") and isinstance(v, int):
+            out[key] = v + 100
+        elif key == "groups" and v and isinstance(v[0], int):
+            out[key] = [i + 100 for i in v]
+        elif key == "text":
+            out[key] = re.sub(r"\d+", lambda m: str(number(int(m[0]))), v)
+        else:
+            out[key] = renumbered(v, number)
+    return out
+
+
+def write_renumbered(source: Path, out: Path, number: Callable[[int], int]) -> Path:
+    def edit(message: Any) -> bytes:
+        name = channels.split(message.topic)[1]
+        if name not in ("tracks", "relations", "groups", "events"):
+            return message.data
+        made = renumbered(msgspec.json.decode(message.data), number)
+        if name == "tracks":
+            made["tracks"].sort(key=lambda t: t["id"])
+        for edge in made.get("relations", []):
+            edge["a"], edge["b"] = sorted((edge["a"], edge["b"]))
+        return msgspec.json.encode(made)
+
+    copy_log(source, out, edit)
+    return out
+
+
+@pytest.mark.parametrize("number", [lambda i: i + SHIFT, lambda i: 50 - i, lambda i: {1: 2, 2: 3, 3: 1}.get(i, i)],
+                         ids=["shifted", "reversed", "permuted"])  # fmt: skip
+def test_other_numbers_are_no_difference(trusted: Path, tmp_path: Path, number: Callable[[int], int]) -> None:
+    a = trusted / "annotated.mcap"
+    found = compare(a, write_renumbered(a, tmp_path / "b.mcap", number))
+    assert not found.identical
+    assert found.equal, found.lines()
+    assert found.tracks == {1: number(1), 2: number(2), 3: number(3)}
+    assert "equal in meaning" in found.lines()[0]
+
+
+def test_identities_swapped_on_the_way_are_one_difference_each(trusted: Path, tmp_path: Path) -> None:
+    """From frame 40 on tracks 1 and 2 change their names: who they are differs, what happens does not."""
+    swap = {1: 2, 2: 1}
+
+    def edit(message: Any) -> bytes:
+        name = channels.split(message.topic)[1]
+        value = msgspec.json.decode(message.data) if name in ("tracks", "relations", "groups", "events") else {}
+        if value.get("frame", 0) < 40:
+            return message.data
+        made = renumbered(value, lambda i: swap.get(i, i))
+        if name == "tracks":
+            made["tracks"].sort(key=lambda t: t["id"])
+        for edge in made.get("relations", []):
+            edge["a"], edge["b"] = sorted((edge["a"], edge["b"]))
+        return msgspec.json.encode(made)
+
+    copy_log(trusted / "annotated.mcap", tmp_path / "b.mcap", edit)
+    found = compare(trusted / "annotated.mcap", tmp_path / "b.mcap", CompareOptions(0.5))
+    identities = [d for d in found.differences if d.what == "identity"]
+    assert [(d.frame, d.subjects, d.text) for d in identities] == [
+        (40, [1], "track 1 is B's track 2 from 1.6 s on, B's track 1 before"),
+        (40, [2], "track 2 is B's track 1 from 1.6 s on, B's track 2 before"),
+    ]
+    assert {d.what for d in found.differences} <= {"identity", "track"}, found.lines()
+
+
+def test_a_track_that_is_cut_in_two_is_a_change_of_identity(trusted: Path, tmp_path: Path) -> None:
+    a = trusted / "annotated.mcap"
+
+    def cut(message: Any) -> bytes:
+        name = channels.split(message.topic)[1]
+        value = msgspec.json.decode(message.data) if name in ("tracks", "relations", "groups", "events") else {}
+        if value.get("frame", 0) < 60:
+            return message.data
+        return msgspec.json.encode(renumbered(value, lambda i: 30 if i == 2 else i))
+
+    copy_log(a, tmp_path / "b.mcap", cut)
+    there = compare(a, tmp_path / "b.mcap", CompareOptions(0.5))
+    texts = [d.text for d in there.differences if d.what == "identity"]
+    assert texts == ["track 2 is B's track 30 from 2.4 s on, B's track 2 before"]
+    assert not [d for d in there.differences if d.what in ("event", "group", "relation")], there.lines()
+    back = compare(tmp_path / "b.mcap", a, CompareOptions(0.5))
+    texts = [d.text for d in back.differences if d.what == "identity"]
+    assert texts == ["B's track 2 is track 30 from 2.4 s on, track 2 before"]
+
+
+@pytest.fixture(scope="module")
+def other(trusted: Path, told: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same scene with wider safety areas: grouping begins earlier, splits end later."""
+    out = tmp_path_factory.mktemp("other") / "other.mcap"
+    return told(trusted / "scene.mcap", out, "interactions.safety_margin=0.6")
+
+
+def test_another_configuration_is_told_in_words(trusted: Path, other: Path) -> None:
+    found = compare(trusted / "annotated.mcap", other)
+    assert found.made == ["parameter: interactions.safety_margin = 0.6, not 0.25"]
+    lines = "\n".join(found.lines())
+    assert re.search(r"event +moved +tracks 1 and 2 are grouping at \d\.\d\d s, no longer at \d\.\d\d s", lines), lines
+    assert found.tracks == {t: t for t in found.tracks}
+    assert {d.what for d in found.differences} <= {"event", "track", "relation", "group"}
+    assert [d.frame for d in found.differences] == sorted(d.frame for d in found.differences)
+    back = compare(other, trusted / "annotated.mcap")
+    assert len(back.differences) == len(found.differences)
+
+
+def test_an_event_that_is_gone_and_one_that_is_new(trusted: Path, tmp_path: Path) -> None:
+    a = trusted / "annotated.mcap"
+
+    def edit(message: Any) -> bytes | None:
+        return None if channels.split(message.topic)[1] == "events" and b'"splitting"' in message.data else message.data
+
+    copy_log(a, tmp_path / "b.mcap", edit)
+    gone = compare(a, tmp_path / "b.mcap", CompareOptions(1.0))
+    assert {(d.what, d.change) for d in gone.differences} == {("event", "vanished")}
+    assert re.fullmatch(r"group \d+ \(tracks \d and \d\) no longer splits at \d+\.\d s", gone.differences[0].text)
+    new = compare(tmp_path / "b.mcap", a, CompareOptions(1.0))
+    assert re.fullmatch(r"group \d+ of B \(tracks \d and \d\) now splits at \d+\.\d s", new.differences[0].text)
+
+
+def test_a_span_against_the_whole(trusted: Path, told: Any, tmp_path: Path) -> None:
+    span = {"from_ns": 1_000_000_000, "to_ns": 3_000_000_000, "annotations_only": True}
+    told(trusted / "scene.mcap", tmp_path / "span.mcap", **span)
+    found = compare(trusted / "annotated.mcap", tmp_path / "span.mcap")
+    assert [(d.what, d.change, d.frame) for d in found.differences] == [
+        ("frames", "vanished", 0),
+    ], found.lines()
+    assert found.differences[0].details == {"frames": 150}
+    shared = compare(trusted / "annotated.mcap", tmp_path / "span.mcap", CompareOptions(only_shared=True))
+    assert shared.equal
+    assert shared.frames == 50
+
+
+def test_an_annotation_without_a_track(trusted: Path, tmp_path: Path) -> None:
+    copy_log(
+        trusted / "annotated.mcap",
+        tmp_path / "empty.mcap",
+        lambda m: re.sub(rb'"tracks":\[.*\]', b'"tracks":[]', m.data) if m.topic.endswith("/tracks") else m.data,
+    )
+    found = compare(trusted / "annotated.mcap", tmp_path / "empty.mcap")
+    assert [d.subjects for d in found.differences if d.what == "track"] == [[1], [2], [3]]
+    assert compare(tmp_path / "empty.mcap", tmp_path / "empty.mcap").identical
+    back = compare(tmp_path / "empty.mcap", trusted / "annotated.mcap")
+    assert {d.change for d in back.differences if d.what == "track"} == {"appeared"}
+
+
+def test_the_command(trusted: Path, other: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    a = str(trusted / "annotated.mcap")
+    assert main(["diff", a, a]) == 0
+    assert capsys.readouterr().out == "identical: 200 frames\n"
+    assert main(["diff", a, str(other), "--json"]) == 4
+    plain = json.loads(capsys.readouterr().out)
+    assert plain["equal"] is False
+    assert plain["differences"][0].keys() == {"what", "change", "frame", "t", "subjects", "text", "details"}
+    assert sum(plain["counts"].values()) == len(plain["differences"])
+    page = tmp_path / "diff.html"
+    assert main(["diff", a, str(other), "--html", str(page)]) == 4
+    html = page.read_text(encoding="utf-8")
+    assert html.count("data:image/jpeg;base64,") >= 4
+    assert not re.search(r"""(src|href)=["'](?!data:)""", html), "the page must open offline"
+    assert "interactions.safety_margin = 0.6, not 0.25" in html
+    assert main(["diff", a, str(other), "--html", str(page)]) == 1
+    assert "exists already" in capsys.readouterr().err
+    assert main(["diff", a, a, "--tolerance", "-1"]) == 2
+    assert main(["diff", a, a, "--time-tolerance", "nan"]) == 2
+
+
+def test_replay_against(trusted: Path, by_events: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, a = str(trusted / "scene.mcap"), str(by_events)
+    assert main(["replay", scene, "--against", a]) == 0
+    assert "identical: 200 frames" in capsys.readouterr().out
+    out = tmp_path / "b.mcap"
+    words = ["replay", scene, "-o", str(out), "--against", a, "--set", "interactions.safety_margin=0.6"]
+    assert main(words) == 4
+    said = capsys.readouterr().out
+    assert "interactions.safety_margin = 0.6, not 0.25" in said
+    assert "grouping" in said
+    assert out.exists()
+    # What was set for that log is the ground for the next comparison: only the new word differs.
+    assert main(["replay", scene, "--against", str(out), "--from", "1", "--to", "2"]) == 0
+    assert main(["replay", scene]) == 2
+
+
+def test_what_is_no_annotated_log(trusted: Path) -> None:
+    with pytest.raises(RecordingError, match="not an annotated log"):
+        compare(trusted / "scene.mcap", trusted / "annotated.mcap")
+
+
+def test_nearest_pairs_are_found_first_and_ties_go_to_the_earlier() -> None:
+    assert nearest([0, 10], [9, 30], 5) == ([(1, 0)], [0], [1])
+    assert nearest([5], [0, 10], 5) == ([(0, 0)], [], [1])
+    assert nearest([], [1], 5) == ([], [], [0])
+    assert nearest([1, 2, 3], [1, 2, 3], 5) == ([(0, 0), (1, 1), (2, 2)], [], [])
