@@ -7,12 +7,12 @@ The rule, in body sizes (mean diagonal of the two boxes: about a person's height
 2. A stretch with distance at most ``far_sizes`` (gaps up to ``gap_s`` closed) is an encounter if it holds at least
    ``least_s`` of such moments. So onset and end are back-dated: to the time when they had come within ``far_sizes``
    and until they leave it. Live, the onset is the moment at which the evidence suffices.
-3. Every encounter is cut into phases: *contact* (JOINT, or abrupt against one another at touching distance), *moving*
-   (both walk, the same way), *separation* (the last way apart), else *meeting*. Its kind is the phase that lasted
-   longest.
+3. Every encounter is cut into phases: *moving* (both walk, the same way), *contact* (JOINT, or abrupt against one
+   another at touching distance, and not moving), *separation* (the last way apart), else *meeting*. Its kind is the
+   phase that lasted longest.
 
-Distance with hysteresis and duration are the two cues that carry most (ANCHORS of the CAVIAR study: never-labelled
-episodes last 24 frames, labelled ones 190); relative speed is the third. Nothing is learnt but the thresholds.
+Distance with hysteresis and duration are the two cues that carry most (on CAVIAR, never-labelled episodes of nearness
+last 24 frames, labelled ones 190, medians); relative speed is the third. Nothing is learnt but the thresholds.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class EncounterParameters(Parameters):
     pace_sizes_per_s: float = param(
         0.6, "together for sure up to this relative speed", unit="body sizes/s", low=0.05, high=20
     )
-    least_s: float = param(1.2, "least time together for sure", unit="s", low=0.0, high=60)
+    least_s: float = param(1.5, "least time together for sure", unit="s", low=0.0, high=60)
     live_s: float = param(0.4, "live, an encounter is announced after this time", unit="s", low=0.0, high=60)
     gap_s: float = param(1.0, "gaps up to this long are closed", unit="s", low=0.0, high=60)
     window_s: float = param(0.5, "distances are median filtered over this time", unit="s", low=0.0, high=10)
@@ -52,7 +52,6 @@ class EncounterParameters(Parameters):
         low=0.05,
         high=20,
     )
-
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -215,7 +214,7 @@ def _phases(pair: Pair, span: Span, last_near: int, p: EncounterParameters, join
 
 
 def _contact(pair: Pair, part: slice, p: EncounterParameters, joint: Sequence[Span], moving: Bools) -> Bools:
-    """Abrupt against one another at touching distance, not walking the same way; or JOINT. Lulls are closed."""
+    """Not walking the same way, and JOINT or abrupt against one another at touching distance; lulls are closed."""
     times = pair.times_s[part]
     contact = (pair.distance[part] <= p.touch_sizes) & (pair.agitation[part] >= p.abrupt_sizes_per_s) & ~moving
     found = spans(contact)
@@ -224,7 +223,7 @@ def _contact(pair: Pair, part: slice, p: EncounterParameters, joint: Sequence[Sp
             contact[end:start] = True
     frames = pair.frames[part]
     for first, last in joint:
-        contact |= (frames >= first) & (frames <= last)
+        contact |= (frames >= first) & (frames <= last) & ~moving
     return contact
 
 

@@ -23,7 +23,7 @@ GRID = {
     "near_sizes": (0.8, 1.0, 1.2),
     "far_sizes": (1.6, 2.0, 2.4),
     "pace_sizes_per_s": (0.4, 0.6, 0.8),
-    "least_s": (0.8, 1.2, 1.6),
+    "least_s": (1.0, 1.5, 2.0),
 }
 ONE_INTERVAL = 2 / 15
 

@@ -87,41 +87,42 @@ def _state(table: str, ref: str, zone: bool = False) -> Callable[[int, str | Non
     return source
 
 
-def _unnested(count: int, column: str) -> tuple[str, str, str]:
-    """SELECT columns, FROM clauses and conditions that spread a list's different members over x0, x1, ..."""
-    columns = "".join(f", u{k}.x AS x{k}" for k in range(count))
-    sources = "".join(f", unnest({column}) AS u{k}(x)" for k in range(count))
-    different = "".join(f" AND u{j}.x <> u{k}.x" for k in range(count) for j in range(k))
-    return columns, sources, different
+def _spread(rows: str, column: str, count: int) -> str:
+    """Spread a list's different members over x0, x1, ... of rows; an UNNEST in a SELECT needs no join."""
+    for k in range(count):
+        rows = f"SELECT *, unnest({column}) AS x{k} FROM ({rows})"  # noqa: S608 - our own names
+        if k:
+            different = " AND ".join(f"x{j} <> x{k}" for j in range(k))
+            rows = f"SELECT * FROM ({rows}) WHERE {different}"  # noqa: S608
+    return rows
+
+
+def _targets(count: int) -> str:
+    return "".join(f", x{k}" for k in range(count))
 
 
 def _event(kind: str) -> Callable[[int, str | None], str]:
     def source(count: int, _: str | None) -> str:
-        columns, sources, different = _unnested(count, "v.subjects")
+        rows = _spread(f"SELECT * FROM events WHERE kind = {literal(kind)}", "subjects", count)  # noqa: S608
         return (
-            f"SELECT v.recording{columns}, v.frame AS s, v.frame AS e, v.t AS st, v.t AS et, "  # noqa: S608
-            f"format('event:{{}}', v.event) AS ref FROM events v{sources} WHERE v.kind = {literal(kind)}{different}"
+            f"SELECT recording{_targets(count)}, frame AS s, frame AS e, t AS st, t AS et, "  # noqa: S608
+            f"format('event:{{}}', event) AS ref FROM ({rows})"
         )
 
     return source
 
 
 def _group(count: int, _: str | None) -> str:
-    columns, sources, different = _unnested(count, "g.members")
-    return (
-        f"SELECT g.recording{columns}, g.start_frame AS s, g.end_frame AS e, g.start_t AS st, g.end_t AS et, "  # noqa: S608
-        f"format('group:{{}}', g.group_id) AS ref FROM groups g{sources} WHERE true{different}"
-    )
+    rows = _spread("SELECT * FROM groups", "members", count)
+    return f"SELECT recording{_targets(count)}, {_SPAN}, format('group:{{}}', group_id) AS ref FROM ({rows})"  # noqa: S608
 
 
 def _bit(bit: str) -> Callable[[int, str | None], str]:
     def source(count: int, _: str | None) -> str:
-        partner = ", p.x AS x1" if count > 1 else ""
-        partners = ", unnest(v.partners) AS p(x)" if count > 1 else ""
+        partner = ", unnest(partners) AS x1" if count > 1 else ""
         return (
-            f"SELECT v.recording, v.track AS x0{partner}, {_SPAN}, "  # noqa: S608
-            f"format('track:{{}}@{{}}', v.track, v.start_frame) AS ref FROM bits v{partners} "
-            f"WHERE v.bit = {literal(bit)}"
+            f"SELECT recording, track AS x0{partner}, {_SPAN}, format('track:{{}}@{{}}', track, start_frame) AS ref "  # noqa: S608
+            f"FROM bits WHERE bit = {literal(bit)}"
         )
 
     return source
