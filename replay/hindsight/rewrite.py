@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from recorders.messages import GroupTrack, Notice, Target, Targets
 from recorders.parameters import Config
 from recorders.scene import SceneInfo
+from replay.hindsight.exchanges import Exchange, exchanges_of, undone
 from replay.hindsight.fragments import Fragment, Sighting, gather, typical_size
 from replay.hindsight.joining import Join, join
 from replay.hindsight.parameters import HindsightParameters
@@ -61,7 +62,8 @@ def rewrite(
     """Rewrite a forward pass in hindsight.
 
     Args:
-        targets: called twice, gives the forward pass's answers in order each time.
+        targets: called twice, gives the forward pass's answers in order each time; a third time where the tracker
+            found that identities had been exchanged.
         scene: what is known of the recording.
         times: capture time in ns of the k-th answer.
         config: section ``hindsight``.
@@ -73,11 +75,20 @@ def rewrite(
     """
     p = config["hindsight"]
     assert isinstance(p, HindsightParameters)
-    fragments = gather(targets(), times)
+    exchanges: list[Exchange] = []
+    fragments = gather(_noting(targets(), exchanges), times)
+    if exchanges:
+        fragments = gather(undone(targets(), exchanges), times)
     lives = _lives(fragments, join(fragments, p), p, scene)
     if names is not None:
         names.update((k, lives[k].id) for k in sorted(lives))
-    yield from _Writer(lives, scene, times, p).run(targets())
+    yield from _Writer(lives, scene, times, p).run(undone(targets(), exchanges))
+
+
+def _noting(stream: Iterable[Targets], exchanges: list[Exchange]) -> Iterator[Targets]:
+    for answer in stream:
+        exchanges += exchanges_of(answer)
+        yield answer
 
 
 def _lives(

@@ -7,6 +7,7 @@ compared with what each one of them looked like before.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from recorders.messages import Notice
 from replay.trackers.appearance import distance
@@ -18,16 +19,30 @@ LOOKS = 3
 """So many looks at a target must have been taken before and after."""
 
 
-def keep_company(tracks: Tracks, regions: Sequence[Sequence[int]], time_ns: int) -> None:
-    """Remember who shared a region of pixels with whom in this frame."""
-    by_id = {t.id: t for t in tracks.items if t.id != TENTATIVE}
+def keep_company(tracks: Tracks, regions: Sequence[Sequence[int]], frame: int, time_ns: int) -> None:
+    """Remember who shares a region of pixels with whom in this frame, and how near they are to one another."""
+    rows = {t.id: k for k, t in enumerate(tracks.items) if t.id != TENTATIVE}
+    places = tracks.bank.value[:, :2]
     for members in regions:
         for i in members:
-            track = by_id[i]
-            if track.colours is not None and track.colours.updates >= LOOKS:
-                track.company = sorted({*track.company, *(j for j in members if j != i)})
-                track.apart_ns = time_ns
-                track.fresh = None
+            track = tracks.items[rows[i]]
+            if track.colours is None or track.colours.updates < LOOKS:
+                continue
+            for j in members:
+                if j != i:
+                    away = places[rows[i]] - places[rows[j]]
+                    _note(track, j, frame, float(away[0] * away[0] + away[1] * away[1]))
+            track.apart_ns = time_ns
+            track.fresh = None
+
+
+def _note(track: Track, other: int, frame: int, distance2: float) -> None:
+    """Note a companion, and when the two were nearest to one another: there they were exchanged, if they were."""
+    known = next((c for c in track.company if c[0] == other), None)
+    if known is None:
+        track.company = sorted([*track.company, [other, frame, distance2]])
+    elif distance2 < known[2]:
+        known[1:] = [frame, distance2]
 
 
 def verify(tracks: Tracks, time_ns: int, p: EventsParameters) -> list[Notice]:
@@ -40,15 +55,15 @@ def verify(tracks: Tracks, time_ns: int, p: EventsParameters) -> list[Notice]:
             continue
         waiting = (time_ns - track.apart_ns) / NS <= p.exchange_s
         undecided = False
-        for j in track.company:
-            other = by_id.get(j)
+        for j, nearest, _ in track.company:
+            other = by_id.get(int(j))
             if other is None or other.colours is None or other.colours.updates < LOOKS:
                 continue
             # Who is not to be seen yet may be anywhere, also where this one is thought to be.
             undecided |= other.lost or not _ready(other)
             if not other.lost and not _ready(other):
                 continue
-            found = _exchanged(track, other, p)
+            found = _exchanged(track, other, int(nearest), p)
             if found is not None:
                 notices.append(found)
                 _exchange(track, other)
@@ -63,7 +78,7 @@ def _ready(track: Track) -> bool:
     return track.fresh is not None and track.fresh.updates >= LOOKS
 
 
-def _exchanged(a: Track, b: Track, p: EventsParameters) -> Notice | None:
+def _exchanged(a: Track, b: Track, since: int, p: EventsParameters) -> Notice | None:
     """Whether a is b (and b is a, unless it has not been seen since)."""
     if a.colours is None or b.colours is None or a.fresh is None:
         return None
@@ -73,7 +88,12 @@ def _exchanged(a: Track, b: Track, p: EventsParameters) -> Notice | None:
         crossed += distance(a.colours.table, b.fresh.table)
     if crossed > p.exchange_ratio * straight:
         return None
-    evidence = {"as_they_were": straight, "exchanged": crossed, "most_ratio": p.exchange_ratio}
+    evidence: dict[str, Any] = {
+        "since_frame": since,
+        "as_they_were": straight,
+        "exchanged": crossed,
+        "most_ratio": p.exchange_ratio,
+    }
     rule = "EVENTS 2: after the split each has the colours that the other one had"
     return Notice("track_recovered", sorted([a.id, b.id]), rule, evidence)
 

@@ -8,7 +8,7 @@ colours and not far from where the target was expected. Ties go to the place nea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from recorders.messages import NO_BLOB, Blob
 from recorders.vision import cv2
-from replay.trackers.association import intersection
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.tracker import Image
 
@@ -25,6 +24,9 @@ Ints = NDArray[np.int64]
 
 OWN, SHARED = 4, 1
 """Weights of a foreground pixel that nobody else, or somebody else too, explains."""
+CORE = 0.6
+"""Share of a target's width, around its middle, in which foreground is explained by it: arms and legs do not fill
+the rest, where a neighbour may be."""
 GRID = 9
 
 
@@ -39,20 +41,26 @@ class Integral:
     def __init__(self, image: NDArray[np.uint8] | NDArray[np.float32], left: int = 0, top: int = 0) -> None:
         self.height, self.width = image.shape
         self.left, self.top = left, top
+        self._limits = np.array([[self.width], [self.height], [self.width], [self.height]], np.float64)
         self._flat = np.asarray(
             cv2.integral(image, sdepth=cv2.CV_32S if image.dtype == np.uint8 else cv2.CV_64F)
         ).ravel()
 
     def sums(self, boxes: Floats) -> Floats:
         """Sums over boxes (N, 4) in the picture, (N,); what lies outside of the image counts nothing."""
-        left = np.clip(np.rint(boxes[:, 0]) - self.left, 0, self.width).astype(np.int64)
-        top = np.clip(np.rint(boxes[:, 1]) - self.top, 0, self.height).astype(np.int64)
-        right = np.clip(np.rint(boxes[:, 0] + boxes[:, 2]) - self.left, 0, self.width).astype(np.int64)
-        bottom = np.clip(np.rint(boxes[:, 1] + boxes[:, 3]) - self.top, 0, self.height).astype(np.int64)
-        top *= self.width + 1
-        bottom *= self.width + 1
+        c = np.empty((4, len(boxes)))
+        np.subtract(boxes[:, 0], self.left, out=c[0])
+        np.subtract(boxes[:, 1], self.top, out=c[1])
+        np.add(c[0], boxes[:, 2], out=c[2])
+        np.add(c[1], boxes[:, 3], out=c[3])
+        np.rint(c, out=c)
+        np.maximum(c, 0.0, out=c)
+        np.minimum(c, self._limits, out=c)
+        x1, y1, x2, y2 = c.astype(np.intp)
+        y1 *= self.width + 1
+        y2 *= self.width + 1
         f = self._flat
-        return np.asarray((f[bottom + right] - f[top + right] - f[bottom + left] + f[top + left]), np.float64)
+        return np.asarray(f[y2 + x2] - f[y1 + x2] - f[y2 + x1] + f[y1 + x1], np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +97,8 @@ class Foreground:
         self.components = components
         self.boxes = np.array([c.box for c in components], np.float64).reshape(-1, 4)
         self.areas = np.array([c.area for c in components], np.float64)
-        self.integral = Integral(np.minimum(mask, np.uint8(1)))
+        self.unit = mask & np.uint8(1)
+        self.integral = Integral(self.unit)
         self._labels: NDArray[np.uint16] | None = None
 
     @property
@@ -183,6 +192,7 @@ def search(
     own, shared, scores = np.zeros(len(boxes)), np.zeros(len(boxes)), np.zeros(len(boxes))
     order = np.argsort(-(boxes[:, 1] + boxes[:, 3]), kind="stable")
     whole = pixels * np.uint8(OWN)
+    everything = Integral(whole, left, top)
     colours = [None if a is None else Integral(a * pixels, left, top) for a in likeness]
     for sweep in range(p.sweeps):
         for t in order.tolist():
@@ -190,8 +200,8 @@ def search(
             for u in range(len(boxes)):
                 if u != t:
                     x, y, w, h = now[u]
-                    x1, y1 = max(0, round(x + 0.1 * w) - left), max(0, round(y) - top)
-                    x2, y2 = max(0, round(x + 0.9 * w) - left), max(0, round(y + h) - top)
+                    x1, y1 = max(0, round(x + (0.5 - CORE / 2) * w) - left), max(0, round(y) - top)
+                    x2, y2 = max(0, round(x + (0.5 + CORE / 2) * w) - left), max(0, round(y + h) - top)
                     rest[y1:y2, x1:x2] = np.minimum(rest[y1:y2, x1:x2], SHARED)
             free = Integral(rest, left, top)
             tried = _candidates(boxes[t], now[t] if sweep else boxes[t], float(reach[t]), extra[t], sweep)
@@ -200,7 +210,7 @@ def search(
             now[t], scores[t] = tried[best], score[best]
             area = max(1.0, float(now[t, 2] * now[t, 3]))
             weighted = float(free.sums(now[t][None])[0])
-            total = float(Integral(whole, left, top).sums(now[t][None])[0]) if sweep == p.sweeps - 1 else weighted
+            total = float(everything.sums(now[t][None])[0])
             # weighted = OWN own + SHARED shared, total = OWN (own + shared)
             shared[t] = (total - weighted) / (OWN - SHARED) / area
             own[t] = total / OWN / area - shared[t]
@@ -356,20 +366,20 @@ def _place_cluster(
     return out
 
 
-def unexplained(fg: Foreground, places: Sequence[Place | None], detections: Floats) -> Floats:
-    """Share of each detection's (K, 4) foreground that no placed target explains, (K,)."""
-    rest = np.minimum(fg.mask, np.uint8(1))
-    for found in places:
-        if found is None:
-            continue
-        x, y, w, h = found.box
-        x1, y1 = max(0, round(x - 0.1 * w)), max(0, round(y - 0.05 * h))
-        x2, y2 = max(0, round(x + 1.1 * w)), max(0, round(y + 1.05 * h))
-        rest[y1:y2, x1:x2] = 0
-    total = fg.integral.sums(detections)
-    return np.asarray(Integral(rest).sums(detections) / np.maximum(total, 1.0))
+class Rest:
+    """The foreground that nothing explains, as explanations are taken away from it."""
 
+    def __init__(self, fg: Foreground) -> None:
+        self._fg = fg
+        self._pixels = fg.unit.copy()
 
-def overlap_share(a: Floats, b: Floats) -> Floats:
-    """Share of each box of a (N, 4) that lies in each box of b (M, 4), (N, M)."""
-    return np.asarray(intersection(a, b) / np.maximum(a[:, 2] * a[:, 3], 1.0)[:, None])
+    def take(self, boxes: Iterable[tuple[float, float, float, float]]) -> None:
+        """Explain what lies in the boxes and right beside them."""
+        for x, y, w, h in boxes:
+            x1, y1 = max(0, round(x - 0.1 * w)), max(0, round(y - 0.05 * h))
+            x2, y2 = max(0, round(x + 1.1 * w)), max(0, round(y + 1.05 * h))
+            self._pixels[y1:y2, x1:x2] = 0
+
+    def share(self, boxes: Floats) -> Floats:
+        """Share of each box's (N, 4) foreground that is not explained, (N,)."""
+        return np.asarray(Integral(self._pixels).sums(boxes) / np.maximum(self._fg.integral.sums(boxes), 1.0))

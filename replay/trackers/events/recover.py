@@ -13,7 +13,6 @@ from replay.trackers.association import assign
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.tracks import Tracks
 
-
 UNKNOWN = 0.25
 """What unknown colours differ by: as much as one's own colours may after a while."""
 

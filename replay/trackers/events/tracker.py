@@ -29,7 +29,7 @@ from replay.trackers.events.identity import keep_company, verify
 from replay.trackers.events.lifecycle import Lifecycle
 from replay.trackers.events.orphans import follow_colours, share_detections
 from replay.trackers.events.parameters import EventsParameters
-from replay.trackers.events.places import Cut, Expected, Foreground, Likeness, Place, place, unexplained
+from replay.trackers.events.places import Cut, Expected, Foreground, Likeness, Place, Rest, place
 from replay.trackers.events.tracks import TENTATIVE, Track, Tracks
 from replay.trackers.tracker import Frame, SceneInfo
 
@@ -77,7 +77,7 @@ class EventsTracker:
         self._learn(frame)
         notices = self._life.confirm(frame, self._regions) + self._life.age(frame, self._regions)
         shared = shared_regions(self._tracks, frame)
-        keep_company(self._tracks, [members for members, _ in shared], frame.time_ns)
+        keep_company(self._tracks, [members for members, _ in shared], frame.index, frame.time_ns)
         notices += verify(self._tracks, frame.time_ns, self._p)
         shared = shared_regions(self._tracks, frame)
         groups = self._groups.step(frame.time_ns, shared)
@@ -270,7 +270,9 @@ def _left_over(fg: Foreground, kept: list[Place], seen: Seen, model: SizeModel |
 
     The only detection of a blob that nobody claims is the blob itself.
     """
-    free = np.flatnonzero(unexplained(fg, kept, seen.boxes) >= p.min_unexplained)
+    rest = Rest(fg)
+    rest.take(at.box for at in kept)
+    free = np.flatnonzero(rest.share(seen.boxes) >= p.min_unexplained)
     holds = np.bincount(np.clip(seen.blobs, 0, None), minlength=len(fg.boxes) + 1)
     claimed = [at.blob for at in kept]
     boxes = seen.boxes.copy()
@@ -281,7 +283,7 @@ def _left_over(fg: Foreground, kept: list[Place], seen: Seen, model: SizeModel |
     # What nobody explains may start a track whatever its score: how well a body's shape fits says little here.
     scores = np.maximum(seen.scores, p.high_score)
     ellipses = [seen.ellipses[k] for k in free.tolist()]
-    more, whole = _overlooked(fg, kept, seen.boxes, model, p)
+    more, whole = _overlooked(fg, rest, claimed, seen.boxes, model, p)
     return Seen(
         np.concatenate([boxes[free], whole]),
         np.concatenate([scores[free], np.full(len(more), p.high_score)]),
@@ -292,7 +294,7 @@ def _left_over(fg: Foreground, kept: list[Place], seen: Seen, model: SizeModel |
 
 
 def _overlooked(
-    fg: Foreground, kept: list[Place], detections: Floats, model: SizeModel | None, p: EventsParameters
+    fg: Foreground, rest: Rest, claimed: list[int], detections: Floats, model: SizeModel | None, p: EventsParameters
 ) -> tuple[list[int], Floats]:
     """Blobs, by row, that neither targets nor recorded detections explain, and the bodies that they may belong to.
 
@@ -300,11 +302,13 @@ def _overlooked(
     """
     if model is None or not len(fg.boxes):
         return [], np.zeros((0, 4))
-    known = [Place((x, y, w, h), False, 0.0, 0.0, NO_BLOB) for x, y, w, h in detections.tolist()]
     b = fg.boxes
     bodies = model.boxes(b[:, 0] + b[:, 2] / 2, b[:, 1] + b[:, 3])
     part = (b[:, 2] >= 0.6 * bodies[:, 2]) & (b[:, 2] <= 1.7 * bodies[:, 2])
     part &= (b[:, 3] >= p.min_part * bodies[:, 3]) & (b[:, 3] <= 1.3 * bodies[:, 3])
-    free = unexplained(fg, [*kept, *known], b) >= p.min_unexplained
-    rows = np.flatnonzero(part & free)
+    part[[blob - 1 for blob in claimed if blob != NO_BLOB]] = False
+    if not part.any():
+        return [], np.zeros((0, 4))
+    rest.take((x, y, w, h) for x, y, w, h in detections.tolist())
+    rows = np.flatnonzero(part & (rest.share(b) >= p.min_unexplained))
     return rows.tolist(), bodies[rows]

@@ -38,7 +38,8 @@ class Track:
         hits: observations so far.
         quality: running mean of the observations' scores.
         sightings: while tentative, [frame, x, y, w, h] of every observation: a confirmed track's earlier life.
-        company: ids of those with whom it shared a blob since its colours last proved who it is.
+        company: [id, frame, squared distance in pixels] of those with whom it shared a blob since its colours last
+            proved who it is, and of when they were nearest.
         apart_ns: when it last shared one.
         fresh: its colours since then, to be compared with those that it had before.
         lost: held, but no longer said to be present.
@@ -66,7 +67,7 @@ class Track:
     alone: bool = False
     signed: bool = False
     colours: Colours | None = None
-    company: list[int] = field(default_factory=list)
+    company: list[list[float]] = field(default_factory=list)
     apart_ns: int = 0
     fresh: Colours | None = None
     sightings: list[list[float]] = field(default_factory=list)
@@ -205,7 +206,7 @@ def _plain(track: Track) -> dict[str, Any]:
     out["colours"] = None if track.colours is None else track.colours.state()
     out["measured"] = None if track.measured is None else list(track.measured)
     out["fresh"] = None if track.fresh is None else track.fresh.state()
-    out["company"] = list(track.company)
+    out["company"] = [list(c) for c in track.company]
     out["sightings"] = [list(s) for s in track.sightings]
     return out
 
@@ -215,7 +216,7 @@ def _track(state: Mapping[str, Any]) -> Track:
     plain["colours"] = None if plain["colours"] is None else Colours.from_state(plain["colours"])
     plain["measured"] = None if plain["measured"] is None else tuple(plain["measured"])
     plain["fresh"] = None if plain["fresh"] is None else Colours.from_state(plain["fresh"])
-    plain["company"] = list(plain["company"])
+    plain["company"] = [list(c) for c in plain["company"]]
     plain["sightings"] = [list(s) for s in plain["sightings"]]
     return Track(**plain)
 

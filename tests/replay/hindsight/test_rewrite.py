@@ -170,3 +170,36 @@ def test_nothing_at_all() -> None:
     assert _run([]) == []
     out = _run([Targets(k) for k in range(5)])
     assert all(not f.targets and not f.notices for f in out)
+
+
+def test_exchanged_identities_are_put_right_from_when_it_happened() -> None:
+    frames = []
+    for k in range(80):
+        left, right = (1, 2) if not 30 <= k < 40 else (2, 1)
+        here = [_target(left, k, 100.0), _target(right, k, 300.0)]
+        told = [Notice("track_recovered", [1, 2], "colours", {"since_frame": 30})] if k == 40 else []
+        group = GroupTrack(1, (100.0, 200.0, 220.0, 40.0), True, False, [1, 2])
+        frames.append(Targets(k, sorted(here, key=lambda t: t.id), [group], told))
+    out = list(rewrite(lambda: iter(frames), SCENE, [k * FRAME_NS for k in range(80)], _config()))
+    assert all([t.box[0] for t in f.targets] == pytest.approx([100.0, 300.0], abs=1.0) for f in out)
+    assert all(t.observed for f in out for t in f.targets)
+
+
+def test_two_exchanges_one_after_the_other() -> None:
+    where = {1: 100.0, 2: 300.0, 3: 500.0}
+    frames = []
+    for k in range(60):
+        name = {1: 1, 2: 2, 3: 3}
+        if 10 <= k < 40:
+            name = {1: 2, 2: 1, 3: 3}
+        if 20 <= k < 30:
+            name = {1: 3, 2: 1, 3: 2}
+        told = []
+        if k == 30:
+            told = [Notice("track_recovered", [2, 3], "colours", {"since_frame": 20})]
+        if k == 40:
+            told = [Notice("track_recovered", [1, 2], "colours", {"since_frame": 10})]
+        here = [_target(name[i], k, x) for i, x in where.items()]
+        frames.append(Targets(k, sorted(here, key=lambda t: t.id), None, told))
+    out = list(rewrite(lambda: iter(frames), SCENE, [k * FRAME_NS for k in range(60)], _config()))
+    assert all([t.box[0] for t in f.targets] == pytest.approx([100.0, 300.0, 500.0], abs=1.0) for f in out)
