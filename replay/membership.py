@@ -41,7 +41,8 @@ class LabelImage:
     """A label image being painted: of 8 bits where the largest identity in it allows, else of 16."""
 
     def __init__(self, width: int, height: int, largest: int) -> None:
-        self.pixels: AnyLabels = np.zeros((height, width), np.uint8 if largest < _SMALL else np.uint16)
+        shape = (height, width)
+        self.pixels: AnyLabels = np.zeros(shape, np.uint8) if largest < _SMALL else np.zeros(shape, np.uint16)
 
     def put(self, identity: int, own: NDArray[np.bool_], left: int, top: int) -> None:
         """Give a track the pixels of a mask (h, w) whose top left corner is at (left, top); it may reach outside."""

@@ -239,6 +239,7 @@ class Resolver:
         members = assign_pixels(who, cut, bins, self._p)
         owner = members.owner
         whole = self._purify(owner, rows, blobs, fits, cut)
+        self._deny_strangers(items, owner, bins, whole)
         self._measure(rows, who, owner, members.means, cut, whole)
 
     def _with_fragments(self, boxes: Floats, radii: Floats, blobs: Rows) -> Rows:
@@ -280,6 +281,22 @@ class Resolver:
             if fits[k - 1, blob] and counts[k] >= self._p.whole * table[:, k].sum():
                 whole[k - 1] = blob
         return whole
+
+    def _deny_strangers(
+        self, items: Sequence[Body], owner: NDArray[np.uint8], bins: Bins | None, whole: dict[int, int]
+    ) -> None:
+        """One that was hidden comes back only to pixels of its own colours; others are not its own."""
+        for k, body in enumerate(items):
+            if not body.front:
+                continue
+            own = owner == k + 1
+            count = int(np.count_nonzero(own))
+            like = count >= self._p.min_back * body.area
+            if like and bins is not None and body.colours is not None and count:
+                like = distance(histogram(bins, own), body.colours) <= self._p.recover
+            if not like:
+                owner[own] = 0
+                whole.pop(k, None)
 
     def _measure(
         self,
