@@ -11,6 +11,7 @@ from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
 
 from recorders.channels import NANOS
 from recorders.messages import Box, Regions, Relations, Track, Tracks
+from replay.draw import part_box
 
 _PALETTE = (
     (0.12, 0.47, 0.71),
@@ -63,6 +64,10 @@ def drawing(tracks: Tracks, relations: Relations, regions: Regions | None, time_
         out.points.add(type=_LOOP, points=_corners(track.box), outline_color=color, thickness=2.0)
         circle = out.circles.add(diameter=2 * track.shell_radius, thickness=1.0, outline_color=color)
         circle.position.x, circle.position.y = centres[track.id]
+        for name in track.hidden_parts:
+            # The format knows no dashes; a cross says that nothing is to be seen there (PARTS, Figure 7).
+            part = _corners(part_box(track.box, name))
+            out.points.add(type=_LINES, points=[part[0], part[2], part[1], part[3]], outline_color=color, thickness=0.5)
         text = out.texts.add(text=label(track), font_size=12.0, text_color=color, background_color=_BLACK)
         text.position.x, text.position.y = x, y
     for edge in relations.relations:

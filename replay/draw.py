@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import colorsys
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -35,6 +35,7 @@ _ROI: Colour = (110, 225, 110)
 _BORDER: Colour = (60, 160, 240)
 _ZONE: Colour = (255, 190, 90)
 _GOLDEN = 0.618033988749895
+PART_NAMES = ("head", "left_torso", "right_torso", "left_legs", "right_legs")
 _PARTS = {"head": (0.0, 1 / 7), "torso": (1 / 7, 4 / 7), "leg": (4 / 7, 1.0)}
 _BITS = ("grouping", "grouped", "splitting")
 
@@ -47,6 +48,7 @@ class DrawOptions:
         scale: enlargement of the picture, 0: as much as makes it about 960 pixels wide, never less than 1.
         boxes, labels, shells, edges, groups, regions, parts: whether these are drawn.
         only: track ids to draw, None: all.
+        model: draw the five rectangles of the part model into every box (PARTS, Figure 2).
     """
 
     scale: float = 0.0
@@ -58,6 +60,7 @@ class DrawOptions:
     regions: bool = True
     parts: bool = True
     only: frozenset[int] | None = None
+    model: bool = False
 
     def factor(self, width: int) -> float:
         """The enlargement of a picture of this width."""
@@ -68,6 +71,7 @@ class DrawOptions:
 class Overlay:
     """What one frame shows; events are those still to be read, `title` stands at the top.
 
+    ``gates`` are where targets were looked for, by track id (PARTS, Figure 5).
     ``membership`` is a (height, width) uint16 image of the frame's size that says which pixels belong to whom, 0 for
     nobody, else `replay.membership.value_of` the track's identity.
     """
@@ -80,6 +84,7 @@ class Overlay:
     membership: Labels | None = None
     title: str = ""
     marks: Sequence[tuple[Box, str]] = field(default_factory=tuple)
+    gates: Mapping[int, Box] = field(default_factory=dict)
 
 
 def track_colour(identity: int) -> Colour:
@@ -110,7 +115,10 @@ def draw_frame(image: Image, overlay: Overlay, options: DrawOptions | None = Non
     _draw_ground(canvas, overlay, options, places)
     for track in shown:
         if options.boxes:
-            _draw_box(canvas, track, options.parts)
+            _draw_box(canvas, track, options)
+    for identity, gate in overlay.gates.items():
+        if identity in places:
+            canvas.rectangle(gate, track_colour(identity), 1)
     for box, _ in overlay.marks:
         canvas.rectangle(box, _WHITE, 1, dash=4)
     # Before the labels, which keep off them.
@@ -164,10 +172,13 @@ def _centre(box: Box) -> Point:
     return box[0] + box[2] / 2, box[1] + box[3] / 2
 
 
-def _draw_box(canvas: _Canvas, track: Track, parts: bool) -> None:
+def _draw_box(canvas: _Canvas, track: Track, options: DrawOptions) -> None:
     colour = track_colour(track.id)
     canvas.rectangle(track.box, colour, 2, dash={"motion": 0, "appearance": 9, "predicted": 4}[track.mode])
-    if parts:
+    for name in PART_NAMES if options.model else ():
+        if name not in track.hidden_parts:
+            canvas.rectangle(part_box(track.box, name), colour, 1)
+    if options.parts:
         for name in track.hidden_parts:
             canvas.rectangle(part_box(track.box, name), colour, 1, dash=3)
 

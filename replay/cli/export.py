@@ -121,6 +121,7 @@ def _video(args: argparse.Namespace, log: AnnotatedLog) -> str:
         regions=not args.no_regions,
         labels=not args.no_labels,
         only=args.only,
+        model=log.tracker == "parts",
     )
     options = VideoOptions(draw, log_time(args.start, log), log_time(args.end, log), size=args.size)
     if not log.has_pictures:

@@ -29,6 +29,10 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     p.add_argument("-o", "--output", type=Path, metavar="FILE", help="the annotated log")
     p.add_argument("--tracker", metavar="NAME", help="events (default), shells or parts")
     common.add_configuration(p)
+    p.add_argument(
+        "--init", action="append", default=[], metavar="frame:N:x,y,w,h",
+        help="parts: start a target by hand, and none by itself; may be repeated (same as --set parts.init=...)",
+    )  # fmt: skip
     p.add_argument("--from", dest="start", metavar="T", help="first time to write: seconds, frame:N or RFC 3339")
     p.add_argument("--to", dest="end", metavar="T", help="end of what is written, excluded")
     p.add_argument("--annotations-only", action="store_true", help="leave the recorded messages out")
@@ -68,7 +72,7 @@ def _configured(args: argparse.Namespace) -> tuple[str, Config]:
 
     if args.against is None:
         tracker = args.tracker or DEFAULT_TRACKER
-        return tracker, replay_config(tracker, args.config, args.assignments)
+        return tracker, replay_config(tracker, args.config, _assignments(args, tracker))
     with LogReader(args.against) as log:
         facts = facts_of(log)
     tracker = args.tracker or facts.tracker
@@ -76,7 +80,14 @@ def _configured(args: argparse.Namespace) -> tuple[str, Config]:
     recorded, notes = recorded_config(tracker, {s: v for s, v in facts.configuration.items() if s in known})
     for note in notes if tracker == facts.tracker else ():
         common.say(f"{args.against}: {note}")
-    return tracker, replay_config(tracker, args.config, args.assignments, as_plain(recorded))
+    return tracker, replay_config(tracker, args.config, _assignments(args, tracker), as_plain(recorded))
+
+
+def _assignments(args: argparse.Namespace, tracker: str) -> list[str]:
+    """What was set, and the targets started by hand."""
+    if args.init and tracker != "parts":
+        raise UsageError(f"--init: the tracker {tracker} starts its targets by itself; use --tracker parts")
+    return [*args.assignments, *([f"parts.init={'; '.join(args.init)}"] if args.init else [])]
 
 
 def _compare(args: argparse.Namespace, out: Path) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.messages import Mode, Notice
+from recorders.messages import Box, Mode, Notice
 from replay.trackers.association import intersection, iou
 from replay.trackers.parts.candidates import Candidates, Observed, gather
 from replay.trackers.parts.features import AREA, OVERLAP, Measured, Pixels, differences, measure
@@ -55,6 +55,14 @@ class Matching:
             if len(chosen):
                 self._contested(chosen, back=bool(lost[chosen[0]]), notices=notices)
         self._hide_unseen()
+
+    def gates(self) -> list[Box]:
+        """Every target's gate, the rectangle in which its centre is looked for."""
+        centres = self._expected[:, :2] + self._expected[:, 2:] / 2
+        out: list[Box] = []
+        for (x, y), half in zip(centres.tolist(), self._gates.tolist(), strict=True):
+            out.append((x - half, y - half, 2 * half, 2 * half))
+        return out
 
     def _image(self) -> NDArray[np.uint8] | None:
         if self._pixels.image is None and self._scene.has_images:

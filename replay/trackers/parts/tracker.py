@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from recorders.messages import NO_BLOB, Mode, Notice
+from recorders.messages import NO_BLOB, Box, Mode, Notice
 from recorders.messages import Target as Answer
 from recorders.messages import Targets as Answers
 from recorders.segmentation.sizes import SizeModel
@@ -57,6 +57,7 @@ class PartsTracker:
         self._by_hand = parse_init(parameters.init)
         self._targets = Targets(parameters)
         self._next_id = 1
+        self._gates: dict[int, Box] = {}
         self._time_ns: int | None = None
 
     def step(self, frame: Frame) -> Answers:
@@ -71,6 +72,9 @@ class PartsTracker:
             item.begin_frame()
         seen = observe(frame.detections)
         matching = Matching(self._scene, frame, seen, targets, self._p, dt if dt > 0 else self._scene.frame_ns * NS)
+        self._gates = {
+            item.id: gate for item, gate in zip(targets.items, matching.gates(), strict=True) if item.id != TENTATIVE
+        }
         matching.run(self._scorer, self._find_heads, notices)
         begin, before = Beginning(self._p, targets), len(targets)
         if self._by_hand:
@@ -153,6 +157,10 @@ class PartsTracker:
                 )
             )
         return Answers(frame.index, sorted(out, key=lambda t: t.id), None, notices)
+
+    def gates(self) -> dict[int, Box]:
+        """Where each confirmed target was looked for in the last frame, by id: for drawings (PARTS, Figure 5)."""
+        return dict(self._gates)
 
     def state(self) -> State:
         """The whole state as plain data."""
