@@ -1,0 +1,220 @@
+"""The events of every generated scene against a second account of the rules of SHELLS 2.3 and EVENTS 3: sets and loops.
+
+The oracle keeps two dictionaries (pair to relation, pair to bit) and a list of groups, and asks every pair anew in
+every frame. It shares no code with the reasoning but the messages.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import combinations
+from math import hypot, sqrt
+
+import pytest
+
+from fixtures.scenes import SCRIPTS, generate
+from fixtures.targets import truth_targets
+from reasoning.reasoner import Reasoner
+
+TOLD = ("interaction_started", "joined", "separated", "interaction_ended", "grouping", "grouped", "splitting", "single")
+GROUPS = ("group_formed", "group_changed", "group_ended", "group_entered_scene")
+SCENE = ("entering", "entered", "exiting", "returned", "exited", "zone_entered", "zone_left")
+
+
+def centre(t):
+    return t.box[0] + t.box[2] / 2, t.box[1] + t.box[3] / 2
+
+
+def shells_meet(a, b):
+    """SHELLS 2.2: the smallest disc around the box, and 0.2 s of way."""
+    (ax, ay), (bx, by) = centre(a), centre(b)
+    reach = sum(hypot(t.box[2], t.box[3]) / 2 + 0.2 * hypot(*t.velocity) for t in (a, b))
+    return hypot(ax - bx, ay - by) <= reach
+
+
+def safety(a, b):
+    """EVENTS 3.1: ellipses in the boxes, grown by a quarter of the square root of the area."""
+    (ax, ay), (bx, by) = centre(a), centre(b)
+    grown = [
+        (t.box[2] / 2 + sqrt(t.box[2] * t.box[3]) / 4, t.box[3] / 2 + sqrt(t.box[2] * t.box[3]) / 4) for t in (a, b)
+    ]
+    return hypot((ax - bx) / (grown[0][0] + grown[1][0]), (ay - by) / (grown[0][1] + grown[1][1]))
+
+
+class Oracle:
+    def __init__(self, regions):
+        self.relation, self.bit, self.groups = {}, {}, []
+        self.last, self.ghosts, self.known = {}, set(), set()
+        self.scene, self.been_in, self.zones = {}, set(), {}
+        self.roi, self.border = [self.rect(p[0]) for p in (regions.roi, regions.border)]
+        self.named = {z.name: z.polygon for z in regions.zones}
+
+    @staticmethod
+    def rect(polygon):
+        xs, ys = [x for x, _ in polygon], [y for _, y in polygon]
+        return min(xs), min(ys), max(xs), max(ys)
+
+    def step(self, k, targets):
+        out = []
+        given = {t.id: t for t in targets}
+        gone = [i for i in self.last if i not in given and i not in self.ghosts]
+        self.ghosts = {
+            i
+            for i in gone
+            if any(i in p and r == "JOINT" for p, r in self.relation.items())
+            or any(i in p and b == "grouped" for p, b in self.bit.items())
+        }
+        here = dict(given)
+        here.update({i: self.last[i] for i in self.ghosts})
+        new = {i for i in here if i not in self.last and i not in self.ghosts}
+        blob = {i: -1 if i in self.ghosts else t.blob for i, t in here.items()}
+        seen = {i: t.observed and i not in self.ghosts for i, t in here.items()}
+        out += self.scenes(given, gone)
+        out += self.relations(here, blob, seen)
+        out += self.interactions(here, blob, seen, new)
+        self.last = here
+        return [(k, kind, tuple(who)) for kind, who in out]
+
+    def scenes(self, given, gone):
+        out = []
+        for i in gone:
+            out += [("zone_left", [i])] * len(self.zones.pop(i, ()))
+            out += [("exited", [i])] if self.scene.pop(i) == "exiting" else []
+        for i, t in given.items():
+            x0, y0 = t.box[:2]
+            x1, y1 = x0 + t.box[2], y0 + t.box[3]
+
+            def within(r, x0=x0, y0=y0, x1=x1, y1=y1):
+                return x0 >= r[0] and y0 >= r[1] and x1 <= r[2] and y1 <= r[3]
+
+            if i not in self.scene:
+                self.scene[i] = "entering"
+                self.been_in.discard(i)
+                out.append(("entering", [i]))
+            elif self.scene[i] == "entering" and within(self.roi):
+                self.scene[i] = "inside"
+                out.append(("entered", [i]))
+            elif self.scene[i] == "exiting" and within(self.roi):
+                self.scene[i] = "returned"
+                out.append(("returned", [i]))
+            elif self.scene[i] != "exiting" and i in self.been_in and not within(self.border):
+                self.scene[i] = "exiting"
+                out.append(("exiting", [i]))
+            if within(self.border):
+                self.been_in.add(i)
+            foot = (t.box[0] + t.box[2] / 2, y1)
+            now = {z for z, polygon in self.named.items() if inside(foot, polygon)}
+            before = self.zones.get(i, set())
+            out += [("zone_left", [i])] * len(before - now) + [("zone_entered", [i])] * len(now - before)
+            self.zones[i] = now
+        return out
+
+    def relations(self, here, blob, seen):
+        out = []
+        for pair in [p for p in self.relation if not set(p) <= set(here)]:
+            del self.relation[pair]
+            out.append(("interaction_ended", pair))
+        for a, b in combinations(sorted(here), 2):
+            before = self.relation.get((a, b))
+            meets = shells_meet(here[a], here[b])
+            same = blob[a] == blob[b] != -1
+            if before == "JOINT" and not {a, b} & self.ghosts and (blob[a] == -1) != (blob[b] == -1):
+                same = not seen[a] if blob[a] == -1 else not seen[b]
+            if before is None and meets and not {a, b} & self.ghosts:
+                self.relation[a, b] = "INTERACTION"
+                out.append(("interaction_started", (a, b)))
+            elif before == "INTERACTION" and meets and same:
+                self.relation[a, b] = "JOINT"
+                out.append(("joined", (a, b)))
+            elif before == "JOINT" and not (meets and same):
+                self.relation[a, b] = "INTERACTION"
+                out.append(("separated", (a, b)))
+            elif before == "INTERACTION" and not meets:
+                del self.relation[a, b]
+                out.append(("interaction_ended", (a, b)))
+        return out
+
+    def interactions(self, here, blob, seen, new):
+        out = []
+        busy = {i for p in self.bit for i in p}
+        before = {p: b for p, b in self.bit.items() if set(p) <= set(here)}
+        collide = {p for p in combinations(sorted(here), 2) if safety(here[p[0]], here[p[1]]) <= 1}
+        region = self.observed_regions(here, blob, seen, new, before, collide)
+        clusters = components({p for p in collide if region.get(p[0], -1) == region.get(p[1], -2)})
+        self.bit = {}
+        for p in sorted(collide | set(before)):
+            was, over = before.get(p), any(set(p) <= c for c in clusters)
+            if p not in collide:
+                now = "splitting" if was == "grouped" else None
+            elif was in ("grouped", "splitting") and not over:
+                now = "splitting"
+            elif was is None and (set(p) & new or set(p) & self.ghosts):
+                now = None
+            else:
+                now = "grouped" if over else "grouping"
+            if now is not None:
+                self.bit[p] = now
+            out += [(now, p)] if now not in (was, None) else []
+        out += [("single", [i]) for i in sorted(busy & set(here)) if not any(i in p for p in self.bit)]
+        return out + self.follow_groups(clusters)
+
+    def observed_regions(self, here, blob, seen, new, before, collide):
+        region = {i: blob[i] for i in here if blob[i] >= 0 and i not in new and i not in self.ghosts}
+        for i in here:
+            if blob[i] >= 0 or seen[i] or i in new or i in self.ghosts:
+                continue
+            mates = [a + b - i for (a, b), bit in before.items() if bit == "grouped" and i in (a, b)]
+            near = [
+                (safety(here[i], here[j]), j)
+                for j in mates
+                if blob[j] >= 0 and seen[j] and tuple(sorted((i, j))) in collide
+            ]
+            if near:
+                region[i] = blob[min(near)[1]]
+        return region
+
+    def follow_groups(self, clusters):
+        out = []
+        kept = [g for g in self.groups if g in clusters]
+        begun = [c for c in clusters if c not in self.groups]
+        replaced = [g for g in self.groups if g not in kept and any(g & c for c in begun)]
+        for c in begun:
+            old = [g for g in replaced if g & c]
+            out.append(("group_changed" if old else "group_formed", sorted(c.union(*old))))
+        waiting = [g for g in self.groups if g not in kept and g not in replaced]
+        for g in list(waiting):
+            if not any(set(p) <= g and b == "splitting" for p, b in self.bit.items()):
+                waiting.remove(g)
+                out.append(("group_ended", sorted(g)))
+        self.groups = kept + begun + waiting
+        return out
+
+
+def inside(point, polygon):
+    """Even and odd crossings; the scenes' feet never lie exactly on a side."""
+    x, y = point
+    sides = zip(polygon, [*polygon[1:], polygon[0]], strict=True)
+    return sum((ay > y) != (by > y) and ax + (y - ay) * (bx - ax) / (by - ay) < x for (ax, ay), (bx, by) in sides) % 2
+
+
+def components(pairs):
+    whole = []
+    for p in pairs:
+        mine = set(p).union(*[w for w in whole if w & set(p)])
+        whole = [w for w in whole if not w & set(p)] + [mine]
+    return sorted((frozenset(w) for w in whole), key=min)
+
+
+@pytest.mark.parametrize(("name", "seed"), [*((n, 0) for n in SCRIPTS), ("three_way_group", 1), ("six_fish", 2)])
+def test_the_reasoning_tells_what_the_rules_say(name, seed):
+    scene = generate(name, seed, frames=125 if name == "crowd" else None)
+    oracle, reasoner = Oracle(scene.truth.regions), Reasoner({}, scene.width, scene.height)
+    expected, found = [], []
+    for targets in truth_targets(scene):
+        k = targets.frame
+        answer = reasoner.step(k, scene.time_ns(k), targets, scene.truth.regions)
+        expected += oracle.step(k, targets.targets)
+        found += [(k, e.kind, tuple(e.subjects)) for e in answer.events if e.kind in (*TOLD, *GROUPS, *SCENE)]
+    assert reasoner.counter.forbidden == 0
+    missing, spurious = Counter(expected) - Counter(found), Counter(found) - Counter(expected)
+    assert (sorted(missing), sorted(spurious)) == ([], [])

@@ -1,0 +1,56 @@
+"""The exact sequence of events of every scripted scene, written down in stories.txt, from the truth's boxes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from fixtures.scenes import SCRIPTS, generate
+from fixtures.targets import truth_targets
+from reasoning.reasoner import Reasoner
+
+KINDS = (
+    "grouping", "grouped", "splitting", "single", "group_formed", "group_changed", "group_ended",
+    "group_entered_scene", "interaction_started", "joined", "separated", "interaction_ended", "entering", "entered",
+    "exiting", "returned", "exited", "zone_entered", "zone_left",
+)  # fmt: skip
+TOLERANCE = 2
+BY_THE_RULES_ALONE = {"crowd", "six_fish"}
+"""Hundreds of events from parts that the seed writes: `test_oracle` holds them against the rules."""
+
+
+def stories():
+    """Scene to (frame, kind, subjects, zone), in order."""
+    found, rows = {}, []
+    for line in (Path(__file__).parent / "stories.txt").read_text(encoding="ascii").splitlines():
+        if line.startswith("@"):
+            rows = found[line[2:]] = []
+        elif line and not line.startswith("#"):
+            frame, kind, *rest = line.split()
+            who = [int(w) for w in rest if w.isdigit()]
+            rows.append((int(frame), kind, who, " ".join(rest[len(who) :])))
+    return found
+
+
+STORIES = stories()
+
+
+def test_every_script_has_a_story():
+    assert set(STORIES) | BY_THE_RULES_ALONE == set(SCRIPTS)
+
+
+@pytest.mark.parametrize("name", STORIES)
+def test_the_truth_tells_the_story(name):
+    scene = generate(name)
+    reasoner = Reasoner({}, scene.width, scene.height)
+    told = []
+    for targets in truth_targets(scene):
+        events = reasoner.step(targets.frame, scene.time_ns(targets.frame), targets, scene.truth.regions).events
+        told += [(e.frame, e.kind, e.subjects, e.evidence.get("zone", "")) for e in events if e.kind in KINDS]
+    story = STORIES[name]
+    told.sort()
+    assert [t[1:] for t in told] == [s[1:] for s in story]
+    late = [(t, s) for t, s in zip(told, story, strict=True) if abs(t[0] - s[0]) > TOLERANCE]
+    assert late == []
+    assert reasoner.counter.forbidden == 0
