@@ -9,7 +9,7 @@ from replay.cli.common import command, say
 
 EXAMPLE = """\
 scenetrace evidence annotated.mcap --events 12 relation:1-2@40 -o evidence/
-sha256sum -c SHA256SUMS        # in that folder: nothing was changed since"""
+scenetrace verify --manifest evidence/manifest.json      # nothing was changed since"""
 DESCRIPTION = """Write what a court or a colleague needs: for each event (or row of an answer) a clip (H.264), frames as
 recorded and with overlays, the facts as JSON, the configuration, digests, and one page to read and print."""
 
@@ -32,5 +32,5 @@ def run(args: argparse.Namespace) -> int:
 
     references = list(dict.fromkeys(r for word in args.events for r in word.replace(",", " ").split()))
     found = write_evidence(args.annotated, references, args.output, camera=args.camera, force=args.force)
-    say(f"{args.output}: {len(found)} explained, index.html to read, SHA256SUMS to check")
+    say(f"{args.output}: {len(found)} explained, index.html to read, manifest.json to verify")
     return 0

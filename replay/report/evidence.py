@@ -21,9 +21,11 @@ from replay.draw import DrawOptions
 from replay.export.output import whole_folder
 from replay.export.video import VideoOptions, write_video
 from replay.report.pictures import around, chosen_frames, drawn
+from replay.sealing.manifest import seal, write_manifest
 
 BEFORE_S = 1.0
 CLIP_S = 3.0
+MANIFEST = "manifest.json"
 
 
 def write_explanations(
@@ -70,6 +72,9 @@ def write_evidence(
             (part / "configuration.json").write_text(_json(facts["configuration"]), encoding="utf-8")
             (part / "index.html").write_text(_page(facts, pages), encoding="utf-8")
             _sums(part)
+            # The folder alone: the log's own digest stands in the facts, and the folder may travel without it.
+            manifest = part / MANIFEST
+            write_manifest(seal(sorted(part.iterdir()), manifest, note=f"evidence from {log.path.name}"), manifest)
     return found
 
 
@@ -199,7 +204,10 @@ def _page(facts: Mapping[str, Any], pages: Sequence[tuple[Explanation, list[str]
                 f'<figure><img loading=lazy src="{escape(picture)}" alt="frame {number} with overlays">'
                 f"<figcaption>frame {number}, drawn by scenetrace over the recorded picture</figcaption></figure>"
             )
-    out.append("<p class=small>SHA256SUMS lists every file of this folder: <code>sha256sum -c SHA256SUMS</code></p>")
+    out.append(
+        "<p class=small>To see that nothing was changed: <code>scenetrace verify --manifest manifest.json</code>, "
+        "or <code>sha256sum -c SHA256SUMS</code></p>"
+    )
     return "\n".join([*out, "</body></html>\n"])
 
 

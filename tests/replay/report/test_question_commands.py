@@ -192,7 +192,7 @@ def test_evidence_command(log: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["evidence", str(log), "--events", "1,relation:1-2@20", "-o", str(out)]) == 0
     assert main(["evidence", str(log), "--events", "1", "-o", str(out)]) == 1
     listed = dict(reversed(line.split("  ")) for line in (out / "SHA256SUMS").read_text().splitlines())
-    files = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()} - {"SHA256SUMS"}
+    files = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()} - {"SHA256SUMS", "manifest.json"}
     assert set(listed) == files
     assert all(hashlib.sha256((out / name).read_bytes()).hexdigest() == digest for name, digest in listed.items())
     facts = json.loads((out / "facts.json").read_text())
@@ -201,6 +201,9 @@ def test_evidence_command(log: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
     page = (out / "index.html").read_text()
     assert "They meet" in page
     assert "<script" not in page
+    assert main(["verify", "--manifest", str(out / "manifest.json")]) == 0
+    (out / "facts.json").write_text("{}")
+    assert main(["verify", "--manifest", str(out / "manifest.json")]) == 4
     clip = out / "event_1" / "clip.mp4"
     assert b"ftyp" in clip.read_bytes()[:16]
     assert len(list((out / "event_1").glob("*_recorded.png"))) == 3
