@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import os
 
-# IPP picks its kernels by the processor at hand; it must be off before the library is loaded.
-os.environ["OPENCV_IPP"] = "disabled"
+# IPP picks its kernels by the processor at hand; it must be off before the library is loaded. Only the benchmark that
+# measures whether it would matter (tests/benchmarks/bench_trust.py) leaves it on.
+if os.environ.get("SCENETRACE_EXPERIMENT") == "ipp":
+    os.environ.pop("OPENCV_IPP", None)
+else:
+    os.environ["OPENCV_IPP"] = "disabled"
 os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # or the library warns of that on every start
 
 import cv2

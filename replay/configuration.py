@@ -145,6 +145,7 @@ def opencv_build() -> str:
         key, _, value = line.strip().partition(":")
         if key in _BUILD_FACTS and value.strip():
             lines.append(f"{key}: {' '.join(value.split())}")
+    lines.append(f"IPP in use: {'yes' if cv2.ipp.useIPP() else 'no'}")
     return "; ".join(lines)
 
 

@@ -1,6 +1,7 @@
 """Time travel over every scripted scene: a state taken anywhere goes on as the straight run did.
 
-The scenes are small here and have two frames a second, so that their whole stories fit into few frames; `tests/benchmarks/bench_trust.py --full` sweeps every frame of whole scenes.
+The scenes are small here and have two frames a second, so that their whole stories fit into few frames;
+`tests/benchmarks/bench_trust.py travel` sweeps every frame of whole scenes.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from replay.replaying import ReplayOptions
 from replay.trackers.catalogue import TRACKERS
 
 FPS = 2
-MOST_FRAMES = 30
+MOST_FRAMES = 20
 PASS_BY_FRAMES = 16
 AHEAD = 2
 SPAN_FRAMES = 30
@@ -110,7 +111,7 @@ def test_from_every_frame_gives_the_messages_of_the_whole(
         assert _messages(tmp_path / "span.mcap") == _messages(full, times[k], end_ns), f"from frame {k}"
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(where=st.lists(st.integers(0, PASS_BY_FRAMES - 1), min_size=2, max_size=5), keep_every=st.integers(1, 9))
 @pytest.mark.parametrize("tracker", TRACKERS)
 def test_seeking_in_any_order_gives_the_frames_of_a_straight_run(

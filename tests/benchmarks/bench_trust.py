@@ -1,0 +1,389 @@
+"""How far a replay can be trusted: determinism, planted differences, what the digests and checkpoints cost.
+
+    python tests/benchmarks/bench_trust.py [determinism] [travel] [plants] [cost] [--full] [--runs N] [--tracker NAME]
+
+determinism  equal digests over runs, hash seeds, threads, BLAS and OpenCV kernels, IPP, other interpreters
+             (--python PATH, may be repeated), speeds; for each tracker, on scripted scenes and on PETS09-S2L1
+travel       from a state at every frame, and --from at every frame, with and without checkpoints
+plants       planted differences: found by verify and by diff, at the right frame; false alarms on unchanged pairs
+cost         the share of a replay's time that digests and checkpoints take, and a checkpoint's size
+
+Without a name, all of them. --full: whole scenes and the whole of PETS; else their first frames.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace as changed
+from pathlib import Path
+from typing import Any
+
+from fixtures.logs import write_scene_log
+from fixtures.plants import ANNOTATION_PLANTS, RECORDING_PLANTS, Planted
+from fixtures.scenes import SCRIPTS, GeneratedScene, generate
+from recorders.log import LogReader
+from recorders.recording import RecordOptions, record
+from recorders.scene import SceneLog
+from recorders.sources import open_source
+from recorders.vision import cv2
+from replay import checkpoint, digest, replaying, writing
+from replay.compare import compare
+from replay.configuration import replay_config
+from replay.engine import Engine
+from replay.replaying import ReplayOptions
+from replay.trackers.catalogue import TRACKERS
+from replay.verifying import verify, verify_chain
+
+DATA = Path(os.environ.get("SCENETRACE_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
+# From the newest kernels down to what every 64-bit processor has.
+CPU_LEVELS = ("AVX512_SKX", "AVX512_SKX,AVX2,FMA3,FP16", "AVX512_SKX,AVX2,FMA3,FP16,AVX,SSE4_2,SSE4_1,POPCNT,SSSE3")
+KERNELS = ("Haswell", "Nehalem", "Prescott")
+FRAMES, PETS_FRAMES = 120, 60
+SECOND = 1_000_000_000
+
+
+def options(tracker: str, *assignments: str, **more: Any) -> ReplayOptions:
+    config = replay_config(tracker, assignments=assignments)
+    return ReplayOptions(tracker=tracker, config=config, annotations_only=True, force=True, **more)
+
+
+def scenes(folder: Path, full: bool) -> dict[str, Path]:
+    """Scripted scenes, and PETS where it is at hand, as scene logs."""
+    found = {}
+    for name in ("three_way_group", "six_fish"):
+        size, frames = (None, None) if full else ((160, 120), FRAMES)
+        found[name] = write_scene_log(
+            generate(name, seed=1, size=size, frames=frames), folder / f"{name}.mcap", style="merged"
+        )
+    video = DATA / "pets09-s2l1" / "video.avi"
+    if video.exists():
+        print(f"recording {video.name} ...", file=sys.stderr, flush=True)
+        record(open_source(video, fps=7), folder / "whole.mcap", RecordOptions(detect="motion"))
+        found["PETS09-S2L1"] = folder / "whole.mcap"
+        if not full:
+            found["PETS09-S2L1"] = cut(folder / "whole.mcap", folder / "pets.mcap", PETS_FRAMES)
+    else:
+        print(f"no {video}: scripted scenes alone", file=sys.stderr)
+    return found
+
+
+def cut(source: Path, out: Path, frames: int) -> Path:
+    """The first frames of a scene log."""
+    from fixtures.plants import copy_log
+
+    with SceneLog(source) as scene:
+        times = [t for _, t in zip(range(frames), scene.frame_times(), strict=False)]
+    copy_log(source, out, lambda m: m.data if m.log_time_ns <= times[-1] else None)
+    return out
+
+
+# -- determinism ---------------------------------------------------------------------------------------------------
+
+
+def worker(order: dict[str, Any]) -> None:
+    """Replay every scene with every tracker once, print the digests."""
+    cv2.setNumThreads(order.get("threads", cv2.getNumThreads()))
+
+    def slow(*_: object) -> None:
+        time.sleep(0.002)
+
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name, path in order["scenes"].items():
+            for tracker in order["trackers"]:
+                progress = slow if order.get("slow") else None
+                done = writing.replay(Path(path), Path(folder) / "a.mcap", options(tracker), progress)
+                found[f"{name} {tracker}"] = done.output_digest
+    print(json.dumps(found))
+
+
+def elsewhere(order: dict[str, Any], env: dict[str, str], python: str = sys.executable) -> dict[str, str]:
+    done = subprocess.run(
+        [python, __file__, "--worker", json.dumps(order)],
+        env={**os.environ, **env},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        print(done.stderr[-1500:], file=sys.stderr)
+        return {}
+    digests: dict[str, str] = json.loads(done.stdout.splitlines()[-1])
+    return digests
+
+
+def variants(runs: int, pythons: Sequence[str]) -> Iterator[tuple[str, dict[str, Any], dict[str, str], str]]:
+    """Family, order, environment, interpreter."""
+    me = sys.executable
+    for _ in range(runs):
+        yield "run again", {}, {}, me
+    for seed in range(10):
+        yield "PYTHONHASHSEED 0 to 9", {}, {"PYTHONHASHSEED": str(seed)}, me
+    for n in (1, 2, 4):
+        yield "threads 1, 2, 4", {"threads": n}, {"OPENBLAS_NUM_THREADS": str(n), "OMP_NUM_THREADS": str(n)}, me
+    for kernel in KERNELS:
+        yield f"OPENBLAS_CORETYPE {', '.join(KERNELS)}", {}, {"OPENBLAS_CORETYPE": kernel}, me
+    for level in CPU_LEVELS:
+        yield "OPENCV_CPU_DISABLE down to SSE3", {}, {"OPENCV_CPU_DISABLE": level}, me
+    yield "IPP on", {}, {"SCENETRACE_EXPERIMENT": "ipp"}, me
+    yield "slow (2 ms a frame more)", {"slow": True}, {}, me
+    for python in pythons:
+        yield f"interpreter {python}", {}, {}, python
+
+
+def determinism(logs: dict[str, Path], trackers: Sequence[str], runs: int, pythons: Sequence[str]) -> bool:
+    order = {"scenes": {n: str(p) for n, p in logs.items()}, "trackers": list(trackers)}
+    first = elsewhere(order, {})
+    columns = list(first)
+    equal: dict[str, dict[str, int]] = {}
+    count: dict[str, int] = {}
+    for family, more, env, python in variants(runs, pythons):
+        found = elsewhere({**order, **more}, env, python)
+        count[family] = count.get(family, 0) + 1
+        row = equal.setdefault(family, dict.fromkeys(columns, 0))
+        for column in columns:
+            row[column] += found.get(column) == first[column]
+        print(f"  {family}: {count[family]}", file=sys.stderr, flush=True)
+    print("\nEqual output digests")
+    table(["", *columns], [[f, *(f"{row[c]}/{count[f]}" for c in columns)] for f, row in equal.items()])
+    for column in columns:
+        print(f"  {column}: {first[column][:16]}")
+    return all(n == count[f] for f, row in equal.items() for n in row.values())
+
+
+# -- time travel ---------------------------------------------------------------------------------------------------
+
+
+def travel(folder: Path, trackers: Sequence[str], full: bool) -> bool:
+    """States at every frame of every script; --from every frame of one."""
+    rows, good = [], True
+    for name, script in SCRIPTS.items():
+        scene = generate(name, 3) if full else GeneratedScene(name, changed(script, fps=3), 3, (96, 72), 40)
+        log = write_scene_log(scene, folder / f"travel-{name}.mcap", style="merged")
+        row: list[str] = [f"state at every frame of {name}"]
+        for tracker in trackers:
+            n, failed = restored(log, tracker)
+            good = good and not failed
+            row.append(f"{n - failed}/{n}")
+        rows.append(row)
+    log = folder / "travel-three_way_group.mcap"
+    for with_checkpoints in (True, False):
+        row = ["--from every frame, " + ("from checkpoints" if with_checkpoints else "from 0")]
+        for tracker in trackers:
+            n, failed = spans(log, tracker, folder, with_checkpoints)
+            good = good and not failed
+            row.append(f"{n - failed}/{n}")
+        rows.append(row)
+    print("\nTime travel: starts that went on as the straight run did")
+    table(["", *trackers], rows)
+    return good
+
+
+def restored(log: Path, tracker: str) -> tuple[int, int]:
+    with SceneLog(log) as scene:
+        engine = Engine(scene, tracker)
+        states, results = [], []
+        for found in engine.run():
+            states.append(checkpoint.encode_state(engine.state()))
+            results.append((found.targets, found.annotation))
+        failed = 0
+        for k, state in enumerate(states[:-1]):
+            engine.restore(checkpoint.decode_state(state))
+            found = engine.step()
+            same = found is not None and (found.targets, found.annotation) == results[k + 1]
+            failed += not (same and checkpoint.encode_state(engine.state()) == states[k + 1])
+    return len(states) - 1, failed
+
+
+def spans(log: Path, tracker: str, folder: Path, with_checkpoints: bool) -> tuple[int, int]:
+    whole = folder / "whole-travel.mcap"
+    writing.replay(log, whole, options(tracker, checkpoint_ns=1))
+    with SceneLog(log) as scene:
+        times = list(scene.frame_times())
+    failed = 0
+    for k, now in enumerate(times):
+        end = times[k + 1] if k + 1 < len(times) else now + 1
+        more = {"checkpoints": whole} if with_checkpoints else {}
+        writing.replay(log, folder / "span.mcap", options(tracker, from_ns=now, to_ns=end, **more))
+        failed += annotated(folder / "span.mcap") != annotated(whole, now, end)
+    return len(times), failed
+
+
+def annotated(path: Path, first_ns: int = 0, end_ns: int = 1 << 62) -> list[tuple[Any, ...]]:
+    with LogReader(path) as log:
+        return [(m.topic, m.log_time_ns, m.sequence, m.data) for m in log.messages(None, first_ns, end_ns)]
+
+
+# -- plants --------------------------------------------------------------------------------------------------------
+
+
+def plants(folder: Path, trackers: Sequence[str]) -> bool:
+    scene = write_scene_log(
+        generate("three_way_group", seed=1, size=(160, 120), frames=110), folder / "p.mcap", style="merged",
+        pictures="png",
+    )  # fmt: skip
+    rows, good = [], True
+    whole = ReplayOptions(checkpoint_ns=SECOND, force=True)
+    writing.replay(scene, folder / "pa.mcap", whole)
+    for name, plant in ANNOTATION_PLANTS.items():
+        planted = plant(folder / "pa.mcap", folder / "pb.mcap")
+        quick, found = verify_chain(folder / "pb.mcap"), verify(folder / "pb.mcap")
+        diff = compare(folder / "pa.mcap", folder / "pb.mcap")
+        rows.append([f"altered afterwards: {name}", *outcome(planted, (quick, found), diff)])
+    for name, plant in RECORDING_PLANTS.items():
+        planted = plant(scene, folder / "pb.mcap")
+        found = verify(folder / "pa.mcap", folder / "pb.mcap")
+        writing.replay(folder / "pb.mcap", folder / "pc.mcap", whole)
+        diff = compare(folder / "pa.mcap", folder / "pc.mcap")
+        rows.append([f"another recording: {name}", *outcome(planted, (found,), diff)])
+    config = replay_config("events", assignments=[f"shell_model.k_s={0.2 + 1e-9!r}"])
+    writing.replay(scene, folder / "pc.mcap", changed(whole, config=config))
+    diff = compare(folder / "pa.mcap", folder / "pc.mcap")
+    rows.append(["another parameter: k_s by 1e-9", "0", "-", "yes" if diff.differences[0].frame == 0 else "NO"])
+    print("\nPlanted differences: found at their frame")
+    table(["plant", "frame", "verify", "diff"], rows)
+    good = all("NO" not in row for row in rows)
+    pairs, alarms = unchanged(folder, trackers)
+    print(f"\nFalse alarms on unchanged pairs: {alarms} of {pairs}")
+    return good and not alarms
+
+
+def outcome(planted: Planted, verdicts: Sequence[Any], diff: Any) -> list[str]:
+    place = "-" if planted.frame < 0 else str(planted.frame)
+    right = all(v.difference is not None and v.difference.frame == planted.frame for v in verdicts)
+    if planted.frame >= 0:
+        seen = "yes" if diff.differences and planted.frame in {d.frame for d in diff.differences} else "NO"
+    else:
+        seen = "yes" if diff.made else "not in what happens"
+    return [place, "yes" if right else "NO", seen]
+
+
+def unchanged(folder: Path, trackers: Sequence[str]) -> tuple[int, int]:
+    """Replays of one scene twice, over all scripts and trackers until there are 50 pairs."""
+    pairs = alarms = 0
+    while pairs < 50:
+        for name in SCRIPTS:
+            scene = generate(name, seed=pairs, size=(96, 72), frames=25)
+            log = write_scene_log(scene, folder / "u.mcap", style="merged", force=True)
+            tracker = trackers[pairs % len(trackers)]
+            for out in ("ua.mcap", "ub.mcap"):
+                writing.replay(log, folder / out, options(tracker))
+            quiet = compare(folder / "ua.mcap", folder / "ub.mcap").identical
+            alarms += not (quiet and verify(folder / "ub.mcap", log).identical)
+            pairs += 1
+            if pairs == 50:
+                break
+    return pairs, alarms
+
+
+# -- cost ----------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def timed(places: Sequence[tuple[Any, str]], spent: dict[str, float], name: str) -> Iterator[None]:
+    """Add up the time within functions while the block runs."""
+    before = [(owner, attribute, getattr(owner, attribute)) for owner, attribute in places]
+
+    def wrapped(function: Callable[..., Any]) -> Callable[..., Any]:
+        def run(*args: Any, **more: Any) -> Any:
+            start = time.perf_counter()
+            try:
+                return function(*args, **more)
+            finally:
+                spent[name] = spent.get(name, 0.0) + time.perf_counter() - start
+
+        return run
+
+    for owner, attribute, function in before:
+        setattr(owner, attribute, wrapped(function))
+    try:
+        yield
+    finally:
+        for owner, attribute, function in before:
+            setattr(owner, attribute, function)
+
+
+def cost(logs: dict[str, Path], trackers: Sequence[str], folder: Path) -> bool:
+    rows, good = [], True
+    cv2.setNumThreads(1)
+    for name, path in logs.items():
+        for tracker in trackers:
+            writing.replay(path, folder / "c.mcap", changed(options(tracker), annotations_only=False))
+            spent: dict[str, float] = {}
+            digests = [(digest, "recorded_digest"), (digest, "digest"), (digest, "chained")]
+            states = [
+                (replaying.Run, "_checkpoint"),
+                (writing.AnnotatedWriter, "keep"),
+                (sys.modules["replay.engine"], "encode_state"),
+            ]
+            with timed(digests, spent, "digest"), timed(states, spent, "states"):
+                start = time.process_time(), time.perf_counter()
+                whole = changed(options(tracker), annotations_only=False, checkpoint_ns=10 * SECOND)
+                done = writing.replay(path, folder / "c.mcap", whole)
+                wall = time.perf_counter() - start[1]
+            with LogReader(folder / "c.mcap") as log:
+                sizes = [a.data_size for a in log.index.attachment_indexes if a.name.startswith("checkpoint/")]
+            total = spent["digest"] + spent.get("states", 0.0)
+            good = good and total < 0.05 * wall
+            rows.append(
+                [
+                    name, tracker, str(done.frames), f"{done.frames / wall:.0f}", f"{spent['digest'] / wall:.1%}",
+                    f"{spent.get('states', 0.0) / wall:.1%}", str(len(sizes)),
+                    f"{max(sizes, default=0) / 1000:.1f} kB",
+                ]
+            )  # fmt: skip
+    print("\nCost of digests and of a checkpoint every 10 s, in a replay with pictures")
+    table(["scene", "tracker", "frames", "frames/s", "digests", "states", "checkpoints", "largest"], rows)
+    return good
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    widths = [max(len(str(row[k])) for row in [head, *rows]) for k in range(len(head))]
+    for row in [head, *rows]:
+        print("  " + "  ".join(str(cell).ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+PARTS = ("determinism", "travel", "plants", "cost")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)}; default: all")
+    parser.add_argument("--full", action="store_true", help="whole scenes")
+    parser.add_argument("--runs", type=int, default=20, help="runs that change nothing; default 20")
+    parser.add_argument("--tracker", action="append", choices=list(TRACKERS), help="default: all")
+    parser.add_argument("--python", action="append", default=[], help="another interpreter with scenetrace")
+    parser.add_argument("--worker", type=json.loads, help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.worker:
+        worker(args.worker)
+        return 0
+    for part in args.parts:
+        if part not in PARTS:
+            parser.error(f"no part {part!r}; there are: {', '.join(PARTS)}")
+    parts, trackers, good = args.parts or PARTS, args.tracker or list(TRACKERS), True
+    with tempfile.TemporaryDirectory(prefix="trust-") as place:
+        folder = Path(place)
+        logs = scenes(folder, args.full) if {"determinism", "cost"} & set(parts) else {}
+        if "determinism" in parts:
+            good = determinism(logs, trackers, args.runs, args.python) and good
+        if "travel" in parts:
+            good = travel(folder, trackers, args.full) and good
+        if "plants" in parts:
+            good = plants(folder, trackers) and good
+        if "cost" in parts:
+            good = cost(logs, trackers, folder) and good
+    print(f"\n{'all as it should be' if good else 'NOT all as it should be'}")
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
