@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import shutil
 import subprocess
@@ -72,6 +73,14 @@ def examples(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done("replay", folder / "scene.mcap", "-o", folder / "annotated.mcap", "--force", "--checkpoint", 20)
     done("export", folder / "annotated.mcap", "--to", "mot", "-o", folder / "result.txt")
     done("index", folder / "monday.mcap", folder / "tuesday.mcap", "-o", folder / "case.duckdb")
+    done("query", folder / "annotated.mcap", "SELECT * FROM events", "--format", "csv", "-o", folder / "answers.csv")
+    for name in ("a", "b", "other"):
+        shutil.copy(folder / "scene.mcap", folder / f"{name}.mcap")
+        shutil.copy(folder / "gt.txt", folder / f"{name}.txt")
+    if importlib.util.find_spec("cryptography"):
+        done("seal", "--new-key", folder / "lab.key")
+        sealed = [folder / name for name in ("scene.mcap", "annotated.mcap")]
+        done("seal", *sealed, "-o", folder / "case.json", "--key", folder / "lab.key")
     (folder / "recordings").mkdir()
     shutil.copy(folder / "before.mcap", folder / "recordings")
     return folder

@@ -18,6 +18,7 @@ Start = Callable[..., "subprocess.Popen[bytes]"]
 
 # A call of every command that can answer as JSON, without --json.
 JSON_CALLS: dict[str, list[str]] = {
+    "replay": ["scene.mcap", "--against", "annotated.mcap"],
     "verify": ["annotated.mcap"],
     "diff": ["before.mcap", "annotated.mcap"],
     "query": ["annotated.mcap", "SELECT * FROM events"],
