@@ -52,6 +52,14 @@ def share_inside(box: Box, other: Box) -> float:
     return w * h / area if w > 0 and h > 0 and area > 0 else 0.0
 
 
+def boxes_touch(boxes: Floats, others: Floats) -> Bools:
+    """Which of boxes (N, 4) have an inner point in common with which of others (M, 4), (N, M) bool."""
+    a, b = boxes[:, None, :], others[None, :, :]
+    w = np.minimum(a[..., 0] + a[..., 2], b[..., 0] + b[..., 2]) - np.maximum(a[..., 0], b[..., 0])
+    h = np.minimum(a[..., 1] + a[..., 3], b[..., 1] + b[..., 3]) - np.maximum(a[..., 1], b[..., 1])
+    return np.asarray((w > 0) & (h > 0))
+
+
 def circles_overlap_area(distance: float, r1: float, r2: float) -> float:
     """Area in square pixels that two discs with centres ``distance`` apart have in common."""
     if distance >= r1 + r2:

@@ -8,8 +8,9 @@ What the paper leaves open, and what is done here:
   boxes overlap always collide.
 - A target's first frame (also after an absence) begins nothing, as the paper demands for grouping; a target born of
   a split is splitting from those that it collides with.
-- A target that is first seen wholly inside the region of interest, colliding with one that was there before, cannot
-  have come from anywhere else: it is taken to be born of a split, whether or not the tracker says so.
+- A target that is first seen wholly inside the region of interest, its box over the box of one that was there before
+  ("stable trackers are instantiated over the group region"), is taken to be born of a split, whether or not the
+  tracker says so. Doors within the region are the price: who comes out of one beside somebody must not touch him.
 - A target that is not in the picture keeps its partners while it collides, and gets no new ones.
 - A grouped target that is hidden (no observation, no blob) counts into the blob of the nearest partner that it was
   grouped with and still collides with.
@@ -51,7 +52,7 @@ class InteractionParameters(Parameters):
         high=5.0,
     )
     infer_splits: bool = param(
-        True, "who is first seen inside the region of interest, colliding with an older target, is born of a split"
+        True, "who is first seen inside the region of interest, over an older target's box, is born of a split"
     )
     over_share: float = param(
         0.5, "share of a target's box that must lie in a group tracker's box to lie over it", low=0.05, high=1.0

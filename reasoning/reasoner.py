@@ -22,7 +22,7 @@ from typing import Any
 import msgspec
 
 from reasoning import events as tell
-from reasoning.geometry import WHOLLY, circles_overlap_share
+from reasoning.geometry import WHOLLY, boxes_touch, circles_overlap_share
 from reasoning.graph import GraphBook, Scene
 from reasoning.groups import GroupBook, GroupChange, HeldGroup
 from reasoning.interactions import (
@@ -32,7 +32,6 @@ from reasoning.interactions import (
     InteractionParameters,
     Members,
     PairChange,
-    collision_map,
 )
 from reasoning.regions import RegionParameters, SceneBook, SceneRegions, default_regions
 from reasoning.relations import Change, Objects, RelationBook, RelationParameters
@@ -171,14 +170,14 @@ class Reasoner:
             self._regions = SceneRegions(regions, self._region)
 
     def _infer_splits(self, rows: Rows) -> None:
-        """Who is first seen inside the region of interest and collides with an older target is born of a split."""
+        """Who is first seen inside the region of interest and over an older target's box is born of a split."""
         new = [k for k, i in enumerate(rows.ids) if rows.newborn[k] and i not in self._known and not rows.of_split[k]]
         old = [k for k in range(len(rows.ids)) if rows.present[k] and not rows.newborn[k]]
         if not (new and old and self._interaction.infer_splits):
             return
-        collides = collision_map(rows.boxes[[*new, *old]], self._interaction.safety_margin)[: len(new), len(new) :]
+        over = boxes_touch(rows.boxes[new], rows.boxes[old]).any(axis=1)
         inside = self._regions.places(rows.boxes[new]).roi == WHOLLY
-        for k, split in zip(new, (collides.any(axis=1) & inside).tolist(), strict=True):
+        for k, split in zip(new, (over & inside).tolist(), strict=True):
             rows.of_split[k] = split and rows.present[k]
             rows.inferred += [rows.ids[k]] if rows.of_split[k] else []
 

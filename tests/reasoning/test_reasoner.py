@@ -187,7 +187,7 @@ def test_one_who_leaves_from_within_a_group_exits_in_the_frame_of_its_end():
 
 def test_who_appears_beside_another_within_the_scene_is_born_of_a_split():
     _, answers = run(
-        [[person(1, 100)], [person(1, 100)], [person(1, 96), person(2, 120)], [person(1, 90), person(2, 126)]]
+        [[person(1, 100)], [person(1, 100)], [person(1, 100), person(2, 118)], [person(1, 90), person(2, 126)]]
     )
     told = {e.kind: e for e in answers[2].events}
     assert set(told) == {"track_confirmed", "interaction_started", "splitting", "group_entered_scene"}
