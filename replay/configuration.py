@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 
 from reasoning import reasoner
+from reasoning.encounters import EncounterParameters
 from recorders import recording
 from recorders.errors import ConfigError, UsageError
 from recorders.parameters import Config, Parameters, as_plain, configure
@@ -21,6 +22,7 @@ from replay.trackers.catalogue import TRACKER_SECTIONS, TRACKERS
 from replay.trackers.tracker import TrackerFactory
 
 DEFAULT_TRACKER = "events"
+ASKING_SECTIONS: dict[str, type[Parameters]] = {"encounters": EncounterParameters}
 # Packages whose numbers, orders or encodings can reach a result.
 DECISIVE_PACKAGES = (
     "av",
@@ -66,9 +68,20 @@ def sections(tracker: str | TrackerFactory) -> dict[str, type[Parameters]]:
     return {**own, **reasoner.SECTIONS, **hindsight.SECTIONS}
 
 
+def encounter_config(file: str | Path | None = None, assignments: Iterable[str] = ()) -> EncounterParameters:
+    """The parameters of the commands that find encounters in annotated logs (`query`, `index`, `explain`).
+
+    Raises:
+        UsageError: an unknown parameter, or a value out of range.
+    """
+    found = configure(ASKING_SECTIONS, file, assignments, others=all_sections())["encounters"]
+    assert isinstance(found, EncounterParameters)
+    return found
+
+
 def all_sections() -> dict[str, type[Parameters]]:
     """Every section of every command: what `scenetrace config` prints and a configuration file may hold."""
-    every = dict(recording.SECTIONS)
+    every = {**recording.SECTIONS, **ASKING_SECTIONS}
     for tracker in TRACKERS:
         every.update(sections(tracker))
     return every

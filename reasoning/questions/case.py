@@ -81,6 +81,7 @@ class Case:
     Attributes:
         inputs: what was opened.
         limits: what one query may take.
+        encounters: the thresholds of encounters in the logs; an index keeps those that it was made with.
     """
 
     def __init__(
@@ -100,6 +101,7 @@ class Case:
             raise UsageError("no recordings to ask; give annotated logs, an index, or a folder of Parquet")
         self.inputs = [Path(p) for p in inputs]
         self.limits = limits or QueryLimits()
+        self.encounters = encounters or EncounterParameters()
         self._con = duckdb.connect(":memory:", config=locked_down(self.limits))
         self._sources: list[Callable[[str], str]] = []
         self._folders: list[str] = []

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from reasoning.encounters import EncounterParameters
 from reasoning.questions.case import Case
 from reasoning.questions.values import literal
 from recorders.errors import UsageError
@@ -267,7 +266,7 @@ def _began(case: Case, name: str, ids: tuple[int, int], row: Mapping[str, Any]) 
 
 
 def _encounter_measures(case: Case, name: str, ids: tuple[int, int], frame: int) -> list[Measure]:
-    p = EncounterParameters()
+    p = case.encounters
     rows = case.rows(
         "SELECT v.distance, v.relative_speed, v.near_s, v.sure_frame, e.confidence, e.start_frame "  # noqa: S608
         "FROM encounter_evidence v JOIN encounters e USING (recording, a, b, start_frame) "

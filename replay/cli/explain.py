@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from recorders.errors import OutputExistsError
-from replay.cli.common import command, say
+from replay.cli.common import add_configuration, command, say
 
 EXAMPLE = """\
 scenetrace explain annotated.mcap 12
@@ -26,6 +26,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     p.add_argument("--camera", metavar="NAME", help="which camera, where the log has several")
     p.add_argument("--json", action="store_true", help="as JSON")
     p.add_argument("--force", action="store_true", help="write into an existing folder")
+    add_configuration(p)
     p.set_defaults(run=run)
 
 
@@ -35,11 +36,12 @@ def run(args: argparse.Namespace) -> int:
 
     from reasoning.questions import Case
     from reasoning.questions.explain import explain
+    from replay.configuration import encounter_config
 
     if args.output is not None and args.output.exists() and not args.force:
         raise OutputExistsError(args.output)
     recording = args.recording
-    with Case([args.annotated]) as case:
+    with Case([args.annotated], encounters=encounter_config(args.config, args.assignments)) as case:
         if recording is None and args.camera is not None:
             rows = case.rows("SELECT recording FROM recordings WHERE camera = ?", [args.camera])
             recording = rows[0][0] if rows else None

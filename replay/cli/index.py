@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from replay.cli.common import command, progress, say
+from replay.cli.common import add_configuration, command, progress, say
 
 EXAMPLE = """\
 scenetrace index monday.mcap tuesday.mcap -o case.duckdb
@@ -27,6 +27,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     )
     p.add_argument("--keep-going", action="store_true", help="leave out logs that cannot be read (exit code 3)")
     p.add_argument("--json", action="store_true", help="what was done, as JSON")
+    add_configuration(p)
     p.set_defaults(run=run)
 
 
@@ -36,14 +37,16 @@ def run(args: argparse.Namespace) -> int:
 
     from reasoning.questions.index import build_index
     from recorders.errors import UsageError
+    from replay.configuration import encounter_config
 
+    encounters = encounter_config(args.config, args.assignments)
     logs: list[Path] = []
     for path in args.logs:
         logs += sorted(path.rglob("*.mcap")) if path.is_dir() else [path]
     if not logs:
         raise UsageError(f"no .mcap below {args.logs[0]}")
     with progress(len(logs), "logs") as told:
-        done = build_index(logs, args.output, keep_going=args.keep_going, progress=told)
+        done = build_index(logs, args.output, keep_going=args.keep_going, encounters=encounters, progress=told)
     for path, why in done.failed:
         say(f"left out {path}: {why}")
     say(f"{args.output}: {len(done.added)} recordings added, {len(done.known)} were there, {len(done.failed)} left out")

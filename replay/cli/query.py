@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from recorders.errors import OutputExistsError, UsageError
-from replay.cli.common import command, say
+from replay.cli.common import add_configuration, command, say
 
 EXAMPLE = """\
 scenetrace query annotated.mcap "SELECT kind, t, subjects, text FROM events ORDER BY t"
@@ -50,6 +50,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     asking.add_argument("--depth", type=int, default=3, metavar="N", help="longest chain of contacts (default 3)")
     asking.add_argument("--by", default="relations", metavar="WHAT",
                         help="a contact is: relations, joint, encounters, groups")  # fmt: skip
+    add_configuration(p)
     limits = p.add_argument_group("limits")
     limits.add_argument("--time-limit", type=float, default=60.0, metavar="S", help="seconds (default 60)")
     limits.add_argument("--memory", type=int, default=2048, metavar="MIB", help="memory in MiB (default 2048)")
@@ -78,6 +79,7 @@ def run(args: argparse.Namespace) -> int:
     """Answer."""
     from reasoning.questions import Case, QueryLimits
     from reasoning.questions.guard import guarded
+    from replay.configuration import encounter_config
 
     if _listed(args):
         return 0
@@ -90,7 +92,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--time-limit must be over 0 and at most 1e6 seconds, --memory 16 to 1048576 MiB")
     if args.output is not None and args.output.exists() and not args.force:
         raise OutputExistsError(args.output)
-    with Case(inputs, QueryLimits(args.time_limit, args.memory)) as case:
+    encounters = encounter_config(args.config, args.assignments)
+    with Case(inputs, QueryLimits(args.time_limit, args.memory), encounters=encounters) as case:
         if args.pattern is not None:
             from reasoning.questions.patterns import plan
 
