@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 
 from recorders.errors import ConfigError
 from recorders.messages import NO_BLOB, Notice
-from replay.trackers.association import intersection
+from replay.trackers.association import intersection, iou
 from replay.trackers.parts.candidates import Observed
 from replay.trackers.parts.parameters import PartsParameters
-from replay.trackers.parts.targets import TENTATIVE, Target, Targets
+from replay.trackers.parts.targets import BYSTANDER, TENTATIVE, Target, Targets
 from replay.trackers.tracker import Frame
 
 Floats = NDArray[np.float64]
+SAME_PLACE = 0.4
+"""IoU from which on a target drawn by hand is whom the tracker already knew."""
 SPLIT_SHARE = 0.3
 """A new target that covers this much of another one's last box, or shares its blob, was born of a split."""
 
@@ -65,12 +67,16 @@ class Beginning:
         self._targets = targets
 
     def by_hand(self, frame: Frame, starts: Sequence[Start]) -> None:
-        """Start what was drawn into this frame."""
+        """Start what was drawn into this frame; a bystander of the same place gives way to it."""
         for start in starts:
             if start.frame == frame.index:
+                box = np.array(start.box, np.float64)
+                same = iou(box[None], self._targets.boxes)[0]
+                strangers = [k for k, t in enumerate(self._targets.items) if not t.manual and same[k] >= SAME_PLACE]
+                self._targets.keep([k for k in range(len(self._targets)) if k not in strangers])
                 target = Target(TENTATIVE, frame.index, frame.time_ns, frame.time_ns, manual=True)
                 target.measured = start.box
-                self._targets.start(np.array(start.box, np.float64), target)
+                self._targets.start(box, target)
 
     def automatic(self, frame: Frame, seen: Observed, unexplained: Floats) -> None:
         """Start a tentative target at every detection that nobody explains.
@@ -95,14 +101,20 @@ class Beginning:
             target.measured = tuple(seen.boxes[k].tolist())
             self._targets.start(seen.boxes[k], target)
 
-    def confirm(self, frame: Frame, next_id: int, notices: list[Notice]) -> int:
-        """Give ids to what has had enough support, in the order of birth; returns the next id."""
+    def confirm(self, frame: Frame, next_id: int, notices: list[Notice], only_by_hand: bool) -> int:
+        """Give ids to what has had enough support, in the order of birth; returns the next id.
+
+        ``only_by_hand``: whoever was not started by hand becomes a bystander.
+        """
         p = self._p
         for target in self._targets.items:
             if target.id != TENTATIVE or not target.observed:
                 continue
             seconds = (frame.time_ns - target.born_ns) * 1e-9
             if not target.manual and (target.hits < p.confirm_hits or seconds < p.confirm_s):
+                continue
+            if only_by_hand and not target.manual:
+                target.id, target.sightings = BYSTANDER, []
                 continue
             target.id = next_id
             next_id += 1

@@ -77,6 +77,14 @@ Refine = Callable[[int, Floats, float], Floats | None]
 """(target, box, reach in pixels) -> the box with the head where its image fits best, None if that tells nothing."""
 
 
+def trunks(boxes: Floats) -> Floats:
+    """What bodies hide: the middle of their boxes (N, 4)."""
+    out = boxes.copy()
+    out[:, 0] += boxes[:, 2] * (1 - TRUNK) / 2
+    out[:, 2] *= TRUNK
+    return out
+
+
 class Association:
     """One frame's layered association."""
 
@@ -112,10 +120,7 @@ class Association:
         foot = c.boxes[:, 1] + c.boxes[:, 3]
         nearer = (others[:, 1] + others[:, 3])[None, :] > (foot + NEARER * c.boxes[:, 3])[:, None]
         nearer &= owner[None, :] != c.rows[:, None]
-        trunks = others + np.stack(
-            [others[:, 2] * (1 - TRUNK) / 2, 0 * others[:, 2], -others[:, 2] * (1 - TRUNK), 0 * others[:, 2]], axis=1
-        )
-        return covered(self._s.rectangles, trunks, nearer) >= self._p.hidden_cover
+        return covered(self._s.rectangles, trunks(others), nearer) >= self._p.hidden_cover
 
     def _assign(self, rows: NDArray[np.intp], scores: Ints, hidden: Bools) -> list[Match]:
         c = self._s.candidates

@@ -7,14 +7,15 @@ from numpy.typing import NDArray
 
 from recorders.messages import Box, Mode, Notice
 from replay.trackers.association import intersection, iou
+from replay.trackers.parts.beginning import SAME_PLACE
 from replay.trackers.parts.candidates import Candidates, Observed, gather
 from replay.trackers.parts.features import AREA, OVERLAP, Measured, Pixels, differences, measure
 from replay.trackers.parts.heads import HeadDetector
-from replay.trackers.parts.layers import Association, Match, Scored
+from replay.trackers.parts.layers import NEARER, Association, Match, Scored, trunks
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.regions import HEAD, PARTS, covered
 from replay.trackers.parts.scoring import FULL, Scorer
-from replay.trackers.parts.targets import TENTATIVE, Targets
+from replay.trackers.parts.targets import BYSTANDER, TENTATIVE, Targets
 from replay.trackers.parts.template import patches, refine
 from replay.trackers.tracker import Frame, SceneInfo
 
@@ -41,6 +42,8 @@ class Matching:
         self._expected = targets.expected()
         self._gates = targets.gates(dt)
         self._before = targets.boxes.copy()
+        self._gone: dict[int, NDArray[np.bool_]] = {}
+        self._returned: list[int] = []
 
     def run(self, scorer: Scorer, find_heads: HeadDetector, notices: list[Notice]) -> None:
         """Match and update every target: those alone first, then the contested, the new, and the lost."""
@@ -54,7 +57,7 @@ class Matching:
             chosen = np.flatnonzero(rows & free)
             if len(chosen):
                 self._contested(chosen, back=bool(lost[chosen[0]]), notices=notices)
-        self._hide_unseen()
+        self._hide()
 
     def gates(self) -> list[Box]:
         """Every target's gate, the rectangle in which its centre is looked for."""
@@ -88,7 +91,6 @@ class Matching:
                 continue
             row = int(rows[t])
             self._observe(row, blobs[b], b + 1, "motion", None, tuple(self._seen.centroids[b].tolist()))
-            self._targets.hidden[row] = False
             item = self._targets.items[row]
             if (self._frame.time_ns - item.learnt_ns) * 1e-9 >= self._p.learn_s or item.learnt_ns < 0:
                 item.learnt_ns = self._frame.time_ns
@@ -126,10 +128,10 @@ class Matching:
             self._targets.items[row].signed = True
         self._learn_heads(rows, boxes)
 
-    def learn_new(self, first: int) -> None:
-        """Learn the parts of the targets that have just begun, from row ``first`` on."""
+    def learn_new(self) -> None:
+        """Learn the parts of the targets that have just begun, of whom nothing is known."""
         targets = self._targets
-        rows = np.arange(first, len(targets))
+        rows = np.flatnonzero(~targets.model.seen.any(axis=1))
         if not len(rows):
             return
         self._image()
@@ -152,7 +154,7 @@ class Matching:
     def _contested(self, rows: Rows, back: bool, notices: list[Notice]) -> None:
         """Layered association of some targets among the candidates that are left."""
         targets = self._targets
-        taken = self._taken()
+        taken = self._taken(back)
         pictures = (self._image() if self._p.use_heads else None, self._frame.mask if self._scene.has_masks else None)
         found = gather(
             self._seen, rows, self._expected[rows], targets.alpha[rows], self._gates[rows], self._find_heads, pictures,
@@ -175,11 +177,25 @@ class Matching:
         matches = Association(scored, self._scorer, self._p, pruner).solve(rows, self._expected[rows], taken)
         for match in matches:
             self._take(match, scored, notices)
+            if back:
+                self._returned.append(match.row)
 
-    def _taken(self) -> Floats:
-        """Boxes of the targets that have been placed."""
-        placed = [k for k, t in enumerate(self._targets.items) if t.observed]
+    def _taken(self, back: bool = False) -> Floats:
+        """Boxes of the targets that have been placed.
+
+        ``back``: except of those bystanders that a target started by hand may turn out to be, having lost its way.
+        """
+        placed = [k for k, t in enumerate(self._targets.items) if t.observed and not (back and t.id == BYSTANDER)]
         return self._targets.boxes[placed]
+
+    def usurped(self) -> list[int]:
+        """Rows of bystanders that turned out to be a target started by hand."""
+        targets = self._targets
+        strangers = [k for k, t in enumerate(targets.items) if t.id == BYSTANDER]
+        if not self._returned or not strangers:
+            return []
+        same = iou(targets.boxes[strangers], targets.boxes[self._returned]).max(axis=1) >= SAME_PLACE
+        return [k for k, gone in zip(strangers, same.tolist(), strict=True) if gone]
 
     def _free(self, found: Candidates, taken: Floats) -> Candidates:
         """The candidates that nobody has taken."""
@@ -213,15 +229,15 @@ class Matching:
         mode: Mode = "motion" if direct else "appearance"
         self._observe(row, match.box, blob, mode, match.score, centroid)
         matched = (s.parts[k] >= round(self._p.part_score * FULL)) & ~match.hidden
-        learnt = self._scene.has_images or self._scene.has_masks
+        # By things that nobody tracks: where a part should be there is hardly any foreground.
+        gone = s.measured.area[k] * 3 < targets.model.area[row]
+        self._gone[row] = gone & (s.parts[k] < round(self._p.part_score * FULL)) & bool(s.measured.known[0])
         targets.learn(row, s.measured, k, s.parts[k], matched)
-        unlike = (s.parts[k] < round(self._p.part_score * FULL)) & (not direct) & learnt
-        targets.hidden[row] = match.hidden | unlike
         targets.items[row].signed = bool(matched[1:].any())
         if match.rival >= 0:
             rival = targets.items[match.rival].id
             mine = targets.items[row].id
-            if TENTATIVE not in (rival, mine):
+            if rival > 0 and mine > 0:
                 self._tell_conflict(mine, rival, match, notices)
 
     def _tell_conflict(self, mine: int, rival: int, match: Match, notices: list[Notice]) -> None:
@@ -250,15 +266,24 @@ class Matching:
         if item.id == TENTATIVE:
             item.sightings.append([float(self._frame.index), x, y, w, h])
 
-    def _hide_unseen(self) -> None:
-        """Parts of unseen targets that others cover are hidden where they are expected."""
+    def _hide(self) -> None:
+        """Which parts are hidden now that everybody has a place: those that nearer targets cover, and those gone.
+
+        Of an unseen target every part that anybody covers is hidden where the target is expected.
+        """
         targets = self._targets
-        rows = np.array([k for k, t in enumerate(targets.items) if not t.observed], np.intp)
-        taken = self._taken()
-        if not len(rows):
+        if not len(targets):
             return
-        parts = targets.parts(rows, targets.boxes[rows])
-        targets.hidden[rows] = covered(parts, taken, np.ones((len(rows), len(taken)), bool)) >= self._p.hidden_cover
+        boxes = targets.boxes
+        here = np.array([not t.lost and t.id != TENTATIVE for t in targets.items], bool)
+        seen = np.array([t.observed for t in targets.items], bool)
+        foot = boxes[:, 1] + boxes[:, 3]
+        nearer = (foot[None, :] > (foot + NEARER * boxes[:, 3])[:, None]) | ~seen[:, None]
+        nearer &= (here & seen)[None, :] & ~np.eye(len(targets), dtype=bool)
+        parts = targets.parts(np.arange(len(targets)), boxes)
+        targets.hidden[:] = covered(parts, trunks(boxes), nearer) >= self._p.hidden_cover
+        for row in sorted(self._gone):
+            targets.hidden[row] |= self._gone[row]
 
     def unexplained(self) -> Floats:
         """Share of each observation's foreground that no placed target explains, (K,)."""

@@ -20,6 +20,8 @@ from replay.trackers.parts.template import SIDE
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 TENTATIVE = -1
+BYSTANDER = -2
+"""Identity of whoever is tracked, but not reported, because targets are started by hand."""
 _MODEL = ("area", "perimeter", "overlap", "colours", "seen")
 
 
@@ -28,7 +30,7 @@ class Target:
     """One target's bookkeeping; its numbers are a row of `Targets`' arrays.
 
     Attributes:
-        id: identity, `TENTATIVE` before confirmation.
+        id: identity, `TENTATIVE` before confirmation, `BYSTANDER` for those who are not reported.
         born: frame of the first observation; born_ns its time.
         seen_ns: time of the last observation.
         hits: observations so far.

@@ -72,17 +72,15 @@ class PartsTracker:
             item.begin_frame()
         seen = observe(frame.detections)
         matching = Matching(self._scene, frame, seen, targets, self._p, dt if dt > 0 else self._scene.frame_ns * NS)
-        self._gates = {
-            item.id: gate for item, gate in zip(targets.items, matching.gates(), strict=True) if item.id != TENTATIVE
-        }
+        self._gates = {item.id: gate for item, gate in zip(targets.items, matching.gates(), strict=True) if item.id > 0}
         matching.run(self._scorer, self._find_heads, notices)
-        begin, before = Beginning(self._p, targets), len(targets)
-        if self._by_hand:
-            begin.by_hand(frame, self._by_hand)
-        else:
-            begin.automatic(frame, seen, matching.unexplained())
-        matching.learn_new(before)
-        self._next_id = begin.confirm(frame, self._next_id, notices)
+        usurped = matching.usurped()
+        targets.keep([k for k in range(len(targets)) if k not in usurped])
+        begin = Beginning(self._p, targets)
+        begin.by_hand(frame, self._by_hand)
+        begin.automatic(frame, seen, matching.unexplained())
+        matching.learn_new()
+        self._next_id = begin.confirm(frame, self._next_id, notices, bool(self._by_hand))
         self._age(frame, notices)
         return self._answer(frame, notices)
 
@@ -107,21 +105,22 @@ class PartsTracker:
                     kept.append(row)
                 continue
             mode: Mode = item.now if item.observed else "predicted"
+            told = notices if item.id > 0 else []
             if mode != item.mode:
                 change = {"from": item.mode, "to": mode, "unseen_s": unseen}
-                notices.append(Notice("mode_changed", [item.id], "PARTS 3.1: occlusion test", change))
+                told.append(Notice("mode_changed", [item.id], "PARTS 3.1: occlusion test", change))
                 item.mode = mode
             item.confidence = item.quality * 0.5 ** (unseen / p.half_life_s)
             lost = unseen > p.coast_s
             if lost != item.lost:
                 kind = "track_lost" if lost else "track_recovered"
-                notices.append(
+                told.append(
                     Notice(kind, [item.id], "PARTS 3: the gate grows until found or lost", {"unseen_s": unseen})
                 )
                 item.lost = lost
             if unseen > p.keep_s or self._outside(row):
                 evidence = {"unseen_s": unseen, "box": self._targets.boxes[row].tolist()}
-                notices.append(Notice("track_removed", [item.id], "PARTS 3: lost", evidence))
+                told.append(Notice("track_removed", [item.id], "PARTS 3: lost", evidence))
                 continue
             kept.append(row)
         self._targets.keep(kept)
@@ -134,7 +133,7 @@ class PartsTracker:
         out = []
         targets = self._targets
         for row, item in enumerate(targets.items):
-            if item.id == TENTATIVE:
+            if item.id <= 0:
                 continue
             vx, vy = targets.motion.rate[row].tolist()
             x, y, w, h = targets.boxes[row].tolist()
