@@ -23,6 +23,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import caviar
+import event_pictures
 import numpy as np
 import sequences
 
@@ -31,6 +32,9 @@ from fixtures.scenes import SCRIPTS, generate
 from reasoning.interactions import InteractionParameters
 from reasoning.reasoner import Reasoner
 from recorders.messages import Target, Targets
+from recorders.recording import RecordOptions, record
+from recorders.sources import open_source
+from replay.annotated import AnnotatedLog
 from replay.configuration import replay_config
 from replay.replaying import ReplayOptions
 from replay.writing import replay
@@ -182,14 +186,67 @@ def partners_of(track: object) -> list[int]:
     return [*track.grouping_partners, *track.grouped_partners, *track.splitting_partners]  # type: ignore[attr-defined]
 
 
+CORRIDOR = ("OneLeaveShopReenter1cor", "EnterExitCrossingPaths1cor")
+MOMENTS = ("track_confirmed", "interaction_started", "grouping", "grouped", "splitting", "single")
+"""What Figure 5 of EVENTS shows of the indoor sequence, by the last event of each kind, and the deepest occlusion."""
+
+
+def corridor(folder: Path, settings: list[str], name: str = CORRIDOR[0], out: Path | None = None) -> int:
+    """The events of the indoor sequence from its pixels; with ``out``, the row of pictures, too."""
+    with TemporaryDirectory() as temporary:
+        path = real(folder / "caviar-corridor" / f"{name}.mpg", Path(temporary), settings)
+        with AnnotatedLog(path) as log:
+            frames = list(log.frames())
+        events = [e for f in frames for e in f.events]
+        print(f"{name}: {len(frames)} frames, targets {sorted({t.id for f in frames for t in f.tracks})}")
+        for e in events:
+            print(f"{e.frame:>5} {e.kind:20} {e.text}")
+        if out is not None:
+            last = {e.kind: e.frame for e in events}
+            middle = (last["grouped"] + last["splitting"]) // 2
+            wanted = sorted({middle, *(last[k] for k in MOMENTS if k in last)} - {last["track_confirmed"]})
+            out.mkdir(parents=True, exist_ok=True)
+            rows = event_pictures.moments(path, wanted, (30, 50, 200, 200))
+            event_pictures.save(out / "one_leaves_shop.jpg", rows)
+    return 0
+
+
+def real(source: Path, folder: Path, settings: list[str], **wanted: object) -> Path:
+    """Record and replay a recording from its pixels."""
+    log, out = folder / f"{source.stem}.mcap", folder / f"{source.stem}.annotated.mcap"
+    record(open_source(source, fps=wanted.pop("fps", None)), log, RecordOptions(force=True, **wanted))
+    replay(log, out, options(settings))
+    return out
+
+
+def pictures(folder: Path, settings: list[str], out: Path) -> int:
+    """A picture per kind of event from the real recordings; for kinds that do not occur there, from a generated one."""
+    with TemporaryDirectory() as temporary:
+        here = Path(temporary)
+        zones = here / "regions.json"
+        zones.write_text(ZONES, encoding="ascii")
+        logs = [real(folder / "caviar-corridor" / f"{n}.mpg", here, settings) for n in CORRIDOR]
+        logs.append(real(folder / "pets09-s2l1" / "video.avi", here, settings, fps=7.0, regions=zones))
+        missing = event_pictures.per_kind(logs, out, ".jpg")
+        print(f"{out}: no picture of {', '.join(missing) or 'no kind'}")
+    return corridor(folder, settings, out=out)
+
+
+ZONES = """{"roi": [[[16, 16], [464, 16], [464, 344], [16, 344]]], "border": [[[5, 5], [475, 5], [475, 355], [5, 355]]],
+"zones": {"junction": [[150, 130], [330, 130], [330, 230], [150, 230]]}}"""
+
+
 def main() -> int:
     """Choose a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="?", choices=("all", "scenes", "caviar", "damping"), default="all")
+    parser.add_argument(
+        "what", nargs="?", choices=("all", "scenes", "caviar", "damping", "corridor", "pictures"), default="all"
+    )
     parser.add_argument("--names", nargs="*", choices=tuple(SCRIPTS), default=list(SCRIPTS), metavar="SCENE")
     parser.add_argument("--seeds", nargs="*", type=int, default=[0])
     parser.add_argument("--list", action="store_true", help="every missing and spurious event")
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="the replay's parameters")
+    parser.add_argument("-o", "--out", type=Path, help="folder of the pictures")
     args = parser.parse_args()
     folder = DATA / "caviar"
     answer = 0
@@ -198,6 +255,12 @@ def main() -> int:
     if not folder.exists():
         print(f"no CAVIAR labels at {folder}; set SCENETRACE_DATA", file=sys.stderr)
         return answer
+    if args.what == "pictures" and args.out is None:
+        parser.error("pictures need a folder: -o DIR")
+    if args.what in ("all", "corridor"):
+        answer |= corridor(DATA, args.set, out=args.out) | corridor(DATA, args.set, CORRIDOR[1])
+    if args.what == "pictures":
+        answer |= pictures(DATA, args.set, args.out)
     if args.what in ("all", "caviar"):
         answer |= caviar_table(folder)
     if args.what in ("all", "damping"):
