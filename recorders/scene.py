@@ -22,6 +22,7 @@ from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import ChannelInfo, LogReader, Message
 from recorders.messages import NO_BLOB, Detections, Regions
 from recorders.pictures import VideoDecoder, decode_picture
+from recorders.vision import cv2
 
 Image = NDArray[np.uint8]
 _SAMPLED_FRAMES = 64
@@ -192,7 +193,7 @@ class SceneLog:
             pending += group
             detections: Detections | None = None
             image: Callable[[], Image] | None = None
-            mask: Callable[[], Image] | None = None
+            masked: Message | None = None
             for message in group:
                 if message.topic == self._topics["detections"]:
                     if detections is not None:
@@ -204,10 +205,11 @@ class SceneLog:
                 elif message.topic == self._topics["image"]:
                     image = video.loader(message)
                 elif message.topic == self._topics["foreground"]:
-                    mask = self._mask_loader(message)
+                    masked = message
             if detections is None:
                 continue
-            self._check(detections, now, mask is not None)
+            self._check(detections, now, masked is not None)
+            mask = None if masked is None else self._mask_loader(masked, len(detections.components))
             yield Frame(index, now, detections, regions, image, mask, tuple(pending))
             pending = []
             index += 1
@@ -242,11 +244,20 @@ class SceneLog:
     def _decode(self, name: str, message: Message) -> Any:
         return channels.decode(name, message.data, path=str(self.path), limits=self.limits)
 
-    def _mask_loader(self, message: Message) -> Callable[[], Image]:
+    def _mask_loader(self, message: Message, blobs: int) -> Callable[[], Image]:
         def load() -> Image:
             picture = self._decode("foreground", message)
             mask = decode_picture(picture.data, gray=True, path=self.path, limits=self.limits)
-            return self.sized(mask, "foreground", message)
+            self.sized(mask, "foreground", message)
+            # Whoever counts pixels by blob relies on it: blob k is component k of this mask.
+            found = cv2.connectedComponents(mask, connectivity=8, ltype=cv2.CV_32S)[0] - 1
+            if found != blobs:
+                raise RecordingError(
+                    f"the foreground at {message.log_time_ns} ns has {found} components, its detections list {blobs}",
+                    self.path,
+                    record=message.topic,
+                )
+            return mask
 
         return load
 

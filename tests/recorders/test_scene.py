@@ -13,7 +13,7 @@ from recorders import channels
 from recorders.errors import LimitError, RecordingError
 from recorders.limits import Limits
 from recorders.log import LogWriter
-from recorders.messages import Detections
+from recorders.messages import Blob, Detections, Ellipse
 from recorders.pictures import VideoDecoder, VideoEncoder, encode_mask
 from recorders.scene import LAST_NS, SceneLog
 
@@ -55,6 +55,24 @@ def test_blobs_of_a_mask_without_components(tmp_path: Path) -> None:
 
     with SceneLog(write(tmp_path / "s.mcap", put)) as scene, pytest.raises(RecordingError, match="list no components"):
         list(scene.frames())
+
+
+@pytest.mark.parametrize("listed", [0, 1, 3])
+def test_a_mask_of_other_components_than_the_detections_list(tmp_path: Path, listed: int) -> None:
+    pixels = np.zeros((24, 32), np.uint8)
+    pixels[2:6, 2:6] = pixels[10:14, 2:6] = 255
+    blob = Ellipse(4.0, 4.0, 4.0, 4.0, 0.0)
+    components = [Blob(k, (2.0, 2.0, 4.0, 4.0), 16, blob) for k in range(1, listed + 1)]
+
+    def put(log: LogWriter, ids: dict[str, int]) -> None:
+        mask = channels.compressed_image(encode_mask(pixels), "png", 0, "camera")
+        log.write(ids["foreground"], mask, 0)
+        log.write(ids["detections"], channels.encode("detections", Detections(0, 32, 24, components=components)), 0)
+
+    with SceneLog(write(tmp_path / "s.mcap", put)) as scene:
+        frame = next(scene.frames())
+        with pytest.raises(RecordingError, match=f"has 2 components, its detections list {listed}"):
+            _ = frame.mask
 
 
 def test_times_are_signed_64_bit_numbers(tmp_path: Path) -> None:
