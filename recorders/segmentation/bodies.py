@@ -9,8 +9,7 @@ from recorders.segmentation.blobs import Labels, components, ellipse_of
 from recorders.segmentation.explain import Explainer, Floats
 from recorders.segmentation.segmenter import Image
 from recorders.segmentation.sizes import MIN_BLOBS, SizeModel, learn
-from recorders.segmentation.touching import bodies_in, single_areas, split
-from recorders.vision import cv2
+from recorders.segmentation.touching import divide, single_areas
 
 MAX_BLOBS = 4096
 LONE_SCORE = 0.5
@@ -103,27 +102,9 @@ class Bodies:
         self, labels: Labels, blobs: list[Blob]
     ) -> tuple[list[Box], list[float], list[Ellipse | None], list[int]]:
         """Bodies of any pose: each blob is divided into as many ellipses as its area and outline ask for."""
-        boxes: list[Box] = []
-        scores: list[float] = []
-        ellipses: list[Ellipse | None] = []
-        ids: list[int] = []
-        for blob in blobs:
-            if bodies_in(blob, self._body_area) == 1:
-                boxes.append(blob.box)
-                scores.append(LONE_SCORE)
-                ellipses.append(blob.ellipse)
-                ids.append(blob.id)
-                continue
-            x, y, w, h = (int(v) for v in blob.box)
-            own = (labels[y : y + h, x : x + w] == blob.id).view(np.uint8) * np.uint8(255)
-            parts = split(own, own, self._body_area)
-            for mask in parts:
-                px, py, pw, ph = cv2.boundingRect(mask)
-                boxes.append((float(x + px), float(y + py), float(pw), float(ph)))
-                ellipses.append(ellipse_of(mask, x, y))
-                scores.append(LONE_SCORE if len(parts) == 1 else REST_SCORE)
-                ids.append(blob.id)
-        return boxes, scores, ellipses, ids
+        bodies = divide(blobs, labels, None, self._body_area)
+        scores = [LONE_SCORE if b.among == 1 else REST_SCORE for b in bodies]
+        return [b.box for b in bodies], scores, [b.ellipse for b in bodies], [b.blob for b in bodies]
 
     def _unexplained(self, rest: Image) -> list[Box]:
         """Boxes around what no body explains, if large enough to be a body in an unusual pose or half hidden."""

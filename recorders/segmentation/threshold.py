@@ -11,12 +11,12 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.messages import Blob, Box, Detections, Ellipse
+from recorders.messages import Blob, Detections
 from recorders.segmentation.background import Samples
-from recorders.segmentation.blobs import Labels, components, ellipse_of
+from recorders.segmentation.blobs import Labels, components
 from recorders.segmentation.parameters import SegmentationParameters
 from recorders.segmentation.segmenter import Image, Segmented, as_image
-from recorders.segmentation.touching import single_areas, split
+from recorders.segmentation.touching import divide, pixels_of, single_areas, within
 from recorders.vision import cv2
 
 GROUND_SIDE = 128
@@ -104,7 +104,7 @@ class ThresholdSegmenter:
     def _observe(self, core: Image, labels: Labels, blobs: list[Blob]) -> None:
         """Take in the areas of one frame's cores."""
         for blob in blobs:
-            _, inner = _parts(blob, labels, core)
+            inner = pixels_of(blob, labels) & within(blob, core)
             self._areas += single_areas(components(inner, 0.1 * self._min_area)[2])
         del self._areas[:-MAX_AREAS]
 
@@ -113,38 +113,18 @@ class ThresholdSegmenter:
         return float(sorted(self._areas)[len(self._areas) // 2]) if self._areas else 0.0
 
     def _detect(self, index: int, core: Image, labels: Labels, blobs: list[Blob]) -> Detections:
-        boxes: list[Box] = []
-        ellipses: list[Ellipse | None] = []
-        scores: list[float] = []
-        ids: list[int] = []
-        for blob in blobs:
-            bodies = split(*_parts(blob, labels, core), self._body_area)
-            left, top = int(blob.box[0]), int(blob.box[1])
-            for mask in bodies:
-                x, y, w, h = cv2.boundingRect(mask)
-                boxes.append((float(left + x), float(top + y), float(w), float(h)))
-                ellipses.append(ellipse_of(mask, left, top))
-                scores.append(CERTAIN if len(bodies) == 1 else DOUBTFUL)
-                ids.append(blob.id)
+        bodies = divide(blobs, labels, core, self._body_area)
         return Detections(
             frame=index,
             width=self._width,
             height=self._height,
-            boxes=boxes,
-            scores=scores,
-            labels=["object"] * len(boxes),
-            ellipses=ellipses,
-            blobs=ids,
+            boxes=[b.box for b in bodies],
+            scores=[CERTAIN if b.among == 1 else DOUBTFUL for b in bodies],
+            labels=["object"] * len(bodies),
+            ellipses=[b.ellipse for b in bodies],
+            blobs=[b.blob for b in bodies],
             components=blobs,
         )
-
-
-def _parts(blob: Blob, labels: Labels, core: Image) -> tuple[Image, Image]:
-    """A blob's pixels and its cores' pixels in its box, uint8, 0 or 255."""
-    x, y, w, h = (int(v) for v in blob.box)
-    part = np.s_[y : y + h, x : x + w]
-    own = (labels[part] == blob.id).view(np.uint8) * np.uint8(255)
-    return own, own & core[part]
 
 
 def otsu(counts: NDArray[np.int64]) -> int:

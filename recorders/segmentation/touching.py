@@ -8,13 +8,16 @@ to the ellipse that it is nearest to.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.messages import Blob
-from recorders.segmentation.blobs import components
-from recorders.segmentation.segmenter import Image
+from recorders.messages import Blob, Box, Ellipse
+from recorders.segmentation.blobs import Labels, components, ellipse_of
+from recorders.segmentation.segmenter import Image, as_image
+from recorders.vision import cv2
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -76,6 +79,51 @@ def split(own: Image, core: Image, body_area: float) -> list[Image]:
     if bodies < 2:
         return [own]
     return _spread(own, groups, bodies)
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A body in a blob: box and ellipse in px of the picture, the blob's id, how many bodies are in that blob."""
+
+    box: Box
+    ellipse: Ellipse
+    blob: int
+    among: int
+
+
+def divide(blobs: list[Blob], labels: Labels, cores: Image | None, body_area: float) -> list[Body]:
+    """The bodies in all blobs, blob by blob, as `split` divides them.
+
+    Args:
+        blobs: blob k - 1 is label k.
+        labels: (H, W) int32, components from 1.
+        cores: (H, W) uint8, 255 above the higher level; None: blobs are their own cores.
+        body_area: area of one body's core, px; 0 where it is not known.
+    """
+    found: list[Body] = []
+    for blob in blobs:
+        if cores is None and bodies_in(blob, body_area) == 1:
+            found.append(Body(blob.box, blob.ellipse, blob.id, 1))
+            continue
+        own = pixels_of(blob, labels)
+        masks = split(own, own if cores is None else own & within(blob, cores), body_area)
+        left, top = int(blob.box[0]), int(blob.box[1])
+        for mask in masks:
+            x, y, w, h = cv2.boundingRect(mask)
+            box = (float(left + x), float(top + y), float(w), float(h))
+            found.append(Body(box, ellipse_of(mask, left, top), blob.id, len(masks)))
+    return found
+
+
+def within(blob: Blob, picture: NDArray[Any]) -> NDArray[Any]:
+    """The part of a picture in a blob's box."""
+    x, y, w, h = (int(v) for v in blob.box)
+    return picture[y : y + h, x : x + w]
+
+
+def pixels_of(blob: Blob, labels: Labels) -> Image:
+    """A blob's pixels in its box, (h, w) uint8, 0 or 255."""
+    return as_image((within(blob, labels) == blob.id).view(np.uint8) * np.uint8(255))
 
 
 def _spread(own: Image, groups: Ints, bodies: int) -> list[Image]:
