@@ -107,9 +107,9 @@ class AnnotatedWriter:
     def _copy_extras(self) -> None:
         if self._options.annotations_only:
             return
-        for attachment in self._scene.log.attachments():
-            if not attachment.name.startswith(f"{checkpoint.PREFIX}/"):
-                self._log.attach(attachment.name, attachment.media_type, attachment.data, attachment.log_time_ns)
+        for a in self._scene.log.attachments():
+            if not a.name.startswith(f"{checkpoint.PREFIX}/"):
+                self._log.attach(a.name, a.media_type, a.data, a.log_time_ns, a.create_time_ns)
         for name, values in self._scene.log.metadata():
             if name != METADATA:
                 self._log.metadata(name, values)
