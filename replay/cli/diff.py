@@ -84,7 +84,8 @@ def show(found: Comparison, as_json: bool = False, everything: bool = False) -> 
     if as_json:
         print(json.dumps(found.as_plain(), indent=2))
     else:
-        print("\n".join(found.lines(None if everything else _SHOWN)))
+        for line in found.lines(None if everything else _SHOWN):
+            print(common.shown(line))
         if not everything and len(found.differences) > _SHOWN:
             common.say("--all prints every difference")
     return 0 if found.equal else DIFFERS

@@ -100,6 +100,8 @@ def _print(info: LogInfo) -> None:
     for name, values in info.metadata:
         print(f"metadata  {common.shown(name)}")
         for key, value in sorted(values.items()):
+            if name in _OURS and key == "fact_digests":
+                continue  # a digest of each of the others: for `verify`, and in --json
             sections = _sections(value) if name in _OURS and key == "configuration" else None
             if sections is None:
                 print(f"  {common.shown(key)}: {common.shown(value)}")

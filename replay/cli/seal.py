@@ -52,6 +52,6 @@ def run(args: argparse.Namespace) -> int:
             manifest = sign(manifest, key)
         write_manifest(manifest, args.output, force=args.force)
         for entry in manifest.files:
-            print(f"{entry.sha256}  {entry.role:<9}  {entry.name}")
+            print(common.shown(f"{entry.sha256}  {entry.role:<9}  {entry.name}"))
         common.say(f"{args.output}: {len(manifest.files)} files" + (", signed" if manifest.signature else ""))
     return 0

@@ -53,7 +53,8 @@ def _manifest(args: argparse.Namespace) -> int:
 
     with common.progress(None, "files") as progress:
         verdict = check_manifest(args.manifest, key=args.public_key, progress=progress)
-    print(json.dumps(asdict(verdict), indent=2) if args.json else "\n".join(verdict.lines()))
+    for line in [json.dumps(asdict(verdict), indent=2)] if args.json else map(common.shown, verdict.lines()):
+        print(line)
     return 0 if verdict.intact else DIFFERS
 
 
@@ -70,11 +71,11 @@ def _log(args: argparse.Namespace) -> int:
     elif verdict.identical:
         print(f"identical: {verdict.frames} frames, output digest {verdict.output_digest}")
         for reason in verdict.reasons:
-            print(f"  without effect: {reason}")
+            print(common.shown(f"  without effect: {reason}"))
     else:
-        print(f"differs after {verdict.frames} equal frames: {verdict.difference}")
+        print(common.shown(f"differs after {verdict.frames} equal frames: {verdict.difference}"))
         if verdict.effect is not None:
-            print(f"  first effect: {verdict.effect}")
+            print(common.shown(f"  first effect: {verdict.effect}"))
         for reason in verdict.reasons:
-            print(f"  reason: {reason}")
+            print(common.shown(f"  reason: {reason}"))
     return 0 if verdict.identical else DIFFERS
