@@ -6,11 +6,13 @@
     python tests/benchmarks/bench_events.py damping
     python tests/benchmarks/bench_events.py corridor
     python tests/benchmarks/bench_events.py pictures -o DIR
+    python tests/benchmarks/bench_events.py drawn -o docs/pictures
 
 ``scenes``: a scene's events from the truth's boxes, from a whole replay of a log with perfect detections, and from a
 whole replay of its pixels. ``caviar``: whether the pairs that the labels call a group interact in our graph, states
 visited, transitions exercised, forbidden ones. ``damping``: how often partners flicker, by ``leave_margin``.
-``corridor``: the indoor sequence of EVENTS, Figure 5. ``pictures``: a picture per kind of event.
+``corridor``: the indoor sequence of EVENTS, Figure 5. ``pictures``: a picture per kind of event from the real
+recordings; ``drawn``: those of the documentation, from generated scenes.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ import argparse
 import os
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -28,7 +31,7 @@ import numpy as np
 import sequences
 
 from fixtures.logs import record_scene, write_scene_log
-from fixtures.scenes import SCRIPTS, generate
+from fixtures.scenes import SCRIPTS, GeneratedScene, generate
 from reasoning.interactions import InteractionParameters
 from reasoning.reasoner import Reasoner
 from recorders.messages import Target, Targets
@@ -219,6 +222,46 @@ def real(source: Path, folder: Path, settings: list[str], **wanted: object) -> P
     return out
 
 
+class TruthTracker:
+    """Says what is true of a generated scene."""
+
+    def __init__(self, scene: GeneratedScene) -> None:
+        self._answers = sequences.truth_targets(scene)
+
+    def step(self, frame: object) -> Targets:
+        """The next frame's truth."""
+        return next(self._answers)
+
+    def state(self) -> dict[str, object]:
+        """It cannot be continued."""
+        return {}
+
+    def restore(self, state: object) -> None:
+        """It cannot be continued."""
+
+
+def drawn_from_truth(out: Path) -> int:
+    """The pictures of the documentation: generated scenes, tracked without a fault."""
+    with TemporaryDirectory() as temporary:
+        logs = []
+        for name in ("three_way_group", "stand_on_edge", "enter_as_group_and_split", "demo"):
+            scene = generate(name, size=(480, 360))
+            path = write_scene_log(scene, Path(temporary) / f"{name}.mcap", style="none")
+            logs.append(path.with_suffix(".annotated.mcap"))
+            chosen = options(FORWARD)
+            replay(path, logs[-1], replace(chosen, factory=lambda *_, s=scene: TruthTracker(s)))
+        missing = event_pictures.per_kind(logs, out, ".jpg")
+        print(f"{out}: no picture of {', '.join(missing) or 'no kind'}")
+        with AnnotatedLog(logs[0]) as log:
+            frames = [f.index for f in log.frames() if any(e.kind in KEY_MOMENTS for e in f.events)]
+        event_pictures.save(out / "three_way.jpg", event_pictures.moments(logs[0], frames, (80, 120, 300, 180)))
+    return 0
+
+
+KEY_MOMENTS = ("grouping", "grouped", "splitting", "single", "group_ended")
+FORWARD = ["events.hindsight=false"]
+
+
 def pictures(folder: Path, settings: list[str], out: Path) -> int:
     """A picture per kind of event from the real recordings; for kinds that do not occur there, from a generated one."""
     with TemporaryDirectory() as temporary:
@@ -239,9 +282,8 @@ ZONES = """{"roi": [[[16, 16], [464, 16], [464, 344], [16, 344]]], "border": [[[
 def main() -> int:
     """Choose a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "what", nargs="?", choices=("all", "scenes", "caviar", "damping", "corridor", "pictures"), default="all"
-    )
+    tables = ("all", "scenes", "caviar", "damping", "corridor", "pictures", "drawn")
+    parser.add_argument("what", nargs="?", choices=tables, default="all")
     parser.add_argument("--names", nargs="*", choices=tuple(SCRIPTS), default=list(SCRIPTS), metavar="SCENE")
     parser.add_argument("--seeds", nargs="*", type=int, default=[0])
     parser.add_argument("--list", action="store_true", help="every missing and spurious event")
@@ -255,10 +297,12 @@ def main() -> int:
     if not folder.exists():
         print(f"no CAVIAR labels at {folder}; set SCENETRACE_DATA", file=sys.stderr)
         return answer
-    if args.what == "pictures" and args.out is None:
+    if args.what in ("pictures", "drawn") and args.out is None:
         parser.error("pictures need a folder: -o DIR")
     if args.what in ("all", "corridor"):
         answer |= corridor(DATA, args.set, out=args.out) | corridor(DATA, args.set, CORRIDOR[1])
+    if args.what == "drawn":
+        answer |= drawn_from_truth(args.out)
     if args.what == "pictures":
         answer |= pictures(DATA, args.set, args.out)
     if args.what in ("all", "caviar"):

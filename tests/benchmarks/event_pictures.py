@@ -18,8 +18,8 @@ from replay.export.video import frame_overlay
 from replay.report.pictures import chosen_frames, drawn
 
 Image = NDArray[np.uint8]
-TILE = (400, 300)
-QUALITY = 80
+TILE = (340, 255)
+QUALITY = 72
 SCALE = 2.0
 SHEETS = {
     "tracks": ("track_confirmed", "mode_changed", "track_lost", "track_recovered", "track_removed", "anomaly"),
@@ -72,8 +72,8 @@ def picture(path: Path, frame: AnnotatedFrame, event: Event, boxes: Sequence[Box
 def captioned(part: Image, text: str, rule: str) -> Image:
     """A tile of one size with three lines of text beneath."""
     tile = np.asarray(cv2.resize(part, TILE, interpolation=cv2.INTER_AREA), np.uint8)
-    words = [*textwrap.wrap(text, 62)[:3]]
-    words += [""] * (3 - len(words)) + [rule if len(rule) <= 66 else rule[:63] + "..."]
+    words = [*textwrap.wrap(text, 54)[:3]]
+    words += [""] * (3 - len(words)) + [rule if len(rule) <= 56 else rule[:53] + "..."]
     ground = np.full((74, TILE[0], 3), 250, np.uint8)
     for k, line in enumerate(words):
         colour = (20, 20, 20) if k < 3 else (120, 70, 20)
