@@ -31,9 +31,10 @@ _NEVER = 1 << 65
 class _Chunk:
     """A chunk being filled."""
 
-    __slots__ = ("data", "end_ns", "entries", "start_ns")
+    __slots__ = ("compression", "data", "end_ns", "entries", "start_ns")
 
-    def __init__(self) -> None:
+    def __init__(self, compression: str) -> None:
+        self.compression = compression
         self.data = bytearray()
         self.entries: dict[int, array[int]] = {}
         self.start_ns = _NEVER
@@ -61,10 +62,10 @@ class _Channel:
 class LogWriter:
     """Writes a log; use it as a context manager: leaving it makes the file appear, an exception makes it vanish.
 
-    Two chunks are filled side by side, one for ``picture_topics``, one for everything else, so that reading
-    detections never unpacks pictures. Messages of one log time keep their order in what is read back, except that
-    those of picture topics come before the others; a chunk ends only where the log time changes (or when it reaches
-    four times ``chunk_bytes`` and 1 MiB), so this holds whatever the chunk size.
+    Two chunks are filled side by side, one for ``picture_topics``, stored as it is, one for everything else, stored
+    with ``compression``, so that reading detections never reads pictures. Messages of one log time keep their order
+    in what is read back, except that those of picture topics come before the others; a chunk ends only where the log
+    time changes (or when it reaches four times ``chunk_bytes`` and 1 MiB), so this holds whatever the chunk size.
 
     A chunk goes to the file when it holds ``chunk_bytes`` or spans ``flush_interval_ns`` of log time: what a killed
     process leaves in ``<path>.part`` lacks no more than that (see `recorders.log.recovery`).
@@ -94,15 +95,15 @@ class LogWriter:
             raise RecordingError(f"compression {compression!r} is unknown; known are '', 'lz4' and 'zstd'", path)
         self._limits = limits
         self._keep_part = keep_part
-        self._compression = compression
         self._picture_topics = frozenset(picture_topics)
         self._flush_interval_ns = flush_interval_ns
         self._chunk_bytes = min(chunk_bytes, limits.max_chunk_bytes // 8)
         self._overfull_bytes = max(4 * self._chunk_bytes, 1 << 20)
         self._max_chunk_bytes = limits.max_chunk_bytes - _HEAD.size
         self._max_message_bytes = min(limits.max_message_bytes, self._max_chunk_bytes)
-        self._pictures = _Chunk()
-        self._small = _Chunk()
+        # JPEG, PNG and H.264 are compressed already: a second time costs more time than it saves space.
+        self._pictures = _Chunk("")
+        self._small = _Chunk(compression)
         self._channels: list[_Channel] = []
         self._schemas: dict[Schema, int] = {}
         self._schemas_in: set[tuple[int, int]] = set()
@@ -265,9 +266,9 @@ class LogWriter:
         if not chunk.data:
             return
         start, end = (chunk.start_ns, chunk.end_ns) if chunk.entries else (0, 0)
-        packed = compress(self._compression, chunk.data)
+        packed = compress(chunk.compression, chunk.data)
         head = wire.CHUNK_HEAD.pack(start, end, len(chunk.data), zlib.crc32(chunk.data))
-        head += encoding.text(self._compression) + wire.U64.pack(len(packed))
+        head += encoding.text(chunk.compression) + wire.U64.pack(len(packed))
         offset, length = self._offset, len(head) + len(packed)
         indexes: list[bytes] = []
         places: dict[int, int] = {}
@@ -279,7 +280,7 @@ class LogWriter:
             position += len(indexes[-1])
         index_length = sum(len(index) for index in indexes)
         entry = wire.ChunkIndexRecord(
-            start, end, offset, wire.PREFIX_BYTES + length, places, index_length, self._compression, len(packed),
+            start, end, offset, wire.PREFIX_BYTES + length, places, index_length, chunk.compression, len(packed),
             len(chunk.data),
         )  # fmt: skip
         self._put(b"".join((wire.PREFIX.pack(wire.CHUNK, length), head, packed, *indexes)))
