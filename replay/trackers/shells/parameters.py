@@ -37,6 +37,9 @@ class ShellsParameters(Parameters):
     min_own: float = param(0.15, "an object with a smaller share of its area is hidden", low=0.0, high=1.0)
     min_back: float = param(0.3, "one that was hidden comes back with this share of its area", low=0.0, high=1.0)
     whole: float = param(0.85, "a blob belongs wholly to who owns this share of its pixels", low=0.5, high=1.0)
+    agreement: float = param(
+        0.3, "detected bodies, as many as objects, are their boxes from this IoU on; 1 never", low=0.0, high=1.0
+    )
     gap_cost: float = param(0.6, "cost of background within a placed object's mask", low=0.0, high=10.0)
     prior_cost: float = param(0.02, "cost of a place one standard deviation off the prediction", low=0.0, high=10.0)
     learn_s: float = param(0.25, "a lone object's colours and mask are learnt this often", unit="s", low=0.0, high=60.0)

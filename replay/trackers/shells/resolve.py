@@ -241,6 +241,7 @@ class Resolver:
         whole = self._purify(owner, rows, blobs, fits, cut)
         self._deny_strangers(items, owner, bins, whole)
         self._measure(rows, who, owner, members.means, cut, whole)
+        self._agree(rows, blobs)
 
     def _with_fragments(self, boxes: Floats, radii: Floats, blobs: Rows) -> Rows:
         """The blobs, and those that nobody lies over but that lie within a shell."""
@@ -281,6 +282,23 @@ class Resolver:
             if fits[k - 1, blob] and counts[k] >= self._p.whole * table[:, k].sum():
                 whole[k - 1] = blob
         return whole
+
+    def _agree(self, rows: Rows, blobs: Rows) -> None:
+        """Boxes as they were detected, where as many bodies were detected in the blobs as objects are found there."""
+        inside = np.flatnonzero(np.isin(self._frame.detection_blobs, blobs + 1))
+        mine = [int(r) for r in rows if int(r) in self.found]
+        if len(inside) != len(mine) or not mine:
+            return
+        boxes = self._frame.detection_boxes[inside]
+        overlap = iou(np.array([self.found[r].box for r in mine]), boxes)
+        pairs = assign(1.0 - overlap, overlap >= self._p.agreement)
+        if len(pairs) < len(mine):
+            return
+        for k, m in pairs:
+            at = self.found[mine[k]]
+            if not at.alone:
+                x, y, w, h = boxes[m].tolist()
+                at.box, at.sized = (x, y, w, h), True
 
     def _deny_strangers(
         self, items: Sequence[Body], owner: NDArray[np.uint8], bins: Bins | None, whole: dict[int, int]

@@ -1,0 +1,258 @@
+"""What the SHELLS benchmark measures: identities at the ends of interactions, real pairs, pixels, relations."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from fixtures.scenes import GeneratedScene
+from fixtures.truth import STATIC, SceneTruth
+from numpy.typing import NDArray
+from plain_sort import PlainSort
+
+from reasoning.relations import Objects, RelationBook
+from recorders import channels
+from recorders.messages import Box
+from recorders.scene import SceneLog
+from replay.configuration import replay_config
+from replay.engine import Forward
+from replay.evaluate import MotTable
+from replay.membership import decode_labels, value_of
+from replay.trackers.association import assign, iou
+from replay.trackers.catalogue import TRACKERS
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = Path(os.environ.get("SCENETRACE_DATA", ROOT.parent / "shared" / "data"))
+AFTER = 10
+"""Frames after an interaction's end at which identities are compared."""
+Boxes = list[dict[int, Box]]
+Labels = NDArray[np.uint16]
+
+
+def follow(path: Path, tracker: str, settings: Sequence[str] = ()) -> tuple[Boxes, list[Labels]]:
+    """A tracker's present boxes per frame without hindsight, and its label images; ``sort``: plain SORT."""
+    boxes: Boxes = []
+    labels: list[Labels] = []
+    with SceneLog(path) as scene:
+        if tracker == "sort":
+            sort = PlainSort()
+            return [dict(sort.step(frame.boxes)) for frame in scene.frames()], []
+        config = replay_config(tracker, assignments=settings)
+        for step in Forward(scene, TRACKERS[tracker], config).steps():
+            boxes.append({t.id: t.box for t in step.targets.targets if t.present})
+            for name, data in step.extra:
+                if name == "membership":
+                    labels.append(decode_labels(channels.decode("membership", data).data))
+    return boxes, labels
+
+
+def matched(true: Mapping[int, Box], said: Mapping[int, Box], gate: float) -> dict[int, int]:
+    """True id -> track by the nearest centres overall, none further than ``gate`` pixels."""
+    if not true or not said:
+        return {}
+    a = np.array([(b[0] + b[2] / 2, b[1] + b[3] / 2) for b in true.values()])
+    b = np.array([(b[0] + b[2] / 2, b[1] + b[3] / 2) for b in said.values()])
+    gap = np.sqrt(((a[:, None] - b[None]) ** 2).sum(axis=2))
+    ids, tracks = list(true), list(said)
+    return {ids[i]: tracks[j] for i, j in assign(np.minimum(gap, 900.0), gap <= gate)}
+
+
+@dataclass(frozen=True)
+class TankResult:
+    """``asked``: (interaction, fish) pairs; ``lost``: those whose identity was another than before."""
+
+    asked: int
+    lost: int
+    errors_px: list[float]
+
+
+def interactions(truth: SceneTruth, gap: int = 3) -> list[tuple[int, int, set[int]]]:
+    """Occlusions among actors that follow one another without a pause, merged: start, end, who."""
+    merged: list[tuple[int, int, set[int]]] = []
+    for o in sorted((o for o in truth.occlusions if o.front != STATIC), key=lambda o: (o.start, o.end)):
+        for k, (start, end, who) in enumerate(merged):
+            if o.start <= end + gap and who & {o.front, o.behind}:
+                merged[k] = (start, max(end, o.end), who | {o.front, o.behind})
+                break
+        else:
+            merged.append((o.start, o.end, {o.front, o.behind}))
+    return merged
+
+
+def judge_tank(scene: GeneratedScene, boxes: Boxes, gate: float = 20.0) -> TankResult:
+    """Identities shortly after the end of every interaction against those that the fish began with."""
+    frames = [{a.id: a.full_box for a in f.actors} for f in scene.truth.frames]
+    owner: dict[int, int] = {}
+    for k in range(10, 31):
+        seen = {a.id for a in scene.truth.frames[k].actors if a.visibility > 0.95}
+        for actor, track in matched(frames[k], boxes[k], gate).items():
+            if actor in seen:
+                owner.setdefault(actor, track)
+    asked = lost = 0
+    for _, end, who in interactions(scene.truth):
+        if end >= len(frames):
+            continue  # not over when the recording ends
+        k = min(len(frames) - 1, end + AFTER)
+        now = matched(frames[k], boxes[k], gate)
+        present = sorted(a for a in who if a in frames[k])
+        asked += len(present)
+        lost += sum(now.get(a) != owner.get(a) for a in present)
+    errors = []
+    for true, said in zip(frames[12:], boxes[12:], strict=True):
+        for actor, b in true.items():
+            t = said.get(owner.get(actor, -1))
+            if t is not None:
+                dx, dy = t[0] + t[2] / 2 - b[0] - b[2] / 2, t[1] + t[3] / 2 - b[1] - b[3] / 2
+                errors.append(float(np.hypot(dx, dy)))
+    return TankResult(asked, lost, errors)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two true identities whose boxes overlap from ``start`` to ``end`` (last frame, included)."""
+
+    a: int
+    b: int
+    start: int
+    end: int
+
+
+def longest_pairs(truth: MotTable, count: int = 10, least: float = 0.05, margin: int = 5) -> list[Pair]:
+    """The pairs whose boxes overlap longest at a stretch, each pair once, both there for a while before and after."""
+    by_frame: dict[int, dict[int, Box]] = {}
+    for f, i, b in zip(truth.frames.tolist(), truth.ids.tolist(), truth.boxes.tolist(), strict=True):
+        by_frame.setdefault(f, {})[i] = tuple(b)
+    stretches: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for f in sorted(by_frame):
+        ids = sorted(by_frame[f])
+        overlap = iou(*(np.array([by_frame[f][i] for i in ids]),) * 2)
+        for i, j in np.argwhere(np.triu(overlap > least, 1)).tolist():
+            runs = stretches.setdefault((ids[i], ids[j]), [])
+            if runs and f - runs[-1][1] <= margin:
+                runs[-1] = (runs[-1][0], f)
+            else:
+                runs.append((f, f))
+    found = []
+    for (a, b), runs in stretches.items():
+        whole = [r for r in runs if _present(by_frame, (a, b), r, margin)]
+        if whole:
+            start, end = max(whole, key=lambda r: (r[1] - r[0], -r[0]))
+            found.append(Pair(a, b, start, end))
+    return sorted(found, key=lambda p: (p.start - p.end, p.a, p.b))[:count]
+
+
+def _present(by_frame: Mapping[int, Mapping[int, Box]], pair: tuple[int, int], run: tuple[int, int], n: int) -> bool:
+    return all(i in by_frame.get(f, {}) for i in pair for f in (run[0] - n, run[1] + n))
+
+
+def kept(truth: MotTable, result: MotTable, pair: Pair, frames: int = 20) -> bool:
+    """Whether both of a pair have after their overlap the track that they had before, by most matches at IoU 0.5."""
+    before = _names(truth, result, range(pair.start - frames, pair.start), (pair.a, pair.b))
+    after = _names(truth, result, range(pair.end + 1, pair.end + 1 + frames), (pair.a, pair.b))
+    return before == after and None not in before
+
+
+def _names(truth: MotTable, result: MotTable, span: range, who: tuple[int, int]) -> tuple[int | None, ...]:
+    votes: dict[int, dict[int, int]] = {i: {} for i in who}
+    for f in span:
+        rows, columns = truth.frames == f, result.frames == f
+        a, b = truth.boxes[rows], result.boxes[columns]
+        overlap = iou(a, b)
+        for i, j in assign(1 - overlap, overlap >= 0.5):
+            true, said = int(truth.ids[rows][i]), int(result.ids[columns][j])
+            if true in votes:
+                votes[true][said] = votes[true].get(said, 0) + 1
+    return tuple(max(v, key=lambda k, v=v: (v[k], -k)) if v else None for v in votes.values())
+
+
+def pixel_accuracy(scene: GeneratedScene, boxes: Boxes, labels: Sequence[Labels]) -> tuple[int, float, float]:
+    """Share of right pixels where a blob holds several actors: by membership, and by the nearest track's centre.
+
+    Tracks and actors are matched once, over the whole scene, by the pixels that they have in common.
+
+    Returns:
+        The number of pixels that were judged, and the two shares.
+    """
+    truths = [scene.labels(k) for k in range(scene.frame_count)]
+    top = max(int(image.max(initial=0)) for image in labels) + 1
+    common = np.zeros((256, top))
+    for true, said in zip(truths, labels, strict=True):
+        common += np.bincount(true.ravel().astype(np.int64) * top + said.ravel(), minlength=256 * top).reshape(256, top)
+    common[0] = common[STATIC] = 0
+    common[:, 0] = 0
+    worth = common / max(1.0, float(common.max()))
+    names = {a: t for a, t in assign(1 - worth, common > 0)}
+    pixels = right = near = 0
+    from fixtures.logs import foreground
+    from recorders.segmentation.blobs import components
+
+    for k, (true, said) in enumerate(zip(truths, labels, strict=True)):
+        _, parts, _ = components(foreground(true), 12.0)
+        shared = _shared(true, parts)
+        ys, xs = np.nonzero(shared)
+        if not len(ys) or not boxes[k]:
+            continue
+        table = np.array([value_of(names[a]) if a in names else -1 for a in range(256)])
+        wanted = table[true[ys, xs]]
+        ids = list(boxes[k])
+        centres = np.array([(b[0] + b[2] / 2, b[1] + b[3] / 2) for b in boxes[k].values()])
+        away = (xs[:, None] + 0.5 - centres[:, 0]) ** 2 + (ys[:, None] + 0.5 - centres[:, 1]) ** 2
+        nearest = np.array([value_of(i) for i in ids])[np.argmin(away, axis=1)]
+        pixels += len(ys)
+        right += int(np.count_nonzero(said[ys, xs] == wanted))
+        near += int(np.count_nonzero(nearest == wanted))
+    return pixels, right / max(1, pixels), near / max(1, pixels)
+
+
+def _shared(true: NDArray[np.uint8], parts: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Pixels of actors in blobs that hold several of them."""
+    top = int(parts.max(initial=0)) + 1
+    holds = np.bincount(parts.ravel().astype(np.int64) * 256 + true.ravel(), minlength=top * 256).reshape(top, 256) > 0
+    holds[:, 0] = holds[:, STATIC] = False
+    several = holds.sum(axis=1) > 1
+    several[0] = False
+    return np.asarray(several[parts] & (true > 0) & (true != STATIC))
+
+
+def direct_steps(path: Path, tracker: str = "shells") -> tuple[int, int]:
+    """Changes of relations in a replayed log, and those straight between INDEPENDENT and JOINT."""
+    from replay.annotated import AnnotatedLog
+
+    changes = direct = 0
+    before: dict[tuple[int, int], str] = {}
+    with AnnotatedLog(path) as log:
+        for frame in log.frames(("relations",)):
+            now = {(r.a, r.b): str(r.state) for r in frame.relations}
+            for pair in before.keys() | now.keys():
+                a, b = before.get(pair, "INDEPENDENT"), now.get(pair, "INDEPENDENT")
+                changes += a != b
+                direct += {a, b} == {"INDEPENDENT", "JOINT"}
+            before = now
+    return changes, direct
+
+
+def random_steps(seed: int, frames: int = 12) -> tuple[int, int]:
+    """The same over one random scene of jumping discs that share blobs at random."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    n = int(rng.integers(2, 6))
+    book = RelationBook()
+    ids = list(range(1, n + 1))
+    before = {(a, b): "INDEPENDENT" for a in ids for b in ids if a < b}
+    changes = direct = 0
+    for k in range(frames):
+        book.step(
+            k, k * 40_000_000,
+            Objects(
+                ids, rng.uniform(0, 100, (n, 2)), rng.uniform(5, 50, n), rng.integers(-1, 3, n).tolist(),
+                (rng.random(n) < 0.8).tolist(), (rng.random(n) < 0.9).tolist(),
+            ),
+        )  # fmt: skip
+        for pair, state in before.items():
+            after = book.state_of(*pair)
+            changes += state != after
+            direct += {state, after} == {"INDEPENDENT", "JOINT"}
+            before[pair] = after
+    return changes, direct

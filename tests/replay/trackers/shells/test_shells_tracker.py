@@ -1,0 +1,129 @@
+"""The tracker on scenes whose truth is exact, and on the real recordings' hard spots."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from fixtures.logs import record_scene, write_scene_log
+from fixtures.scenes import generate
+from recorders.recording import RecordOptions, record
+from recorders.scene import SceneLog
+from recorders.sources import open_source
+from replay.annotated import AnnotatedLog, read_tracks
+from replay.checkpoint import decode_state, encode_state
+from replay.configuration import replay_config
+from replay.engine import Forward
+from replay.evaluate import Scores, evaluate, fit_truth, read_truth
+from replay.replaying import ReplayOptions
+from replay.trackers.catalogue import TRACKERS
+from replay.writing import replay
+
+BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def measures() -> Iterator[ModuleType]:
+    sys.path.insert(0, str(BENCHMARKS))
+    try:
+        import shells_measures
+
+        yield shells_measures
+    finally:
+        sys.path.remove(str(BENCHMARKS))
+
+
+@pytest.mark.parametrize(("name", "seed"), [("three_fish", 4), ("six_fish", 0)])
+def test_every_fish_keeps_its_identity(measures: ModuleType, tmp_path: Path, name: str, seed: int) -> None:
+    scene = generate(name, seed=seed)
+    log = record_scene(scene, tmp_path / "tank.mcap")
+    boxes, labels = measures.follow(log, "shells")
+    result = measures.judge_tank(scene, boxes)
+    assert result.asked > 0
+    assert result.lost == 0
+    assert np.median(result.errors_px) < 3.0  # half a body's width is 6.6
+    assert len(labels) == scene.frame_count
+    blind = measures.judge_tank(scene, measures.follow(log, "sort")[0])
+    assert blind.lost > 0
+
+
+def test_pixels_of_shared_blobs_go_to_their_owners(measures: ModuleType, tmp_path: Path) -> None:
+    scene = generate("three_fish", seed=1, frames=300)
+    log = write_scene_log(scene, tmp_path / "exact.mcap", style="merged")
+    pixels, right, near = measures.pixel_accuracy(scene, *measures.follow(log, "shells"))
+    assert pixels > 1000
+    assert right > 0.85
+    assert right > near
+
+
+def test_everything_can_be_resumed_bit_for_bit(tmp_path: Path) -> None:
+    path = write_scene_log(generate("three_fish", seed=3, frames=140), tmp_path / "a.mcap", style="merged")
+    config = replay_config("shells")
+    with SceneLog(path) as scene:
+        tracker = TRACKERS["shells"](scene.info, config)
+        other = None
+        for frame in scene.frames():
+            said = tracker.step(frame)
+            if other is not None:
+                assert other.step(frame) == said
+            state = encode_state(tracker.state())
+            if other is None or frame.index % 20 == 0:
+                other = TRACKERS["shells"](scene.info, config)
+                other.restore(decode_state(state))
+            assert encode_state(other.state()) == state
+
+
+def test_detections_alone_and_an_empty_scene_are_followed(tmp_path: Path) -> None:
+    scene = generate("pass_by", seed=1, frames=150)
+    path = write_scene_log(scene, tmp_path / "a.mcap", pictures="none", masks=False)
+    with SceneLog(path) as log:
+        steps = list(Forward(log, TRACKERS["shells"], replay_config("shells")).steps())
+    assert {t.id for s in steps for t in s.targets.targets} == {1, 2}
+    assert not any(s.extra for s in steps)
+    empty = write_scene_log(generate("empty_scene", frames=20), tmp_path / "b.mcap", style="merged")
+    with SceneLog(empty) as log:
+        assert not any(s.targets.targets for s in Forward(log, TRACKERS["shells"], replay_config("shells")).steps())
+
+
+def test_relations_never_jump(measures: ModuleType, tmp_path: Path) -> None:
+    log = write_scene_log(generate("six_fish", seed=5, frames=260), tmp_path / "a.mcap", style="merged")
+    options = ReplayOptions(tracker="shells", config=replay_config("shells"), annotations_only=True)
+    replay(log, tmp_path / "out.mcap", options)
+    changes, direct = measures.direct_steps(tmp_path / "out.mcap")
+    assert changes > 20
+    assert direct == 0
+    assert sum(measures.random_steps(seed)[1] for seed in range(200)) == 0
+
+
+def scored(tmp_path: Path, video: Path, truth: Path, detect: str, size: tuple[int, int] | None = None) -> Scores:
+    log = tmp_path / "scene.mcap"
+    record(open_source(video), log, RecordOptions(detect=detect))
+    replay(log, tmp_path / "out.mcap", ReplayOptions(tracker="shells", config=replay_config("shells")))
+    with AnnotatedLog(tmp_path / "out.mcap") as annotated:
+        tracks = read_tracks(annotated)
+    assert tracks.size is not None
+    return evaluate(fit_truth(read_truth(truth), tracks.size, size), tracks.table)
+
+
+@pytest.mark.real
+def test_pets_from_pixels(real_data: Path, tmp_path: Path) -> None:
+    folder = real_data / "pets09-s2l1"
+    s = scored(tmp_path, folder / "video.avi", folder / "gt.txt", "motion", (768, 576))
+    assert s.hota.hota > 55
+    assert s.clear.mota > 72
+    assert s.identity.idf1 > 75
+    assert s.clear.switches <= 15
+
+
+@pytest.mark.real
+def test_two_flies_keep_their_identities(real_data: Path, tmp_path: Path) -> None:
+    folder = real_data / "flies"
+    s = scored(tmp_path, folder / "two_flies.mp4", folder / "two_flies.gt.txt", "threshold")
+    assert s.clear.switches == 0
+    assert s.result_ids == s.true_ids == 2
+    assert s.identity.idf1 > 85
