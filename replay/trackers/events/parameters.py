@@ -25,6 +25,7 @@ class EventsParameters(Parameters):
     body_spread: float = param(
         0.12, "standard deviation of bodies' sizes around the learnt model", unit="heights", low=0.001, high=10.0
     )
+    lean_s: float = param(1.0, "the usual size counts as one measurement in this time", unit="s", low=0.0, high=3600.0)
     speed: float = param(1.5, "standard deviation of a new target's speed", unit="sizes/s", low=0.0, high=1e3)
     looseness: float = param(
         1.4, "a place that was searched for is so many times less exact than a measured one", low=0.1, high=100.0

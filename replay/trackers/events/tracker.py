@@ -60,7 +60,7 @@ class EventsTracker:
         self._time_ns = frame.time_ns
         self._take_regions(frame.regions)
         self._tracks.predict(dt)
-        self._lean(SizeModel.from_list(frame.detections.size_model))
+        self._lean(SizeModel.from_list(frame.detections.size_model), dt)
         for track in self._tracks.items:
             track.begin_frame()
         seen = _seen(frame, self._scene.has_images)
@@ -88,13 +88,13 @@ class EventsTracker:
             self._regions_message = regions
             self._regions = SceneRegions(regions, self._region_parameters)
 
-    def _lean(self, model: SizeModel | None) -> None:
+    def _lean(self, model: SizeModel | None, dt: float) -> None:
         """Targets whose size was not measured in the last frame lean towards the size usual at their place."""
         rows = np.array([k for k, t in enumerate(self._tracks.items) if not t.sized], np.intp)
         if model is not None and len(rows):
             boxes = self._tracks.boxes[rows]
             heights = model.heights(boxes[:, 1] + boxes[:, 3])
-            self._tracks.lean(rows, np.stack([model.aspect * heights, heights], axis=1))
+            self._tracks.lean(rows, np.stack([model.aspect * heights, heights], axis=1), dt)
 
     def _explain(self, frame: Frame, mask: NDArray[np.uint8], seen: Seen, dt: float) -> Seen:
         """Let the confirmed targets explain the foreground; what is left over are the detections of others."""

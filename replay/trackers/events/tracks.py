@@ -142,10 +142,11 @@ class Tracks:
         self.bank.p00[:, 2:6] += (sizes * p.size_drift) ** 2 * dt
         self.bank.p00[:, 6] += _TURN * _TURN * dt
 
-    def lean(self, rows: NDArray[np.intp], expected: Floats) -> None:
+    def lean(self, rows: NDArray[np.intp], expected: Floats, dt: float) -> None:
         """Let sizes that were not measured lean towards those that are expected at their places (M, 2)."""
         bank = self.bank
-        noise = (self._p.body_spread * expected[:, 1:]) ** 2
+        # What is usual there says the same in every frame, so it counts once in a while only.
+        noise = (self._p.body_spread * expected[:, 1:]) ** 2 * max(1.0, self._p.lean_s / max(dt, 1e-9))
         gain = bank.p00[rows, 2:4] / (bank.p00[rows, 2:4] + noise)
         foot = bank.value[rows, 1] + bank.value[rows, 3] / 2
         bank.value[rows, 2:4] += gain * (expected - bank.value[rows, 2:4])
