@@ -257,6 +257,7 @@ def one_crowd(folder: Path, what: str) -> None:
             moves[name][1] += all_moves
     hit, said, true = (int(v) for v in total)
     print(
+        f"{what}:\n"
         f"hidden parts: precision {100 * hit / max(said, 1):.0f} %, recall {100 * hit / max(true, 1):.0f} %, of {true}"
     )
     for name, (kept, count) in moves.items():

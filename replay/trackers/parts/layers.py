@@ -27,7 +27,7 @@ Bools = NDArray[np.bool_]
 
 COINCIDE = 0.75
 """IoU of two targets' boxes from which on one has to give way."""
-TRUNK = 0.8
+TRUNK = 0.6
 """A body hides what is behind this share of its box's width."""
 NEARER = 0.03
 """A foot this share of the height lower is nearer to the camera."""

@@ -52,11 +52,14 @@ class Matching:
         lost = np.array([t.lost for t in items], bool)
         self._scorer, self._find_heads = scorer, find_heads
         self._alone(np.flatnonzero(~lost))
-        for rows in (~tentative & ~lost, tentative, ~tentative & lost):
+        for rows in (~tentative & ~lost, tentative):
             free = np.array([not t.observed for t in items], bool)
             chosen = np.flatnonzero(rows & free)
             if len(chosen):
-                self._contested(chosen, back=bool(lost[chosen[0]]), notices=notices)
+                self._contested(chosen, back=False, notices=notices)
+        # The lost one by one, in the order of their birth: each may be another of those who have appeared since.
+        for row in np.flatnonzero(~tentative & lost).tolist():
+            self._contested(np.array([row], np.intp), back=True, notices=notices)
         self._hide()
 
     def gates(self) -> list[Box]:
@@ -154,7 +157,7 @@ class Matching:
     def _contested(self, rows: Rows, back: bool, notices: list[Notice]) -> None:
         """Layered association of some targets among the candidates that are left."""
         targets = self._targets
-        taken = self._taken(back)
+        taken = self._taken(targets.items[rows[0]].seen_ns if back else None)
         pictures = (self._image() if self._p.use_heads else None, self._frame.mask if self._scene.has_masks else None)
         found = gather(
             self._seen, rows, self._expected[rows], targets.alpha[rows], self._gates[rows], self._find_heads, pictures,
@@ -180,12 +183,16 @@ class Matching:
             if back:
                 self._returned.append(match.row)
 
-    def _taken(self, back: bool = False) -> Floats:
+    def _taken(self, lost_ns: int | None = None) -> Floats:
         """Boxes of the targets that have been placed.
 
-        ``back``: except of those bystanders that a target started by hand may turn out to be, having lost its way.
+        ``lost_ns``: except of bystanders who appeared after that time; they may be the target that was lost then.
         """
-        placed = [k for k, t in enumerate(self._targets.items) if t.observed and not (back and t.id == BYSTANDER)]
+        placed = [
+            k
+            for k, t in enumerate(self._targets.items)
+            if t.observed and not (t.id == BYSTANDER and lost_ns is not None and t.born_ns > lost_ns)
+        ]
         return self._targets.boxes[placed]
 
     def usurped(self) -> list[int]:
