@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import os
 import signal
 import sys
@@ -12,6 +13,7 @@ from difflib import get_close_matches
 from typing import NoReturn
 
 from recorders.errors import SceneTraceError, UsageError
+from replay.cli.common import say
 
 # Command, the module that has it, its line in the overview. A module is imported when its command is called.
 COMMANDS: tuple[tuple[str, str, str], ...] = (
@@ -77,6 +79,9 @@ def main(argv: Sequence[str] | None = None) -> int:  # noqa: PLR0911 - one retur
     """Run a command; returns the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     named = next((w for w in words if not w.startswith("-")), "")
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A file's name may hold bytes that no encoding has: spelt out, never a crash.
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         _check_command(named)
         args = parser(named).parse_args(words)
@@ -91,10 +96,10 @@ def main(argv: Sequence[str] | None = None) -> int:  # noqa: PLR0911 - one retur
         sys.stdout.flush()
         return code  # noqa: TRY300 - flushing belongs to the try: a closed pipe shows there
     except UsageError as e:
-        print(f"scenetrace: error: {e}", file=sys.stderr)
+        say(f"scenetrace: error: {e}")
         return WRONG_USAGE
     except SceneTraceError as e:
-        print(f"scenetrace: error: {e}", file=sys.stderr)
+        say(f"scenetrace: error: {e}")
         return FAILED
     except KeyboardInterrupt:
         print("scenetrace: error: interrupted; nothing half-written has the output's name", file=sys.stderr)
@@ -104,7 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:  # noqa: PLR0911 - one retur
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     except OSError as e:
-        print(f"scenetrace: error: {e.filename or _written(words)}: {e.strerror or e}", file=sys.stderr)
+        say(f"scenetrace: error: {e.filename or _written(words)}: {e.strerror or e}")
         return FAILED
 
 
