@@ -137,10 +137,11 @@ def verify_chain(
         facts = facts_of(log)
         if any(name == GOLDEN for name, _ in log.metadata()):
             raise UsageError(f"{path}: a golden file holds no digests to verify; compare it with `scenetrace diff`")
-        reasons = [f"the metadata's {name} was altered after the replay" for name in facts.altered()]
+        altered = facts.altered()
+        reasons = [f"the metadata's {name} was altered after the replay" for name in altered]
         found: Difference | None = None
-        if reasons:
-            found = Difference(WHOLE, "metadata", facts.altered()[0], "a fact of that digest", "another")
+        for name, (then, now) in altered.items():
+            found = found or Difference(WHOLE, "metadata", f"{name}'s digest", then[:16] or "none", now[:16] or "none")
         link, frames = facts.link_before, 0
         for record in recorded_frames(log, facts.camera, with_recorded=facts.whole):
             wrong = _wrong(record, link, facts, frames)

@@ -90,13 +90,14 @@ class Facts:
         """The log holds the recording from its first message to its last."""
         return not self.annotations_only and self.from_ns is None and self.to_ns is None
 
-    def altered(self) -> list[str]:
-        """Names of the facts that are not what was written, sorted."""
+    def altered(self) -> dict[str, tuple[str, str]]:
+        """The facts that are not what was written: name to the digest then and now, empty for what is not there."""
         if _DIGESTS not in self.values:
-            return []
-        digests = _json(self.path, self.values, _DIGESTS, dict[str, str])
-        facts = {name: sha256(value.encode()) for name, value in self.values.items() if name != _DIGESTS}
-        return [name for name in sorted({*facts, *digests}) if facts.get(name) != digests.get(name)]
+            return {}
+        then = _json(self.path, self.values, _DIGESTS, dict[str, str])
+        now = {name: sha256(value.encode()) for name, value in self.values.items() if name != _DIGESTS}
+        names = sorted({*now, *then})
+        return {n: (then.get(n, ""), now.get(n, "")) for n in names if now.get(n) != then.get(n)}
 
 
 def facts_of(log: LogReader) -> Facts:

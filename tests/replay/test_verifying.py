@@ -303,7 +303,7 @@ def test_the_spool_gives_back_what_it_took_in_several_readings_at_once(monkeypat
 def test_facts_know_their_log(folder: Path) -> None:
     with LogReader(folder / "a.mcap") as log:
         facts = facts_of(log)
-    assert facts.altered() == []
+    assert facts.altered() == {}
     assert facts.configuration["events"]["hindsight"] is False
     assert facts.python.startswith("CPython 3.")
     assert facts.machine
