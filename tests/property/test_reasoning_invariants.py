@@ -33,7 +33,7 @@ class Check:
         self.tracks, self.relations, self.bonds = {}, {}, {}
         self.groups, self.ended, self.next_event, self.graph = {}, set(), 1, None
         self.told_relations, self.told_bits, self.told_groups = {}, {}, {}
-        self.ghosts = set()
+        self.ghosts, self.since = set(), {}
 
     def frame(self, k, targets, answer):
         tracks = {t.id: t for t in answer.tracks.tracks}
@@ -41,7 +41,7 @@ class Check:
         given = {t.id for t in targets.targets}
         self.check_tracks(tracks, given, answer)
         self.check_relations(k, tracks, relations, answer)
-        self.check_bits(tracks, relations)
+        self.check_bits(k, tracks, relations)
         self.check_groups(k, tracks, answer)
         self.check_events(k, tracks, relations, answer)
         self.check_graph(k, tracks, relations, answer)
@@ -68,6 +68,8 @@ class Check:
             same = before is not None and before.state == r.state
             assert r.since_frame == (before.since_frame if same else k)
             assert r.since_ns == r.since_frame * FRAME_NS
+            assert r.met_frame == (before.met_frame if before is not None else k)
+            assert r.met_ns == r.met_frame * FRAME_NS
             assert 0 <= r.shell_overlap <= 1
         ids = list(tracks)
         for n, a in enumerate(ids):
@@ -92,8 +94,8 @@ class Check:
             return ("JOINT" if one else was) if meets else "INDEPENDENT"
         return "JOINT" if meets and one else "INTERACTION"
 
-    def check_bits(self, tracks, relations):
-        self.bonds = {}
+    def check_bits(self, k, tracks, relations):
+        was, self.bonds = self.bonds, {}
         for t in tracks.values():
             for bit in BITS:
                 partners = getattr(t, f"{bit}_partners")
@@ -106,7 +108,10 @@ class Check:
             before = self.tracks.get(t.id)
             if before is not None and before.grouped:
                 assert t.grouped or t.splitting, "grouped never goes straight to single"
+        self.since = {p: self.since[p] if was.get(p) == bit else k for p, bit in self.bonds.items()}
         for pair, r in relations.items():
+            assert r.partners_since_frame == self.since.get(pair)
+            assert r.partners_since_ns == (None if pair not in self.since else self.since[pair] * FRAME_NS)
             assert [r.grouping, r.grouped, r.splitting] == [self.bonds.get(pair) == bit for bit in BITS]
 
     def check_groups(self, k, tracks, answer):
@@ -123,6 +128,8 @@ class Check:
                 assert g.members == before.members, "nobody joins or leaves a group"
             else:
                 assert all(f in self.groups and f not in groups for f in g.formed_from)
+                assert g.former_members == [self.groups[f].members for f in g.formed_from]
+                assert not (g.entered_as_one and g.observed)
         self.ended |= set(self.groups) - set(groups)
         label_of = {i: g.label for g in groups.values() for i in g.members}
         for t in tracks.values():
