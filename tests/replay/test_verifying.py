@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -310,3 +311,12 @@ def test_facts_know_their_log(folder: Path) -> None:
     assert facts.opencv_build["Baseline"]
     assert facts.whole
     assert sorted(facts.checkpoints) == [checkpoint.name(k) for k in (10, 20, 30)]
+
+
+def test_the_documented_travel_in_time(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (Path(__file__).resolve().parents[2] / "docs" / "trust.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    monkeypatch.chdir(folder)
+    found: dict[str, Any] = {}
+    exec(code, found)
+    assert found["engine"].state()["frame"] == found["state"]["frame"] == FRAMES - 1
