@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from replay.trackers.association import assign, iou
 from replay.trackers.parts.candidates import Candidates
-from replay.trackers.parts.features import Measured
+from replay.trackers.parts.features import DISPLACEMENT, Measured
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.regions import covered
 from replay.trackers.parts.scoring import FULL, Scorer
@@ -115,6 +115,9 @@ class Association:
     def _hidden(self, where: dict[int, Floats], taken: Floats) -> Bools:
         """Which parts of each candidate nearer targets cover."""
         c = self._s.candidates
+        if not self._s.measured.known[:DISPLACEMENT].any():
+            # Boxes alone: a detection is there whoever stands before it.
+            return np.zeros(self._s.parts.shape, bool)
         others = np.concatenate([np.array(list(where.values())).reshape(-1, 4), taken])
         owner = np.array([*where, *[-1] * len(taken)])
         foot = c.boxes[:, 1] + c.boxes[:, 3]

@@ -9,7 +9,7 @@ from recorders.messages import Box, Mode, Notice
 from replay.trackers.association import intersection, iou
 from replay.trackers.parts.beginning import SAME_PLACE
 from replay.trackers.parts.candidates import Candidates, Observed, gather
-from replay.trackers.parts.features import AREA, OVERLAP, Measured, Pixels, differences, measure
+from replay.trackers.parts.features import AREA, DISPLACEMENT, OVERLAP, Measured, Pixels, differences, measure
 from replay.trackers.parts.heads import HeadDetector
 from replay.trackers.parts.layers import NEARER, Association, Match, Scored, trunks
 from replay.trackers.parts.parameters import PartsParameters
@@ -26,6 +26,8 @@ TEMPLATE_LIMIT = 45
 """A head's image that differs more than this (of 255) everywhere fits nowhere."""
 LINKED_SHARE = 0.08
 """A blob with this share of a target's box in foreground concerns the target."""
+FAR = 0.8
+"""Boxes alone match up to this mean of the way in gates and the overlap that is missing."""
 ALONE_CHANGE = 0.35
 """A blob that is that much wider or higher than its lone target is compared part by part first."""
 
@@ -173,6 +175,8 @@ class Matching:
         if back:
             known[4 : OVERLAP + 1] = not known[:4].any()
         scores = self._scorer.parts(differences(targets.model, found.rows, m), known)
+        if not m.known[:DISPLACEMENT].any():
+            scores[:] = self._by_place(found)[:, None]
         area = self._pixels.area
         filled = parts[..., 2] * parts[..., 3] if area is None else self._pixels.sums(area, parts).astype(np.float64)
         scored = Scored(found, m, scores, parts, filled)
@@ -182,6 +186,16 @@ class Matching:
             self._take(match, scored, notices)
             if back:
                 self._returned.append(match.row)
+
+    def _by_place(self, found: Candidates) -> NDArray[np.int64]:
+        """Scores where there are boxes alone: 1 where the filters expect the target, the least match far from there."""
+        expected = self._expected[found.rows]
+        expected[:, :2] = self._targets.motion.value[found.rows] - expected[:, 2:] / 2
+        off = found.boxes[:, :2] + found.boxes[:, 2:] / 2 - self._targets.motion.value[found.rows]
+        far = np.minimum(np.sqrt((off * off).sum(axis=1)) / np.maximum(self._gates[found.rows], 1.0), 1.0)
+        apart = 1.0 - np.array([iou(a[None], b[None])[0, 0] for a, b in zip(expected, found.boxes, strict=True)])
+        worst = (1 - self._p.match_score) / FAR
+        return np.asarray(np.rint(FULL * (1 - worst * (far + apart) / 2)), np.int64)
 
     def _taken(self, lost_ns: int | None = None) -> Floats:
         """Boxes of the targets that have been placed.

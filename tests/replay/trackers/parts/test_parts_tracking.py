@@ -1,0 +1,149 @@
+"""PARTS on scenes: identities kept, parts said to be hidden, started by hand, by boxes alone, plugged-in heads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fixtures.logs import write_scene_log
+from fixtures.scenes import generate
+from recorders.messages import Target
+from recorders.recording import RecordOptions, record
+from recorders.scene import SceneLog
+from recorders.sources import open_source
+from replay.annotated import AnnotatedLog, read_tracks
+from replay.cli import main
+from replay.configuration import replay_config
+from replay.engine import Forward
+from replay.evaluate import MotTable, Scores, evaluate, fit_truth, read_truth
+from replay.replaying import ReplayOptions
+from replay.trackers.association import iou
+from replay.trackers.parts import PartsTracker
+from replay.trackers.parts.heads import Head
+from replay.verifying import verify
+from replay.writing import replay
+
+SIZE = (320, 240)
+
+
+@pytest.fixture(scope="module")
+def passing(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two who pass one another, one before the other, as a motion detector sees them."""
+    scene = generate("pass_by", seed=2, size=SIZE)
+    return write_scene_log(scene, tmp_path_factory.mktemp("parts") / "scene.mcap", style="merged")
+
+
+def forward(path: Path, *assignments: str, **more: object) -> list[list[Target]]:
+    config = replay_config("parts", assignments=assignments)
+
+    def make(info: object, _: object) -> PartsTracker:
+        return PartsTracker(info, config["parts"], config["part_features"], **more)
+
+    with SceneLog(path) as log:
+        return [step.targets.targets for step in Forward(log, make, config).steps()]
+
+
+def test_identities_survive_a_crossing_in_one_blob(passing: Path) -> None:
+    scene = generate("pass_by", seed=2, size=SIZE)
+    answers = forward(passing)
+    owners: dict[int, set[int]] = {}
+    for truth, targets in zip(scene.truth.frames, answers, strict=True):
+        seen = [t for t in targets if t.observed]
+        for actor in truth.actors:
+            if seen and actor.visible == actor.pixels:
+                overlap = iou(np.array([actor.full_box]), np.array([t.box for t in seen]))[0]
+                if overlap.max() > 0.5:
+                    owners.setdefault(actor.id, set()).add(seen[int(overlap.argmax())].id)
+    assert sorted(len(ids) for ids in owners.values()) == [1, 1]
+    assert owners[1] != owners[2]
+
+
+def test_who_stands_behind_has_hidden_parts_and_who_stands_before_has_not(passing: Path) -> None:
+    scene = generate("pass_by", seed=2, size=SIZE)
+    worst = min(
+        (f.index for f in scene.truth.frames if len(f.actors) == 2),
+        key=lambda k: min(a.visibility for a in scene.truth.frames[k].actors),
+    )
+    hidden: dict[str, int] = {"behind": 0, "before": 0}
+    answers = forward(passing)
+    for index in range(worst - 3, worst + 4):
+        frame = scene.truth.frames[index]
+        near = frame.actor(frame.depth_order[-1])
+        assert near is not None
+        targets = answers[index]
+        overlap = [float(iou(np.array([near.full_box]), np.array([t.box]))[0, 0]) for t in targets]
+        for k, target in enumerate(targets):
+            hidden["before" if k == int(np.argmax(overlap)) else "behind"] += len(target.hidden_parts)
+    assert hidden["behind"] >= 7
+    assert hidden["before"] <= 3
+
+
+def test_boxes_alone_are_tracked_with_the_features_that_need_no_pixels(tmp_path: Path) -> None:
+    scene = generate("three_way_group", seed=1, size=SIZE, frames=200)
+    path = write_scene_log(scene, tmp_path / "boxes.mcap", pictures="none", masks=False)
+    ids = {t.id for targets in forward(path) for t in targets if t.present}
+    assert 2 <= len(ids) <= 5
+
+
+def test_a_target_started_by_hand_is_the_only_one_told_of_and_verify_starts_it_again(
+    passing: Path, tmp_path: Path
+) -> None:
+    scene = generate("pass_by", seed=2, size=SIZE)
+    actor = scene.truth.frames[50].actor(1)
+    assert actor is not None
+    out = tmp_path / "a.mcap"
+    box = ",".join(f"{v:g}" for v in actor.full_box)
+    assert main(["replay", str(passing), "-o", str(out), "--tracker", "parts", "--init", f"frame:50:{box}"]) == 0
+    with AnnotatedLog(out) as log:
+        assert "frame:50:" in str(log.facts)
+        table = read_tracks(log).table
+    assert set(table.ids.tolist()) == {1}
+    last = scene.truth.frames[130].actor(1)
+    assert last is not None
+    assert iou(table.boxes[table.frames == 130], np.array([last.full_box])).max() > 0.5
+    assert verify(out).identical
+    assert main(["replay", str(passing), "-o", str(tmp_path / "b.mcap"), "--init", "frame:0:1,2,3,4"]) == 2
+
+
+def test_another_head_detector_can_be_plugged_in(passing: Path) -> None:
+    asked = []
+
+    def heads(image: object, mask: object, box: np.ndarray, height: float) -> list[Head]:
+        asked.append(height)
+        return [Head(float(box[0] + box[2] / 2), float(box[1]), 1.0)]
+
+    forward(passing, find_heads=heads)
+    assert asked
+    assert all(0 < h < 300 for h in asked)
+
+
+@pytest.mark.parametrize("switch", ["use_parts", "use_heads", "use_pruning"])
+def test_layers_can_be_switched_off(passing: Path, switch: str) -> None:
+    assert any(forward(passing, f"parts.{switch}=false"))
+
+
+@pytest.fixture(scope="module")
+def pets(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, MotTable]:
+    """The first 150 frames of PETS09-S2L1 from pixels, with the truth."""
+    folder = tmp_path_factory.mktemp("pets")
+    scene = folder / "scene.mcap"
+    record(open_source(real_data / "pets09-s2l1" / "video.avi", fps=7), scene, RecordOptions())
+    truth = fit_truth(read_truth(real_data / "pets09-s2l1" / "gt.txt"), (480, 360), (768, 576))
+    return scene, truth
+
+
+def test_pets_from_pixels_is_better_than_opencv_with_sort_or_norfair(
+    pets: tuple[Path, MotTable], tmp_path: Path
+) -> None:
+    scene, truth = pets
+    replay(scene, tmp_path / "a.mcap", ReplayOptions(tracker="parts", config=replay_config("parts")))
+    with AnnotatedLog(tmp_path / "a.mcap") as log:
+        scores: Scores = evaluate(truth, read_tracks(log).table)
+    assert scores.hota.hota > 57
+    assert scores.clear.mota > 75
+    assert scores.identity.idf1 > 76
+    errors = scores.trajectories.followed
+    assert all(e <= limit for e, limit in zip(errors.headline, (3.0, 1.8, 13.1, 5.2), strict=True))
+    assert errors.share > 80
