@@ -102,13 +102,22 @@ def area_of(box: Box, blob: int, frame: Frame) -> float:
     return 0.6 * full
 
 
-def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, p: ShellsParameters) -> int | None:
+@dataclass(frozen=True)
+class Known:
+    """A lost object that is back: its row, its distance of colours, for how long it was unseen."""
+
+    row: int
+    cost: float
+    unseen_s: float
+
+
+def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, p: ShellsParameters) -> Known | None:
     """The lost object that a new one is: near enough for the time that it was away, and of like colours.
 
     One that was hidden by another may come back anywhere within that one's shell (SHELLS 2.3, case III).
 
     Returns:
-        its row, None if it is a stranger.
+        the best of them, None if it is a stranger.
     """
     lost = [k for k, b in enumerate(bodies.items) if b.id != TENTATIVE and b.lost]
     if not lost:
@@ -116,7 +125,7 @@ def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, 
     seen = _colours(bodies.box(row), frame)
     by_id = {b.id: k for k, b in enumerate(bodies.items) if b.id != TENTATIVE}
     here = bodies.bank.value[row]
-    best: tuple[float, int] | None = None
+    best: Known | None = None
     for k in lost:
         other = bodies.items[k]
         away = (body.born_ns - other.seen_ns) * 1e-9
@@ -129,9 +138,9 @@ def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, 
         if seen is None or other.colours is None:
             continue
         cost = distance(seen, other.colours)
-        if cost <= p.recover and (best is None or cost < best[0]):
-            best = (cost, k)
-    return None if best is None else best[1]
+        if cost <= p.recover and (best is None or cost < best.cost):
+            best = Known(k, cost, away)
+    return best
 
 
 def _colours(box: Box, frame: Frame) -> Floats | None:

@@ -38,6 +38,7 @@ class Body:
         visible: share of its area that was its own in the last frame.
         free_ns: its colours are not learnt before this time.
         hidden_by: who lies in front, and how sure that is.
+        twin_s: for how long its box has all but coincided with that of an object seen better.
         front: the occluder within whose shell it is sought, TENTATIVE for none.
     """
 
@@ -59,6 +60,7 @@ class Body:
     area: float = 0.0
     centroid: tuple[float, float] = (0.0, 0.0)
     misfit_s: float = 0.0
+    twin_s: float = 0.0
     visible: float = 1.0
     observed: bool = True
     alone: bool = False
@@ -202,8 +204,8 @@ class Bodies:
 
 
 _OF_THE_PLACE = (
-    "seen_ns", "mask", "area", "centroid", "misfit_s", "visible", "observed", "alone", "now", "blob", "measured",
-    "ellipse", "front", "hidden_by",
+    "seen_ns", "mask", "area", "centroid", "misfit_s", "twin_s", "visible", "observed", "alone", "now", "blob",
+    "measured", "ellipse", "front", "hidden_by",
 )  # fmt: skip
 
 

@@ -35,6 +35,10 @@ class ShellsParameters(Parameters):
         0.6, "a lone object's blob is believed after differing in size for this time", unit="s", low=0.0, high=60.0
     )
     min_own: float = param(0.15, "an object with a smaller share of its area is hidden", low=0.0, high=1.0)
+    twin_overlap: float = param(0.6, "boxes of this IoU claim one and the same body", low=0.0, high=1.0)
+    twin_s: float = param(
+        1.0, "of two that claim one body for longer, the worse seen one is hidden", unit="s", low=0.0, high=3600.0
+    )
     min_back: float = param(0.3, "one that was hidden comes back with this share of its area", low=0.0, high=1.0)
     whole: float = param(0.85, "a blob belongs wholly to who owns this share of its pixels", low=0.5, high=1.0)
     agreement: float = param(
@@ -42,7 +46,7 @@ class ShellsParameters(Parameters):
     )
     gap_cost: float = param(0.6, "cost of background within a placed object's mask", low=0.0, high=10.0)
     prior_cost: float = param(0.02, "cost of a place one standard deviation off the prediction", low=0.0, high=10.0)
-    learn_s: float = param(0.25, "a lone object's colours and mask are learnt this often", unit="s", low=0.0, high=60.0)
+    learn_s: float = param(0.12, "a lone object's colours and mask are learnt this often", unit="s", low=0.0, high=60.0)
     probation_s: float = param(
         0.6, "after a JOINT, time over which identities are compared before learning goes on", unit="s", low=0, high=60
     )

@@ -284,8 +284,12 @@ class Resolver:
         return whole
 
     def _agree(self, rows: Rows, blobs: Rows) -> None:
-        """Boxes as they were detected, where as many bodies were detected in the blobs as objects are found there."""
-        inside = np.flatnonzero(np.isin(self._frame.detection_blobs, blobs + 1))
+        """Boxes as they were detected, where as many bodies were detected in the blobs as objects are found there.
+
+        A detection that has its blob for itself is but the blob again, and tells nothing of bodies in it.
+        """
+        blob_of = self._frame.detection_blobs
+        inside = np.flatnonzero(np.isin(blob_of, blobs + 1))
         mine = [int(r) for r in rows if int(r) in self.found]
         if len(inside) != len(mine) or not mine:
             return
@@ -296,7 +300,7 @@ class Resolver:
             return
         for k, m in pairs:
             at = self.found[mine[k]]
-            if not at.alone:
+            if not at.alone and np.count_nonzero(blob_of == blob_of[inside[m]]) > 1:
                 x, y, w, h = boxes[m].tolist()
                 at.box, at.sized = (x, y, w, h), True
 

@@ -113,12 +113,35 @@ class ShellsTracker:
         blobs = np.array(frame.detections.blobs or [NO_BLOB] * len(frame.boxes), np.int64)
         seen = Seen(Foreground(mask, frame.detections.components), frame.boxes, blobs, lambda: frame.image)
         resolver = Resolver(seen, self._bodies, rows, radii, self._are_related, self._p)
+        self._hide_twins(resolver, dt)
         for row, at in sorted(resolver.found.items()):
             self._observe(row, frame, at, dt)
         for row, front in resolver.fronts.items():
             items[row].front = front
         self._follow(radii)
         return resolver
+
+    def _hide_twins(self, resolver: Resolver, dt: float) -> None:
+        """Of two objects that claim one body for long, hide the one that is seen worse, of equals the younger.
+
+        It may come back as itself wherever a body of its colours shows up in the other's shell.
+        """
+        found, items, p = resolver.found, self._bodies.items, self._p
+        rows = sorted((k for k in found if not found[k].alone), key=lambda k: (-found[k].visible, k))
+        boxes = np.array([found[k].box for k in rows], np.float64).reshape(-1, 4)
+        overlap = np.tril(iou(boxes, boxes), -1)
+        for i, row in enumerate(rows):
+            better = int(np.argmax(overlap[i]))
+            if overlap[i, better] < p.twin_overlap:
+                items[row].twin_s = 0.0
+                continue
+            items[row].twin_s += dt
+            if items[row].twin_s > p.twin_s:
+                resolver.fronts[row] = items[rows[better]].id
+                del found[row]
+        for row, at in found.items():
+            if at.alone:
+                items[row].twin_s = 0.0
 
     def _are_related(self, a: int, b: int) -> bool:
         return self._book.get(a, b) is not None
@@ -211,6 +234,8 @@ class ShellsTracker:
                 continue
             if (frame.time_ns - body.born_ns) * NS < self._p.confirm_s:
                 continue
+            if self._returns(row, frame, notices):
+                continue
             body.id = self._next_id
             self._next_id += 1
             body.newborn = True
@@ -219,6 +244,22 @@ class ShellsTracker:
             evidence = {"hits": body.hits, "first_frame": body.born, "sightings": body.sightings[:-1]}
             notices.append(Notice("track_confirmed", [body.id], "EVENTS 2: enough support", evidence))
             body.sightings = []
+
+    def _returns(self, row: int, frame: Frame, notices: list[Notice]) -> bool:
+        """Whether a new object is one that was lost: then that one takes its place, and the new one is dropped."""
+        body = self._bodies.items[row]
+        known = births.returned(body, row, self._bodies, self._bodies.radii(self._k_s), frame, self._p)
+        if known is None:
+            return False
+        old = self._bodies.items[known.row]
+        self._bodies.exchange(known.row, row)
+        old.lost, old.mode, old.hits = False, "motion", old.hits + body.hits
+        # The place that it was lost at is of no more use.
+        body.observed, body.seen_ns = False, body.seen_ns - round(60 * self._p.keep_s / NS)
+        evidence = {"colour_distance": known.cost, "limit": self._p.recover, "unseen_s": known.unseen_s}
+        rule = "SHELLS 2.3, ours: reappears within reach, of its own colours"
+        notices.append(Notice("track_recovered", [old.id], rule, evidence))
+        return True
 
     # -- relations, identities, learning ---------------------------------------------------------------------------
 
