@@ -12,8 +12,7 @@ from math import hypot, sqrt
 
 import pytest
 
-from fixtures.scenes import SCRIPTS, generate
-from fixtures.targets import truth_targets
+from fixtures.scenes import SCRIPTS
 from reasoning.reasoner import Reasoner
 
 TOLD = ("interaction_started", "joined", "separated", "interaction_ended", "grouping", "grouped", "splitting", "single")
@@ -206,11 +205,11 @@ def components(pairs):
 
 
 @pytest.mark.parametrize(("name", "seed"), [*((n, 0) for n in SCRIPTS), ("three_way_group", 1), ("six_fish", 2)])
-def test_the_reasoning_tells_what_the_rules_say(name, seed):
-    scene = generate(name, seed, frames=125 if name == "crowd" else None)
+def test_the_reasoning_tells_what_the_rules_say(play, name, seed):
+    scene, answers = play(name, seed)
     oracle, reasoner = Oracle(scene.truth.regions), Reasoner({}, scene.width, scene.height)
     expected, found = [], []
-    for targets in truth_targets(scene):
+    for targets in answers:
         k = targets.frame
         answer = reasoner.step(k, scene.time_ns(k), targets, scene.truth.regions)
         expected += oracle.step(k, targets.targets)

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fixtures.scenes import SCRIPTS, generate
-from fixtures.targets import truth_targets
+from fixtures.scenes import SCRIPTS
 from reasoning.reasoner import Reasoner
 
 KINDS = (
@@ -41,11 +40,11 @@ def test_every_script_has_a_story():
 
 
 @pytest.mark.parametrize("name", STORIES)
-def test_the_truth_tells_the_story(name):
-    scene = generate(name)
+def test_the_truth_tells_the_story(play, name):
+    scene, answers = play(name)
     reasoner = Reasoner({}, scene.width, scene.height)
     told = []
-    for targets in truth_targets(scene):
+    for targets in answers:
         events = reasoner.step(targets.frame, scene.time_ns(targets.frame), targets, scene.truth.regions).events
         told += [(e.frame, e.kind, e.subjects, e.evidence.get("zone", "")) for e in events if e.kind in KINDS]
     story = STORIES[name]
