@@ -87,6 +87,8 @@ def notice(log: EventLog, n: Notice) -> None:
     )
     if not n.text and n.kind == "track_recovered" and len(n.subjects) == 2:
         text = f"Targets {list_of(n.subjects)} had been taken for one another: their identities are exchanged."
+    if not n.text and n.kind == "occluded" and len(n.subjects) == 2:
+        text = f"Target {n.subjects[0]} is behind target {n.subjects[1]}."
     log.add(n.kind, n.subjects, n.rule, dict(n.evidence), text)
 
 

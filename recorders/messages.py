@@ -49,6 +49,7 @@ EVENT_KINDS = (
     "anomaly",
     "zone_entered",
     "zone_left",
+    "occluded",
 )
 
 

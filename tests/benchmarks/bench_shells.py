@@ -20,8 +20,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from bench_record import bare_loop
-from fixtures.logs import export_video, record_scene, write_scene_log
-from fixtures.scenes import SCRIPTS, generate
 from shells_measures import (
     DATA,
     direct_steps,
@@ -33,6 +31,8 @@ from shells_measures import (
     random_steps,
 )
 
+from fixtures.logs import export_video, record_scene, write_scene_log
+from fixtures.scenes import SCRIPTS, generate
 from recorders.recording import RecordOptions, record
 from recorders.scene import SceneLog
 from recorders.sources import open_source

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from fixtures.scenes import GeneratedScene
-from fixtures.truth import STATIC, SceneTruth
 from numpy.typing import NDArray
 from plain_sort import PlainSort
 
+from fixtures.scenes import GeneratedScene
+from fixtures.truth import STATIC, SceneTruth
 from reasoning.relations import Objects, RelationBook
 from recorders import channels
 from recorders.messages import Box
@@ -184,7 +184,7 @@ def pixel_accuracy(scene: GeneratedScene, boxes: Boxes, labels: Sequence[Labels]
     common[0] = common[STATIC] = 0
     common[:, 0] = 0
     worth = common / max(1.0, float(common.max()))
-    names = {a: t for a, t in assign(1 - worth, common > 0)}
+    names = dict(assign(1 - worth, common > 0))
     pixels = right = near = 0
     from fixtures.logs import foreground
     from recorders.segmentation.blobs import components

@@ -32,6 +32,8 @@ from replay.trackers.tracker import Frame, SceneInfo, State
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 NS = 1e-9
+_SURE = 0.7
+"""Share of the pixels in the overlap of two last masks from which on their owner is told to be in front."""
 
 
 class ShellsTracker:
@@ -46,6 +48,7 @@ class ShellsTracker:
         self._bodies = Bodies(parameters)
         self._book = RelationBook(relation)
         self._doubts = Doubts()
+        self._behind: list[tuple[int, int]] = []
         frame_s = max(1e-3, scene.frame_ns * NS)
         self._learn_every = max(1, round(parameters.learn_s / frame_s))
         self._look_frames = max(2, round(0.5 * parameters.probation_s / frame_s))
@@ -77,6 +80,7 @@ class ShellsTracker:
         self._confirm(frame, notices)
         found = self._settle(frame, found, notices)
         self._relate(frame)
+        self._tell_depth(notices)
         self._learn(frame, found)
         self._extra = self._label(frame, found)
         self._age(frame, notices)
@@ -286,6 +290,21 @@ class ShellsTracker:
             if edge.state == "JOINT":
                 self._doubts.joined(edge.a, edge.b)
 
+    def _tell_depth(self, notices: list[Notice]) -> None:
+        """Tell once in every JOINT, and when it changes, who is behind whom (`resolve`: whose colours win)."""
+        joint = [(e.a, e.b) for e in self._book.edges if e.state == "JOINT"]
+        known = [pair for pair in self._behind if (min(pair), max(pair)) in joint]
+        for identity, row in self._rows_by_id():
+            for front, share in self._bodies.items[row].hidden_by:
+                there = (min(identity, front), max(identity, front)) in joint
+                if not there or (identity, front) in known or share < _SURE:
+                    continue
+                known = [pair for pair in known if pair != (front, identity)]
+                known.append((identity, front))
+                rule = "SHELLS 2.4: pixels in the overlap are those of the object in front"
+                notices.append(Notice("occluded", [identity, front], rule, {"share_in_front": share, "limit": _SURE}))
+        self._behind = sorted(known)
+
     def _learn(self, frame: Frame, found: dict[int, Found]) -> None:
         """Learn mask, area and colours of who is alone: never in JOINT, nor while identities are in doubt."""
         doubtful = set(self._doubts.alone())
@@ -428,6 +447,7 @@ class ShellsTracker:
             "bodies": self._bodies.state(),
             "book": self._book.state(),
             "doubts": self._doubts.state(),
+            "behind": [list(pair) for pair in self._behind],
         }
 
     def restore(self, state: State) -> None:
@@ -437,3 +457,4 @@ class ShellsTracker:
         self._bodies.restore(state["bodies"])
         self._book.restore(state["book"])
         self._doubts.restore(state["doubts"])
+        self._behind = [(a, b) for a, b in state["behind"]]

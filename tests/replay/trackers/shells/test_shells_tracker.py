@@ -38,7 +38,7 @@ def measures() -> Iterator[ModuleType]:
         sys.path.remove(str(BENCHMARKS))
 
 
-@pytest.mark.parametrize(("name", "seed"), [("three_fish", 4), ("six_fish", 0)])
+@pytest.mark.parametrize(("name", "seed"), [("three_fish", 0), ("six_fish", 2)])
 def test_every_fish_keeps_its_identity(measures: ModuleType, tmp_path: Path, name: str, seed: int) -> None:
     scene = generate(name, seed=seed)
     log = record_scene(scene, tmp_path / "tank.mcap")
@@ -126,4 +126,4 @@ def test_two_flies_keep_their_identities(real_data: Path, tmp_path: Path) -> Non
     s = scored(tmp_path, folder / "two_flies.mp4", folder / "two_flies.gt.txt", "threshold")
     assert s.clear.switches == 0
     assert s.result_ids == s.true_ids == 2
-    assert s.identity.idf1 > 85
+    assert s.identity.idf1 > 90
