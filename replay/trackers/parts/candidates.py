@@ -9,6 +9,7 @@ too, which the paper, without them, has to find by heads alone.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,8 +128,7 @@ def gather(
     expected: Floats,
     alpha: Floats,
     gates: Floats,
-    find_heads: HeadDetector,
-    pictures: tuple[Image | None, Image | None],
+    heads: Heads,
     p: PartsParameters,
 ) -> Candidates:
     """All candidates of some targets.
@@ -139,8 +139,7 @@ def gather(
         expected: (T, 4) boxes of predicted size at their last places.
         alpha: (T,) where their centroids lie across.
         gates: (T,) half sides of their gates.
-        find_heads: the head detector.
-        pictures: picture and mask, for the heads.
+        heads: the frame's heads.
         p: the parameters.
     """
     centres, at = seen.boxes[:, :2] + seen.boxes[:, 2:] / 2, expected[:, :2] + expected[:, 2:] / 2
@@ -152,7 +151,6 @@ def gather(
     anchors = Anchors()
     names = [anchors.at(b[0] + b[2] / 2, b[1], b[3]) for b in seen.boxes.tolist()]
     found: list[tuple[int, list[float], int, int, bool, int]] = []
-    heads = _Heads(find_heads if p.use_heads else None, pictures)
     for t in range(len(rows)):
         for k in np.flatnonzero(direct[t]).tolist():
             found.append((t, seen.boxes[k].tolist(), names[k], int(seen.blobs[k]), True, k))
@@ -193,18 +191,17 @@ def _meets(expected: Floats, blob: Floats, gate: float) -> bool:
     return bool(across and min(y + h + gate, by + bh) > max(y - gate, by))
 
 
-class _Heads:
-    """Heads by blob, looked for once for each size of body (to a quarter)."""
+class Heads:
+    """One frame's heads by blob, looked for when asked for, once for each size of body (four sizes to an octave)."""
 
-    def __init__(self, find: HeadDetector | None, pictures: tuple[Image | None, Image | None]) -> None:
-        self._find = find
-        self._pictures = pictures
+    def __init__(self, find: HeadDetector | None, image: Callable[[], Image | None], mask: Image | None) -> None:
+        self._find, self._image, self._mask = find, image, mask
         self._known: dict[tuple[int, int], list[tuple[float, float]]] = {}
 
     def of(self, blob: int, box: Floats, height: float) -> list[tuple[float, float]]:
         """Tops of the heads in a blob."""
         size = round(4 * np.log2(max(height, 1.0)))
         if (blob, size) not in self._known:
-            found = () if self._find is None else self._find(*self._pictures, box, 2.0 ** (size / 4))
+            found = () if self._find is None else self._find(self._image(), self._mask, box, 2.0 ** (size / 4))
             self._known[blob, size] = [(h.x, h.y) for h in found]
         return self._known[blob, size]

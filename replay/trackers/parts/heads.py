@@ -50,6 +50,8 @@ THRESHOLD = 0.25
 _LEVELS = 32
 _HEAD_W, _HEAD_H = 0.12, 1 / 7
 """A head's ellipse, of the body's height."""
+_ELLIPSE = np.array([[0.7, 0.05, 0.2], [1.0, 0.2, 0.8], [0.7, 0.8, 0.95]])
+"""An ellipse as three rectangles: width, top and bottom of each, of the head's."""
 _MIN_OCCUPANCY = 0.6
 _MIN_COLOURED, _MAX_BESIDE = 0.75, 0.5
 
@@ -210,17 +212,17 @@ def coloured(image: Bytes, part: Bytes, height: float) -> list[Head]:
 
 
 def _occupancy(total: NDArray[np.int32], x: Floats, y: Floats, height: float) -> Floats:
-    """Share of the ellipses hung from tops (x, y), (N,) each, that is set; an ellipse is three rectangles."""
+    """Share of the ellipses hung from tops (x, y), (N,) each, that is set."""
     w, h = _HEAD_W * height, _HEAD_H * height
     rows, columns = total.shape[0] - 1, total.shape[1] - 1
-    count, area = np.zeros(len(x)), 0.0
-    for wide, low, high in ((0.7, 0.05, 0.2), (1.0, 0.2, 0.8), (0.7, 0.8, 0.95)):
-        x1 = np.clip(np.rint(x - wide * w / 2), 0, columns).astype(np.int64)
-        x2 = np.clip(np.rint(x + wide * w / 2), 0, columns).astype(np.int64)
-        y1 = np.clip(np.rint(y + low * h), 0, rows).astype(np.int64)
-        y2 = np.clip(np.rint(y + high * h), 0, rows).astype(np.int64)
-        count += total[y2, x2] - total[y1, x2] - total[y2, x1] + total[y1, x1]
-        area += wide * w * (high - low) * h
+    wide, low, high = (_ELLIPSE[:, k, None] for k in range(3))
+    x1 = np.minimum(np.maximum(np.rint(x - wide * w / 2), 0), columns).astype(np.int64)
+    x2 = np.minimum(np.maximum(np.rint(x + wide * w / 2), 0), columns).astype(np.int64)
+    y1 = np.minimum(np.maximum(np.rint(y + low * h), 0), rows).astype(np.int64) * (columns + 1)
+    y2 = np.minimum(np.maximum(np.rint(y + high * h), 0), rows).astype(np.int64) * (columns + 1)
+    flat = total.ravel()
+    count = (flat[y2 + x2] - flat[y1 + x2] - flat[y2 + x1] + flat[y1 + x1]).sum(axis=0)
+    area = float((wide * (high - low)).sum()) * w * h
     return np.asarray(np.minimum(count / max(area, 1.0), 1.0))
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from recorders.messages import Box, Mode, Notice
 from replay.trackers.association import intersection, iou
 from replay.trackers.parts.beginning import SAME_PLACE
-from replay.trackers.parts.candidates import Candidates, Observed, gather
+from replay.trackers.parts.candidates import Candidates, Heads, Observed, gather
 from replay.trackers.parts.features import AREA, DISPLACEMENT, OVERLAP, Measured, Pixels, differences, measure
 from replay.trackers.parts.heads import HeadDetector
 from replay.trackers.parts.layers import NEARER, Association, Match, Scored, trunks
@@ -52,7 +52,9 @@ class Matching:
         items = self._targets.items
         tentative = np.array([t.id == TENTATIVE for t in items], bool)
         lost = np.array([t.lost for t in items], bool)
-        self._scorer, self._find_heads = scorer, find_heads
+        self._scorer = scorer
+        use = self._p.use_heads and self._scene.has_masks
+        self._heads = Heads(find_heads if use else None, self._image, self._pixels.mask)
         self._alone(np.flatnonzero(~lost))
         for rows in (~tentative & ~lost, tentative):
             free = np.array([not t.observed for t in items], bool)
@@ -160,11 +162,9 @@ class Matching:
         """Layered association of some targets among the candidates that are left."""
         targets = self._targets
         taken = self._taken(targets.items[rows[0]].seen_ns if back else None)
-        pictures = (self._image() if self._p.use_heads else None, self._frame.mask if self._scene.has_masks else None)
         found = gather(
-            self._seen, rows, self._expected[rows], targets.alpha[rows], self._gates[rows], self._find_heads, pictures,
-            self._p,
-        )  # fmt: skip
+            self._seen, rows, self._expected[rows], targets.alpha[rows], self._gates[rows], self._heads, self._p
+        )
         found = self._free(found, taken)
         if not len(found.rows):
             return
