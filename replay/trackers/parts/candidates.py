@@ -25,6 +25,8 @@ from replay.trackers.tracker import Image
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Rows = NDArray[np.intp]
+CROWD_CHANGE = 0.25
+"""A blob of several detections that is that much larger than a target is not the target alone."""
 STEPS = np.array([0, -1, 1, -2, 2])
 """i of eq. 9 and 10, the plain size first: ties go to it."""
 
@@ -147,7 +149,10 @@ def gather(
     change = seen.boxes[None, :, 2:] / np.maximum(expected[:, None, 2:], 1.0)
     larger = np.asarray((change > 1 + p.occlusion).any(axis=2))
     smaller = np.asarray((change < 1 - p.occlusion).any(axis=2))
-    direct = within & ~larger & ~smaller
+    # Where the segmentation itself found several people in a blob, half as much again is too much to be one of them.
+    several = np.zeros(len(seen.boxes), bool)
+    several[: len(seen.blob_boxes)] = seen.crowd[: len(seen.blob_boxes)]
+    direct = within & ~larger & ~smaller & ~(several[None, :] & (change > 1 + CROWD_CHANGE).any(axis=2))
     anchors = Anchors()
     names = [anchors.at(b[0] + b[2] / 2, b[1], b[3]) for b in seen.boxes.tolist()]
     found: list[tuple[int, list[float], int, int, bool, int]] = []
