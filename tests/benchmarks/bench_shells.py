@@ -149,7 +149,7 @@ CUES: dict[str, tuple[str, ...]] = {
 def membership(folder: Path) -> None:
     """Share of right pixels in blobs that hold several actors, against the nearest track's centre."""
     logs = {}
-    for name in ("three_fish", "six_fish", "pass_by", "three_way_group", "meet_and_walk_on_together", "fight"):
+    for name in ("three_fish", "six_fish", "pass_by", "three_way_group", "full_occlusion", "fight"):
         scene = generate(name, seed=1)
         logs[name] = scene, write_scene_log(scene, folder / f"exact-{name}.mcap", style="merged")
     for label, settings in CUES.items():

@@ -21,7 +21,7 @@ from recorders.segmentation.blobs import ellipse_of
 from replay.trackers.association import assign, iou
 from replay.trackers.shells.colours import Bins, bins_of, distance, histogram, tell
 from replay.trackers.shells.foreground import Cut, Foreground, touches
-from replay.trackers.shells.membership import Claimants, assign_pixels, cells, extent
+from replay.trackers.shells.membership import Claimants, assign_pixels, cells, extent, log_mask
 from replay.trackers.shells.objects import GRID, Bodies, Body
 from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.shells.placing import place
@@ -33,6 +33,9 @@ Rows = NDArray[np.intp]
 
 _LINK = 0.08
 """An object lies over a blob that fills this share of its box, or half of which lies in its box."""
+_HALF = math.log(0.5)
+_TELLING = 12
+"""Pixels in the overlap of two last masks from which on they tell who is in front."""
 _MINOR = 0.3
 """A blob of less than this share of an object's area need not be anybody's own."""
 
@@ -240,7 +243,7 @@ class Resolver:
         owner = members.owner
         whole = self._purify(owner, rows, blobs, fits, cut)
         self._deny_strangers(items, owner, bins, whole)
-        self._measure(rows, who, owner, members.means, cut, whole)
+        self._measure(rows, who, owner, members.means, cut, bins, whole)
         self._agree(rows, blobs)
 
     def _with_fragments(self, boxes: Floats, radii: Floats, blobs: Rows) -> Rows:
@@ -327,6 +330,7 @@ class Resolver:
         owner: NDArray[np.uint8],
         means: Floats,
         cut: Cut,
+        bins: Bins | None,
         whole: dict[int, int],
     ) -> None:
         for k, row in enumerate(rows.tolist()):
@@ -337,7 +341,7 @@ class Resolver:
             own = owner == k + 1
             count = int(np.count_nonzero(own))
             visible = min(1.0, count / max(1.0, body.area))
-            rivals = _rivals(k, who, owner, cut)
+            rivals = _covering(k, who, owner, cut)
             if visible < self._p.min_own:
                 if rivals:
                     self.fronts[row] = self._bodies.items[int(rows[rivals[0][0]])].id
@@ -350,13 +354,15 @@ class Resolver:
             cx = share * mx + (1 - share) * (x + w / 2)
             cy = share * my + (1 - share) * (y + h / 2)
             blob = int(np.argmax(np.bincount(cut.labels[own], minlength=1)))
-            hidden = [(self._bodies.items[int(rows[j])].id, round(c, 3)) for j, c in rivals if c > 0.5]
+            covered = any(c > 0.5 for _, c in rivals)
+            ahead = _in_front(k, who, owner, cut, bins)
+            hidden = [(self._bodies.items[int(rows[j])].id, round(c, 3)) for j, c in ahead if c > 0.5]
             self.found[row] = Found(
                 (cx - w / 2, cy - h / 2, w, h), max(0.25, visible), False, False, blob, visible, count,
                 _ellipse(own, cut), own, cut.left, cut.top, hidden, len(rows) == 1,
             )  # fmt: skip
             grown = extent(own, cut)
-            if visible >= 0.8 and count <= self._p.larger * body.area and grown is not None and not hidden:
+            if visible >= 0.8 and count <= self._p.larger * body.area and grown is not None and not covered:
                 self.found[row].box = grown
                 self.found[row].sized = True
 
@@ -365,11 +371,8 @@ def _ellipse(own: Bools, cut: Cut) -> Ellipse | None:
     return ellipse_of(own.view(np.uint8), float(cut.left), float(cut.top)) if own.any() else None
 
 
-def _rivals(k: int, who: Claimants, owner: NDArray[np.uint8], cut: Cut) -> list[tuple[int, float]]:
-    """Who else owns pixels within the last mask of claimant k, and the share that they have won, largest first.
-
-    In the overlap of two silhouettes the pixels are those of the object in front: whoever's colours win there is.
-    """
+def _covering(k: int, who: Claimants, owner: NDArray[np.uint8], cut: Cut) -> list[tuple[int, float]]:
+    """Who else owns pixels within the box of claimant k, and their share where both boxes overlap, largest first."""
     x, y, w, h = who.boxes[k].tolist()
     height, width = owner.shape
     i = cells(y - cut.top, h, 0, height)
@@ -389,6 +392,42 @@ def _rivals(k: int, who: Claimants, owner: NDArray[np.uint8], cut: Cut) -> list[
         if lost + kept > 0:
             out.append((other, lost / (lost + kept)))
     return sorted(out, key=lambda r: (-r[1], r[0]))
+
+
+def _in_front(k: int, who: Claimants, owner: NDArray[np.uint8], cut: Cut, bins: Bins | None) -> list[tuple[int, float]]:
+    """Who else owns pixels within the last mask of claimant k, and the share that they have won, largest first.
+
+    Where two last masks overlap the pixels are those of the object in front: whoever's colours win there is. Too few
+    such pixels tell nothing: share 0.
+    """
+    mine = _silhouette(k, who, owner.shape, cut)
+    owners = np.bincount(owner[mine], minlength=len(who.boxes) + 1)
+    out = []
+    for other in range(len(who.boxes)):
+        if other == k or not owners[other + 1]:
+            continue
+        both = mine & _silhouette(other, who, owner.shape, cut)
+        both &= cut.own
+        mine_tells, theirs = who.tells[k], who.tells[other]
+        if bins is None or mine_tells is None or theirs is None:
+            split = np.bincount(owner[both], minlength=len(who.boxes) + 1)
+            lost, kept = int(split[other + 1]), int(split[k + 1])
+        else:
+            ahead = theirs[bins[both]] - mine_tells[bins[both]]
+            lost, kept = int(np.count_nonzero(ahead > 0)), int(np.count_nonzero(ahead < 0))
+        told = lost + kept >= _TELLING
+        out.append((other, lost / (lost + kept) if told else 0.0))
+    return sorted(out, key=lambda r: (-r[1], -owners[r[0] + 1], r[0]))
+
+
+def _silhouette(k: int, who: Claimants, shape: tuple[int, ...], cut: Cut) -> Bools:
+    """The last mask of a claimant at its place in the cut, (H, W) bool."""
+    x, y, w, h = who.boxes[k].tolist()
+    table = np.zeros((GRID + 2, GRID + 2), bool)
+    table[1:-1, 1:-1] = log_mask(who.masks[k]) > _HALF
+    i = np.clip(cells(y - cut.top, h, 0, shape[0]), -1, GRID) + 1
+    j = np.clip(cells(x - cut.left, w, 0, shape[1]), -1, GRID) + 1
+    return np.asarray(table[i[:, None], j[None, :]])
 
 
 def _neighbourhoods(rows: list[int], linked: Bools) -> list[list[int]]:
