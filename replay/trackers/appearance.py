@@ -10,7 +10,7 @@ machine.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -43,16 +43,22 @@ _LUMA = (np.arange(256) * BINS // 256).astype(np.uint8)
 _CHROMA = _chroma_table()
 
 
-def bins_of(image: Image) -> Image:
-    """Every feature's bin of every pixel, (features, H, W) uint8 below `BINS`, from a (H, W, 3) uint8 BGR image."""
-    tall = cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb)
-    saturation = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)[:, :, 1]
+def bins_of(image: Image, wanted: Collection[int] = range(len(FEATURES))) -> Image:
+    """Every feature's bin of every pixel, (features, H, W) uint8 below `BINS`, from a (H, W, 3) uint8 BGR image.
+
+    Features that are not ``wanted`` are left undefined.
+    """
     out = np.empty((len(FEATURES), *image.shape[:2]), np.uint8)
-    out[0] = _LUMA[tall[:, :, 0]]
-    out[1] = _CHROMA[tall[:, :, 1]]
-    out[2] = _CHROMA[tall[:, :, 2]]
-    out[3:6] = _LUMA[image].transpose(2, 0, 1)
-    out[6] = _LUMA[saturation]
+    if any(k < 3 for k in wanted):
+        tall = cv2.split(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb))
+        for k, table in enumerate((_LUMA, _CHROMA, _CHROMA)):
+            if k in wanted:
+                out[k] = cv2.LUT(tall[k], table)
+    if any(3 <= k < 6 for k in wanted):
+        plain = cv2.split(cv2.LUT(image, _LUMA))
+        out[3], out[4], out[5] = plain
+    if 6 in wanted:
+        out[6] = cv2.LUT(cv2.extractChannel(cv2.cvtColor(image, cv2.COLOR_BGR2HSV), 1), _LUMA)
     return out
 
 
@@ -159,10 +165,11 @@ def choose(target: Floats, others: Floats, count: int = CHOSEN) -> list[int]:
 
 def back_project(bins: Image, target: Floats, others: Floats, chosen: Sequence[int]) -> NDArray[np.float32]:
     """How much each pixel looks like the target rather than like others, (H, W) float32 in [-1, 1]."""
-    tell = np.rint(ratios(target, others) * (64 / _LIMIT)).astype(np.int16)
+    tell = np.zeros((len(bins), 256), np.int16)
+    tell[:, :BINS] = np.rint(ratios(target, others) * (64 / _LIMIT))
     total = np.zeros(bins.shape[1:], np.int16)
     for k in chosen:
-        total += tell[k][bins[k]]
+        total += cv2.LUT(bins[k], tell[k])
     return np.asarray(total.astype(np.float32) * np.float32(1 / (64 * max(1, len(chosen)))))
 
 

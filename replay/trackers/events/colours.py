@@ -52,16 +52,17 @@ def likenesses(tracks: Sequence[Track], image: Image, cut: Cut) -> list[Likeness
     known = [t.colours.body if t.colours is not None and t.colours.updates else None for t in tracks]
     if sum(k is not None for k in known) < 2:
         return [None] * len(tracks)
-    height, width = cut.pixels.shape
-    bins = appearance.bins_of(image[cut.top : cut.top + height, cut.left : cut.left + width])
-    out: list[Likeness] = []
+    told: list[tuple[Floats, Floats, list[int]] | None] = []
     for k, mine in enumerate(known):
         if mine is None:
-            out.append(None)
+            told.append(None)
             continue
         rivals = [other for j, other in enumerate(known) if j != k and other is not None]
         others = np.zeros_like(mine)
         for rival in rivals:
             others += rival / len(rivals)
-        out.append(appearance.back_project(bins, mine, others, appearance.choose(mine, others)))
-    return out
+        told.append((mine, others, appearance.choose(mine, others)))
+    height, width = cut.pixels.shape
+    part = image[cut.top : cut.top + height, cut.left : cut.left + width]
+    bins = appearance.bins_of(part, sorted({k for t in told if t is not None for k in t[2]}))
+    return [None if t is None else appearance.back_project(bins, *t) for t in told]

@@ -48,6 +48,10 @@ class Integral:
 
     def sums(self, boxes: Floats) -> Floats:
         """Sums over boxes (N, 4) in the picture, (N,); what lies outside of the image counts nothing."""
+        return self.sums_at(self.corners(boxes))
+
+    def corners(self, boxes: Floats) -> NDArray[np.intp]:
+        """Where the boxes' (N, 4) corners stand in the integral image, (4, N), for `sums_at`."""
         c = np.empty((4, len(boxes)))
         np.subtract(boxes[:, 0], self.left, out=c[0])
         np.subtract(boxes[:, 1], self.top, out=c[1])
@@ -56,11 +60,19 @@ class Integral:
         np.rint(c, out=c)
         np.maximum(c, 0.0, out=c)
         np.minimum(c, self._limits, out=c)
-        x1, y1, x2, y2 = c.astype(np.intp)
-        y1 *= self.width + 1
-        y2 *= self.width + 1
-        f = self._flat
-        return np.asarray(f[y2 + x2] - f[y1 + x2] - f[y2 + x1] + f[y1 + x1], np.float64)
+        at = c.astype(np.intp)
+        out = np.empty_like(at)
+        np.multiply(at[3], self.width + 1, out=out[0])
+        np.multiply(at[1], self.width + 1, out=out[1])
+        np.add(out[0], at[0], out=out[2])
+        np.add(out[1], at[0], out=out[3])
+        out[:2] += at[2]
+        return out
+
+    def sums_at(self, corners: NDArray[np.intp]) -> Floats:
+        """Sums over boxes of which `corners` of an image of the same size at the same place is known."""
+        f = self._flat.take(corners)
+        return np.asarray(f[0] - f[1] - f[2] + f[3], np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,63 +201,86 @@ def search(
     """
     pixels, left, top = cut.pixels, cut.left, cut.top
     now = boxes.copy()
-    own, shared, scores = np.zeros(len(boxes)), np.zeros(len(boxes)), np.zeros(len(boxes))
+    scores, weighted = np.zeros(len(boxes)), np.zeros(len(boxes))
     order = np.argsort(-(boxes[:, 1] + boxes[:, 3]), kind="stable")
     whole = pixels * np.uint8(OWN)
     everything = Integral(whole, left, top)
     colours = [None if a is None else Integral(a * pixels, left, top) for a in likeness]
+    claims = [_claim(b, left, top) for b in boxes.tolist()]
     for sweep in range(p.sweeps):
         for t in order.tolist():
             rest = whole.copy()
-            for u in range(len(boxes)):
+            for u, (x1, y1, x2, y2) in enumerate(claims):
                 if u != t:
-                    x, y, w, h = now[u]
-                    x1, y1 = max(0, round(x + (0.5 - CORE / 2) * w) - left), max(0, round(y) - top)
-                    x2, y2 = max(0, round(x + (0.5 + CORE / 2) * w) - left), max(0, round(y + h) - top)
-                    rest[y1:y2, x1:x2] = np.minimum(rest[y1:y2, x1:x2], SHARED)
+                    part = rest[y1:y2, x1:x2]
+                    np.minimum(part, SHARED, out=part)
             free = Integral(rest, left, top)
             tried = _candidates(boxes[t], now[t] if sweep else boxes[t], float(reach[t]), extra[t], sweep)
-            score = _score(tried, free, colours[t], boxes[t], float(reach[t]), p)
+            score, inside = _score(tried, free, colours[t], boxes[t], float(reach[t]), p)
             best = int(np.argmax(score))
-            now[t], scores[t] = tried[best], score[best]
-            area = max(1.0, float(now[t, 2] * now[t, 3]))
-            weighted = float(free.sums(now[t][None])[0])
-            total = float(everything.sums(now[t][None])[0])
-            # weighted = OWN own + SHARED shared, total = OWN (own + shared)
-            shared[t] = (total - weighted) / (OWN - SHARED) / area
-            own[t] = total / OWN / area - shared[t]
-    return now, own, shared, scores
+            now[t], scores[t], weighted[t] = tried[best], score[best], inside[best]
+            claims[t] = _claim(now[t].tolist(), left, top)
+    # weighted = OWN own + SHARED shared, total = OWN (own + shared)
+    area = np.maximum(1.0, now[:, 2] * now[:, 3])
+    total = everything.sums(now)
+    shared = (total - weighted) / (OWN - SHARED) / area
+    return now, total / OWN / area - shared, shared, scores
+
+
+def _claim(box: Sequence[float], left: int, top: int) -> tuple[int, int, int, int]:
+    """x1, y1, x2, y2 of the pixels that a target's box explains, in a cut with that top left corner."""
+    x, y, w, h = box
+    x1, x2 = round(x + (0.5 - CORE / 2) * w) - left, round(x + (0.5 + CORE / 2) * w) - left
+    return max(0, x1), max(0, round(y) - top), max(0, x2), max(0, round(y + h) - top)
+
+
+def _grid(side: int) -> tuple[Floats, Ints, Ints]:
+    """The steps' numbers along one axis, and for each place of the grid its column and its row."""
+    columns, rows = np.meshgrid(np.arange(side), np.arange(side))
+    return np.arange(side, dtype=np.float64), columns.ravel(), rows.ravel()
+
+
+_COARSE, _FINE = _grid(GRID), _grid(5)
 
 
 def _candidates(expected: Floats, now: Floats, reach: float, extra: Floats, sweep: int) -> Floats:
     """Places to try: a grid around the expected place first, later a finer one around the best so far."""
     size = float(np.sqrt(expected[2] * expected[3]))
     span = min(max(2.0 * reach, 0.2 * size), 0.6 * size) if not sweep else 0.12 * size
-    steps = np.linspace(-span, span, GRID if not sweep else 5)
-    dx, dy = (a.ravel() for a in np.meshgrid(steps, steps))
-    x, y = now[0] + dx, now[1] + dy
-    if len(extra) and not sweep:
-        x = np.concatenate([x, extra[:, 0] - expected[2] / 2])
-        y = np.concatenate([y, extra[:, 1] - expected[3] / 2])
-    out = np.empty((len(x), 4))
-    out[:, 0], out[:, 1], out[:, 2], out[:, 3] = x, y, expected[2], expected[3]
+    numbers, columns, rows = _FINE if sweep else _COARSE
+    steps = numbers * (2 * span / (len(numbers) - 1)) - span
+    steps[-1] = span
+    more = len(extra) if not sweep else 0
+    out = np.empty((len(columns) + more, 4))
+    np.add(now[0], steps[columns], out=out[: len(columns), 0])
+    np.add(now[1], steps[rows], out=out[: len(columns), 1])
+    if more:
+        out[len(columns) :, 0] = extra[:, 0] - expected[2] / 2
+        out[len(columns) :, 1] = extra[:, 1] - expected[3] / 2
+    out[:, 2:] = expected[2:]
     return out
 
 
 def _score(
     tried: Floats, free: Integral, colour: Integral | None, expected: Floats, reach: float, p: EventsParameters
-) -> Floats:
+) -> tuple[Floats, Floats]:
+    """Scores (K,) of the places tried, and what they hold of the foreground, weighted, (K,)."""
     area = max(1.0, float(expected[2] * expected[3]))
     ring = 0.3 * expected[2]
-    around = tried + np.array([-ring, -ring / 2, 2 * ring, ring])
-    inside = free.sums(tried)
-    outside = free.sums(around) - inside
+    count = len(tried)
+    both = np.empty((2 * count, 4))
+    both[:count] = tried
+    np.add(tried, np.array([-ring, -ring / 2, 2 * ring, ring]), out=both[count:])
+    corners = free.corners(both)
+    held = free.sums_at(corners)
+    inside = held[:count]
+    outside = held[count:] - inside
     score = (inside - p.ring_weight * outside) / (OWN * area)
     if colour is not None:
-        score = score + p.colour_weight * colour.sums(tried) / area
+        score = score + p.colour_weight * colour.sums_at(corners[:, :count]) / area
     offset2 = (tried[:, 0] - expected[0]) ** 2 + (tried[:, 1] - expected[1]) ** 2
     scale2 = max(reach * reach, (0.05 * float(np.sqrt(area))) ** 2)
-    return np.asarray(score - p.prior_weight * offset2 / scale2)
+    return np.asarray(score - p.prior_weight * offset2 / scale2), inside
 
 
 def place(
@@ -278,11 +313,9 @@ def place(
     out: list[Place | None] = [None] * n
     searched: list[int] = []
     tenants_only = [False] * n
-    for i in range(n):
-        mine = np.flatnonzero(linked[i])
-        if not len(mine):
-            continue
-        main = int(mine[np.argmax(pixels[i, mine])])
+    mains = np.argmax(np.where(linked, pixels, -1.0), axis=1).tolist()
+    for i in np.flatnonzero(linked.any(axis=1)).tolist():
+        main = mains[i]
         if tenants[main] == 1 and held[main] <= 1 and fits[i, main]:
             box = fg.boxes[main]
             fill = float(fg.areas[main] / max(1.0, box[2] * box[3]))
