@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.messages import Ellipse
+from recorders.messages import NO_BLOB, Ellipse
 from replay.trackers.appearance import distance
 from replay.trackers.association import assign, iou
 from replay.trackers.events.parameters import EventsParameters
+from replay.trackers.events.places import Foreground
 from replay.trackers.events.tracks import Tracks, centred
 
 Floats = NDArray[np.float64]
@@ -56,6 +57,26 @@ def match(tracks: Tracks, rows: Rows, seen: Seen, columns: Rows, p: EventsParame
     allowed = (distance2 <= gate2) & (overlap >= p.min_overlap)
     cost = (1.0 - overlap) + distance2 / gate2 + p.colour_cost * _colour_costs(tracks, rows, seen, columns, allowed)
     return [(int(rows[i]), int(columns[j])) for i, j in assign(cost, allowed)]
+
+
+def one_each(tracks: Tracks, rows: Sequence[int], fg: Foreground, seen: Seen, p: EventsParameters) -> dict[int, int]:
+    """Blobs that several targets share and that hold as many detections: each target has its own, column by row.
+
+    Such a blob is not searched for its targets, its detections say where they are; unless one is out of reach.
+    """
+    given = np.bincount(np.clip(seen.blobs, 0, len(fg.boxes)), minlength=len(fg.boxes) + 1)
+    if not len(rows) or given[1:].max(initial=0) < 2:
+        return {}
+    pixels = fg.links(tracks.boxes[np.array(rows)])
+    home = np.where(pixels.max(axis=1) > 0, pixels.argmax(axis=1) + 1, NO_BLOB)
+    found: dict[int, int] = {}
+    for blob in np.flatnonzero(given[1:] >= 2) + 1:
+        here = np.array(rows, np.intp)[home == blob]
+        if len(here) == given[blob]:
+            pairs = match(tracks, here, seen, np.flatnonzero(seen.blobs == blob), p)
+            if len(pairs) == len(here):
+                found.update(pairs)
+    return found
 
 
 def _colour_costs(tracks: Tracks, rows: Rows, seen: Seen, columns: Rows, allowed: NDArray[np.bool_]) -> Floats:

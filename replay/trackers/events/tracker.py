@@ -22,7 +22,7 @@ from recorders.messages import NO_BLOB, Box, Ellipse, Mode, Regions, Targets
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.association import intersection
 from replay.trackers.events.answer import answer, shared_regions
-from replay.trackers.events.associate import Seen, match
+from replay.trackers.events.associate import Seen, match, one_each
 from replay.trackers.events.colours import learn, likenesses, look_at
 from replay.trackers.events.groups import GroupTracks
 from replay.trackers.events.identity import keep_company, verify
@@ -120,11 +120,22 @@ class EventsTracker:
             return likenesses([items[rows[k]] for k in which], frame.image, cut)
 
         found = place(fg, expected, seen.boxes, seen.blobs, look, self._p)
-        for row, at in zip(rows, found, strict=True):
-            if at is not None:
+        told = one_each(self._tracks, rows, fg, seen, self._p)
+        for k, (row, at) in enumerate(zip(rows, found, strict=True)):
+            if row in told:
+                found[k] = self._take(row, frame, seen, told[row])
+            elif at is not None:
                 self._settle(row, frame, at, dt)
         kept = [at for at, r in zip(found, rows, strict=True) if at is not None and items[r].observed]
         return _left_over(fg, kept, seen, model, self._p)
+
+    def _take(self, row: int, frame: Frame, seen: Seen, column: int) -> Place:
+        """Take a detection of one of those who share a blob as this one's."""
+        x, y, w, h = seen.boxes[column].tolist()
+        blob = int(seen.blobs[column])
+        self._tracks.items[row].misfit_s = 0.0
+        self._observe(row, frame, (x, y, w, h), float(seen.scores[column]), blob, "appearance")
+        return Place((x, y, w, h), False, 1.0, 0.0, blob, company=True)
 
     def _settle(self, row: int, frame: Frame, at: Place, dt: float) -> None:
         """Take a place as an observation if enough foreground supports it."""
