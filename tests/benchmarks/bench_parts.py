@@ -35,7 +35,7 @@ from replay.configuration import replay_config
 from replay.evaluate import MotTable, Scores, evaluate, fit_truth, read_truth
 from replay.evaluate.overlap import overlap as overlap_of
 from replay.replaying import ReplayOptions
-from replay.trackers.association import intersection, iou
+from replay.trackers.association import assign, intersection, iou
 from replay.writing import replay
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -273,11 +273,8 @@ def hidden_parts(scene: GeneratedScene, log: AnnotatedLog) -> np.ndarray:
         if not actors or not tracks:
             continue
         overlap = iou(np.array([a.full_box for a in actors]), np.array([t.box for t in tracks]))
-        for k, actor in enumerate(actors):
-            best = int(np.argmax(overlap[k]))
-            if overlap[k, best] < 0.5:
-                continue
-            true = np.array(actor.part_visibility) < 0.5
+        for k, best in assign(1 - overlap, overlap >= 0.5):
+            true = np.array(actors[k].part_visibility) < 0.5
             said = np.array([name in tracks[best].hidden_parts for name in PARTS])
             out += np.array([int((true & said).sum()), int(said.sum()), int(true.sum())])
     return out

@@ -299,8 +299,9 @@ class Matching:
         here = np.array([not t.lost and t.id != TENTATIVE for t in targets.items], bool)
         seen = np.array([t.observed for t in targets.items], bool)
         foot = boxes[:, 1] + boxes[:, 3]
-        nearer = (foot[None, :] > (foot + NEARER * boxes[:, 3])[:, None]) | ~seen[:, None]
-        nearer &= (here & seen)[None, :] & ~np.eye(len(targets), dtype=bool)
+        nearer = foot[None, :] > (foot + NEARER * boxes[:, 3])[:, None]
+        nearer |= ~seen[:, None] & seen[None, :]
+        nearer &= here[None, :] & ~np.eye(len(targets), dtype=bool)
         parts = targets.parts(np.arange(len(targets)), boxes)
         targets.hidden[:] = covered(parts, trunks(boxes), nearer) >= self._p.hidden_cover
         for row in sorted(self._gone):
