@@ -30,6 +30,7 @@ from replay.trackers.events.lifecycle import Lifecycle
 from replay.trackers.events.orphans import follow_colours, share_detections
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.places import Cut, Expected, Foreground, Likeness, Place, Rest, place
+from replay.trackers.events.splits import came_from, remember_regions
 from replay.trackers.events.tracks import TENTATIVE, Track, Tracks
 from replay.trackers.tracker import Frame, SceneInfo
 
@@ -79,6 +80,7 @@ class EventsTracker:
         shared = shared_regions(self._tracks, frame)
         keep_company(self._tracks, [members for members, _ in shared], frame.index, frame.time_ns)
         notices += verify(self._tracks, frame.time_ns, self._p)
+        remember_regions(self._tracks, frame.detections.components, frame.time_ns)
         shared = shared_regions(self._tracks, frame)
         groups = self._groups.step(frame.time_ns, shared)
         return answer(self._tracks, frame, groups, notices)
@@ -202,15 +204,14 @@ class EventsTracker:
             return
         boxes = seen.boxes[columns]
         inside = self._regions.may_start_low_level_all(boxes[:, :2] + boxes[:, 2:] / 2)
-        held = [k for k, t in enumerate(self._tracks.items) if t.id != TENTATIVE and not t.lost]
-        covered = intersection(boxes, self._tracks.boxes[held]).max(axis=1, initial=0.0)
+        from_split = came_from(self._tracks, boxes)
         for k, column in enumerate(columns.tolist()):
             if not inside[k]:
                 continue
             x, y, w, h = boxes[k].tolist()
             track = Track(TENTATIVE, frame.index, frame.time_ns, frame.time_ns, quality=float(seen.scores[column]))
             track.blob, track.column, track.measured = int(seen.blobs[column]), column, (x, y, w, h)
-            track.split = bool(covered[k] >= 0.5 * w * h)
+            track.split = bool(from_split[k])
             track.sightings.append([float(frame.index), x, y, w, h])
             self._tracks.start((x, y, w, h), seen.ellipses[column], track)
 

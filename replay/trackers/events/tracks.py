@@ -43,6 +43,8 @@ class Track:
         apart_ns: when it last shared one.
         fresh: its colours since then, to be compared with those that it had before.
         lost: held, but no longer said to be present.
+        regions: [time in ns, x, y, w, h] of the regions of pixels that it lately lay in: who is born there was in one
+            of them.
     """
 
     id: int
@@ -71,6 +73,7 @@ class Track:
     apart_ns: int = 0
     fresh: Colours | None = None
     sightings: list[list[float]] = field(default_factory=list)
+    regions: list[list[float]] = field(default_factory=list)
 
     def begin_frame(self) -> None:
         """Forget what was true of the last frame alone."""
@@ -209,6 +212,7 @@ def _plain(track: Track) -> dict[str, Any]:
     out["fresh"] = None if track.fresh is None else track.fresh.state()
     out["company"] = [list(c) for c in track.company]
     out["sightings"] = [list(s) for s in track.sightings]
+    out["regions"] = [list(r) for r in track.regions]
     return out
 
 
@@ -219,6 +223,7 @@ def _track(state: Mapping[str, Any]) -> Track:
     plain["fresh"] = None if plain["fresh"] is None else Colours.from_state(plain["fresh"])
     plain["company"] = [list(c) for c in plain["company"]]
     plain["sightings"] = [list(s) for s in plain["sightings"]]
+    plain["regions"] = [list(r) for r in plain["regions"]]
     return Track(**plain)
 
 
