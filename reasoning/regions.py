@@ -104,12 +104,20 @@ class SceneRegions:
         """Why a tracker must go, None if it may stay: wholly outside ROI and border, or partly outside and
         followed without motion (appearance or prediction) with low confidence.
         """
-        place = int(self._area.cover([box])[0])
+        return self.reason_to_remove(int(self._area.cover([box])[0]), mode, confidence)
+
+    def reason_to_remove(self, place: int, mode: Mode, confidence: float) -> str | None:
+        """The same for a target of which it is known how it lies in ROI and border (`area_cover`)."""
         if place == OUTSIDE:
             return "EVENTS 3.2: wholly outside region of interest and border"
         if place == PARTLY and mode != "motion" and confidence < self._p.low_confidence:
             return "EVENTS 3.2: partly in the outer zone, tracked by appearance with low confidence"
         return None
+
+    def area_cover(self, boxes: Floats) -> list[int]:
+        """How each of boxes (N, 4) lies in ROI and border together."""
+        found: list[int] = self._area.cover(boxes).tolist()
+        return found
 
     def places(self, boxes: Floats) -> Places:
         """Where boxes (N, 4) lie."""

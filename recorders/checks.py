@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-import numpy as np
-
 from recorders.limits import Limits
 from recorders.messages import Blob, Detections, Ellipse, Regions
 
@@ -65,21 +63,24 @@ def _check_picture(d: Detections, limits: Limits) -> None:
 
 
 def _check_boxes(d: Detections) -> None:
-    boxes = np.array(d.boxes, np.float64).reshape(-1, 4)
-    bad = ~(np.isfinite(boxes).all(axis=1) & (boxes[:, 2:] > 0).all(axis=1) & (np.abs(boxes) < LARGEST).all(axis=1))
-    if bad.any():
-        k = int(np.argmax(bad))
-        raise ValueError(f"frame {d.frame}: box {k} is {d.boxes[k]}; wanted finite x, y and w, h over 0")
-    beyond = (boxes[:, :2] >= (d.width, d.height)).any(axis=1) | (boxes[:, :2] + boxes[:, 2:] <= 0).any(axis=1)
-    if beyond.any():
-        k = int(np.argmax(beyond))
-        raise ValueError(f"frame {d.frame}: box {k} is {d.boxes[k]}, beyond the picture of {d.width}x{d.height}")
+    for k, (x, y, w, h) in enumerate(d.boxes):
+        # What is not a number is not smaller than anything.
+        if not (0 < w < LARGEST and 0 < h < LARGEST and -LARGEST < x < LARGEST and -LARGEST < y < LARGEST):
+            raise ValueError(f"frame {d.frame}: box {k} is {d.boxes[k]}; wanted finite x, y and w, h over 0")
+    for k, (x, y, w, h) in enumerate(d.boxes):
+        if x >= d.width or y >= d.height or x + w <= 0 or y + h <= 0:
+            raise ValueError(f"frame {d.frame}: box {k} is {d.boxes[k]}, beyond the picture of {d.width}x{d.height}")
 
 
 def _check_ellipses(d: Detections, ellipses: Iterable[Ellipse]) -> None:
     for e in ellipses:
-        large = max(abs(e.x), abs(e.y), e.h, e.w, abs(e.theta))
-        if not (large < LARGEST and e.w >= 0 and e.h >= 0):
+        if not (
+            -LARGEST < e.x < LARGEST
+            and -LARGEST < e.y < LARGEST
+            and 0 <= e.h < LARGEST
+            and 0 <= e.w < LARGEST
+            and -LARGEST < e.theta < LARGEST
+        ):
             raise ValueError(f"frame {d.frame}: an ellipse is {e}; wanted finite places and axes of 0 or more")
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 
 from recorders.log import Message
 from recorders.messages import Digest
@@ -21,7 +22,12 @@ def _number(value: int) -> bytes:
 
 
 def _framed(*parts: bytes) -> bytes:
-    return b"".join(_number(len(part)) + part for part in parts)
+    return b"".join([piece for part in parts for piece in (_number(len(part)), part)])
+
+
+@lru_cache(maxsize=256)
+def _framed_text(*parts: str) -> bytes:
+    return _framed(*(part.encode() for part in parts))
 
 
 def recorded_digest(messages: Iterable[Message]) -> str:
@@ -33,7 +39,7 @@ def recorded_digest(messages: Iterable[Message]) -> str:
     h = hashlib.sha256()
     for m in sorted(messages, key=lambda m: (m.log_time_ns, m.topic)):
         name = m.channel.schema.name if m.channel.schema is not None else ""
-        h.update(_framed(m.topic.encode(), name.encode(), m.channel.message_encoding.encode()))
+        h.update(_framed_text(m.topic, name, m.channel.message_encoding))
         h.update(_number(m.log_time_ns) + _number(m.publish_time_ns) + _number(m.sequence) + _number(len(m.data)))
         h.update(m.data)
     return h.hexdigest()
@@ -46,20 +52,17 @@ def chained(previous: str, digest: str) -> str:
 
 def channel_digests(payloads: Payloads) -> dict[str, str]:
     """SHA-256 per channel over its payloads in order, channels by name."""
-    hashes: dict[str, hashlib._Hash] = {}
+    parts: dict[str, list[bytes]] = {}
     for name, payload in payloads:
-        h = hashes.setdefault(name, hashlib.sha256())
-        h.update(_number(len(payload)))
-        h.update(payload)
-    return {name: hashes[name].hexdigest() for name in sorted(hashes)}
+        parts.setdefault(name, []).append(payload)
+    return {name: hashlib.sha256(_framed(*parts[name])).hexdigest() for name in sorted(parts)}
 
 
 def link(previous: str, frame: int, time_ns: int, recorded: str, channels: dict[str, str]) -> str:
     """The chain's next link."""
     h = hashlib.sha256(previous.encode())
     h.update(_number(frame) + _number(time_ns) + recorded.encode())
-    for name in sorted(channels):
-        h.update(_framed(name.encode(), channels[name].encode()))
+    h.update(_framed(*(text.encode() for name in sorted(channels) for text in (name, channels[name]))))
     return h.hexdigest()
 
 

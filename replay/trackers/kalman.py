@@ -56,7 +56,7 @@ class KalmanBank:
 
     def predict(self, dt: float, acceleration_variance: Floats | float, rows: Any = slice(None)) -> None:
         """Advance by dt seconds under discrete white-noise acceleration of the given variance (units/s^2)^2."""
-        q = np.broadcast_to(np.asarray(acceleration_variance, np.float64), self.value[rows].shape)
+        q = acceleration_variance
         p00, p01, p11 = self.p00[rows], self.p01[rows], self.p11[rows]
         self.value[rows] = self.value[rows] + dt * self.rate[rows]
         self.p00[rows] = p00 + dt * (2 * p01 + dt * p11) + q * (0.25 * dt * dt * dt * dt)
@@ -74,6 +74,20 @@ class KalmanBank:
         self.p00[rows] = (1 - k0) * p00
         self.p01[rows] = (1 - k0) * p01
         self.p11[rows] = p11 - k1 * p01
+
+    def update_row(self, row: int, measured: Floats, variance: Floats | float) -> None:
+        """The same for one target: measured (D,), variance (D,) or one for all."""
+        value, rate = self.value[row], self.rate[row]
+        p00, p01, p11 = self.p00[row], self.p01[row], self.p11[row]
+        s = p00 + variance
+        k0, k1 = p00 / s, p01 / s
+        residual = measured - value
+        value += k0 * residual
+        rate += k1 * residual
+        p11 -= k1 * p01
+        left = 1 - k0
+        p00 *= left
+        p01 *= left
 
     def distance2(self, measured: Floats, variance: Floats) -> Floats:
         """Squared Mahalanobis distances, (N, M), summed over components; variance broadcasts to (N, M, D)."""

@@ -76,6 +76,7 @@ class Lifecycle:
         """Modes and confidences; confidence falls while a target is unseen, then it is lost, then removed."""
         kept: list[int] = []
         notices: list[Notice] = []
+        places = regions.area_cover(self._tracks.boxes)
         for row, track in enumerate(self._tracks.items):
             unseen = (frame.time_ns - track.seen_ns) / NS
             if track.id == TENTATIVE:
@@ -83,7 +84,7 @@ class Lifecycle:
                     kept.append(row)
                 continue
             notices += self._mode(track, unseen)
-            why = self._must_go(row, track, unseen, regions)
+            why = self._must_go(places[row], track, unseen, regions)
             if why is None:
                 kept.append(row)
             else:
@@ -113,10 +114,10 @@ class Lifecycle:
         track.lost = lost
         return notices
 
-    def _must_go(self, row: int, track: Track, unseen: float, regions: SceneRegions) -> str | None:
+    def _must_go(self, place: int, track: Track, unseen: float, regions: SceneRegions) -> str | None:
         if unseen > self._p.keep_s:
             return "EVENTS 2: no observation for longer than targets are kept"
-        return regions.must_remove(self._tracks.box(row), track.mode, min(1.0, max(0.0, track.confidence)))
+        return regions.reason_to_remove(place, track.mode, min(1.0, max(0.0, track.confidence)))
 
     def state(self) -> dict[str, Any]:
         """Plain data for a checkpoint."""

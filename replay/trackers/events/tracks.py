@@ -97,7 +97,9 @@ class Tracks:
     """All tracks, tentative and confirmed, in the order of their birth; row k of the bank belongs to item k."""
 
     def __init__(self, parameters: EventsParameters) -> None:
-        self._p = parameters
+        self._p = p = parameters
+        self._noise = np.array([p.place_noise] * 2 + [p.size_noise] * 4 + [0.0])
+        self._agility = np.array([p.agility] * 2 + [0.0] * 5)
         self.bank = KalmanBank(COMPONENTS)
         self.items: list[Track] = []
 
@@ -129,9 +131,7 @@ class Tracks:
 
     def measurement_variance(self, sizes: Floats) -> Floats:
         """Variances of all components as measured on targets of the given sizes, (N, COMPONENTS)."""
-        p = self._p
-        noise = np.array([p.place_noise] * 2 + [p.size_noise] * 4 + [0.0])
-        out = np.asarray((sizes[:, None] * noise) ** 2)
+        out = np.asarray((sizes[:, None] * self._noise) ** 2)
         out[:, 6] = _TURN * _TURN
         return out
 
@@ -141,7 +141,7 @@ class Tracks:
             return
         p = self._p
         sizes = self.sizes[:, None]
-        self.bank.predict(dt, (sizes * np.array([p.agility] * 2 + [0.0] * 5)) ** 2)
+        self.bank.predict(dt, (sizes * self._agility) ** 2)
         self.bank.p00[:, 2:6] += (sizes * p.size_drift) ** 2 * dt
         self.bank.p00[:, 6] += _TURN * _TURN * dt
 
@@ -159,15 +159,15 @@ class Tracks:
     def correct(self, row: int, box: Box, ellipse: Ellipse | None, sized: bool = True) -> None:
         """Correct a row with a measured box and ellipse; ``sized`` False: the shape tells nothing, the place less."""
         measured = _measured(box, ellipse, float(self.bank.value[row, 6]))
-        size = np.array([math.sqrt(max(box[2] * box[3], 1.0))])
-        variance = self.measurement_variance(size)
+        variance = (math.sqrt(max(box[2] * box[3], 1.0)) * self._noise) ** 2
+        variance[6] = _TURN * _TURN
         if not sized:
-            variance[:, :2] *= self._p.looseness * self._p.looseness
-            variance[:, 2:] = 1e12
+            variance[:2] *= self._p.looseness * self._p.looseness
+            variance[2:] = 1e12
         else:
             # The shape of a blob is its target's own, that of a detector's box is noise more often.
-            self._wake(row, measured, variance[0], (_PLACE, _SHAPE) if ellipse is not None else (_PLACE,))
-        self.bank.update(np.array([row]), measured[None], variance)
+            self._wake(row, measured, variance, (_PLACE, _SHAPE) if ellipse is not None else (_PLACE,))
+        self.bank.update_row(row, measured, variance)
 
     def _wake(self, row: int, measured: Floats, variance: Floats, parts: Sequence[slice]) -> None:
         """A target that turns or starts off surprises its filter: believe the prediction less, by the surprise."""
