@@ -24,7 +24,7 @@ from replay.hindsight.exchanges import Exchange, exchanges_of, undone
 from replay.hindsight.fragments import Fragment, Sighting, gather, typical_size
 from replay.hindsight.joining import Join, join
 from replay.hindsight.parameters import HindsightParameters
-from replay.hindsight.smoothing import likelihood, smooth
+from replay.hindsight.smoothing import filtered
 
 _BLOCK = 64
 _LIVELINESS = (0.25, 1.0, 4.0, 16.0, 64.0)
@@ -202,8 +202,7 @@ class _Writer:
         agility = np.array([p.agility, p.agility, p.size_agility, p.size_agility])
         variance, acceleration = (size[:, None] * noise) ** 2, (size[:, None] * agility) ** 2
         rate = (size[:, None] * np.array([1.5, 1.5, 0.2, 0.2])) ** 2
-        acceleration *= _liveliness(measured, seen, steps, (variance, acceleration, rate))
-        return smooth(measured, seen, steps, variance, acceleration, rate)
+        return _smooth_lively(measured, seen, steps, (variance, acceleration, rate))
 
     def _groups(self, answer: Targets, out: list[Target]) -> list[GroupTrack] | None:
         """The group tracks under the members' final ids; one with fewer than two members left is none."""
@@ -257,27 +256,24 @@ class _Writer:
         return notices
 
 
-def _liveliness(
+def _smooth_lively(
     measured: Floats, seen: NDArray[np.bool_], steps: Floats, model: tuple[Floats, Floats, Floats]
-) -> Floats:
-    """How much livelier or calmer than the parameters each path is: multiples of the acceleration's variance, (N, D).
+) -> tuple[Floats, Floats]:
+    """Smooth paths (T, N, 4), each as lively or calm as is likeliest of it.
 
-    Of `_LIVELINESS` the likeliest, one for the place and one for the size; of equals the calmer.
+    Tried are `_LIVELINESS` times the acceleration's variance, and the likeliest is kept, one for the place and one
+    for the size; of equals the calmer.
     """
     variance, acceleration, rate = model
     several = len(_LIVELINESS)
-    factors = np.repeat(np.array(_LIVELINESS), len(variance))[:, None]
-    found = likelihood(
-        np.tile(measured, (1, several, 1)),
-        np.tile(seen, (1, several)),
-        steps,
-        np.tile(variance, (several, 1)),
-        np.tile(acceleration, (several, 1)) * factors,
-        np.tile(rate, (several, 1)),
-    ).reshape(several, len(variance), 4)
+    # Components do not know of one another, so a path's four under every factor are filtered as components of one.
+    measured, variance, rate = (np.concatenate([v] * several, axis=-1) for v in (measured, variance, rate))
+    acceleration = np.concatenate([acceleration * factor for factor in _LIVELINESS], axis=-1)
+    made = filtered(measured, seen, steps, variance, acceleration, rate)
+    found = made.likelihood(measured, seen, variance).reshape(-1, several, 4)
     place, size = found[:, :, :2].sum(axis=2), found[:, :, 2:].sum(axis=2)
-    best = [np.array(_LIVELINESS)[np.argmax(np.round(v * 2.0**20), axis=0)] for v in (place, size)]
-    return np.stack([best[0], best[0], best[1], best[1]], axis=1)
+    best = [4 * np.argmax(np.round(v * 2.0**20), axis=1)[:, None] for v in (place, size)]
+    return made.components(np.concatenate([best[0] + [0, 1], best[1] + [2, 3]], axis=1)).smoothed()
 
 
 def _target(row: _Row, at: int, forward: Target | None, value: Floats, rate: Floats) -> Target:

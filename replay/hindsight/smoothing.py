@@ -6,6 +6,8 @@ Every component (centre x, centre y, width, height) is its own constant-velocity
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,62 +33,92 @@ def smooth(
     Returns:
         Smoothed values and rates, (T, N, D) each; rows before their first measurement hold that measurement.
     """
-    after, before, first = _forward(measured, seen, steps_s, variance, acceleration, rate)
-    return _backward(after, before, steps_s, first)
+    return filtered(measured, seen, steps_s, variance, acceleration, rate).smoothed()
 
 
 def likelihood(
     measured: Floats, seen: NDArray[np.bool_], steps_s: Floats, variance: Floats, acceleration: Floats, rate: Floats
 ) -> Floats:
     """Log likelihood of each path and component under the filter, (N, D), constants left out; as for `smooth`."""
-    _, before, first = _forward(measured, seen, steps_s, variance, acceleration, rate)
-    later = seen & (np.arange(len(measured))[:, None] > first)
-    spread = before["p00"] + variance
-    residual = measured - before["value"]
-    return np.asarray(
-        np.where(later[:, :, None], -0.5 * (residual * residual / spread + np.log(spread)), 0).sum(axis=0)
-    )
+    return filtered(measured, seen, steps_s, variance, acceleration, rate).likelihood(measured, seen, variance)
 
 
-def _forward(
+@dataclass(frozen=True)
+class Filtered:
+    """What a filter made of N paths of D components over T frames.
+
+    Attributes:
+        after, before: (5, T, N, D) value, rate, p00, p01, p11 after and before each frame's measurements.
+        first: (N,) each path's first frame.
+        steps_s: (T,) seconds since the frame before.
+    """
+
+    after: Floats
+    before: Floats
+    first: NDArray[np.intp]
+    steps_s: Floats
+
+    def likelihood(self, measured: Floats, seen: NDArray[np.bool_], variance: Floats) -> Floats:
+        """Log likelihood of each path and component, (N, D), constants left out."""
+        later = seen & (np.arange(len(measured))[:, None] > self.first)
+        spread = self.before[2] + variance
+        residual = measured - self.before[0]
+        return np.asarray(
+            np.where(later[:, :, None], -0.5 * (residual * residual / spread + np.log(spread)), 0).sum(axis=0)
+        )
+
+    def components(self, chosen: NDArray[np.intp]) -> Filtered:
+        """Only some of the components: (N, d), which of its D components each path keeps."""
+        at = chosen[None, None]
+        after, before = (np.take_along_axis(table, at, axis=3) for table in (self.after, self.before))
+        return Filtered(after, before, self.first, self.steps_s)
+
+    def smoothed(self) -> tuple[Floats, Floats]:
+        """Smoothed values and rates, (T, N, D) each.
+
+        x_t + C (x_t+1|T - x_t+1|t), C = P_t F' P_t+1|t^-1, the two-by-two inverse written out.
+        """
+        value, rate = self.after[0].copy(), self.after[1].copy()
+        if len(value) < 2:
+            return value, rate
+        dt = self.steps_s[1:, None, None]
+        p00, p01, p11 = self.after[2:, :-1]
+        q00, q01, q11 = self.before[2:, 1:]
+        determinant = q00 * q11 - q01 * q01
+        a, b = p00 + dt * p01, p01 + dt * p11
+        to_value = (a * q11 - p01 * q01), (p01 * q00 - a * q01)
+        to_rate = (b * q11 - p11 * q01), (p11 * q00 - b * q01)
+        started = (self.first[None, :] <= np.arange(len(value) - 1)[:, None])[:, :, None]
+        for t in range(len(value) - 2, -1, -1):
+            dv = value[t + 1] - self.before[0, t + 1]
+            dr = rate[t + 1] - self.before[1, t + 1]
+            value[t] += np.where(started[t], (to_value[0][t] * dv + to_value[1][t] * dr) / determinant[t], 0.0)
+            rate[t] += np.where(started[t], (to_rate[0][t] * dv + to_rate[1][t] * dr) / determinant[t], 0.0)
+        return value, rate
+
+
+def filtered(
     measured: Floats, seen: NDArray[np.bool_], steps_s: Floats, variance: Floats, acceleration: Floats, rate: Floats
-) -> tuple[dict[str, Floats], dict[str, Floats], NDArray[np.intp]]:
-    """The filter's estimates after and before each frame's measurements, and each row's first frame."""
+) -> Filtered:
+    """Run the filter forwards over N paths; as for `smooth`."""
     frames, count, components = measured.shape
     first = np.argmax(seen, axis=0)
     bank = KalmanBank(components)
     bank.add(measured[first, np.arange(count)], variance, rate)
-    after = {name: np.empty_like(measured) for name in _NAMES}
-    before = {name: np.empty_like(measured) for name in _NAMES}
-    for t in range(frames):
-        rows = np.flatnonzero(first < t)
-        if len(rows):
+    after, before = np.empty((5, *measured.shape)), np.empty((5, *measured.shape))
+    begun = first[None, :] < np.arange(frames)[:, None]
+    for t, started in enumerate(begun.sum(axis=1).tolist()):
+        rows: NDArray[np.intp] | slice = slice(None)
+        if started == count:
+            bank.predict(float(steps_s[t]), acceleration)
+        elif started:
+            rows = np.flatnonzero(begun[t])
             bank.predict(float(steps_s[t]), acceleration[rows], rows)
-        for name in _NAMES:
-            before[name][t] = getattr(bank, name)
-        rows = rows[seen[t, rows]]
+        for k, name in enumerate(_NAMES):
+            before[k, t] = getattr(bank, name)
+        rows = np.flatnonzero(begun[t] & seen[t])
         if len(rows):
             bank.update(rows, measured[t, rows], variance[rows])
-        for name in _NAMES:
-            after[name][t] = getattr(bank, name)
-    return after, before, first
-
-
-def _backward(
-    after: dict[str, Floats], before: dict[str, Floats], steps_s: Floats, first: NDArray[np.intp]
-) -> tuple[Floats, Floats]:
-    """x_t + C (x_t+1|T - x_t+1|t), C = P_t F' P_t+1|t^-1, the two-by-two inverse written out."""
-    value, rate = after["value"].copy(), after["rate"].copy()
-    for t in range(len(value) - 2, -1, -1):
-        dt = float(steps_s[t + 1])
-        p00, p01, p11 = (after[name][t] for name in ("p00", "p01", "p11"))
-        q00, q01, q11 = (before[name][t + 1] for name in ("p00", "p01", "p11"))
-        determinant = q00 * q11 - q01 * q01
-        a, b = p00 + dt * p01, p01 + dt * p11
-        dv = value[t + 1] - before["value"][t + 1]
-        dr = rate[t + 1] - before["rate"][t + 1]
-        gain = ((a * q11 - p01 * q01), (p01 * q00 - a * q01), (b * q11 - p11 * q01), (p11 * q00 - b * q01))
-        started = (first <= t)[:, None]
-        value[t] += np.where(started, (gain[0] * dv + gain[1] * dr) / determinant, 0.0)
-        rate[t] += np.where(started, (gain[2] * dv + gain[3] * dr) / determinant, 0.0)
-    return value, rate
+        for k, name in enumerate(_NAMES):
+            after[k, t] = getattr(bank, name)
+    return Filtered(after, before, first, steps_s)
