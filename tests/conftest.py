@@ -6,6 +6,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# A test may take longer on a busy machine without being wrong: no property test is timed.
+settings.register_profile("scenetrace", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("scenetrace")
 
 ROOT = Path(__file__).resolve().parent.parent
 
