@@ -17,7 +17,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from recorders.messages import GroupTrack, Notice, Target, Targets
+from recorders.messages import NO_BLOB, GroupTrack, Notice, Target, Targets
 from recorders.parameters import Config
 from recorders.scene import SceneInfo
 from replay.hindsight.exchanges import Exchange, exchanges_of, undone
@@ -131,6 +131,7 @@ class _Writer:
         self._fill = max(1, math.floor(p.fill_s / self._frame_s + 1e-6))
         self._margin = self._fill + max(8, round(1.0 / self._frame_s))
         self._earlier: dict[int, list[tuple[_Life, Sighting]]] = {}
+        self._identities = sorted({life.id for life in lives.values()})
         for life in {id(v): v for v in lives.values()}.values():
             for s in life.earlier:
                 self._earlier.setdefault(s.at, []).append((life, s))
@@ -162,8 +163,25 @@ class _Writer:
                 if row.at[0] <= at <= row.at[-1]:
                     seen = next((forward[f.id] for f in row.life.fragments if f.id in forward), None)
                     out.append(_target(row, at, seen, values[at - start, k], rates[at - start, k]))
+            out += self._unseen(at, forward, {t.id for t in out})
             out.sort(key=lambda t: t.id)
             yield Targets(answer.frame, out, self._groups(answer, out), self._notices(answer, at, out))
+
+    def _unseen(self, at: int, forward: dict[int, Target], here: set[int]) -> list[Target]:
+        """Those in a gap that is too long to fill, as long as the forward pass expected them: they are not present."""
+        out: list[Target] = []
+        for identity in self._identities:
+            life = self._lives[identity]
+            if not life.first_at <= at <= life.last_at or life.id in here:
+                continue
+            known = next((forward[f.id] for f in life.fragments if f.id in forward), None)
+            if known is not None:
+                gone = replace(
+                    known, id=life.id, mode="predicted", present=False, observed=False, newborn=False,
+                    blob=NO_BLOB, measured=None, signature=[],
+                )  # fmt: skip
+                out.append(gone)
+        return out
 
     def _rows(self, window: list[Targets], start: int) -> list[_Row]:
         """Observations of every life within the window, cut at gaps that are too long to fill."""
@@ -220,7 +238,7 @@ class _Writer:
         """The lifecycle as it now is, and everything else that the forward pass said, under the final ids."""
         notices: list[Notice] = []
         present = {t.id: t for t in out}
-        for identity in sorted({life.id for life in self._lives.values()}):
+        for identity in self._identities:
             notices += self._life_notices(self._lives[identity], at, present.get(identity))
         for notice in answer.notices:
             if not notice.kind.startswith("track_") and notice.kind != "mode_changed":
@@ -230,7 +248,7 @@ class _Writer:
         return notices
 
     def _life_notices(self, life: _Life, at: int, target: Target | None) -> list[Notice]:
-        if target is None:
+        if target is None or not target.present:
             was, life.present = life.present, False
             if at == life.last_at + 1:
                 return [Notice("track_removed", [life.id], f"{_RULE}: the last sighting", {"last": life.last_at})]

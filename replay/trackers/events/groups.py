@@ -8,9 +8,52 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import combinations
 from typing import Any
 
-from recorders.messages import Box, GroupTrack
+from recorders.messages import NO_BLOB, Box, GroupTrack
+from replay.trackers.events.tracks import TENTATIVE, Tracks
+
+HOLD_NS = 120_000_000
+"""Who shared a region is in it for this long still: blobs that come apart often touch again in the next frame."""
+
+
+class Together:
+    """Who lately shared a region of pixels with whom, so that a blob's flicker is neither a split nor a meeting."""
+
+    def __init__(self) -> None:
+        self._shared: dict[tuple[int, int], int] = {}
+
+    def step(self, tracks: Tracks, time_ns: int) -> None:
+        """Put those that have come apart just now into one region: the one of who has the lowest id."""
+        here = {t.id: t for t in tracks.items if t.id != TENTATIVE and not t.lost}
+        ids = sorted(here)
+        regions: dict[int, list[int]] = {}
+        for i in ids:
+            if here[i].blob != NO_BLOB:
+                regions.setdefault(here[i].blob, []).append(i)
+        for members in regions.values():
+            self._shared.update((pair, time_ns) for pair in combinations(members, 2))
+        self._shared = {
+            pair: ns
+            for pair, ns in sorted(self._shared.items())
+            if time_ns - ns <= HOLD_NS and pair[0] in here and pair[1] in here
+        }
+        for a, b in self._shared:
+            mine, theirs = here[a].blob, here[b].blob
+            if mine != theirs and NO_BLOB not in (mine, theirs):
+                for i in ids:
+                    here[i].blob = mine if here[i].blob == theirs else here[i].blob
+            elif mine != theirs:
+                here[a].blob = here[b].blob = max(mine, theirs)
+
+    def state(self) -> list[list[int]]:
+        """Plain data for a checkpoint."""
+        return [[a, b, ns] for (a, b), ns in sorted(self._shared.items())]
+
+    def restore(self, state: Sequence[Sequence[int]]) -> None:
+        """Continue from what `state` gave."""
+        self._shared = {(a, b): ns for a, b, ns in state}
 
 
 @dataclass(slots=True)

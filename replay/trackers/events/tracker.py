@@ -24,7 +24,7 @@ from replay.trackers.association import intersection
 from replay.trackers.events.answer import answer, shared_regions
 from replay.trackers.events.associate import Seen, match, one_each
 from replay.trackers.events.colours import learn, likenesses, look_at
-from replay.trackers.events.groups import GroupTracks
+from replay.trackers.events.groups import GroupTracks, Together
 from replay.trackers.events.identity import keep_company, verify
 from replay.trackers.events.lifecycle import Lifecycle
 from replay.trackers.events.orphans import follow_colours, share_detections
@@ -51,6 +51,7 @@ class EventsTracker:
         self._regions = SceneRegions(default_regions(scene.width, scene.height, region_parameters), region_parameters)
         self._tracks = Tracks(parameters)
         self._groups = GroupTracks(parameters.tentative_s)
+        self._together = Together()
         self._life = Lifecycle(self._tracks, parameters)
         self._learn_every = max(1, round(parameters.learn_s / max(1e-3, scene.frame_ns * NS)))
         self._time_ns: int | None = None
@@ -81,6 +82,7 @@ class EventsTracker:
         keep_company(self._tracks, [members for members, _ in shared], frame.index, frame.time_ns)
         notices += verify(self._tracks, frame.time_ns, self._p)
         remember_regions(self._tracks, frame.detections.components, frame.time_ns)
+        self._together.step(self._tracks, frame.time_ns)
         shared = shared_regions(self._tracks, frame)
         groups = self._groups.step(frame.time_ns, shared)
         return answer(self._tracks, frame, groups, notices)
@@ -239,6 +241,7 @@ class EventsTracker:
             "time_ns": self._time_ns,
             "tracks": self._tracks.state(),
             "groups": self._groups.state(),
+            "together": self._together.state(),
             "life": self._life.state(),
         }
 
@@ -247,6 +250,7 @@ class EventsTracker:
         self._time_ns = state["time_ns"]
         self._tracks.restore(state["tracks"])
         self._groups.restore(state["groups"])
+        self._together.restore(state["together"])
         self._life.restore(state["life"])
 
 
