@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import islice, pairwise
 from pathlib import Path
 from statistics import median_low
@@ -51,10 +51,11 @@ class SceneInfo:
 class Frame:
     """One recorded frame. Picture and mask are decoded when first asked for, once.
 
+    In a second reading the detections are, too.
+
     Attributes:
         index: from 0.
         time_ns: log time.
-        detections: the recorded detections.
         regions: the latest recorded regions, or None.
         messages: everything that was recorded for this frame, in the log's order, since the frame before.
     """
@@ -63,7 +64,7 @@ class Frame:
         self,
         index: int,
         time_ns: int,
-        detections: Detections,
+        detections: Detections | Callable[[], Detections],
         regions: Regions | None = None,
         load_image: Callable[[], Image] | None = None,
         load_mask: Callable[[], Image] | None = None,
@@ -71,7 +72,7 @@ class Frame:
     ) -> None:
         self.index = index
         self.time_ns = time_ns
-        self.detections = detections
+        self._detections = detections
         self.regions = regions
         self.messages = messages
         self._load_image = load_image
@@ -85,6 +86,11 @@ class Frame:
             if load is not None and wanted in like.__dict__ and wanted not in self.__dict__ and name not in self._ahead:
                 setattr(self, name, submit(load).result)
                 self._ahead.append(name)
+
+    @cached_property
+    def detections(self) -> Detections:
+        """The recorded detections."""
+        return self._detections if isinstance(self._detections, Detections) else self._detections()
 
     @cached_property
     def image(self) -> Image | None:
@@ -173,8 +179,10 @@ class SceneLog:
         for message in self._log.messages([self._topics["detections"]]):
             yield self._time(message)
 
-    def frames(self, start_ns: int | None = None, first_index: int = 0) -> Iterator[Frame]:
+    def frames(self, start_ns: int | None = None, first_index: int = 0, again: bool = False) -> Iterator[Frame]:
         """The frames in order; from ``start_ns`` on, the first one then counting as ``first_index``.
+
+        ``again`` says that they have been read before: then detections are decoded and checked when asked for.
 
         Messages of other channels travel with the first frame at or after their time. Those after the last frame
         are in no frame: see `trailing`.
@@ -191,14 +199,16 @@ class SceneLog:
         topics = [c.topic for c in self.recorded]
         for now, group in _by_time(self._log.messages(topics, start_ns), self.limits, self.path):
             pending += group
-            detections: Detections | None = None
+            detections: Detections | Callable[[], Detections] | None = None
             image: Callable[[], Image] | None = None
             masked: Message | None = None
             for message in group:
                 if message.topic == self._topics["detections"]:
                     if detections is not None:
                         raise RecordingError(f"two frames at {now} ns; frames need times of their own", self.path)
-                    detections = self._decode("detections", message)
+                    detections = (
+                        partial(self._decode, "detections", message) if again else self._decode("detections", message)
+                    )
                     self._time(message)
                 elif message.topic == self._topics["regions"]:
                     regions = self._decode("regions", message)
@@ -208,8 +218,9 @@ class SceneLog:
                     masked = message
             if detections is None:
                 continue
-            self._check(detections, now, masked is not None)
-            mask = None if masked is None else self._mask_loader(masked, len(detections.components))
+            if isinstance(detections, Detections):
+                self._check(detections, now, masked is not None)
+            mask = None if masked is None else self._mask_loader(masked, detections)
             yield Frame(index, now, detections, regions, image, mask, tuple(pending))
             pending = []
             index += 1
@@ -244,8 +255,9 @@ class SceneLog:
     def _decode(self, name: str, message: Message) -> Any:
         return channels.decode(name, message.data, path=str(self.path), limits=self.limits)
 
-    def _mask_loader(self, message: Message, blobs: int) -> Callable[[], Image]:
+    def _mask_loader(self, message: Message, detections: Detections | Callable[[], Detections]) -> Callable[[], Image]:
         def load() -> Image:
+            blobs = len((detections if isinstance(detections, Detections) else detections()).components)
             picture = self._decode("foreground", message)
             mask = decode_picture(picture.data, gray=True, path=self.path, limits=self.limits)
             self.sized(mask, "foreground", message)

@@ -30,6 +30,13 @@ def _framed_text(*parts: str) -> bytes:
     return _framed(*(part.encode() for part in parts))
 
 
+_HEX_BYTES = _number(64)
+
+
+def _framed_hex(digest: str) -> bytes:
+    return _HEX_BYTES + digest.encode() if len(digest) == 64 else _framed(digest.encode())
+
+
 def recorded_digest(messages: Iterable[Message]) -> str:
     """SHA-256 of recorded messages: topic, schema, times, sequence number, payload.
 
@@ -62,7 +69,9 @@ def link(previous: str, frame: int, time_ns: int, recorded: str, channels: dict[
     """The chain's next link."""
     h = hashlib.sha256(previous.encode())
     h.update(_number(frame) + _number(time_ns) + recorded.encode())
-    h.update(_framed(*(text.encode() for name in sorted(channels) for text in (name, channels[name]))))
+    h.update(
+        b"".join([piece for name in sorted(channels) for piece in (_framed_text(name), _framed_hex(channels[name]))])
+    )
     return h.hexdigest()
 
 

@@ -239,7 +239,7 @@ class Run:
         start_ns = None if start is None else start.time_ns + 1
         names: dict[int, int] = {}
         rewritten = hindsight.rewrite(spool.targets, self.scene.info, times, self.options.config, names)
-        frames = self.scene.frames(start_ns, first)
+        frames = self.scene.frames(start_ns, first, again=True)
         seen = islice(rewritten, first, None)
         for frame, kept, targets in zip(frames, spool.entries(first), seen, strict=True):
             yield Step(

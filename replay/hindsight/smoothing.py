@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from replay.trackers.kalman import KalmanBank
 
 Floats = NDArray[np.float64]
-_NAMES = ("value", "rate", "p00", "p01", "p11")
 
 
 def smooth(
@@ -106,19 +105,19 @@ def filtered(
     bank = KalmanBank(components)
     bank.add(measured[first, np.arange(count)], variance, rate)
     after, before = np.empty((5, *measured.shape)), np.empty((5, *measured.shape))
+    # The bank's tables as one, so that a frame's are kept with one copy.
+    state = np.stack([bank.value, bank.rate, bank.p00, bank.p01, bank.p11])
+    bank.value, bank.rate, bank.p00, bank.p01, bank.p11 = state
     begun = first[None, :] < np.arange(frames)[:, None]
-    for t, started in enumerate(begun.sum(axis=1).tolist()):
-        rows: NDArray[np.intp] | slice = slice(None)
-        if started == count:
-            bank.predict(float(steps_s[t]), acceleration)
-        elif started:
-            rows = np.flatnonzero(begun[t])
-            bank.predict(float(steps_s[t]), acceleration[rows], rows)
-        for k, name in enumerate(_NAMES):
-            before[k, t] = getattr(bank, name)
-        rows = np.flatnonzero(begun[t] & seen[t])
-        if len(rows):
+    measuring = begun & seen
+    predicting, updating = begun.sum(axis=1).tolist(), measuring.sum(axis=1).tolist()
+    for t, dt in enumerate(steps_s.tolist()):
+        if predicting[t]:
+            rows = slice(None) if predicting[t] == count else np.flatnonzero(begun[t])
+            bank.predict(dt, acceleration[rows], rows)
+        before[:, t] = state
+        if updating[t]:
+            rows = slice(None) if updating[t] == count else np.flatnonzero(measuring[t])
             bank.update(rows, measured[t, rows], variance[rows])
-        for k, name in enumerate(_NAMES):
-            after[k, t] = getattr(bank, name)
+        after[:, t] = state
     return Filtered(after, before, first, steps_s)

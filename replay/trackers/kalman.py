@@ -63,7 +63,7 @@ class KalmanBank:
         self.p01[rows] = p01 + dt * p11 + q * (0.5 * dt * dt * dt)
         self.p11[rows] = p11 + q * (dt * dt)
 
-    def update(self, rows: NDArray[np.intp], measured: Floats, variance: Floats | float) -> None:
+    def update(self, rows: NDArray[np.intp] | slice, measured: Floats, variance: Floats | float) -> None:
         """Correct the given rows with measured values (M, D) of the given variance, broadcastable to (M, D)."""
         p00, p01, p11 = self.p00[rows], self.p01[rows], self.p11[rows]
         s = p00 + variance
@@ -71,9 +71,9 @@ class KalmanBank:
         residual = measured - self.value[rows]
         self.value[rows] = self.value[rows] + k0 * residual
         self.rate[rows] = self.rate[rows] + k1 * residual
+        self.p11[rows] = p11 - k1 * p01
         self.p00[rows] = (1 - k0) * p00
         self.p01[rows] = (1 - k0) * p01
-        self.p11[rows] = p11 - k1 * p01
 
     def update_row(self, row: int, measured: Floats, variance: Floats | float) -> None:
         """The same for one target: measured (D,), variance (D,) or one for all."""

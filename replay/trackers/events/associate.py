@@ -13,7 +13,7 @@ from replay.trackers.appearance import distance
 from replay.trackers.association import assign, iou
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.places import Foreground
-from replay.trackers.events.tracks import Tracks, centred
+from replay.trackers.events.tracks import Tracks
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -47,11 +47,10 @@ def match(tracks: Tracks, rows: Rows, seen: Seen, columns: Rows, p: EventsParame
     if not len(rows) or not len(columns):
         return []
     boxes = seen.boxes[columns]
-    measured = centred(boxes)
     bank = tracks.bank
-    variance = tracks.measurement_variance(np.sqrt(np.maximum(measured[:, 2] * measured[:, 3], 1.0)))[:, :2]
-    residual = measured[None, :, :2] - bank.value[rows, None, :2]
-    distance2 = (residual * residual / (bank.p00[rows, None, :2] + variance[None])).sum(axis=2)
+    variance = tracks.place_variance(np.sqrt(np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)))
+    residual = boxes[:, :2] + boxes[:, 2:] / 2 - bank.value[rows, None, :2]
+    distance2 = (residual * residual / (bank.p00[rows, None, :2] + variance[:, None])).sum(axis=2)
     overlap = iou(tracks.boxes[rows], boxes)
     gate2 = p.gate * p.gate
     allowed = (distance2 <= gate2) & (overlap >= p.min_overlap)

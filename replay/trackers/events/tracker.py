@@ -160,19 +160,16 @@ class EventsTracker:
         """In stages: those who are followed to detections of high, then of low score; the lost; the tentative."""
         used = np.zeros(len(seen.boxes), bool)
         items = self._tracks.items
-        confirmed = np.array([t.id != TENTATIVE for t in items], bool)
-        lost = np.array([t.lost for t in items], bool)
+        followed = [k for k, t in enumerate(items) if t.id != TENTATIVE and not t.lost]
+        missing = [k for k, t in enumerate(items) if t.id != TENTATIVE and t.lost]
+        tentative = [k for k, t in enumerate(items) if t.id == TENTATIVE]
         high = seen.scores >= self._p.high_score
-        for who, which in (
-            (confirmed & ~lost, high),
-            (confirmed & ~lost, ~high),
-            (confirmed & lost, high),
-            (~confirmed, high),
-        ):
-            free = np.array([not t.observed for t in items], bool)
-            for row, column in match(
-                self._tracks, np.flatnonzero(who & free), seen, np.flatnonzero(which & ~used), self._p
-            ):
+        for who, which in ((followed, high), (followed, ~high), (missing, high), (tentative, high)):
+            rows = [k for k in who if not items[k].observed]
+            columns = np.flatnonzero(which & ~used) if rows else ()
+            if not len(columns):
+                continue
+            for row, column in match(self._tracks, np.array(rows, np.intp), seen, np.asarray(columns), self._p):
                 used[column] = True
                 x, y, w, h = seen.boxes[column].tolist()
                 score, blob = float(seen.scores[column]), int(seen.blobs[column])

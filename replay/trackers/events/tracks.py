@@ -116,7 +116,9 @@ class Tracks:
     def boxes(self) -> Floats:
         """Estimated boxes, (N, 4): x, y, w, h in pixels."""
         v = self.bank.value
-        return np.stack([v[:, 0] - v[:, 2] / 2, v[:, 1] - v[:, 3] / 2, v[:, 2], v[:, 3]], axis=1)
+        out = v[:, :4].copy()
+        out[:, :2] -= v[:, 2:4] / 2
+        return out
 
     def box(self, row: int) -> Box:
         """The estimated box of one track."""
@@ -134,6 +136,10 @@ class Tracks:
         out = np.asarray((sizes[:, None] * self._noise) ** 2)
         out[:, 6] = _TURN * _TURN
         return out
+
+    def place_variance(self, sizes: Floats) -> Floats:
+        """Variance of a coordinate of the centre as measured on targets of the given sizes, (N,)."""
+        return np.asarray((sizes * self._p.place_noise) ** 2)
 
     def predict(self, dt: float) -> None:
         """Advance all tracks by dt seconds: places move on, shapes stay and become less certain."""
@@ -225,11 +231,6 @@ def _track(state: Mapping[str, Any]) -> Track:
     plain["sightings"] = [list(s) for s in plain["sightings"]]
     plain["regions"] = [list(r) for r in plain["regions"]]
     return Track(**plain)
-
-
-def centred(boxes: Floats) -> Floats:
-    """Boxes (N, 4) as centre x, centre y, width, height."""
-    return np.stack([boxes[:, 0] + boxes[:, 2] / 2, boxes[:, 1] + boxes[:, 3] / 2, boxes[:, 2], boxes[:, 3]], axis=1)
 
 
 def _measured(box: Box, ellipse: Ellipse | None, near: float) -> Floats:
