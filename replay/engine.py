@@ -83,9 +83,13 @@ class Forward:
         next_index: the next frame's number.
     """
 
-    def __init__(self, scene: SceneLog, factory: TrackerFactory, config: Config) -> None:
+    def __init__(self, scene: SceneLog, factory: TrackerFactory, config: Config, *, unfinished: bool = False) -> None:
         self.scene = scene
         self.tracker: Tracker = factory(scene.info, config)
+        ready = getattr(self.tracker, "extra_payloads", tuple)
+        self._payloads: Callable[[], Extra] = (
+            getattr(self.tracker, "unfinished_payloads", ready) if unfinished else ready
+        )
         self.input_link = digest.START
         self.previous_ns: int | None = None
         self.next_index = 0
@@ -122,7 +126,7 @@ class Forward:
                 self.input_link = digest.chained(self.input_link, recorded)
                 self.previous_ns = frame.time_ns
                 self.next_index = frame.index + 1
-                extra: Extra = getattr(self.tracker, "extra_payloads", tuple)()
+                extra = self._payloads()
                 due = checkpoint_due is not None and checkpoint_due(frame.time_ns)
                 state = encode_state(self.tracker.state()) if due else None
                 yield Step(frame, answer, extra, recorded, self.input_link, None, state)

@@ -1,8 +1,9 @@
 """The membership channel: whose pixel is whose, a one-channel PNG per frame (SHELLS, Figure 3).
 
 A pixel holds 0 for nobody, else the track's identity: 8 bits where all identities of the frame fit, else 16 bits;
-beyond 65535 identities wrap around to 1. The forward pass writes its own identities; `renamed` gives the image those
-that the tracks have after hindsight, so that a pixel's value is always an id of the same frame's ``tracks`` message.
+beyond 65535 identities wrap around to 1. A pixel's value is always an id of the same frame's ``tracks`` message: before
+hindsight a frame is held as `Patches`, and painted once the tracks have their final identities. `renamed` does the
+same for a tracker that gives payloads alone.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from recorders import channels
@@ -24,6 +27,8 @@ Labels = NDArray[np.uint16]
 AnyLabels = NDArray[np.uint8] | NDArray[np.uint16]
 _MOST = 65535
 _SMALL = 256
+PATCHES = "membership_patches"
+"""Name of `Patches.packed` among what a tracker gives before hindsight; no channel of a log."""
 # Label images are long runs: no filter and run lengths alone take a fifth of the time and no more bytes.
 _OPTIONS = [
     cv2.IMWRITE_PNG_COMPRESSION, 1,
@@ -44,18 +49,78 @@ class LabelImage:
         shape = (height, width)
         self.pixels: AnyLabels = np.zeros(shape, np.uint8) if largest < _SMALL else np.zeros(shape, np.uint16)
 
-    def put(self, identity: int, own: NDArray[np.bool_], left: int, top: int) -> None:
-        """Give a track the pixels of a mask (h, w) whose top left corner is at (left, top); it may reach outside."""
+    def put(self, identity: int | None, own: NDArray[np.bool_], left: int, top: int) -> None:
+        """Give a track, or nobody, the pixels of a mask (h, w) placed at (left, top); it may reach outside."""
         height, width = self.pixels.shape
         a, b = max(0, left), max(0, top)
         c, d = min(width, left + own.shape[1]), min(height, top + own.shape[0])
         if c > a and d > b:
             part = own[b - top : d - top, a - left : c - left]
-            self.pixels[b:d, a:c][part] = value_of(identity)
+            self.pixels[b:d, a:c][part] = 0 if identity is None else value_of(identity)
 
     def payload(self, time_ns: int, camera: str = channels.DEFAULT_CAMERA) -> bytes:
         """The channel's payload."""
         return channels.compressed_image(_encoded(self.pixels), "png", time_ns, camera)
+
+
+class Patch(Struct, frozen=True, array_like=True):
+    """A track's own pixels: the mask's place and size, its rows' bits packed one after the other."""
+
+    identity: int
+    left: int
+    top: int
+    width: int
+    height: int
+    bits: bytes
+
+
+class Patches(Struct, frozen=True, array_like=True):
+    """A frame's label image before it is painted: a thousandth of its pixels' size, and quick to make and to rename.
+
+    Where patches overlap, later ones cover earlier ones.
+    """
+
+    width: int
+    height: int
+    time_ns: int
+    patches: list[Patch]
+
+    @staticmethod
+    def patch(identity: int, own: NDArray[np.bool_], left: int, top: int) -> Patch:
+        """A track's patch from its mask (h, w)."""
+        return Patch(identity, left, top, own.shape[1], own.shape[0], np.packbits(own).tobytes())
+
+    def packed(self) -> bytes:
+        """As bytes, for `unpacked`."""
+        return _PACKER.encode(self)
+
+    @staticmethod
+    def unpacked(data: bytes) -> Patches:
+        """From `packed`."""
+        return _UNPACKER.decode(data)
+
+    def payload(self, names: Mapping[int, int] | None = None, present: Collection[int] = ()) -> bytes:
+        """The channel's payload, painted.
+
+        Args:
+            names: forward to final identities; what is not named belongs to nobody any more. None: as they are.
+            present: all forward identities of the frame.
+        """
+        largest = max((p.identity for p in self.patches), default=0)
+        final: dict[int, int] | None = None
+        if names is not None and any(names.get(i) != i for i in present):
+            final = {i: names[i] for i in sorted(present) if i in names}
+            largest = max([largest, *final.values()])
+        image = LabelImage(self.width, self.height, largest)
+        for p in self.patches:
+            own = np.unpackbits(np.frombuffer(p.bits, np.uint8), count=p.width * p.height).reshape(p.height, p.width)
+            identity = p.identity if final is None else final.get(p.identity)
+            image.put(identity, own.view(np.bool_), p.left, p.top)
+        return image.payload(self.time_ns)
+
+
+_PACKER = msgspec.msgpack.Encoder()
+_UNPACKER = msgspec.msgpack.Decoder(Patches)
 
 
 def _encoded(labels: AnyLabels) -> bytes:

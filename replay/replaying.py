@@ -34,7 +34,7 @@ from replay.checkpoint import Checkpoint
 from replay.configuration import DEFAULT_TRACKER, fingerprint, replay_config, tracker_factory, uses_hindsight
 from replay.engine import Extra, Forward, Step, continuing
 from replay.facts import facts_of, sha256
-from replay.membership import renamed
+from replay.membership import PATCHES, Patches, renamed
 from replay.trackers.tracker import TrackerFactory
 
 Progress = Callable[[str, int], None]
@@ -172,7 +172,13 @@ def recorded_targets(path: Path, camera: str, last_frame: int, limits: Limits) -
 def _under_final_ids(kept: SpoolEntry, names: Mapping[int, int]) -> Extra:
     """What a tracker wrote besides its targets, under the identities that they have after hindsight."""
     ids = [t.id for t in kept.targets.targets]
-    return tuple((n, renamed(data, names, ids) if n == "membership" else data) for n, data in kept.extra)
+    finished: list[tuple[str, bytes]] = []
+    for name, data in kept.extra:
+        if name == PATCHES:
+            finished.append(("membership", Patches.unpacked(data).payload(names, ids)))
+        else:
+            finished.append((name, renamed(data, names, ids) if name == "membership" else data))
+    return tuple(finished)
 
 
 class Run:
@@ -206,7 +212,7 @@ class Run:
     # -- the forward pass ------------------------------------------------------------------------------------------
 
     def _forward(self, start: Checkpoint | None) -> Iterator[Step]:
-        forward = Forward(self.scene, self._factory, self.options.config)
+        forward = Forward(self.scene, self._factory, self.options.config, unfinished=self._hindsight)
         if start is not None:
             forward.resume(start)
         yield from forward.steps(self._checkpoint_due)

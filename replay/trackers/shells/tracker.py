@@ -16,7 +16,7 @@ from reasoning.relations import Objects, RelationBook, RelationParameters
 from reasoning.shells import ShellParameters
 from recorders.messages import NO_BLOB, Box, Mode, Notice, Target, Targets
 from recorders.segmentation.sizes import SizeModel
-from replay.membership import LabelImage
+from replay.membership import PATCHES, Patches
 from replay.trackers.association import assign, iou
 from replay.trackers.shells import births
 from replay.trackers.shells.births import Free
@@ -54,7 +54,7 @@ class ShellsTracker:
         self._look_frames = max(2, round(0.5 * parameters.probation_s / frame_s))
         self._next_id = 1
         self._time_ns: int | None = None
-        self._extra: tuple[tuple[str, bytes], ...] = ()
+        self._patches: Patches | None = None
 
     # -- the frame -------------------------------------------------------------------------------------------------
 
@@ -82,13 +82,17 @@ class ShellsTracker:
         self._relate(frame)
         self._tell_depth(notices)
         self._learn(frame, found)
-        self._extra = self._label(frame, found)
+        self._patches = self._own_pixels(frame, found)
         self._age(frame, notices)
         return self._answer(frame, notices)
 
     def extra_payloads(self) -> tuple[tuple[str, bytes], ...]:
         """The membership channel's payload for the last frame."""
-        return self._extra
+        return () if self._patches is None else (("membership", self._patches.payload()),)
+
+    def unfinished_payloads(self) -> tuple[tuple[str, bytes], ...]:
+        """The same, to be painted once hindsight has settled the identities."""
+        return () if self._patches is None else ((PATCHES, self._patches.packed()),)
 
     def _lean(self, model: SizeModel | None) -> None:
         """Objects whose size was not measured in the last frame lean towards the size usual at their place."""
@@ -399,17 +403,14 @@ class ShellsTracker:
         cx, cy = self._bodies.bank.value[row, :2].tolist()
         return not (0 <= cx < self._scene.width and 0 <= cy < self._scene.height)
 
-    def _label(self, frame: Frame, found: dict[int, Found]) -> tuple[tuple[str, bytes], ...]:
-        """Each object's pixels as a label image."""
+    def _own_pixels(self, frame: Frame, found: dict[int, Found]) -> Patches | None:
+        """Each object's pixels, by id."""
         if not self._p.membership or frame.mask is None:
-            return ()
+            return None
         by_id = {self._bodies.items[row].id: at for row, at in found.items()}
         by_id.pop(TENTATIVE, None)
-        labels = LabelImage(self._scene.width, self._scene.height, max(by_id, default=0))
-        for identity in sorted(by_id):
-            at = by_id[identity]
-            labels.put(identity, at.own, at.left, at.top)
-        return (("membership", labels.payload(frame.time_ns)),)
+        patches = [Patches.patch(i, at.own, at.left, at.top) for i, at in sorted(by_id.items())]
+        return Patches(self._scene.width, self._scene.height, frame.time_ns, patches)
 
     def _answer(self, frame: Frame, notices: list[Notice]) -> Targets:
         targets = []

@@ -7,7 +7,7 @@ import pytest
 
 from recorders import channels
 from recorders.errors import RecordingError
-from replay.membership import LabelImage, decode_labels, renamed, value_of
+from replay.membership import LabelImage, Patches, decode_labels, renamed, value_of
 from replay.trackers.shells import ShellsParameters
 from replay.trackers.shells.colours import BINS, bins_of, distance, histogram, tell
 from replay.trackers.shells.foreground import Cut
@@ -113,6 +113,22 @@ def test_label_images_keep_their_identities(largest: int) -> None:
     assert sorted(np.unique(final).tolist()) == [0, 400]
     assert (final == 400).sum() == 4
     assert value_of(65536) == 1
+
+
+@pytest.mark.parametrize("names", [{1: 1, 2: 2, 3: 3}, {1: 2, 2: 1, 3: 3}, {1: 300, 3: 1}, {}])
+def test_patches_are_painted_as_label_images_are_renamed(names: dict[int, int]) -> None:
+    rng = np.random.default_rng(5)
+    shapes = [
+        (1, rng.random((5, 7)) < 0.5, 2, 3),
+        (2, rng.random((9, 4)) < 0.5, 17, 6),
+        (3, rng.random((6, 6)) < 0.5, 4, -2),
+    ]
+    image = LabelImage(20, 12, 3)
+    for shape in shapes:
+        image.put(*shape)
+    patches = Patches.unpacked(Patches(20, 12, 17, [Patches.patch(*s) for s in shapes]).packed())
+    assert patches.payload() == image.payload(17)
+    assert patches.payload(names, [1, 2, 3]) == renamed(image.payload(17), names, [1, 2, 3])
 
 
 def test_what_is_no_label_image_is_refused() -> None:
