@@ -64,10 +64,16 @@ class GraphBook:
     def __init__(self) -> None:
         self._open: dict[str, Interval] = {}
         self._nodes: list[dict[str, Any]] = []
+        # What nodes and intervals were made of; unknown, so that they are made anew, after `restore`.
+        self._facts: list[tuple[Any, ...]] | None = None
         self._started = False
 
     def step(self, frame: int, time_ns: int, scene: Scene) -> Graph | None:
         """The frame's graph, or None when it equals the last one."""
+        facts = _facts(scene)
+        if facts == self._facts:
+            return None
+        self._facts = facts
         nodes = [_group_node(g) for g in scene.groups] + [_target_node(t) for t in scene.tracks]
         intervals = {_interval_id(v): v for v in _intervals(scene)}
         if self._started and nodes == self._nodes and intervals.keys() == self._open.keys():
@@ -102,6 +108,20 @@ class GraphBook:
         self._open = {_interval_id(v): v for v in intervals}
         self._nodes = [dict(n) for n in state["nodes"]]
         self._started = state["started"]
+        self._facts = None
+
+
+def _facts(scene: Scene) -> list[tuple[Any, ...]]:
+    """Everything that nodes and intervals tell, as numbers and words: equal facts make an equal graph."""
+    facts: list[tuple[Any, ...]] = [
+        (t.id, t.grouping, t.grouped, t.splitting, t.group, t.scene, t.mode, t.present) for t in scene.tracks
+    ]
+    for g in scene.groups:
+        history = g.formed_from, g.former_members, g.entered_as_one
+        facts.append((g.label, g.members, g.observed, g.since_frame, g.since_ns, *history))
+    facts += [("SHELLS", e.a, e.b, e.state, e.since_frame) for e in scene.relations]
+    facts += [("EVENTS", a, b, bond.bit, bond.since_frame) for a, b, bond in scene.bonds]
+    return facts
 
 
 def _target_node(t: Track) -> dict[str, Any]:

@@ -235,7 +235,8 @@ class InteractionBook:
         """Each target's observed region (NO_BLOB: none), and what kind of region that is."""
         if tracks is None:
             return self._blob_regions(m, squared), "blob"
-        return [self._track_of(k, m, tracks) for k in range(len(m.ids))], "group track"
+        seen = [t for t in tracks if t.observed]
+        return [self._track_of(k, m, seen) if seen else NO_BLOB for k in range(len(m.ids))], "group track"
 
     def _may_lie_over(self, k: int, m: Members) -> bool:
         """Newborn and leaving targets belong to no group's region; absent ones only if they were grouped before."""
@@ -259,16 +260,14 @@ class InteractionBook:
         return regions
 
     def _track_of(self, k: int, m: Members, tracks: Sequence[GroupTrack]) -> int:
-        """The observed group tracker that target k lies over: named by the tracker, else the largest share of its
-        box, ties by the lower id; NO_BLOB if none.
+        """The one of some observed group trackers that target k lies over: named by the tracker, else the largest
+        share of its box, ties by the lower id; NO_BLOB if none.
         """
         if not self._may_lie_over(k, m):
             return NO_BLOB
         box: Box = tuple(m.boxes[k].tolist())
         best = (0.0, 0)
         for t in tracks:
-            if not t.observed:
-                continue
             named = 2.0 if m.ids[k] in t.members else 0.0
             share = named if t.members else share_inside(box, t.box)
             if share >= self._p.over_share:

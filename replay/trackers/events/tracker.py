@@ -169,13 +169,23 @@ class EventsTracker:
             columns = np.flatnonzero(which & ~used) if rows else ()
             if not len(columns):
                 continue
-            for row, column in match(self._tracks, np.array(rows, np.intp), seen, np.asarray(columns), self._p):
-                used[column] = True
-                x, y, w, h = seen.boxes[column].tolist()
-                score, blob = float(seen.scores[column]), int(seen.blobs[column])
-                self._observe(row, frame, (x, y, w, h), score, blob, "motion", seen.ellipses[column])
-                items[row].column = column
+            pairs = match(self._tracks, np.array(rows, np.intp), seen, np.asarray(columns), self._p)
+            used[[column for _, column in pairs]] = True
+            self._follow(frame, seen, pairs)
         return used
+
+    def _follow(self, frame: Frame, seen: Seen, pairs: list[tuple[int, int]]) -> None:
+        """Take the detections of (row, column) pairs as observations."""
+        if not pairs:
+            return
+        rows, columns = [r for r, _ in pairs], [c for _, c in pairs]
+        boxes = seen.boxes[columns]
+        self._tracks.correct_all(rows, boxes, [seen.ellipses[c] for c in columns])
+        scores, blobs = seen.scores[columns].tolist(), seen.blobs[columns].tolist()
+        for k, (x, y, w, h) in enumerate(boxes.tolist()):
+            track = self._tracks.items[rows[k]]
+            track.sized, track.column = True, columns[k]
+            self._note(track, frame, (x, y, w, h), scores[k], blobs[k], "motion", (x, y, w, h))
 
     def _observe(
         self,
@@ -191,7 +201,11 @@ class EventsTracker:
         track = self._tracks.items[row]
         track.sized = sized
         self._tracks.correct(row, box, ellipse, track.sized)
-        track.measured = box if track.sized else self._tracks.box(row)
+        self._note(track, frame, box, score, blob, mode, box if track.sized else self._tracks.box(row))
+
+    @staticmethod
+    def _note(track: Track, frame: Frame, box: Box, score: float, blob: int, mode: Mode, measured: Box) -> None:
+        track.measured = measured
         track.seen(frame.time_ns, score, blob, mode)
         if track.id == TENTATIVE:
             track.sightings.append([float(frame.index), *box])

@@ -175,6 +175,23 @@ class Tracks:
             self._wake(row, measured, variance, (_PLACE, _SHAPE) if ellipse is not None else (_PLACE,))
         self.bank.update_row(row, measured, variance)
 
+    def correct_all(self, rows: Sequence[int], boxes: Floats, ellipses: Sequence[Ellipse | None]) -> None:
+        """`correct` with sizes, for several rows at once, each named once: boxes (M, 4)."""
+        bank, at = self.bank, np.array(rows, np.intp)
+        near = bank.value[at, 6].tolist()
+        measured = np.array([_measured(*m) for m in zip(boxes.tolist(), ellipses, near, strict=True)])
+        variance = self.measurement_variance(np.sqrt(np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)))
+        residual = measured - bank.value[at]
+        surprise = residual * residual / ((bank.p00[at] + variance) * (self._p.surprise * self._p.surprise))
+        factor = np.ones_like(surprise)
+        factor[:, _PLACE] = _awakening(surprise[:, _PLACE])
+        shaped = [k for k, e in enumerate(ellipses) if e is not None]
+        if shaped:
+            factor[shaped, 2:] = _awakening(surprise[shaped, 2:])
+        for table in (bank.p00, bank.p01, bank.p11):
+            table[at] *= factor
+        bank.update(at, measured, variance)
+
     def _wake(self, row: int, measured: Floats, variance: Floats, parts: Sequence[slice]) -> None:
         """A target that turns or starts off surprises its filter: believe the prediction less, by the surprise."""
         bank = self.bank
@@ -209,6 +226,12 @@ class Tracks:
         """Continue from what `state` gave."""
         self.bank.restore(state["bank"])
         self.items = [_track(t) for t in state["items"]]
+
+
+def _awakening(surprise: Floats) -> Floats:
+    """What to multiply the covariance of components (N, D) by that were surprised so much, (N, 1)."""
+    most = surprise.max(axis=1, keepdims=True)
+    return np.asarray(np.where(most > 1.0, np.minimum(most, 25.0), 1.0))
 
 
 def _plain(track: Track) -> dict[str, Any]:
