@@ -20,22 +20,22 @@ LATEST = 4
 """Looks that count while it is not yet sure who a target is."""
 
 
-def learn(track: Track, image: Image, mask: Image | None, box: tuple[float, float, float, float]) -> None:
-    """Learn a target's colours from its box, weighted towards the ellipse's centre, foreground alone."""
-    seen = look_at(image, mask, box)
-    if seen is not None:
-        if track.company:
-            track.fresh = track.fresh or Colours()
-            track.fresh.learn(seen, LATEST)
-            return
-        if track.colours is None:
-            track.colours = Colours()
-        track.colours.learn(seen)
-        track.signed = True
+def learn(track: Track, seen: Floats) -> None:
+    """Learn a target's colours as `look_at` gives them."""
+    if track.company:
+        track.fresh = track.fresh or Colours()
+        track.fresh.learn(seen, LATEST)
+        return
+    if track.colours is None:
+        track.colours = Colours()
+    track.colours.learn(seen)
+    track.signed = True
 
 
 def look_at(image: Image, mask: Image | None, box: tuple[float, float, float, float]) -> Floats | None:
-    """Colour histograms of a box's pixels, None where less than a few of them lie in the picture."""
+    """Colour histograms of a box's foreground, weighted towards the ellipse's centre, None where less than a few of its
+    pixels lie in the picture.
+    """
     height, width = image.shape[:2]
     x1, y1 = max(0, round(box[0])), max(0, round(box[1]))
     x2, y2 = min(width, round(box[0] + box[2])), min(height, round(box[1] + box[3]))

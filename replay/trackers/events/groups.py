@@ -41,6 +41,8 @@ class Together:
         }
         for a, b in self._shared:
             mine, theirs = here[a].blob, here[b].blob
+            here[a].held |= mine != theirs
+            here[b].held |= mine != theirs
             if mine != theirs and NO_BLOB not in (mine, theirs):
                 for i in ids:
                     here[i].blob = mine if here[i].blob == theirs else here[i].blob

@@ -23,6 +23,11 @@ class Lifecycle:
         self._p = parameters
         self._next_id = 1
 
+    def new_id(self) -> int:
+        """The next identity; none is ever given twice."""
+        self._next_id += 1
+        return self._next_id - 1
+
     def confirm(self, frame: Frame, regions: SceneRegions) -> list[Notice]:
         """Tentative tracks with enough support become targets, new ones or ones that had been lost (case 2)."""
         items = self._tracks.items
@@ -37,8 +42,7 @@ class Lifecycle:
             if row in found:
                 notices += self._take_over(found[row], frame)
             elif regions.may_start_high_level(self._tracks.box(row)):
-                track.id, track.newborn = self._next_id, True
-                self._next_id += 1
+                track.id, track.newborn = self.new_id(), True
                 evidence = {"hits": track.hits, "first_frame": track.born, "sightings": track.sightings[:-1]}
                 rule = "EVENTS 2: enough support, at least partly in the region of interest"
                 notices.append(Notice("track_confirmed", [track.id], rule, evidence))
@@ -95,7 +99,9 @@ class Lifecycle:
 
     def _mode(self, track: Track, unseen: float) -> list[Notice]:
         notices: list[Notice] = []
-        mode: Mode = track.now if track.observed else "appearance" if track.hidden else "predicted"
+        mode: Mode = track.now if track.observed else "predicted"
+        if track.hidden or (track.observed and track.held):
+            mode = "appearance"
         # Behind somebody who explains the pixels where it should be, a target can be nowhere else.
         patience = self._p.hidden_patience if track.hidden else 1.0
         track.confidence = track.quality * 0.5 ** (unseen / (patience * self._p.half_life_s))

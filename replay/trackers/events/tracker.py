@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reasoning.regions import RegionParameters, SceneRegions, default_regions
-from recorders.messages import NO_BLOB, Box, Ellipse, Mode, Regions, Targets
+from recorders.messages import NO_BLOB, Box, Ellipse, Mode, Notice, Regions, Targets
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.association import intersection
 from replay.trackers.events.answer import answer, shared_regions
@@ -31,6 +31,7 @@ from replay.trackers.events.orphans import follow_colours, share_detections
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.places import Cut, Expected, Foreground, Likeness, Place, Rest, place
 from replay.trackers.events.splits import came_from, remember_regions
+from replay.trackers.events.strangers import estranged, part
 from replay.trackers.events.tracks import TENTATIVE, Track, Tracks
 from replay.trackers.tracker import Frame, SceneInfo
 
@@ -76,13 +77,14 @@ class EventsTracker:
                 for row, box, score in follow_colours(self._tracks, frame.image, self._p):
                     self._observe(row, frame, box, score, NO_BLOB, "appearance", sized=False)
         self._start(frame, seen, used)
-        self._learn(frame)
-        notices = self._life.confirm(frame, self._regions) + self._life.age(frame, self._regions)
+        notices = self._learn(frame)
+        notices += self._life.confirm(frame, self._regions)
+        self._together.step(self._tracks, frame.time_ns)
+        notices += self._life.age(frame, self._regions)
         shared = shared_regions(self._tracks, frame)
         keep_company(self._tracks, [members for members, _ in shared], frame.index, frame.time_ns)
         notices += verify(self._tracks, frame.time_ns, self._p)
         remember_regions(self._tracks, frame.detections.components, frame.time_ns)
-        self._together.step(self._tracks, frame.time_ns)
         shared = shared_regions(self._tracks, frame)
         groups = self._groups.step(frame.time_ns, shared)
         return answer(self._tracks, frame, groups, notices)
@@ -228,23 +230,33 @@ class EventsTracker:
             track.sightings.append([float(frame.index), x, y, w, h])
             self._tracks.start((x, y, w, h), seen.ellipses[column], track)
 
-    def _learn(self, frame: Frame) -> None:
+    def _learn(self, frame: Frame) -> list[Notice]:
         """Every so often, learn the colours of all targets alone in their blob, or with a box to themselves."""
         if not self._scene.has_images or frame.index % self._learn_every:
-            return
+            return []
         items = self._tracks.items
         rows = [k for k, t in enumerate(items) if t.measured is not None and t.sized]
         if not rows or frame.image is None:
-            return
+            return []
         others = [k for k, t in enumerate(items) if not t.lost]
         boxes = self._tracks.boxes
         shared = intersection(boxes[rows], boxes[others]) / np.maximum(boxes[rows, 2] * boxes[rows, 3], 1.0)[:, None]
         mask = frame.mask if self._scene.has_masks else None
+        changed: list[int] = []
         for k, row in enumerate(rows):
             mine = np.array([o == row for o in others], bool)
             box = items[row].measured
-            if box is not None and (items[row].alone or float(shared[k][~mine].max(initial=0.0)) <= 0.1):
-                learn(items[row], frame.image, mask, box)
+            if box is None or not (items[row].alone or float(shared[k][~mine].max(initial=0.0)) <= 0.1):
+                continue
+            look = look_at(frame.image, mask, box)
+            other = None
+            if look is not None and items[row].alone and items[row].id != TENTATIVE:
+                other = estranged(items[row], look, box, frame.index, frame.time_ns)
+            if other:
+                changed.append(row)
+            elif look is not None and other is None:
+                learn(items[row], look)
+        return [n for row in changed for n in part(self._tracks, row, self._life.new_id(), frame.index)]
 
     def state(self) -> Mapping[str, Any]:
         """The whole state as plain data."""

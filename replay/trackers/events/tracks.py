@@ -45,6 +45,9 @@ class Track:
         lost: held, but no longer said to be present.
         regions: [time in ns, x, y, w, h] of the regions of pixels that it lately lay in: who is born there was in one
             of them.
+        known: [frame, time in ns, x, y, w, h] of when and where its colours last were its own.
+        held: it has come apart from others just now, and still counts as being in one region with them.
+        stranger: other colours that its blob has had since frame `since`.
     """
 
     id: int
@@ -74,13 +77,17 @@ class Track:
     fresh: Colours | None = None
     sightings: list[list[float]] = field(default_factory=list)
     regions: list[list[float]] = field(default_factory=list)
+    known: list[float] = field(default_factory=list)
+    stranger: Colours | None = None
+    since: int = 0
+    held: bool = False
 
     def begin_frame(self) -> None:
         """Forget what was true of the last frame alone."""
         self.newborn = self.observed = False
         self.sized = self.alone = self.signed = False
         self.measured = None
-        self.hidden = False
+        self.hidden = self.held = False
         self.blob, self.column = NO_BLOB, -1
 
     def seen(self, time_ns: int, score: float, blob: int, mode: Mode) -> None:
@@ -239,6 +246,8 @@ def _plain(track: Track) -> dict[str, Any]:
     out["colours"] = None if track.colours is None else track.colours.state()
     out["measured"] = None if track.measured is None else list(track.measured)
     out["fresh"] = None if track.fresh is None else track.fresh.state()
+    out["stranger"] = None if track.stranger is None else track.stranger.state()
+    out["known"] = list(track.known)
     out["company"] = [list(c) for c in track.company]
     out["sightings"] = [list(s) for s in track.sightings]
     out["regions"] = [list(r) for r in track.regions]
@@ -250,6 +259,8 @@ def _track(state: Mapping[str, Any]) -> Track:
     plain["colours"] = None if plain["colours"] is None else Colours.from_state(plain["colours"])
     plain["measured"] = None if plain["measured"] is None else tuple(plain["measured"])
     plain["fresh"] = None if plain["fresh"] is None else Colours.from_state(plain["fresh"])
+    plain["stranger"] = None if plain["stranger"] is None else Colours.from_state(plain["stranger"])
+    plain["known"] = list(plain["known"])
     plain["company"] = [list(c) for c in plain["company"]]
     plain["sightings"] = [list(s) for s in plain["sightings"]]
     plain["regions"] = [list(r) for r in plain["regions"]]

@@ -14,6 +14,7 @@ from recorders.messages import Box, Detections, Notice, Regions, Targets
 from recorders.parameters import Config, configure
 from recorders.scene import Frame, SceneInfo
 from recorders.segmentation.blobs import components
+from replay import hindsight
 from replay.trackers import events
 from replay.trackers.tracker import Tracker
 
@@ -163,9 +164,7 @@ def test_two_who_pass_keep_their_ids_and_are_followed_by_appearance_within_one_b
     assert {t.id for o in out for t in o.targets} == {1, 2}
     merged = [o for o in out[10:] if len(o.targets) == 2 and o.targets[0].blob == o.targets[1].blob >= 0]
     assert len(merged) >= 6
-    # In the last frame they are apart already, but not for long enough to be sure that it was a split.
-    assert all({t.mode for t in o.targets} == {"appearance"} for o in merged[:-1])
-    assert {t.mode for t in merged[-1].targets} == {"motion"}
+    assert all({t.mode for t in o.targets} == {"appearance"} for o in merged)
     assert all([g.members for g in o.group_tracks or [] if g.observed] == [[1, 2]] for o in merged)
     newborn = [g.newborn for o in merged for g in o.group_tracks or [] if g.observed]
     assert newborn == [True] + [False] * (len(newborn) - 1)
@@ -247,7 +246,7 @@ def test_who_comes_off_a_target_is_born_of_a_split_and_who_walks_in_is_not() -> 
     """From frame 20 on a second body comes out of the first one's blob; a third walks in from the left."""
     tracker, out = _pixels(), []
     for k in range(60):
-        actors = [(200.0, 100.0, RED), (200.0 + 3.0 * max(0, k - 20), 98.0, BLUE), (-20.0 + 2.0 * k, 60.0, RED)]
+        actors = [(200.0, 100.0, RED), (200.0 + 3.0 * max(0, k - 20), 98.0, RED), (-20.0 + 2.0 * k, 60.0, RED)]
         out.append(tracker.step(_pixel_frame(k, actors)))
     born = {t.id: t.born_of_split for o in out for t in o.targets if t.newborn}
     where = {t.id: t.box[0] for t in out[-1].targets}
@@ -266,6 +265,38 @@ def test_a_blob_that_flickers_is_one_region_all_the_time() -> None:
     assert [len({t.blob for t in o.targets}) for o in out[8:12]] == [2] * 4
     assert [len({t.blob for t in o.targets}) for o in out[15:]] == [1] * 25
     assert {g.id for o in out[15:] for g in o.group_tracks or []} == {1}
+
+
+def test_who_comes_out_of_the_door_is_not_who_went_in() -> None:
+    """Red walks to a door and is gone; in the very next frame blue comes out of it: motion sees one who turns."""
+
+    def play(k: int) -> list[Actor]:
+        return [(60.0 + 3 * k, 100.0, RED)] if k < 30 else [(150.0 - 3 * (k - 30), 100.0, BLUE)]
+
+    out = _play(_pixels(), play, 55)
+    [(told, notice)] = [(f, n) for f, n in _told(out, "track_recovered") if "since_frame" in n.evidence]
+    assert notice.subjects == [1, 2]
+    assert 30 <= notice.evidence["since_frame"] <= 32 <= told <= 35
+    assert notice.evidence["appearance"] > notice.evidence["most"]
+    assert {t.id for o in out[:told] for t in o.targets} == {1}
+    assert {t.id for o in out[told:] for t in o.targets if t.present} == {2}
+    config = configure({**events.SECTIONS, **hindsight.SECTIONS})
+    times = [o.frame * FRAME_NS for o in out]
+    final = list(hindsight.rewrite(lambda: iter(out), SceneInfo(WIDTH, HEIGHT, FRAME_NS, True, True), times, config))
+    seen = {i: [o.frame for o in final for t in o.targets if t.id == i and t.present] for i in (1, 2)}
+    assert seen[1][-1] == notice.evidence["since_frame"] - 1
+    assert seen[2] == list(range(notice.evidence["since_frame"], 55))
+
+
+@pytest.mark.parametrize("at", [31, 33, 35])
+def test_restored_it_goes_on_the_same_while_it_wonders_who_that_is(at: int) -> None:
+    frames = [_pixel_frame(k, [(60.0 + 3 * min(k, 30), 100.0, RED if k < 30 else BLUE)]) for k in range(42)]
+    whole, first, second = _pixels(), _pixels(), _pixels()
+    expected = [_encoded(whole.step(f)) for f in frames]
+    for f in frames[: at + 1]:
+        first.step(f)
+    second.restore(_plain(first.state()))
+    assert [_encoded(second.step(f)) for f in frames[at + 1 :]] == expected[at + 1 :]
 
 
 def test_signatures_come_from_lone_targets_only() -> None:
