@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from reasoning.regions import RegionParameters
 from reasoning.relations import RelationParameters
 from reasoning.shells import ShellParameters
 from recorders.parameters import Config, Parameters
@@ -13,13 +14,15 @@ SECTIONS: dict[str, type[Parameters]] = {"shells": ShellsParameters}
 
 
 def make(scene: SceneInfo, config: Config) -> Tracker:
-    """Build the tracker for a scene from its configuration's section ``shells``, and the reasoning's two on shells."""
+    """Build the tracker for a scene from its configuration's section ``shells`` and three of the reasoning."""
     parameters = config["shells"]
     shell, relation = config.get("shell_model", ShellParameters()), config.get("relations", RelationParameters())
     assert isinstance(parameters, ShellsParameters)
     assert isinstance(shell, ShellParameters)
+    regions = config.get("regions", RegionParameters())
     assert isinstance(relation, RelationParameters)
-    return ShellsTracker(scene, parameters, shell, relation)
+    assert isinstance(regions, RegionParameters)
+    return ShellsTracker(scene, parameters, shell, relation, regions)
 
 
 __all__ = ["SECTIONS", "ShellsParameters", "ShellsTracker", "make"]

@@ -12,9 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from reasoning.regions import RegionParameters
 from reasoning.relations import Objects, RelationBook, RelationParameters
 from reasoning.shells import ShellParameters
-from recorders.messages import NO_BLOB, Box, Mode, Notice, Target, Targets
+from recorders.messages import NO_BLOB, Box, Notice, Target, Targets
 from recorders.segmentation.sizes import SizeModel
 from replay.membership import PATCHES, Patches
 from replay.trackers.association import assign, iou
@@ -23,6 +24,7 @@ from replay.trackers.shells.births import Free
 from replay.trackers.shells.colours import bins_of, histogram, signature
 from replay.trackers.shells.foreground import Foreground
 from replay.trackers.shells.identity import Doubts
+from replay.trackers.shells.life import Life
 from replay.trackers.shells.objects import TENTATIVE, Bodies, Body
 from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.shells.resolve import Found, Resolver
@@ -40,7 +42,12 @@ class ShellsTracker:
     """The SHELLS tracker: see `replay.trackers.tracker.Tracker`."""
 
     def __init__(
-        self, scene: SceneInfo, parameters: ShellsParameters, shell: ShellParameters, relation: RelationParameters
+        self,
+        scene: SceneInfo,
+        parameters: ShellsParameters,
+        shell: ShellParameters,
+        relation: RelationParameters,
+        regions: RegionParameters,
     ) -> None:
         self._scene = scene
         self._p = parameters
@@ -52,7 +59,7 @@ class ShellsTracker:
         frame_s = max(1e-3, scene.frame_ns * NS)
         self._learn_every = max(1, round(parameters.learn_s / frame_s))
         self._look_frames = max(2, round(0.5 * parameters.probation_s / frame_s))
-        self._next_id = 1
+        self._life = Life(scene, self._bodies, parameters, shell.k_s, regions)
         self._time_ns: int | None = None
         self._patches: Patches | None = None
 
@@ -63,6 +70,7 @@ class ShellsTracker:
         notices: list[Notice] = []
         dt = 0.0 if self._time_ns is None else (frame.time_ns - self._time_ns) * NS
         self._time_ns = frame.time_ns
+        self._life.take_regions(frame.regions)
         self._bodies.predict(dt)
         self._lean(SizeModel.from_list(frame.detections.size_model))
         for body in self._bodies.items:
@@ -76,14 +84,16 @@ class ShellsTracker:
         if resolver is not None:
             found = resolver.found
             for column in np.flatnonzero(free.whole).tolist():
+                if column not in taken:
+                    continue  # outside of the scene
                 found[taken[column]] = resolver.whole(taken[column], int(free.blobs[column]) - 1)
-        self._confirm(frame, notices)
+        notices += self._life.confirm(frame)
         found = self._settle(frame, found, notices)
         self._relate(frame)
         self._tell_depth(notices)
         self._learn(frame, found)
         self._patches = self._own_pixels(frame, found)
-        self._age(frame, notices)
+        notices += self._life.age(frame)
         return self._answer(frame, notices)
 
     def extra_payloads(self) -> tuple[tuple[str, bytes], ...]:
@@ -224,10 +234,11 @@ class ShellsTracker:
             body.sightings.append([float(frame.index), x, y, w, h])
 
     def _start(self, frame: Frame, free: Free, taken: dict[int, int]) -> dict[int, int]:
-        """Start an object at everything that is left; {column: row}."""
+        """Start an object at everything that is left within the scene (EVENTS 3.2); {column: row}."""
         begun: dict[int, int] = {}
+        inside = self._life.may_start(free.boxes)
         for column in range(len(free.boxes)):
-            if column in taken:
+            if column in taken or not inside[column]:
                 continue
             x, y, w, h = free.boxes[column].tolist()
             body = Body(TENTATIVE, frame.index, frame.time_ns, frame.time_ns, blob=int(free.blobs[column]))
@@ -235,39 +246,6 @@ class ShellsTracker:
             begun[column] = len(self._bodies)
             self._bodies.start((x, y, w, h), body)
         return begun
-
-    def _confirm(self, frame: Frame, notices: list[Notice]) -> None:
-        for row, body in enumerate(self._bodies.items):
-            if body.id != TENTATIVE or not body.observed or body.hits < self._p.confirm_hits:
-                continue
-            if (frame.time_ns - body.born_ns) * NS < self._p.confirm_s:
-                continue
-            if self._returns(row, frame, notices):
-                continue
-            body.id = self._next_id
-            self._next_id += 1
-            body.newborn = True
-            if body.area <= 0:
-                body.area = births.area_of(self._bodies.box(row), body.blob, frame)
-            evidence = {"hits": body.hits, "first_frame": body.born, "sightings": body.sightings[:-1]}
-            notices.append(Notice("track_confirmed", [body.id], "EVENTS 2: enough support", evidence))
-            body.sightings = []
-
-    def _returns(self, row: int, frame: Frame, notices: list[Notice]) -> bool:
-        """Whether a new object is one that was lost: then that one takes its place, and the new one is dropped."""
-        body = self._bodies.items[row]
-        known = births.returned(body, row, self._bodies, self._bodies.radii(self._k_s), frame, self._p)
-        if known is None:
-            return False
-        old = self._bodies.items[known.row]
-        self._bodies.exchange(known.row, row)
-        old.lost, old.mode, old.hits = False, "motion", old.hits + body.hits
-        # The place that it was lost at is of no more use.
-        body.observed, body.seen_ns = False, body.seen_ns - round(60 * self._p.keep_s / NS)
-        evidence = {"colour_distance": known.cost, "limit": self._p.recover, "unseen_s": known.unseen_s}
-        rule = "SHELLS 2.3, ours: reappears within reach, of its own colours"
-        notices.append(Notice("track_recovered", [old.id], rule, evidence))
-        return True
 
     # -- relations, identities, learning ---------------------------------------------------------------------------
 
@@ -370,38 +348,7 @@ class ShellsTracker:
                 notices.append(Notice("track_recovered", [verdict.a, verdict.b], rule, evidence))
         return found
 
-    # -- life ------------------------------------------------------------------------------------------------------
-
-    def _age(self, frame: Frame, notices: list[Notice]) -> None:
-        """Confidence falls while an object is unseen; then it is lost, then removed."""
-        kept = []
-        for row, body in enumerate(self._bodies.items):
-            unseen = (frame.time_ns - body.seen_ns) * NS
-            if body.id == TENTATIVE:
-                if unseen <= self._p.tentative_s:
-                    kept.append(row)
-                continue
-            mode: Mode = body.now if body.observed else "predicted"
-            if mode != body.mode:
-                change = {"from": body.mode, "to": mode, "unseen_s": unseen}
-                notices.append(Notice("mode_changed", [body.id], "EVENTS 2: matching case", change))
-                body.mode = mode
-            body.confidence = body.quality * 0.5 ** (unseen / self._p.half_life_s)
-            lost = unseen > self._p.coast_s
-            if lost != body.lost:
-                kind = "track_lost" if lost else "track_recovered"
-                notices.append(Notice(kind, [body.id], "EVENTS 2: unseen for too long", {"unseen_s": unseen}))
-                body.lost = lost
-            if unseen > self._p.keep_s or self._outside(row):
-                evidence = {"unseen_s": unseen, "box": list(self._bodies.box(row))}
-                notices.append(Notice("track_removed", [body.id], "EVENTS 2: low quality", evidence))
-                continue
-            kept.append(row)
-        self._bodies.keep(kept)
-
-    def _outside(self, row: int) -> bool:
-        cx, cy = self._bodies.bank.value[row, :2].tolist()
-        return not (0 <= cx < self._scene.width and 0 <= cy < self._scene.height)
+    # -- the answer ------------------------------------------------------------------------------------------------
 
     def _own_pixels(self, frame: Frame, found: dict[int, Found]) -> Patches | None:
         """Each object's pixels, by id."""
@@ -443,7 +390,7 @@ class ShellsTracker:
     def state(self) -> State:
         """The whole state as plain data."""
         return {
-            "next_id": self._next_id,
+            "life": self._life.state(),
             "time_ns": self._time_ns,
             "bodies": self._bodies.state(),
             "book": self._book.state(),
@@ -452,8 +399,8 @@ class ShellsTracker:
         }
 
     def restore(self, state: State) -> None:
-        """Continue from what `state` gave."""
-        self._next_id = state["next_id"]
+        """Continue from what `state` gave; the regions come with the next frame."""
+        self._life.restore(state["life"])
         self._time_ns = state["time_ns"]
         self._bodies.restore(state["bodies"])
         self._book.restore(state["book"])

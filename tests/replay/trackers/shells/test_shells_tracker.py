@@ -12,8 +12,9 @@ import pytest
 
 from fixtures.logs import record_scene, write_scene_log
 from fixtures.scenes import generate
+from recorders.messages import Detections, Regions
 from recorders.recording import RecordOptions, record
-from recorders.scene import SceneLog
+from recorders.scene import Frame, SceneInfo, SceneLog
 from recorders.sources import open_source
 from replay.annotated import AnnotatedLog, read_tracks
 from replay.checkpoint import decode_state, encode_state
@@ -127,3 +128,33 @@ def test_two_flies_keep_their_identities(real_data: Path, tmp_path: Path) -> Non
     assert s.clear.switches == 0
     assert s.result_ids == s.true_ids == 2
     assert s.identity.idf1 > 90
+
+
+def test_objects_start_within_the_regions_and_go_when_they_are_outside(tmp_path: Path) -> None:
+    """The right half is outer zone: one who walks in starts in the left, one who walks out ends where it ends."""
+    scene = generate("pass_by", seed=1, frames=150)
+    half = scene.width / 2
+    square = [(0.0, 0.0), (half, 0.0), (half, float(scene.height)), (0.0, float(scene.height))]
+    drawn = Regions(scene.width, scene.height, [square], [square], source="file")
+    path = write_scene_log(scene, tmp_path / "a.mcap", style="merged")
+    with SceneLog(path) as log:
+        tracker = TRACKERS["shells"](log.info, replay_config("shells"))
+        said = []
+        for frame in log.frames():
+            frame.regions = drawn
+            said.append(tracker.step(frame))
+    seen = [t for s in said for t in s.targets if t.observed]
+    assert {t.id for t in seen} == {1, 2}
+    assert all(t.box[0] < half for t in seen)
+    removed = [n for s in said for n in s.notices if n.kind == "track_removed"]
+    assert [n.subjects for n in removed] == [[1]]
+    assert removed[0].rule.startswith("EVENTS 3.2: wholly outside")
+
+
+def test_an_animal_on_the_rim_of_the_picture_is_followed_where_no_regions_are_drawn() -> None:
+    info = SceneInfo(200, 200, 40_000_000, has_images=False, has_masks=False)
+    tracker = TRACKERS["shells"](info, replay_config("shells"))
+    for k in range(40):  # 6 pixels wide, in a rim of 8 that the default region of interest leaves out
+        boxes = [(0.0, 40.0 + 2 * k, 6.0, 6.0)]
+        said = tracker.step(Frame(k, 40_000_000 * k, Detections(k, 200, 200, boxes, [1.0])))
+    assert [(t.id, t.observed) for t in said.targets] == [(1, True)]
