@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 from collections.abc import Iterable, Mapping
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -142,13 +143,15 @@ def machine() -> str:
 
 def package_versions() -> dict[str, str]:
     """Versions of the packages that can change a result, by name."""
-    found = {}
-    for name in sorted(DECISIVE_PACKAGES):
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = "absent"
-    return found
+    return {name: _version(name) for name in sorted(DECISIVE_PACKAGES)}
+
+
+@cache
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return "absent"
 
 
 def opencv_build() -> str:

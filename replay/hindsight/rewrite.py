@@ -131,7 +131,7 @@ class _Writer:
         self._fill = max(1, math.floor(p.fill_s / self._frame_s + 1e-6))
         self._margin = self._fill + max(8, round(1.0 / self._frame_s))
         self._earlier: dict[int, list[tuple[_Life, Sighting]]] = {}
-        self._identities = sorted({life.id for life in lives.values()})
+        self._by_id = [lives[k] for k in sorted({life.id for life in lives.values()})]
         for life in {id(v): v for v in lives.values()}.values():
             for s in life.earlier:
                 self._earlier.setdefault(s.at, []).append((life, s))
@@ -156,6 +156,7 @@ class _Writer:
         rows = [r for r in rows if r.at[0] < end and r.at[-1] >= block]
         values, rates = self._smooth(rows, start, len(window))
         known = [{t.id: t for t in answer.targets} for answer in window[block - start : end - start]]
+        living = self._living(block, end, {row.life.id for row in rows})
         for at in range(block, end):
             answer, forward = window[at - start], known[at - block]
             out: list[Target] = []
@@ -163,15 +164,23 @@ class _Writer:
                 if row.at[0] <= at <= row.at[-1]:
                     seen = next((forward[f.id] for f in row.life.fragments if f.id in forward), None)
                     out.append(_target(row, at, seen, values[at - start, k], rates[at - start, k]))
-            out += self._unseen(at, forward, {t.id for t in out})
+            out += self._unseen(living, at, forward, {t.id for t in out})
             out.sort(key=lambda t: t.id)
-            yield Targets(answer.frame, out, self._groups(answer, out), self._notices(answer, at, out))
+            yield Targets(answer.frame, out, self._groups(answer, out), self._notices(living, answer, at, out))
 
-    def _unseen(self, at: int, forward: dict[int, Target], here: set[int]) -> list[Target]:
+    def _living(self, block: int, end: int, seen: set[int]) -> list[_Life]:
+        """Those of whom something may have to be said in a block, by id: few of all that a long recording has."""
+        return [
+            life
+            for life in self._by_id
+            if (life.first_at < end and life.last_at + 1 >= block) or life.present or life.id in seen
+        ]
+
+    @staticmethod
+    def _unseen(living: Sequence[_Life], at: int, forward: dict[int, Target], here: set[int]) -> list[Target]:
         """Those in a gap that is too long to fill, as long as the forward pass expected them: they are not present."""
         out: list[Target] = []
-        for identity in self._identities:
-            life = self._lives[identity]
+        for life in living:
             if not life.first_at <= at <= life.last_at or life.id in here:
                 continue
             known = next((forward[f.id] for f in life.fragments if f.id in forward), None)
@@ -234,12 +243,12 @@ class _Writer:
                 kept.append(replace(group, members=members))
         return kept
 
-    def _notices(self, answer: Targets, at: int, out: list[Target]) -> list[Notice]:
+    def _notices(self, living: Sequence[_Life], answer: Targets, at: int, out: list[Target]) -> list[Notice]:
         """The lifecycle as it now is, and everything else that the forward pass said, under the final ids."""
         notices: list[Notice] = []
         present = {t.id: t for t in out}
-        for identity in self._identities:
-            notices += self._life_notices(self._lives[identity], at, present.get(identity))
+        for life in living:
+            notices += self._life_notices(life, at, present.get(life.id))
         for notice in answer.notices:
             if not notice.kind.startswith("track_") and notice.kind != "mode_changed":
                 ids = [self._lives[k].id for k in notice.subjects if k in self._lives]
