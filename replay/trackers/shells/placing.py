@@ -137,7 +137,9 @@ def _move(
     area = (slice(top, bottom + rows), slice(left, right + columns))
     windows = sliding_window_view(free[area], (rows, columns))[::stride, ::stride]
     gaps = sliding_window_view(empty[area], (rows, columns))[::stride, ::stride]
-    total = np.maximum(windows + piece.log, 0.0).sum(axis=(2, 3)) - p.gap_cost * (gaps * piece.gap).sum(axis=(2, 3))
+    explained = windows + piece.log
+    np.maximum(explained, 0.0, out=explained)
+    total = explained.sum(axis=(2, 3)) - p.gap_cost * (gaps * piece.gap).sum(axis=(2, 3))
     y = top + np.arange(total.shape[0]) * stride - piece.home[0]
     x = left + np.arange(total.shape[1]) * stride - piece.home[1]
     scale = max(0.1 * float(np.sqrt(rows * columns)), doubt)

@@ -20,9 +20,10 @@ from recorders.messages import Box, Ellipse
 from recorders.segmentation.blobs import ellipse_of
 from replay.trackers.association import assign, iou
 from replay.trackers.shells.colours import Bins, bins_of, distance, histogram, tell
+from replay.trackers.shells.depth import Depth
 from replay.trackers.shells.foreground import Cut, Foreground, touches
-from replay.trackers.shells.membership import Claimants, assign_pixels, cells, extent, log_mask
-from replay.trackers.shells.objects import GRID, Bodies, Body
+from replay.trackers.shells.membership import Claimants, assign_pixels, extent
+from replay.trackers.shells.objects import Bodies, Body
 from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.shells.placing import place
 from replay.trackers.tracker import Image
@@ -33,9 +34,6 @@ Rows = NDArray[np.intp]
 
 _LINK = 0.08
 """An object lies over a blob that fills this share of its box, or half of which lies in its box."""
-_HALF = math.log(0.5)
-_TELLING = 12
-"""Pixels in the overlap of two last masks from which on they tell who is in front."""
 _MINOR = 0.3
 """A blob of less than this share of an object's area need not be anybody's own."""
 
@@ -333,6 +331,7 @@ class Resolver:
         bins: Bins | None,
         whole: dict[int, int],
     ) -> None:
+        depth = Depth(who, owner, cut, bins)
         for k, row in enumerate(rows.tolist()):
             if k in whole:
                 self.found[row] = self.whole(row, whole[k])
@@ -341,7 +340,7 @@ class Resolver:
             own = owner == k + 1
             count = int(np.count_nonzero(own))
             visible = min(1.0, count / max(1.0, body.area))
-            rivals = _covering(k, who, owner, cut)
+            rivals = depth.covering(k)
             if visible < self._p.min_own:
                 if rivals:
                     self.fronts[row] = self._bodies.items[int(rows[rivals[0][0]])].id
@@ -355,7 +354,7 @@ class Resolver:
             cy = share * my + (1 - share) * (y + h / 2)
             blob = int(np.argmax(np.bincount(cut.labels[own], minlength=1)))
             covered = any(c > 0.5 for _, c in rivals)
-            ahead = _in_front(k, who, owner, cut, bins)
+            ahead = depth.in_front(k)
             hidden = [(self._bodies.items[int(rows[j])].id, round(c, 3)) for j, c in ahead if c > 0.5]
             self.found[row] = Found(
                 (cx - w / 2, cy - h / 2, w, h), max(0.25, visible), False, False, blob, visible, count,
@@ -369,65 +368,6 @@ class Resolver:
 
 def _ellipse(own: Bools, cut: Cut) -> Ellipse | None:
     return ellipse_of(own.view(np.uint8), float(cut.left), float(cut.top)) if own.any() else None
-
-
-def _covering(k: int, who: Claimants, owner: NDArray[np.uint8], cut: Cut) -> list[tuple[int, float]]:
-    """Who else owns pixels within the box of claimant k, and their share where both boxes overlap, largest first."""
-    x, y, w, h = who.boxes[k].tolist()
-    height, width = owner.shape
-    i = cells(y - cut.top, h, 0, height)
-    j = cells(x - cut.left, w, 0, width)
-    inside = ((i >= 0) & (i < GRID))[:, None] & ((j >= 0) & (j < GRID))[None, :]
-    mine = np.bincount(owner[inside], minlength=len(who.boxes) + 1)
-    out = []
-    for other in range(len(who.boxes)):
-        if other == k or not mine[other + 1]:
-            continue
-        u, v, ow, oh = who.boxes[other].tolist()
-        a = cells(v - cut.top, oh, 0, height)
-        b = cells(u - cut.left, ow, 0, width)
-        both = inside & (((a >= 0) & (a < GRID))[:, None] & ((b >= 0) & (b < GRID))[None, :])
-        split = np.bincount(owner[both], minlength=len(who.boxes) + 1)
-        lost, kept = int(split[other + 1]), int(split[k + 1])
-        if lost + kept > 0:
-            out.append((other, lost / (lost + kept)))
-    return sorted(out, key=lambda r: (-r[1], r[0]))
-
-
-def _in_front(k: int, who: Claimants, owner: NDArray[np.uint8], cut: Cut, bins: Bins | None) -> list[tuple[int, float]]:
-    """Who else owns pixels within the last mask of claimant k, and the share that they have won, largest first.
-
-    Where two last masks overlap the pixels are those of the object in front: whoever's colours win there is. Too few
-    such pixels tell nothing: share 0.
-    """
-    mine = _silhouette(k, who, owner.shape, cut)
-    owners = np.bincount(owner[mine], minlength=len(who.boxes) + 1)
-    out = []
-    for other in range(len(who.boxes)):
-        if other == k or not owners[other + 1]:
-            continue
-        both = mine & _silhouette(other, who, owner.shape, cut)
-        both &= cut.own
-        mine_tells, theirs = who.tells[k], who.tells[other]
-        if bins is None or mine_tells is None or theirs is None:
-            split = np.bincount(owner[both], minlength=len(who.boxes) + 1)
-            lost, kept = int(split[other + 1]), int(split[k + 1])
-        else:
-            ahead = theirs[bins[both]] - mine_tells[bins[both]]
-            lost, kept = int(np.count_nonzero(ahead > 0)), int(np.count_nonzero(ahead < 0))
-        told = lost + kept >= _TELLING
-        out.append((other, lost / (lost + kept) if told else 0.0))
-    return sorted(out, key=lambda r: (-r[1], -owners[r[0] + 1], r[0]))
-
-
-def _silhouette(k: int, who: Claimants, shape: tuple[int, ...], cut: Cut) -> Bools:
-    """The last mask of a claimant at its place in the cut, (H, W) bool."""
-    x, y, w, h = who.boxes[k].tolist()
-    table = np.zeros((GRID + 2, GRID + 2), bool)
-    table[1:-1, 1:-1] = log_mask(who.masks[k]) > _HALF
-    i = np.clip(cells(y - cut.top, h, 0, shape[0]), -1, GRID) + 1
-    j = np.clip(cells(x - cut.left, w, 0, shape[1]), -1, GRID) + 1
-    return np.asarray(table[i[:, None], j[None, :]])
 
 
 def _neighbourhoods(rows: list[int], linked: Bools) -> list[list[int]]:
