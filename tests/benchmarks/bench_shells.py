@@ -169,14 +169,20 @@ def relations(folder: Path) -> None:
         if found is not None:
             result_of(found[0], "shells", folder)
             changes, direct = direct_steps(folder / f"{name}-shells.mcap")
-            print(f"{name:20} {changes:6} changes, {direct} direct")
+            print(f"{name:28} {changes:6} changes, {direct} direct")
+    for path in sorted([*(DATA / "caviar").glob("*.xml"), *(DATA / "caviar-corridor").glob("*.mpg")]):
+        log = folder / f"rel-{path.stem}.mcap"
+        record(open_source(path), log, RecordOptions(detect="motion") if path.suffix == ".mpg" else RecordOptions())
+        result_of(log, "shells", folder)
+        changes, direct = direct_steps(folder / f"{log.stem}-shells.mcap")
+        print(f"{path.stem:28} {changes:6} changes, {direct} direct", flush=True)
     for name in SCRIPTS:
         log = write_scene_log(generate(name, seed=2), folder / f"rel-{name}.mcap", style="merged")
         result_of(log, "shells", folder)
         changes, direct = direct_steps(folder / f"rel-{name}-shells.mcap")
-        print(f"{name:20} {changes:6} changes, {direct} direct")
+        print(f"{name:28} {changes:6} changes, {direct} direct")
     total = [random_steps(seed) for seed in range(10_000)]
-    print(f"10000 random scenes  {sum(c for c, _ in total)} changes, {sum(d for _, d in total)} direct")
+    print(f"10000 random scenes          {sum(c for c, _ in total)} changes, {sum(d for _, d in total)} direct")
 
 
 def speed(folder: Path, rounds: int) -> None:
