@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from reasoning.regions import RegionParameters
 from recorders.parameters import Config, Parameters
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.scoring import PartFeatures
@@ -12,11 +13,13 @@ SECTIONS: dict[str, type[Parameters]] = {"parts": PartsParameters, "part_feature
 
 
 def make(scene: SceneInfo, config: Config) -> Tracker:
-    """Build the tracker for a scene from its configuration's sections ``parts`` and ``part_features``."""
+    """Build the tracker for a scene from its configuration's sections ``parts``, ``part_features`` and ``regions``."""
     parameters, features = config["parts"], config["part_features"]
     assert isinstance(parameters, PartsParameters)
     assert isinstance(features, PartFeatures)
-    return PartsTracker(scene, parameters, features)
+    regions = config.get("regions", RegionParameters())
+    assert isinstance(regions, RegionParameters)
+    return PartsTracker(scene, parameters, features, region_parameters=regions)
 
 
 __all__ = ["SECTIONS", "PartFeatures", "PartsParameters", "PartsTracker", "make"]

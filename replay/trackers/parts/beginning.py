@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from reasoning.regions import SceneRegions
 from recorders.errors import ConfigError
 from recorders.messages import NO_BLOB, Notice
 from replay.trackers.association import intersection, iou
@@ -78,18 +79,23 @@ class Beginning:
                 target.measured = start.box
                 self._targets.start(box, target)
 
-    def automatic(self, frame: Frame, seen: Observed, unexplained: Floats) -> None:
-        """Start a tentative target at every detection that nobody explains.
+    def automatic(self, frame: Frame, seen: Observed, unexplained: Floats, regions: SceneRegions) -> None:
+        """Start a tentative target at every detection that nobody explains and whose centroid lies in the region of
+        interest or its security border (EVENTS 3.2).
 
         Args:
             frame: the frame.
             seen: its observations.
             unexplained: (K,) share of each that belongs to no target.
+            regions: where targets may start.
         """
         has_mask = bool(len(seen.blob_boxes))
         before = self._targets.boxes.copy()
         crowded = {t.blob for t in self._targets.items if t.observed and t.blob != NO_BLOB}
-        for k in np.flatnonzero((unexplained >= self._p.min_unexplained) & (seen.scores > 0)).tolist():
+        free = np.flatnonzero((unexplained >= self._p.min_unexplained) & (seen.scores > 0))
+        centres = seen.boxes[free, :2] + seen.boxes[free, 2:] / 2
+        centroids = np.where(np.isnan(seen.centroids[free]), centres, seen.centroids[free])
+        for k in free[regions.may_start_low_level_all(centroids)].tolist():
             # Whatever its score: the score of a body within a blob means little once nobody explains it.
             if not has_mask and seen.scores[k] < self._p.high_score:
                 continue

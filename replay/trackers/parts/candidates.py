@@ -103,6 +103,7 @@ class Candidates:
     blobs: Ints
     direct: NDArray[np.bool_]
     sources: Ints
+    whole: NDArray[np.bool_]
     count: int
 
 
@@ -175,8 +176,12 @@ def gather(
                     found += [(t, hang, name, b + 1, False, -1) for hang in boxes.tolist()]
     if not found:
         none = np.zeros(0, np.int64)
-        return Candidates(none.astype(np.intp), np.zeros((0, 4)), none, none, none.astype(bool), none, 0)
+        return Candidates(
+            none.astype(np.intp), np.zeros((0, 4)), none, none, none.astype(bool), none, none.astype(bool), 0
+        )
     owners, boxes_, names_, blobs, are_direct, sources = zip(*found, strict=True)
+    alone = np.zeros(len(seen.boxes) + 1, bool)
+    alone[: len(seen.blob_boxes)] = ~seen.crowd[: len(seen.blob_boxes)]
     return Candidates(
         rows[np.array(owners, np.intp)],
         np.array(boxes_, np.float64),
@@ -184,6 +189,7 @@ def gather(
         np.array(blobs, np.int64),
         np.array(are_direct, bool),
         np.array(sources, np.int64),
+        alone[np.array(sources, np.intp)],
         len(anchors),
     )
 

@@ -27,6 +27,8 @@ Bools = NDArray[np.bool_]
 
 COINCIDE = 0.75
 """IoU of two targets' boxes from which on one has to give way."""
+WHOLE = 0.9
+"""Share of the least score that suffices for a whole blob of the target's size with no part hidden."""
 TRUNK = 0.6
 """A body hides what is behind this share of its box's width."""
 NEARER = 0.03
@@ -147,6 +149,7 @@ class Association:
             if loser is None:
                 break
             allowed[loser] = False
+        pairs += self._left(pairs, best, value, visible & ~hidden.any(axis=1))
         taker = {a: t for t, a in pairs}
         out = []
         for t, a in pairs:
@@ -155,6 +158,18 @@ class Association:
             rival = int(rows[rivals[0]]) if rivals else -1
             out.append(Match(int(rows[t]), k, boxes[k], int(value[t, a]), hidden[k], rival))
         return out
+
+    def _left(self, pairs: list[tuple[int, int]], best: Ints, value: Ints, good: Bools) -> list[tuple[int, int]]:
+        """Targets that found nothing, and whole blobs of their size that nobody took and no other of them may take.
+
+        What others have left of a target's parts counts for less there than that nobody else can be that blob.
+        """
+        free = (best >= 0) & self._s.candidates.whole[best] & good[best] & (value >= round(WHOLE * self._least))
+        for t, a in pairs:
+            free[t] = False
+            free[:, a] = False
+        single = free & (free.sum(axis=0) == 1)[None, :] & (free.sum(axis=1) == 1)[:, None]
+        return [(int(t), int(a)) for t, a in np.argwhere(single)]
 
     def _filled(self, hidden: Bools) -> Bools:
         """Whether there is foreground enough in the parts that are to be seen, (N,)."""

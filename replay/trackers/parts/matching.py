@@ -225,7 +225,7 @@ class Matching:
         keep = np.flatnonzero(iou(found.boxes, taken).max(axis=1) < 0.6)
         return Candidates(
             found.rows[keep], found.boxes[keep], found.anchors[keep], found.blobs[keep], found.direct[keep],
-            found.sources[keep], found.count,
+            found.sources[keep], found.whole[keep], found.count,
         )  # fmt: skip
 
     def _refine(self, row: int, box: Floats, reach: float) -> Floats | None:

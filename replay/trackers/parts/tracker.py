@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from recorders.messages import NO_BLOB, Box, Mode, Notice
+from reasoning.regions import RegionParameters, SceneRegions, default_regions
+from recorders.messages import NO_BLOB, Box, Mode, Notice, Regions
 from recorders.messages import Target as Answer
 from recorders.messages import Targets as Answers
 from recorders.segmentation.sizes import SizeModel
@@ -38,6 +39,7 @@ class PartsTracker:
         parameters: section ``parts``.
         features: section ``part_features``.
         find_heads: another head detector, if wanted.
+        region_parameters: section ``regions``: where targets start and end (EVENTS 3.2).
 
     Raises:
         ConfigError: ``init`` or a feature's model cannot be read.
@@ -49,8 +51,12 @@ class PartsTracker:
         parameters: PartsParameters,
         features: PartFeatures,
         find_heads: HeadDetector | None = None,
+        region_parameters: RegionParameters | None = None,
     ) -> None:
         self._scene = scene
+        self._region_parameters = region_parameters or RegionParameters()
+        self._regions_message: Regions | None = None
+        self._regions = SceneRegions(default_regions(scene.width, scene.height, region_parameters), region_parameters)
         self._p = parameters
         self._scorer = Scorer(features)
         self._find_heads = find_heads or ColourShapeHeads()
@@ -63,6 +69,7 @@ class PartsTracker:
     def step(self, frame: Frame) -> Answers:
         """Take the next frame, answer with all targets, by id."""
         notices: list[Notice] = []
+        self._take_regions(frame.regions)
         dt = 0.0 if self._time_ns is None else (frame.time_ns - self._time_ns) * NS
         self._time_ns = frame.time_ns
         targets = self._targets
@@ -78,11 +85,16 @@ class PartsTracker:
         targets.keep([k for k in range(len(targets)) if k not in usurped])
         begin = Beginning(self._p, targets)
         begin.by_hand(frame, self._by_hand)
-        begin.automatic(frame, seen, matching.unexplained())
+        begin.automatic(frame, seen, matching.unexplained(), self._regions)
         matching.learn_new()
         self._next_id = begin.confirm(frame, self._next_id, notices, bool(self._by_hand))
         self._age(frame, notices)
         return self._answer(frame, notices)
+
+    def _take_regions(self, regions: Regions | None) -> None:
+        if regions is not None and regions != self._regions_message:
+            self._regions_message = regions
+            self._regions = SceneRegions(regions, self._region_parameters)
 
     def _lean(self, model: SizeModel | None) -> None:
         """Predicted sizes of targets that are not seen whole lean towards those usual at their places."""
@@ -96,6 +108,7 @@ class PartsTracker:
         """Confidence falls while a target is unseen; then it is lost, then removed."""
         kept = []
         p = self._p
+        places = self._regions.area_cover(self._targets.boxes)
         for row, item in enumerate(self._targets.items):
             unseen = (frame.time_ns - item.seen_ns) * NS
             if not item.observed:
@@ -118,16 +131,25 @@ class PartsTracker:
                     Notice(kind, [item.id], "PARTS 3: the gate grows until found or lost", {"unseen_s": unseen})
                 )
                 item.lost = lost
-            if unseen > p.keep_s or self._outside(row):
-                evidence = {"unseen_s": unseen, "box": self._targets.boxes[row].tolist()}
-                told.append(Notice("track_removed", [item.id], "PARTS 3: lost", evidence))
+            why = self._must_go(row, unseen, places[row])
+            if why is None:
+                kept.append(row)
                 continue
-            kept.append(row)
+            evidence = {"unseen_s": unseen, "confidence": item.confidence, "box": self._targets.boxes[row].tolist()}
+            told.append(Notice("track_removed", [item.id], why, evidence))
         self._targets.keep(kept)
 
-    def _outside(self, row: int) -> bool:
+    def _must_go(self, row: int, unseen: float, place: int) -> str | None:
+        """Why a target has to go, None if it may stay. Who was started by hand may be anywhere in the picture."""
+        item = self._targets.items[row]
+        if unseen > self._p.keep_s:
+            return "PARTS 3: no observation for longer than targets are kept"
         x, y, w, h = self._targets.boxes[row].tolist()
-        return not (0 <= x + w / 2 < self._scene.width and 0 <= y + h / 2 < self._scene.height)
+        if not (0 <= x + w / 2 < self._scene.width and 0 <= y + h / 2 < self._scene.height):
+            return "PARTS 3: out of the picture"
+        if item.manual:
+            return None
+        return self._regions.reason_to_remove(place, item.mode, min(1.0, max(0.0, item.confidence)))
 
     def _answer(self, frame: Frame, notices: list[Notice]) -> Answers:
         out = []
