@@ -32,7 +32,7 @@ from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmented
 from recorders.sources import Source, SourceFrame, read_regions
 from recorders.sources.ahead import read_ahead
 from recorders.sources.source import NANOS
-from recorders.vision import cv2
+from recorders.vision import cv2, opencv_threads
 
 Codec = Literal["jpeg", "png", "h264", "none"]
 CODECS: tuple[str, ...] = get_args(Codec)
@@ -146,7 +146,8 @@ def record(
     log = LogWriter(out, force=options.force, keep_part=True, picture_topics=pictures, limits=options.limits)
     writer = _Writer(log, source, decided, regions)
     try:
-        with closing(_encoded(source, segmenter, decided)) as frames:
+        # Reading, segmenting and encoding run side by side; OpenCV's own threads would only take turns with them.
+        with opencv_threads(1), closing(_encoded(source, segmenter, decided)) as frames:
             for encoded in frames:
                 writer.write(encoded)
                 report("recording", writer.frames, source.frame_count)

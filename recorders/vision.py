@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 # IPP picks its kernels by the processor at hand; it must be off before the library is loaded. Only the benchmark that
 # measures whether it would matter (tests/benchmarks/bench_trust.py) leaves it on.
@@ -16,4 +18,15 @@ import cv2
 
 cv2.ocl.setUseOpenCL(False)
 
-__all__ = ["cv2"]
+__all__ = ["cv2", "opencv_threads"]
+
+
+@contextmanager
+def opencv_threads(count: int) -> Iterator[None]:
+    """Let OpenCV use so many threads of its own for a while; results do not depend on it."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(count)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)

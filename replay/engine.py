@@ -7,7 +7,7 @@ time, for notebooks and debuggers; `replay.replaying` adds hindsight and writing
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -118,11 +118,11 @@ class Forward:
         """Run on to the end of the scene; ``checkpoint_due`` says by log time which steps carry a state."""
         start = None if self.previous_ns is None else self.previous_ns + 1
         with Prefetch() as prefetch:
-            for frame in prefetch.ahead(self.scene.frames(start, self.next_index)):
-                recorded = digest.recorded_digest(frame.messages)
+            for frame, hashed in prefetch.ahead(self.scene.frames(start, self.next_index)):
                 with continuing(self._resumed):
                     answer = self.tracker.step(frame)
                 check_targets(answer, frame.index)
+                recorded = hashed.result()
                 self.input_link = digest.chained(self.input_link, recorded)
                 self.previous_ns = frame.time_ns
                 self.next_index = frame.index + 1
@@ -133,9 +133,9 @@ class Forward:
 
 
 class Prefetch:
-    """Decodes the next frame's picture and mask while this one is tracked.
+    """Decodes and hashes the next frame while this one is tracked.
 
-    Decoding is a pure function of recorded bytes, so threads change the time it takes and nothing else. It starts
+    Both are pure functions of recorded bytes, so threads change the time they take and nothing else. Decoding starts
     only once a tracker has asked for a picture or a mask: what nobody needs is never decoded.
     """
 
@@ -148,18 +148,19 @@ class Prefetch:
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def ahead(self, frames: Iterator[Frame]) -> Iterator[Frame]:
-        """The same frames, the next one's pictures being decoded meanwhile."""
+    def ahead(self, frames: Iterator[Frame]) -> Iterator[tuple[Frame, Future[str]]]:
+        """The same frames with `digest.recorded_digest` of each, the next one being made ready meanwhile."""
         previous: Frame | None = None
         current = next(frames, None)
         while current is not None:
+            hashed = self._pool.submit(digest.recorded_digest, current.messages)
             following = next(frames, None)
             if previous is not None:
                 # One worker takes them in order, which video packets need.
                 for frame in (current, following):
                     if frame is not None:
                         frame.prefetch(self._pool.submit, like=previous)
-            yield current
+            yield current, hashed
             previous, current = current, following
 
 
