@@ -1,4 +1,4 @@
-"""From a picture to its foreground mask and detections (METHODS 1)."""
+"""From a picture to its foreground mask and detections (EVENTS 2, SHELLS 2.1, PARTS 2)."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from recorders.parameters import Parameters, param
 
 @dataclass(frozen=True)
 class SegmentationParameters(Parameters):
-    """How a picture becomes foreground and detections (METHODS 1; EVENTS 2, SHELLS 2.1, PARTS 2)."""
+    """How a picture becomes foreground and detections (EVENTS 2, SHELLS 2.1, PARTS 2)."""
 
     threshold_levels: float = param(
         30.0, "smallest difference from the background that is foreground", unit="of 255 levels", low=1, high=255
