@@ -100,7 +100,32 @@ def _remove(out: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-class _DuckDB:
+class _Target:
+    """What logs are added to: one transaction per log, each recording once."""
+
+    _con: duckdb.DuckDBPyConnection
+    _names: list[str]
+    digests: set[str]
+
+    def add(self, log: Path, digest: str, limits: Limits, encounters: EncounterParameters | None) -> list[Facts]:
+        """Add one log, or nothing of it."""
+        name = free_name(log.stem, self._names)
+        self._con.execute("BEGIN TRANSACTION")
+        try:
+            found = read_recordings(log, self._insert, name=name, digest=digest, limits=limits, encounters=encounters)
+            self._con.execute("COMMIT")
+        except BaseException:
+            self._con.execute("ROLLBACK")
+            raise
+        self.digests.add(digest)
+        self._names += [f.recording for f in found]
+        return found
+
+    def _insert(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
+        insert(self._con, table, rows)
+
+
+class _DuckDB(_Target):
     """One database file; one transaction per log."""
 
     def __init__(self, path: Path) -> None:
@@ -122,23 +147,6 @@ class _DuckDB:
         self.digests = {digest for digest, _ in rows}
         self._names = [name for _, name in rows]
 
-    def add(self, log: Path, digest: str, limits: Limits, encounters: EncounterParameters | None) -> list[Facts]:
-        """Add one log, or nothing of it."""
-        name = free_name(log.stem, self._names)
-        self._con.execute("BEGIN TRANSACTION")
-        try:
-            found = read_recordings(log, self._insert, name=name, digest=digest, limits=limits, encounters=encounters)
-            self._con.execute("COMMIT")
-        except BaseException:
-            self._con.execute("ROLLBACK")
-            raise
-        self.digests.add(digest)
-        self._names += [f.recording for f in found]
-        return found
-
-    def _insert(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
-        insert(self._con, table, rows)
-
     def finish(self) -> None:
         """Fold the write-ahead log into the file."""
         try:
@@ -154,7 +162,7 @@ class _DuckDB:
         self._con.close()
 
 
-class _Parquet:
+class _Parquet(_Target):
     """A folder of parts, each a folder with one Parquet file per table."""
 
     def __init__(self, folder: Path) -> None:
@@ -190,23 +198,11 @@ class _Parquet:
 
     def add(self, log: Path, digest: str, limits: Limits, encounters: EncounterParameters | None) -> list[Facts]:
         """Add one log; it is safe on disk once its part is written."""
-        name = free_name(log.stem, self._names)
-        self._con.execute("BEGIN TRANSACTION")
-        try:
-            found = read_recordings(log, self._insert, name=name, digest=digest, limits=limits, encounters=encounters)
-            self._con.execute("COMMIT")
-        except BaseException:
-            self._con.execute("ROLLBACK")
-            raise
-        self.digests.add(digest)
-        self._names += [f.recording for f in found]
+        found = super().add(log, digest, limits, encounters)
         self._waiting += 1
         if self._waiting >= PART_RECORDINGS:
             self._write()
         return found
-
-    def _insert(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
-        insert(self._con, table, rows)
 
     def _write(self) -> None:
         name = f"{PART_PREFIX}{self._next:06d}"
