@@ -278,7 +278,6 @@ class Case:
             raise QueryError(f"SQL: {_told(e)}") from e
         finally:
             timer.cancel()
-            timer.join()  # or it could still strike the next query
 
 
 def kind_of(path: Path) -> str:
