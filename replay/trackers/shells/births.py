@@ -18,6 +18,10 @@ from replay.trackers.tracker import Frame
 Floats = NDArray[np.float64]
 
 
+_DRIFT, _DRIFT_RATE = 0.5, 0.5
+"""How far a lost object may be off its path at once, sizes, and its growth, sizes per second."""
+
+
 @dataclass(frozen=True)
 class Free:
     """What may be associated with objects that have not been found, or start new ones.
@@ -26,17 +30,24 @@ class Free:
         boxes: (N, 4) x, y, w, h in pixels.
         blobs: (N,) labels of the blobs.
         whole: (N,) bool, the box is that of a blob that is nobody else's.
+        scores: (N,) how sure the detector was, in [0, 1] for most of them.
     """
 
     boxes: Floats
     blobs: NDArray[np.int64]
     whole: NDArray[np.bool_]
+    scores: Floats
 
 
 def boxes_alone(frame: Frame) -> Free:
     """Without masks every detection is a blob of its own."""
     n = len(frame.boxes)
-    return Free(frame.boxes, np.arange(1, n + 1), np.zeros(n, bool))
+    return Free(frame.boxes, np.arange(1, n + 1), np.zeros(n, bool), _scores(frame))
+
+
+def _scores(frame: Frame) -> Floats:
+    scores = frame.detections.scores
+    return np.array(scores, np.float64) if len(scores) == len(frame.boxes) else np.ones(len(frame.boxes))
 
 
 def unexplained(frame: Frame, resolver: Resolver, p: ShellsParameters) -> Free:
@@ -48,7 +59,7 @@ def unexplained(frame: Frame, resolver: Resolver, p: ShellsParameters) -> Free:
     n = len(boxes)
     blobs = np.array(frame.detections.blobs or [NO_BLOB] * n, np.int64)
     if not n:
-        return Free(boxes, blobs, np.zeros(0, bool))
+        return Free(boxes, blobs, np.zeros(0, bool), np.zeros(0))
     taken = np.zeros(len(fg.boxes) + 1, bool)
     placed: list[Box] = []
     for at in resolver.found.values():
@@ -71,7 +82,7 @@ def unexplained(frame: Frame, resolver: Resolver, p: ShellsParameters) -> Free:
             keep.append(k)
         elif _rest(fg, boxes[k], placed) >= p.min_unexplained:
             keep.append(k)
-    return Free(out[keep], blobs[keep], whole[keep])
+    return Free(out[keep], blobs[keep], whole[keep], np.ones(len(keep)))
 
 
 def _rest(fg: Foreground, box: Floats, placed: list[Box]) -> float:
@@ -129,18 +140,32 @@ def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, 
     for k in lost:
         other = bodies.items[k]
         away = (body.born_ns - other.seen_ns) * 1e-9
-        there = bodies.bank.value[by_id.get(other.front, k)]
-        reach = float(radii[by_id.get(other.front, k)]) + away * p.speed * float(bodies.sizes[k])
-        dx, dy = float(here[0] - there[0]), float(here[1] - there[1])
         ratio = abs(float(np.log(here[2] * here[3] / (bodies.bank.value[k, 2] * bodies.bank.value[k, 3]))))
-        if dx * dx + dy * dy > reach * reach or ratio > 1.0 or away <= 0:
+        if ratio > 1.0 or away <= 0:
             continue
         if seen is None or other.colours is None:
-            continue
-        cost = distance(seen, other.colours)
-        if cost <= p.recover and (best is None or cost < best.cost):
+            cost = _off_path(bodies, k, row, (frame.time_ns - other.seen_ns) * 1e-9) + 0.5 * ratio
+            limit = p.recover_path
+        else:
+            there = bodies.bank.value[by_id.get(other.front, k)]
+            reach = float(radii[by_id.get(other.front, k)]) + away * p.speed * float(bodies.sizes[k])
+            dx, dy = float(here[0] - there[0]), float(here[1] - there[1])
+            if dx * dx + dy * dy > reach * reach:
+                continue
+            cost, limit = distance(seen, other.colours), p.recover
+        if cost <= limit and (best is None or cost < best.cost):
             best = Known(k, cost, away)
     return best
+
+
+def _off_path(bodies: Bodies, lost: int, new: int, gap: float) -> float:
+    """Half the squared miss of a lost object's path, in standard deviations: straight on, stopped, or in between."""
+    bank, size = bodies.bank, float(bodies.sizes[lost])
+    # Unseen it was moved straight on, so that where it was last seen lies back in time.
+    back = bank.rate[lost, :2] * gap * np.array([[0.0], [0.5], [1.0]])
+    miss = bank.value[lost, :2] - back - bank.value[new, :2]
+    sigma = size * (_DRIFT + _DRIFT_RATE * gap)
+    return 0.5 * float((miss * miss).sum(axis=1).min()) / (sigma * sigma)
 
 
 def _colours(box: Box, frame: Frame) -> Floats | None:

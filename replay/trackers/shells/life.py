@@ -104,7 +104,9 @@ class Life:
                 notices.append(Notice("mode_changed", [body.id], "EVENTS 2: matching case", change))
                 body.mode = mode
             body.confidence = body.quality * 0.5 ** (unseen / self._p.half_life_s)
-            lost = unseen > self._p.coast_s
+            # Behind somebody who lies where it should be, an object can be nowhere else.
+            patience = self._p.hidden_patience if body.front else 1.0
+            lost = unseen > patience * self._p.coast_s
             if lost != body.lost:
                 kind = "track_lost" if lost else "track_recovered"
                 notices.append(Notice(kind, [body.id], "EVENTS 2: unseen for too long", {"unseen_s": unseen}))

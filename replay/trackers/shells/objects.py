@@ -111,7 +111,9 @@ class Bodies:
     The bank's components are the box's centre x and y, width and height, pixels.
     """
 
-    def __init__(self, parameters: ShellsParameters) -> None:
+    def __init__(self, parameters: ShellsParameters, has_pixels: bool = True) -> None:
+        agility = parameters.agility if has_pixels else parameters.box_agility
+        self._agility = np.array([agility] * 2 + [0.0] * 2)
         self._p = parameters
         self.bank = KalmanBank(COMPONENTS)
         self.items: list[Body] = []
@@ -147,7 +149,7 @@ class Bodies:
         if not self.items or dt <= 0:
             return
         sizes = self.sizes[:, None]
-        self.bank.predict(dt, (sizes * np.array([self._p.agility] * 2 + [0.0] * 2)) ** 2)
+        self.bank.predict(dt, (sizes * self._agility) ** 2)
         self.bank.rate[:, 2:] = 0.0
         self.bank.p00[:, 2:] += (sizes * 0.1) ** 2 * dt
 
@@ -167,6 +169,13 @@ class Bodies:
         value[row, 2] += a * (width - value[row, 2])
         value[row, 3] += a * (height - value[row, 3])
         self.bank.p00[row, 2:] *= 1 - a
+
+    def correct(self, row: int, box: Box, noise: float) -> None:
+        """Equation 9 with the filter's own gain in place of a: a measured box whose error is known, in sizes."""
+        x, y, w, h = box
+        bank, variance = self.bank, max(w * h, 1.0) * noise * noise
+        measured = np.array([x + w / 2, y + h / 2, w, h])
+        bank.update_row(row, measured, variance)
 
     def start(self, box: Box, body: Body) -> None:
         """Append an object at a measured box."""

@@ -27,6 +27,22 @@ class ShellsParameters(Parameters):
     disputed: float = param(
         0.0, "pixels whose two best owners differ by less (log) belong to nobody", low=0.0, high=10.0
     )
+    start_score: float = param(
+        0.7, "detections from this score on may start objects, where there are no pixels", low=0.0, high=1.0
+    )
+    box_noise: float = param(
+        0.15,
+        "standard deviation of a detected box's centre, where there are no pixels",
+        unit="sizes",
+        low=0.01,
+        high=10,
+    )
+    box_agility: float = param(
+        1.0, "standard deviation of the acceleration of such boxes", unit="sizes/s^2", low=0.0, high=1e3
+    )
+    hidden_cover: float = param(
+        0.3, "an unseen object under another's box by this share is behind it", low=0.0, high=1.0
+    )
     agility: float = param(2.0, "standard deviation of an object's acceleration", unit="sizes/s^2", low=0.0, high=1e3)
     speed: float = param(1.5, "standard deviation of a new object's speed", unit="sizes/s", low=0.0, high=1e3)
     larger: float = param(1.5, "a blob of more than this many areas is not one object alone", low=1.0, high=100.0)
@@ -56,9 +72,13 @@ class ShellsParameters(Parameters):
     tentative_s: float = param(0.3, "a new object unseen for longer is dropped", unit="s", low=0.0, high=60.0)
     min_unexplained: float = param(0.5, "a detection with less foreground of its own is explained", low=0.0, high=1.0)
     coast_s: float = param(0.4, "an unseen object is held present for this time", unit="s", low=0.0, high=60.0)
+    hidden_patience: float = param(3.0, "occluded objects are held so many times longer", low=1.0, high=100.0)
     keep_s: float = param(4.0, "an unseen object may come back within this time", unit="s", low=0.0, high=3600.0)
     half_life_s: float = param(0.5, "an unseen object's confidence halves in this time", unit="s", low=0.001, high=3600)
     recover: float = param(0.55, "largest colour distance (Hellinger) of an object that comes back", low=0.0, high=1.0)
+    recover_path: float = param(
+        0.4, "the same without colours: half the squared miss of its path, and of its size", low=0.0, high=100.0
+    )
     body_spread: float = param(
         0.12, "standard deviation of bodies' sizes around the recording's model", unit="heights", low=0.001, high=10.0
     )

@@ -19,7 +19,7 @@ from recorders.messages import NO_BLOB, Box, Notice, Target, Targets
 from recorders.segmentation.sizes import SizeModel
 from replay.membership import PATCHES, Patches
 from replay.trackers.association import assign, iou
-from replay.trackers.shells import births
+from replay.trackers.shells import births, boxes
 from replay.trackers.shells.births import Free
 from replay.trackers.shells.colours import bins_of, histogram, signature
 from replay.trackers.shells.foreground import Foreground
@@ -52,7 +52,7 @@ class ShellsTracker:
         self._scene = scene
         self._p = parameters
         self._k_s = shell.k_s
-        self._bodies = Bodies(parameters)
+        self._bodies = Bodies(parameters, scene.has_masks)
         self._book = RelationBook(relation)
         self._doubts = Doubts()
         self._behind: list[tuple[int, int]] = []
@@ -78,7 +78,7 @@ class ShellsTracker:
         radii = self._bodies.radii(self._k_s)
         resolver = self._resolve(frame, radii, dt)
         free = births.boxes_alone(frame) if resolver is None else births.unexplained(frame, resolver, self._p)
-        taken = self._associate(frame, free, radii)
+        taken = self._follow_boxes(frame, free, radii) if resolver is None else self._associate(frame, free, radii)
         taken |= self._start(frame, free, taken)
         found: dict[int, Found] = {}
         if resolver is not None:
@@ -176,7 +176,8 @@ class ShellsTracker:
             away, reach = float(np.sqrt(d[0] * d[0] + d[1] * d[1])), 0.7 * float(radii[front])
             if away > reach:
                 bank.value[row, :2] = bank.value[front, :2] + d * (reach / away)
-            bank.rate[row, :2] = bank.rate[front, :2]
+            if self._scene.has_masks:
+                bank.rate[row, :2] = bank.rate[front, :2]
 
     def _observe(self, row: int, frame: Frame, at: Found, dt: float) -> None:
         """Take what was found of an object (SHELLS 2.5)."""
@@ -209,6 +210,15 @@ class ShellsTracker:
                 self._sight(stage[i], frame, free, columns[j])
         return taken
 
+    def _follow_boxes(self, frame: Frame, free: Free, radii: Floats) -> dict[int, int]:
+        """The same where boxes are all there is; {column: row}."""
+        taken = {column: row for row, column in boxes.match(self._bodies, free, self._p)}
+        for column, row in taken.items():
+            self._sight(row, frame, free, column)
+        boxes.hide(self._bodies, self._p)
+        self._follow(radii)
+        return taken
+
     def _match(self, rows: Rows, boxes: Floats, radii: Floats) -> list[tuple[int, int]]:
         if not len(rows) or not len(boxes):
             return []
@@ -224,8 +234,11 @@ class ShellsTracker:
         """An observation as a whole box: a blob, or a detection where there are no masks."""
         body, p = self._bodies.items[row], self._p
         x, y, w, h = free.boxes[column].tolist()
-        self._bodies.move(row, (x + w / 2, y + h / 2), p.blend)
-        self._bodies.resize(row, w, h, p.size_blend)
+        if frame.mask is None:
+            self._bodies.correct(row, (x, y, w, h), p.box_noise)
+        else:
+            self._bodies.move(row, (x + w / 2, y + h / 2), p.blend)
+            self._bodies.resize(row, w, h, p.size_blend)
         body.seen_ns, body.observed, body.now, body.front = frame.time_ns, True, "motion", TENTATIVE
         body.measured, body.blob, body.visible = (x, y, w, h), int(free.blobs[column]), 1.0
         body.hits += 1
@@ -236,7 +249,7 @@ class ShellsTracker:
     def _start(self, frame: Frame, free: Free, taken: dict[int, int]) -> dict[int, int]:
         """Start an object at everything that is left within the scene (EVENTS 3.2); {column: row}."""
         begun: dict[int, int] = {}
-        inside = self._life.may_start(free.boxes)
+        inside = self._life.may_start(free.boxes) & (free.scores >= self._p.start_score)
         for column in range(len(free.boxes)):
             if column in taken or not inside[column]:
                 continue
