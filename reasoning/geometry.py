@@ -115,6 +115,13 @@ class Area:
             inside |= points_in_polygon(p, edges)
         return inside
 
+    def covers(self, boxes: Sequence[Box]) -> list[int]:
+        """The same as `cover` for boxes as plain numbers; of one upright rectangle, much quicker for a few of them."""
+        if self._rectangle is None:
+            found: list[int] = self.cover(boxes).tolist()
+            return found
+        return [_cover_of_box(box, self._rectangle) for box in boxes]
+
     def cover(self, boxes: ArrayLike) -> NDArray[np.int8]:
         """How each box of (N, 4) lies in the area: `WHOLLY`, `PARTLY` or `OUTSIDE`, (N,) int8, exactly."""
         b = np.asarray(boxes, np.float64).reshape(-1, 4)
@@ -165,6 +172,15 @@ def _cover_by_rectangle(boxes: Floats, rectangle: tuple[float, float, float, flo
     wholly = (left >= x0) & (right <= x1) & (top >= y0) & (bottom <= y1)
     apart = (left >= x1) | (right <= x0) | (top >= y1) | (bottom <= y0)
     return np.where(wholly, WHOLLY, np.where(apart, OUTSIDE, PARTLY)).astype(np.int8)
+
+
+def _cover_of_box(box: Box, rectangle: tuple[float, float, float, float]) -> int:
+    x0, y0, x1, y1 = rectangle
+    left, top, w, h = box
+    right, bottom = left + w, top + h
+    if left >= x0 and right <= x1 and top >= y0 and bottom <= y1:
+        return WHOLLY
+    return OUTSIDE if left >= x1 or right <= x0 or top >= y1 or bottom <= y0 else PARTLY
 
 
 def _edges_in_boxes(edges: Floats, boxes: Floats) -> Bools:

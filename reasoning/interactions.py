@@ -21,12 +21,14 @@ What the paper leaves open, and what is done here:
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from reasoning.geometry import Bools, Floats, share_inside
+from reasoning.near import near_pairs
 from reasoning.transitions import GROUPED, GROUPING, SINGLE, SPLITTING
 from recorders.messages import NO_BLOB, Box, GroupTrack
 from recorders.parameters import Parameters, param
@@ -63,13 +65,13 @@ class InteractionParameters(Parameters):
 class Members:
     """The N targets of a frame as rows, ids ascending.
 
-    ``boxes`` (N, 4) in pixels; ``blobs`` region ids; ``seen`` observed now; ``present`` in the picture;
+    ``boxes`` (N, 4) in pixels, an array or a list; ``blobs`` region ids; ``seen`` observed now; ``present`` in the picture;
     ``newborn`` first frame (of its life or after an absence); ``of_split`` born of a split in this frame;
     ``leaving``: ids in their last frame, which belong to no group's region any more.
     """
 
     ids: Sequence[int]
-    boxes: Floats
+    boxes: Floats | Sequence[Box]
     blobs: Sequence[int]
     seen: Sequence[bool]
     present: Sequence[bool]
@@ -144,14 +146,36 @@ def pair_bit(before: int, collides: bool, over_group: bool, newborn: bool, of_sp
     return GROUPED if over_group else GROUPING
 
 
-def safety_distances(boxes: Floats, margin: float) -> Floats:
-    """Squared safety distances (N, N) of boxes (N, 4): at most 1 where the safety areas superpose."""
-    beyond = margin * np.sqrt(boxes[:, 2] * boxes[:, 3])
-    w, h = 0.5 * boxes[:, 2] + beyond, 0.5 * boxes[:, 3] + beyond
-    x, y = boxes[:, 0] + 0.5 * boxes[:, 2], boxes[:, 1] + 0.5 * boxes[:, 3]
-    dx = (x[:, None] - x) / np.maximum(w[:, None] + w, 1e-9)
-    dy = (y[:, None] - y) / np.maximum(h[:, None] + h, 1e-9)
-    return np.asarray(dx * dx + dy * dy)
+class SafetyAreas:
+    """The safety areas of a frame's targets, as plain numbers: few pairs of a frame are ever asked for.
+
+    Args:
+        boxes: N boxes, pixels.
+        margin: how far an area reaches beyond its box, in square roots of the box's area.
+    """
+
+    def __init__(self, boxes: Sequence[Box], margin: float) -> None:
+        self._x: list[float] = []
+        self._y: list[float] = []
+        self._w: list[float] = []
+        self._h: list[float] = []
+        for x, y, w, h in boxes:
+            area = w * h
+            beyond = margin * math.sqrt(area) if area >= 0.0 else math.nan
+            self._w.append(0.5 * w + beyond)
+            self._h.append(0.5 * h + beyond)
+            self._x.append(x + 0.5 * w)
+            self._y.append(y + 0.5 * h)
+
+    def squared(self, i: int, j: int) -> float:
+        """Squared safety distance of two targets: at most 1 where their areas superpose."""
+        dx = (self._x[i] - self._x[j]) / max(self._w[i] + self._w[j], 1e-9)
+        dy = (self._y[i] - self._y[j]) / max(self._h[i] + self._h[j], 1e-9)
+        return dx * dx + dy * dy
+
+    def colliding(self) -> list[Pair]:
+        """Rows (i, j), i < j, ascending, whose areas superpose."""
+        return [(i, j) for i, j in near_pairs(self._x, self._w) if self.squared(i, j) <= 1.0]
 
 
 class InteractionBook:
@@ -177,15 +201,11 @@ class InteractionBook:
         self, frame: int, time_ns: int, m: Members, group_tracks: Sequence[GroupTrack] | None
     ) -> tuple[list[PairChange], list[Cluster]]:
         """Take a frame's targets; answer with every pair's change, by (a, b), and the clusters seen in this frame."""
-        squared = safety_distances(m.boxes, self._p.safety_margin)
-        collides = np.triu(squared <= 1.0, 1)
+        areas = SafetyAreas(m.boxes.tolist() if isinstance(m.boxes, np.ndarray) else m.boxes, self._p.safety_margin)
         row = {i: k for k, i in enumerate(m.ids)}
-        if self._p.leave_margin:
-            for a, b in self.bonds:
-                if a in row and b in row:
-                    collides[row[a], row[b]] = squared[row[a], row[b]] <= self._reach
-        touching = list(zip(*(k.tolist() for k in np.nonzero(collides)), strict=True))
-        regions, source = self._regions(m, squared, group_tracks)
+        touching = self._touching(areas, row)
+        collides = set(touching)
+        regions, source = self._regions(m, areas, group_tracks)
         clusters = _clusters(m.ids, regions, source, touching)
         over = {i: k for k, c in enumerate(clusters) for i in c.members}
         changes: list[PairChange] = []
@@ -199,7 +219,7 @@ class InteractionBook:
             todo.setdefault((a, b), (row[a], row[b]))
         for pair, rows in todo.items():
             one_group = pair[0] in over and over[pair[0]] == over.get(pair[1])
-            change = self._pair(frame, time_ns, pair, rows, m, one_group, float(squared[rows]), bool(collides[rows]))
+            change = self._pair(frame, time_ns, pair, rows, m, one_group, areas.squared(*rows), rows in collides)
             if change is not None:
                 number = regions[rows[0]]
                 same = number == regions[rows[1]] != NO_BLOB
@@ -207,6 +227,14 @@ class InteractionBook:
                 changes.append(dataclasses.replace(change, region=region, jumped=False) if same else change)
         self._collect(m.ids)
         return sorted(changes, key=lambda c: (c.a, c.b)), clusters
+
+    def _touching(self, areas: SafetyAreas, row: Mapping[int, int]) -> list[Pair]:
+        """Rows (i, j), i < j, ascending, that collide; partners may be as far apart as the margin for leaving says."""
+        touching = areas.colliding()
+        if not self._p.leave_margin:
+            return touching
+        bound = [(row[a], row[b]) for a, b in self.bonds if a in row and b in row]
+        return sorted({*touching, *(rows for rows in bound if areas.squared(*rows) <= self._reach)})
 
     def _pair(
         self, frame: int, ns: int, pair: Pair, rows: Pair, m: Members, one_group: bool, squared: float, collides: bool
@@ -217,7 +245,7 @@ class InteractionBook:
         newborn, of_split = m.newborn[i] or m.newborn[j], m.of_split[i] or m.of_split[j]
         starts = m.present[i] and m.present[j]
         after = pair_bit(before, collides, one_group, newborn, of_split, starts)
-        distance = float(np.sqrt(squared))
+        distance = math.sqrt(squared)
         if bond is not None:
             bond.distance = distance
         if after == before:
@@ -231,10 +259,10 @@ class InteractionBook:
         jumped = before == GROUPED and not collides and not (pair[0] in m.leaving or pair[1] in m.leaving)
         return PairChange(*pair, before, after, distance, since, ns - began, split, jumped)
 
-    def _regions(self, m: Members, squared: Floats, tracks: Sequence[GroupTrack] | None) -> tuple[list[int], str]:
+    def _regions(self, m: Members, areas: SafetyAreas, tracks: Sequence[GroupTrack] | None) -> tuple[list[int], str]:
         """Each target's observed region (NO_BLOB: none), and what kind of region that is."""
         if tracks is None:
-            return self._blob_regions(m, squared), "blob"
+            return self._blob_regions(m, areas), "blob"
         seen = [t for t in tracks if t.observed]
         return [self._track_of(k, m, seen) if seen else NO_BLOB for k in range(len(m.ids))], "group track"
 
@@ -244,16 +272,16 @@ class InteractionBook:
             return False
         return m.present[k] or bool(self.states.get(m.ids[k], 0) & GROUPED)
 
-    def _blob_regions(self, m: Members, squared: Floats) -> list[int]:
+    def _blob_regions(self, m: Members, areas: SafetyAreas) -> list[int]:
         regions = [b if b >= 0 and self._may_lie_over(k, m) else NO_BLOB for k, b in enumerate(m.blobs)]
         for k, i in enumerate(m.ids):
             if m.blobs[k] >= 0 or m.seen[k] or not self.states.get(i, 0) & GROUPED or not self._may_lie_over(k, m):
                 continue
             row = {other: r for r, other in enumerate(m.ids)}
             near = [
-                (float(squared[k, row[p]]), p)
+                (areas.squared(k, row[p]), p)
                 for p in self.partners(i, GROUPED)
-                if p in row and m.blobs[row[p]] >= 0 and m.seen[row[p]] and squared[k, row[p]] <= self._reach
+                if p in row and m.blobs[row[p]] >= 0 and m.seen[row[p]] and areas.squared(k, row[p]) <= self._reach
             ]
             if near:
                 regions[k] = m.blobs[row[min(near)[1]]]
@@ -265,7 +293,8 @@ class InteractionBook:
         """
         if not self._may_lie_over(k, m):
             return NO_BLOB
-        box: Box = tuple(m.boxes[k].tolist())
+        x, y, w, h = m.boxes[k]
+        box: Box = (float(x), float(y), float(w), float(h))
         best = (0.0, 0)
         for t in tracks:
             named = 2.0 if m.ids[k] in t.members else 0.0
@@ -322,6 +351,7 @@ def _find(root: list[int], i: int) -> int:
 
 def collision_map(boxes: Floats, margin: float) -> Bools:
     """Which targets (N, 4) collide with which, (N, N) bool, symmetric; a target does not collide with itself."""
-    collides = safety_distances(boxes, margin) <= 1.0
-    np.fill_diagonal(collides, False)
+    collides = np.zeros((len(boxes), len(boxes)), np.bool_)
+    for i, j in SafetyAreas(boxes.tolist(), margin).colliding():
+        collides[i, j] = collides[j, i] = True
     return collides

@@ -20,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from reasoning import events as tell
 from reasoning.geometry import WHOLLY, boxes_touch, circles_overlap_share
@@ -175,10 +176,11 @@ class Reasoner:
         old = [k for k in range(len(rows.ids)) if rows.present[k] and not rows.newborn[k]]
         if not (new and old and self._interaction.infer_splits):
             return
-        over = boxes_touch(rows.boxes[new], rows.boxes[old]).any(axis=1)
-        inside = self._regions.places(rows.boxes[new]).roi == WHOLLY
-        for k, split in zip(new, (over & inside).tolist(), strict=True):
-            rows.of_split[k] = split and rows.present[k]
+        fresh, older = ([rows.boxes[k] for k in which] for which in (new, old))
+        over = boxes_touch(np.array(fresh, np.float64), np.array(older, np.float64)).any(axis=1).tolist()
+        places = self._regions.places(fresh).roi
+        for k, touches, place in zip(new, over, places, strict=True):
+            rows.of_split[k] = touches and place == WHOLLY and rows.present[k]
             rows.inferred += [rows.ids[k]] if rows.of_split[k] else []
 
     def _lingering(self, removed: Sequence[int]) -> list[int]:
@@ -294,36 +296,27 @@ class Reasoner:
             tell.forbidden(self._log, i, before, after)
 
     def _tracks(self, rows: Rows, shell: Shells) -> list[Track]:
-        book = self._interactions
-        zones = self._scene.targets
+        states, partners = self._interactions.states, self._interactions.partners
+        presences = self._scene.targets
         answer: list[Track] = []
-        for k, t in enumerate(rows.targets):
-            state = book.states[t.id]
-            presence = zones[t.id]
+        for t, radius in zip(rows.targets, shell.radii, strict=True):
+            i = t.id
+            state, presence = states[i], presences[i]
+            bits: tuple[bool, bool, bool] = (False, False, False)
+            lists: tuple[list[int], list[int], list[int]] = ([], [], [])
+            group = None
+            if state:
+                bits = bool(state & GROUPING), bool(state & GROUPED), bool(state & SPLITTING)
+                lists = partners(i, GROUPING), partners(i, GROUPED), partners(i, SPLITTING)
+                group = self._groups.of(i) if state & (GROUPED | SPLITTING) else None
+            zones = sorted(presence.zones) if presence.zones else []
+            # By position, in the order of the definition: twenty keywords a track cost as much as all the rest of it.
             answer.append(
                 Track(
-                    id=t.id,
-                    box=t.box,
-                    ellipse=t.ellipse,
-                    velocity=t.velocity,
-                    shell_radius=float(shell.radii[k]),
-                    mode=t.mode,
-                    confidence=t.confidence,
-                    present=t.present,
-                    observed=t.observed,
-                    blob=t.blob,
-                    grouping=bool(state & GROUPING),
-                    grouped=bool(state & GROUPED),
-                    splitting=bool(state & SPLITTING),
-                    grouping_partners=book.partners(t.id, GROUPING),
-                    grouped_partners=book.partners(t.id, GROUPED),
-                    splitting_partners=book.partners(t.id, SPLITTING),
-                    group=self._groups.of(t.id) if state & (GROUPED | SPLITTING) else None,
-                    scene=presence.status,
-                    zones=sorted(presence.zones),
-                    hidden_parts=t.hidden_parts,
+                    i, t.box, t.ellipse, t.velocity, radius, t.mode, t.confidence, t.present, t.observed, t.blob,
+                    *bits, *lists, group, presence.status, zones, t.hidden_parts,
                 )
-            )
+            )  # fmt: skip
         return answer
 
     def _relations(self) -> list[Relation]:

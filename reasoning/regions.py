@@ -20,7 +20,7 @@ Rules of ours where the paper is silent:
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,10 @@ import numpy as np
 from reasoning.geometry import OUTSIDE, PARTLY, WHOLLY, Area, Bools, Floats
 from recorders.messages import Box, Mode, Regions, SceneStatus
 from recorders.parameters import Parameters, param
+
+
+Boxes = Floats | Sequence[Box]
+"""N boxes: an array (N, 4), or plain numbers."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,10 +71,10 @@ def _inset(width: int, height: int, by: float) -> list[tuple[float, float]]:
 
 @dataclasses.dataclass(frozen=True)
 class Places:
-    """Where N boxes lie: ``roi`` and ``area`` (ROI and border together) as `OUTSIDE`, `PARTLY`, `WHOLLY`, int8 (N,)."""
+    """Where N boxes lie: ``roi`` and ``area`` (ROI and border together) as `OUTSIDE`, `PARTLY`, `WHOLLY`."""
 
-    roi: Any
-    area: Any
+    roi: list[int]
+    area: list[int]
 
 
 class SceneRegions:
@@ -98,13 +102,13 @@ class SceneRegions:
 
     def may_start_high_level(self, box: Box) -> bool:
         """A high-level tracker starts where the target is at least partly in the ROI."""
-        return bool(self._roi.cover([box])[0] != OUTSIDE)
+        return self._roi.covers([box])[0] != OUTSIDE
 
     def must_remove(self, box: Box, mode: Mode, confidence: float) -> str | None:
         """Why a tracker must go, None if it may stay: wholly outside ROI and border, or partly outside and
         followed without motion (appearance or prediction) with low confidence.
         """
-        return self.reason_to_remove(int(self._area.cover([box])[0]), mode, confidence)
+        return self.reason_to_remove(self._area.covers([box])[0], mode, confidence)
 
     def reason_to_remove(self, place: int, mode: Mode, confidence: float) -> str | None:
         """The same for a target of which it is known how it lies in ROI and border (`area_cover`)."""
@@ -116,17 +120,18 @@ class SceneRegions:
 
     def area_cover(self, boxes: Floats) -> list[int]:
         """How each of boxes (N, 4) lies in ROI and border together."""
-        found: list[int] = self._area.cover(boxes).tolist()
-        return found
+        return self._area.covers(boxes.tolist())
 
-    def places(self, boxes: Floats) -> Places:
+    def places(self, boxes: Boxes) -> Places:
         """Where boxes (N, 4) lie."""
-        return Places(self._roi.cover(boxes), self._area.cover(boxes))
+        plain = boxes.tolist() if isinstance(boxes, np.ndarray) else boxes
+        return Places(self._roi.covers(plain), self._area.covers(plain))
 
-    def zones_of(self, boxes: Floats) -> list[list[str]]:
+    def zones_of(self, boxes: Boxes) -> list[list[str]]:
         """The named zones in which each target of boxes (N, 4) stands."""
         if not self._zones:
-            return [[] for _ in range(len(boxes))]
+            return [[]] * len(boxes)
+        boxes = np.asarray(boxes, np.float64).reshape(-1, 4)
         down = 1.0 if self._p.zone_point == "foot" else 0.5
         points = np.stack([boxes[:, 0] + 0.5 * boxes[:, 2], boxes[:, 1] + down * boxes[:, 3]], axis=1)
         inside = [(name, area.contains(points).tolist()) for name, area in self._zones]
@@ -146,6 +151,9 @@ def first_status(born_of_split: bool) -> SceneStatus:
     return "inside" if born_of_split else "entering"
 
 
+_COMES_IN: Mapping[SceneStatus, SceneStatus] = {"entering": "inside", "exiting": "returned", "outside": "entering"}
+
+
 def next_status(status: SceneStatus, been_in: bool, roi: int, area: int) -> SceneStatus:
     """A target's status in the next frame.
 
@@ -161,7 +169,7 @@ def next_status(status: SceneStatus, been_in: bool, roi: int, area: int) -> Scen
     if area == OUTSIDE:
         return "outside"
     if roi == WHOLLY:
-        return {"entering": "inside", "exiting": "returned", "outside": "entering"}.get(status, status)  # type: ignore[return-value]
+        return _COMES_IN.get(status, status)
     if status == "outside":
         return "entering" if roi != OUTSIDE else "outside"
     if area == PARTLY and been_in and status != "exiting":
@@ -220,7 +228,7 @@ class SceneBook:
         time_ns: int,
         regions: SceneRegions,
         ids: Sequence[int],
-        boxes: Floats,
+        boxes: Boxes,
         born_of_split: Sequence[bool],
         present: Sequence[bool],
         leaving: Collection[int] = (),
@@ -232,12 +240,12 @@ class SceneBook:
         """
         places, zones = regions.places(boxes), regions.zones_of(boxes)
         changes: list[SceneChange] = []
-        for i in sorted(set(self.targets).difference(ids).union(leaving)):
+        for i in sorted(self.targets.keys() - set(ids) | set(leaving)):
             changes += self._vanish(i, time_ns, i in leaving)
         for k, i in enumerate(ids):
             if i in leaving:
                 continue
-            at = int(places.roi[k]), int(places.area[k])
+            at = places.roi[k], places.area[k]
             held = self.targets.get(i)
             if held is None:
                 was = self._away.pop(i, None)
@@ -250,7 +258,7 @@ class SceneBook:
                     changes.append(SceneChange("entering", i, "", *at, 0))
             elif present[k] or at[1] == OUTSIDE:
                 changes += self._move(i, held, time_ns, at)
-            if present[k]:
+            if present[k] and (zones[k] or held.zones):
                 changes += self._zones(i, held, time_ns, zones[k], at)
         return changes
 
@@ -264,8 +272,6 @@ class SceneBook:
         return [change]
 
     def _zones(self, i: int, held: Presence, ns: int, zones: list[str], at: tuple[int, int]) -> list[SceneChange]:
-        if not zones and not held.zones:
-            return []
         left = [z for z in sorted(held.zones) if z not in zones]
         come = [z for z in sorted(zones) if z not in held.zones]
         changes = [SceneChange("zone_left", i, "", *at, ns - held.zones.pop(z), z) for z in left]

@@ -16,12 +16,14 @@ that the lists L_i are symmetric by construction. Rules that the paper does not 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
 
 from reasoning.geometry import Floats
+from reasoning.near import near_pairs
 from recorders.messages import NO_BLOB
 from recorders.parameters import Parameters, param
 
@@ -166,12 +168,26 @@ class Objects:
     """
 
     ids: Sequence[int]
-    centres: Floats
-    radii: Floats
+    centres: Floats | Sequence[tuple[float, float]]
+    radii: Floats | Sequence[float]
     blobs: Sequence[int]
     seen: Sequence[bool]
     starts: Sequence[bool]
     leaving: Collection[int] = ()
+
+
+class _Discs:
+    """The objects' shells as plain numbers: for the few pairs of a frame these are quicker than arrays."""
+
+    def __init__(self, o: Objects) -> None:
+        centres = o.centres.tolist() if isinstance(o.centres, np.ndarray) else o.centres
+        self.x = [c[0] for c in centres]
+        self.y = [c[1] for c in centres]
+        self.radii: Sequence[float] = o.radii.tolist() if isinstance(o.radii, np.ndarray) else o.radii
+
+    def distance(self, i: int, j: int) -> float:
+        dx, dy = self.x[i] - self.x[j], self.y[i] - self.y[j]
+        return math.sqrt(dx * dx + dy * dy)
 
 
 class RelationBook:
@@ -204,54 +220,49 @@ class RelationBook:
         """Take a frame's objects; answer with every change, by (a, b)."""
         ids = objects.ids
         row = {i: k for k, i in enumerate(ids)}
-        distance, gap, meets = self._measure(objects)
+        discs = _Discs(objects)
         changes: list[Change] = []
         for pair in list(self._edges):
             if pair[0] not in row or pair[1] not in row:
                 changes.append(self._end_of_gone(pair, row, time_ns))
                 continue
-            m = (row[pair[0]], row[pair[1]])
-            change = self._advance(frame, time_ns, pair, m, objects, float(distance[m]), float(gap[m]))
+            change = self._advance(frame, time_ns, pair, (row[pair[0]], row[pair[1]]), objects, discs)
             if change is not None:
                 changes.append(change)
         held = {(c.a, c.b) for c in changes if c.after == "INDEPENDENT"}
         meeting: dict[Pair, int] = {}
-        for i, j in zip(*(k.tolist() for k in np.nonzero(meets)), strict=True):
+        for i, j in near_pairs(discs.x, discs.radii):
             pair = (ids[i], ids[j])
             if pair in self._edges or pair in held or not (objects.starts[i] and objects.starts[j]):
                 continue
+            distance = discs.distance(i, j)
+            if not self._may_meet(distance, discs.radii[i], discs.radii[j]):
+                continue
             begun = meeting[pair] = self._meeting.get(pair, time_ns)
             if time_ns - begun >= self._p.enter_duration_s * SECOND_NS:
-                changes.append(self._begin(frame, time_ns, pair, (i, j), objects, float(distance[i, j])))
+                changes.append(self._begin(frame, time_ns, pair, (i, j), objects, discs))
                 del meeting[pair]
         self._meeting = meeting
         return sorted(changes, key=lambda c: (c.a, c.b))
 
-    def _measure(self, o: Objects) -> tuple[Floats, Floats, Any]:
-        """Distances and gaps (N, N) and which pairs i < j meet by the rule for entering."""
-        x, y = o.centres[:, 0], o.centres[:, 1]
-        dx, dy = x[:, None] - x, y[:, None] - y
-        distance = np.sqrt(dx * dx + dy * dy)
-        gap = distance - (o.radii[:, None] + o.radii)
-        limit: Floats | float = 0.0
-        if self._p.enter_margin:
-            limit = -self._p.enter_margin * np.minimum(o.radii[:, None], o.radii)
-        return distance, gap, np.triu(gap <= limit, 1)
+    def _may_meet(self, distance: float, ra: float, rb: float) -> bool:
+        """Whether two shells meet by the rule for entering."""
+        limit = -self._p.enter_margin * min(ra, rb) if self._p.enter_margin else 0.0
+        return distance - (ra + rb) <= limit
 
-    def _begin(self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, distance: float) -> Change:
+    def _begin(self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, discs: _Discs) -> Change:
         step = resolve("INDEPENDENT", meets=True, same_blob=False)
-        ra, rb = float(o.radii[m[0]]), float(o.radii[m[1]])
+        distance, ra, rb = discs.distance(*m), discs.radii[m[0]], discs.radii[m[1]]
         self._edges[pair] = Edge(*pair, step.after, frame, ns, step.rule, distance, ra, rb, frame, ns)
         same = same_blob(o.blobs[m[0]], o.seen[m[0]], o.blobs[m[1]], o.seen[m[1]])
         return Change(*pair, "INDEPENDENT", step.after, step.case, step.rule, distance, ra, rb, same, 0, frame)
 
-    def _advance(
-        self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, distance: float, gap: float
-    ) -> Change | None:
+    def _advance(self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, discs: _Discs) -> Change | None:
         """One frame of a pair that is related: what its case demands, once it has lasted long enough."""
         edge = self._edges[pair]
-        edge.distance, edge.radius_a, edge.radius_b = distance, float(o.radii[m[0]]), float(o.radii[m[1]])
-        meets = gap <= self._p.leave_margin * min(edge.radius_a, edge.radius_b)
+        distance, ra, rb = discs.distance(*m), discs.radii[m[0]], discs.radii[m[1]]
+        edge.distance, edge.radius_a, edge.radius_b = distance, ra, rb
+        meets = distance - (ra + rb) <= self._p.leave_margin * min(ra, rb)
         same = same_blob(o.blobs[m[0]], o.seen[m[0]], o.blobs[m[1]], o.seen[m[1]])
         leaving = pair[0] in o.leaving or pair[1] in o.leaving
         one_blob = (edge.state == "JOINT" and not leaving) if same is None else same
@@ -267,8 +278,7 @@ class RelationBook:
         edge.state, edge.since_frame, edge.since_ns, edge.rule, edge.pending = step.after, frame, ns, step.rule, ""
         if step.after == "INDEPENDENT":
             del self._edges[pair]
-        radii = (edge.radius_a, edge.radius_b)
-        return Change(*pair, before, step.after, step.case, step.rule, distance, *radii, same, ns - began, since)
+        return Change(*pair, before, step.after, step.case, step.rule, distance, ra, rb, same, ns - began, since)
 
     def _needed_ns(self, case: str) -> float:
         if case == "V":

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import msgspec
-import numpy as np
 
-from reasoning.geometry import Floats
-from recorders.messages import NO_BLOB, Target
+from recorders.messages import NO_BLOB, Box, Target
 
 
 class Rows:
@@ -18,7 +16,7 @@ class Rows:
         self.targets = targets
         self.ids = [t.id for t in targets]
         self.row = {i: k for k, i in enumerate(self.ids)}
-        self.boxes: Floats = np.array([t.box for t in targets], np.float64).reshape(-1, 4)
+        self.boxes: list[Box] = [t.box for t in targets]
         self.blobs = [t.blob for t in targets]
         self.seen = [t.observed for t in targets]
         self.present = [t.present for t in targets]

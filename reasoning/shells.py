@@ -11,11 +11,10 @@ what an annotated track (box and shell radius) gives back without a further fiel
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
-import numpy as np
-
-from reasoning.geometry import Floats, centres, circle_around_ellipse, half_diagonals
+from reasoning.geometry import circle_around_ellipse
 from recorders.messages import Target
 from recorders.parameters import Parameters, param
 
@@ -42,10 +41,10 @@ class ShellParameters(Parameters):
 
 @dataclasses.dataclass(frozen=True)
 class Shells:
-    """Shells of a frame's targets: ``centres`` (N, 2) and ``radii`` (N,), float64 pixels."""
+    """Shells of a frame's N targets: ``centres`` (x, y) and ``radii``, pixels."""
 
-    centres: Floats
-    radii: Floats
+    centres: list[tuple[float, float]]
+    radii: list[float]
 
 
 def shells(targets: Sequence[Target], parameters: ShellParameters) -> Shells:
@@ -55,17 +54,20 @@ def shells(targets: Sequence[Target], parameters: ShellParameters) -> Shells:
         targets: N targets, velocities in pixels per second.
         parameters: k and what to enclose. A target without an ellipse is enclosed by its box.
     """
-    boxes = np.array([t.box for t in targets], np.float64).reshape(-1, 4)
-    middle = centres(boxes)
-    smallest = half_diagonals(boxes)
-    if parameters.outline != "box":
-        for i, t in enumerate(targets):
-            if t.ellipse is not None:
-                radius = circle_around_ellipse(t.ellipse, (float(middle[i, 0]), float(middle[i, 1])))
-                smallest[i] = radius if parameters.outline == "ellipse" else min(radius, smallest[i])
-    v = np.array([t.velocity for t in targets], np.float64).reshape(-1, 2)
-    radii = smallest + parameters.k_s * np.sqrt(v[:, 0] * v[:, 0] + v[:, 1] * v[:, 1])
-    for i, t in enumerate(targets):
+    outline, k_s = parameters.outline, parameters.k_s
+    middles: list[tuple[float, float]] = []
+    radii: list[float] = []
+    for t in targets:
+        x, y, w, h = t.box
+        middle = (x + 0.5 * w, y + 0.5 * h)
+        middles.append(middle)
         if t.shell_radius is not None:
-            radii[i] = t.shell_radius
-    return Shells(middle, radii)
+            radii.append(float(t.shell_radius))
+            continue
+        smallest = 0.5 * math.sqrt(w * w + h * h)
+        if t.ellipse is not None and outline != "box":
+            radius = circle_around_ellipse(t.ellipse, middle)
+            smallest = radius if outline == "ellipse" else min(radius, smallest)
+        vx, vy = t.velocity
+        radii.append(smallest + k_s * math.sqrt(vx * vx + vy * vy))
+    return Shells(middles, radii)

@@ -19,8 +19,6 @@ import sys
 from collections.abc import Mapping
 from typing import Any, Literal
 
-import numpy as np
-
 GROUPING, GROUPED, SPLITTING = 4, 2, 1
 SINGLE = 0
 STATES = 8
@@ -93,8 +91,8 @@ class TransitionCounter:
     """Checks every target's transition at every frame; counts visited states and exercised transitions."""
 
     def __init__(self) -> None:
-        self.visited = np.zeros(STATES, np.int64)
-        self.exercised = np.zeros((STATES, STATES), np.int64)
+        self.visited = [0] * STATES
+        self.exercised = [[0] * STATES for _ in range(STATES)]
         self.forbidden = 0
 
     def begin(self, state: int) -> None:
@@ -104,7 +102,9 @@ class TransitionCounter:
     def move(self, before: int, after: int, by_birth: bool) -> bool:
         """Count a transition; False if it is forbidden (``by_birth``: a partner is born of a split in this frame)."""
         self.visited[after] += 1
-        self.exercised[before, after] += 1
+        self.exercised[before][after] += 1
+        if before == after:
+            return True
         verdict = TABLE[before, after].verdict
         legal = verdict in ("stay", "allowed") or (verdict == "by birth" and by_birth)
         self.forbidden += not legal
@@ -113,26 +113,26 @@ class TransitionCounter:
     def summary(self) -> dict[str, Any]:
         """Visited states and exercised transitions (changes of state alone) by their bits, forbidden ones counted."""
         moves = {
-            f"{code(a)}>{code(b)}": int(self.exercised[a, b])
+            f"{code(a)}>{code(b)}": self.exercised[a][b]
             for a in range(STATES)
             for b in range(STATES)
-            if a != b and self.exercised[a, b]
+            if a != b and self.exercised[a][b]
         }
-        visited = {code(s): int(self.visited[s]) for s in range(STATES) if self.visited[s]}
+        visited = {code(s): self.visited[s] for s in range(STATES) if self.visited[s]}
         return {"visited": visited, "exercised": moves, "forbidden": self.forbidden}
 
     def state(self) -> dict[str, Any]:
         """The counts as plain data."""
         return {
-            "visited": self.visited.tolist(),
-            "exercised": self.exercised.tolist(),
-            "forbidden": int(self.forbidden),
+            "visited": list(self.visited),
+            "exercised": [list(row) for row in self.exercised],
+            "forbidden": self.forbidden,
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` gave."""
-        self.visited = np.array(state["visited"], np.int64)
-        self.exercised = np.array(state["exercised"], np.int64)
+        self.visited = [int(n) for n in state["visited"]]
+        self.exercised = [[int(n) for n in row] for row in state["exercised"]]
         self.forbidden = int(state["forbidden"])
 
 

@@ -10,7 +10,7 @@ from recorders.messages import Ellipse, Target
 
 
 def radius(target, **parameters):
-    return shells([target], ShellParameters(**parameters)).radii.tolist()[0]
+    return shells([target], ShellParameters(**parameters)).radii[0]
 
 
 def test_radius_at_rest_encloses_the_box():
@@ -41,11 +41,11 @@ def test_a_target_may_bring_its_own_shell():
 
 def test_shells_stand_around_the_boxes_centres():
     answer = shells([Target(1, (0, 0, 30, 40)), Target(2, (100, 10, 10, 10))], ShellParameters())
-    assert answer.centres.tolist() == [[15, 20], [105, 15]]
+    assert answer.centres == [(15, 20), (105, 15)]
 
 
 def test_no_targets():
-    assert shells([], ShellParameters()).radii.shape == (0,)
+    assert shells([], ShellParameters()).radii == []
 
 
 def test_parameters_are_checked():
