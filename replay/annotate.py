@@ -38,7 +38,7 @@ def payloads(
     if scene.graph is not None:
         out.append(("graph", channels.encode("graph", scene.graph)))
     out += extra
-    out.append(("annotations", channels.encode("annotations", drawing(scene.tracks, scene.relations, drawn, time_ns))))
+    out.append(("annotations", drawing(scene.tracks, scene.relations, drawn, time_ns)))
     if forward.frame == 0 and regions.source == "default":
         out.append(("log", channels.log_line(_default_regions(regions), time_ns, "regions")))
     out += [("log", channels.log_line(event.text, time_ns, event.kind)) for event in scene.events]

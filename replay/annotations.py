@@ -1,13 +1,14 @@
-"""The drawings that Foxglove and Lichtblick lay over the picture: boxes, labels, shells, edges, regions."""
+"""The drawings that Foxglove and Lichtblick lay over the picture: boxes, labels, shells, edges, regions.
+
+A foxglove.ImageAnnotations is written in protobuf's wire format directly: the tree of message objects that would be
+built otherwise, only to be serialised at once, costs six times as much. The bytes are those that protobuf's own
+deterministic serialisation gives, which a test holds them against.
+"""
 
 from __future__ import annotations
 
-from typing import Any
-
-from foxglove_schemas_protobuf.Color_pb2 import Color
-from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
-from foxglove_schemas_protobuf.Point2_pb2 import Point2
-from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
+import struct
+from collections.abc import Iterable
 
 from recorders.channels import NANOS
 from recorders.messages import Box, Regions, Relations, Track, Tracks
@@ -23,66 +24,137 @@ _PALETTE = (
     (0.89, 0.47, 0.76),
     (0.74, 0.74, 0.13),
 )
-_INTERACTION = Color(r=1.0, g=0.85, b=0.2, a=0.9)
-_JOINT = Color(r=1.0, g=0.25, b=0.2, a=1.0)
-_ROI = Color(r=0.3, g=0.9, b=0.4, a=0.8)
-_BORDER = Color(r=0.95, g=0.6, b=0.2, a=0.8)
-_ZONE = Color(r=0.3, g=0.7, b=1.0, a=0.8)
-_BLACK = Color(a=0.6)
-_COLORS = tuple(Color(r=r, g=g, b=b, a=1.0) for r, g, b in _PALETTE)
-_LOOP, _LINES = PointsAnnotation.LINE_LOOP, PointsAnnotation.LINE_LIST
+
+# Tags: field number times 8 plus wire type (0 number, 1 double, 2 length and bytes).
+_CIRCLES, _POINTS, _TEXTS, _TIMESTAMP = b"\x0a", b"\x12", b"\x1a", b"\x2a"  # ImageAnnotations 1, 2, 3, 5
+_POINT = struct.Struct("<3sdBd")
+_FOUR_POINTS = struct.Struct("<" + "3sdBd" * 4)
+_DOUBLE = struct.Struct("<Bd")
+_CORNER = b"\x1a\x12\x09"  # PointsAnnotation.points: a Point2 of 18 bytes, x; y has the tag 0x11
+_PLACE = b"\x12\x12\x09"  # CircleAnnotation.position, TextAnnotation.position: the same
+_LOOP, _LINES = b"\x10\x02", b"\x10\x04"  # PointsAnnotation.type: LINE_LOOP, LINE_LIST
 
 
-def _corners(box: Box) -> list[Point2]:
+def _varint(value: int) -> bytes:
+    out = bytearray()
+    value &= (1 << 64) - 1
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)
+
+
+_LENGTHS = tuple(_varint(n) for n in range(1024))
+
+
+def _framed(tag: bytes, body: bytes) -> bytes:
+    size = len(body)
+    return tag + (_LENGTHS[size] if size < len(_LENGTHS) else _varint(size)) + body
+
+
+def _double(tag: int, value: float) -> bytes:
+    """A field that is left out where it holds its default, +0.0."""
+    packed = _DOUBLE.pack(tag, value)
+    return packed if any(packed[1:]) else b""
+
+
+def _point(head: bytes, x: float, y: float) -> bytes:
+    if x and y:
+        return _POINT.pack(head, x, 0x11, y)
+    return _framed(head[:1], _double(0x09, x) + _double(0x11, y))
+
+
+def _colour(red: float, green: float, blue: float, alpha: float) -> bytes:
+    return b"".join(_double(tag, v) for tag, v in ((0x09, red), (0x11, green), (0x19, blue), (0x21, alpha)))
+
+
+def _line(colour: bytes, thickness: float) -> bytes:
+    """The end of a PointsAnnotation: its colour and thickness."""
+    return _framed(b"\x22", colour) + _double(0x39, thickness)
+
+
+_INTERACTION = _line(_colour(1.0, 0.85, 0.2, 0.9), 1.5)
+_JOINT = _line(_colour(1.0, 0.25, 0.2, 1.0), 4.0)
+_ROI = _line(_colour(0.3, 0.9, 0.4, 0.8), 1.0)
+_BORDER = _line(_colour(0.95, 0.6, 0.2, 0.8), 1.0)
+_ZONE = _line(_colour(0.3, 0.7, 1.0, 0.8), 1.0)
+_BLACK = _framed(b"\x32", _colour(0.0, 0.0, 0.0, 0.6))
+_COLOURS = tuple(_colour(*rgb, 1.0) for rgb in _PALETTE)
+_OUTLINES = tuple(_line(c, 2.0) for c in _COLOURS)
+_CROSSES = tuple(_line(c, 0.5) for c in _COLOURS)
+_RINGS = tuple(_double(0x21, 1.0) + _framed(b"\x32", c) for c in _COLOURS)
+_LETTERS = tuple(_double(0x21, 12.0) + _framed(b"\x2a", c) + _BLACK for c in _COLOURS)
+
+
+def _polyline(kind: bytes, points: bytes, style: bytes) -> bytes:
+    return _framed(_POINTS, kind + points + style)
+
+
+def _corners(box: Box) -> bytes:
+    """The box's corners, clockwise from the top left one."""
     x, y, w, h = box
-    return [Point2(x=x, y=y), Point2(x=x + w, y=y), Point2(x=x + w, y=y + h), Point2(x=x, y=y + h)]
+    right, bottom = x + w, y + h
+    if x and y and right and bottom:
+        c = _CORNER
+        return _FOUR_POINTS.pack(c, x, 0x11, y, c, right, 0x11, y, c, right, 0x11, bottom, c, x, 0x11, bottom)
+    return _points(((x, y), (right, y), (right, bottom), (x, bottom)))
+
+
+def _points(places: Iterable[tuple[float, float]]) -> bytes:
+    return b"".join(_point(_CORNER, x, y) for x, y in places)
 
 
 def label(track: Track) -> str:
     """A track's label: id, and how it is held where that is not plain motion."""
-    words = [f"{track.id}"]
+    words = f"{track.id}"
     if track.mode != "motion":
-        words.append(f"{track.mode} {track.confidence:.2f}")
-    words += [bit for bit in ("grouping", "grouped", "splitting") if getattr(track, bit)]
-    return " ".join(words)
+        words += f" {track.mode} {track.confidence:.2f}"
+    words += " grouping" if track.grouping else ""
+    words += " grouped" if track.grouped else ""
+    return words + (" splitting" if track.splitting else "")
 
 
-def drawing(tracks: Tracks, relations: Relations, regions: Regions | None, time_ns: int) -> Any:
-    """A foxglove.ImageAnnotations of one frame.
+def drawing(tracks: Tracks, relations: Relations, regions: Regions | None, time_ns: int) -> bytes:
+    """The payload of a foxglove.ImageAnnotations of one frame.
 
     Shells are circles around the boxes' centres (SHELLS 2.2); edges are thin for INTERACTION and thick for JOINT, as
     in SHELLS Figure 1d.
     """
-    out = ImageAnnotations()
-    seconds, nanos = divmod(time_ns, NANOS)
-    out.timestamp.seconds, out.timestamp.nanos = seconds, nanos
+    circles: list[bytes] = []
+    lines: list[bytes] = []
+    texts: list[bytes] = []
     centres: dict[int, tuple[float, float]] = {}
     for track in tracks.tracks:
         x, y, w, h = track.box
-        centres[track.id] = (x + w / 2, y + h / 2)
-        color = _COLORS[track.id % len(_COLORS)]
-        out.points.add(type=_LOOP, points=_corners(track.box), outline_color=color, thickness=2.0)
-        circle = out.circles.add(diameter=2 * track.shell_radius, thickness=1.0, outline_color=color)
-        circle.position.x, circle.position.y = centres[track.id]
+        cx, cy = centres[track.id] = (x + w / 2, y + h / 2)
+        k = track.id % len(_COLOURS)
+        lines.append(_polyline(_LOOP, _corners(track.box), _OUTLINES[k]))
+        circle = _point(_PLACE, cx, cy) + _double(0x19, 2 * track.shell_radius) + _RINGS[k]
+        circles.append(_framed(_CIRCLES, circle))
         for name in track.hidden_parts:
             # The format knows no dashes; a cross says that nothing is to be seen there (PARTS, Figure 7).
-            part = _corners(part_box(track.box, name))
-            out.points.add(type=_LINES, points=[part[0], part[2], part[1], part[3]], outline_color=color, thickness=0.5)
-        text = out.texts.add(text=label(track), font_size=12.0, text_color=color, background_color=_BLACK)
-        text.position.x, text.position.y = x, y
+            px, py, pw, ph = part_box(track.box, name)
+            cross = _points(((px, py), (px + pw, py + ph), (px + pw, py), (px, py + ph)))
+            lines.append(_polyline(_LINES, cross, _CROSSES[k]))
+        text = _framed(b"\x1a", label(track).encode())
+        texts.append(_framed(_TEXTS, _point(_PLACE, x, y) + text + _LETTERS[k]))
     for edge in relations.relations:
         if edge.a in centres and edge.b in centres:
-            ends = [Point2(x=px, y=py) for px, py in (centres[edge.a], centres[edge.b])]
-            joint = edge.state == "JOINT"
-            color = _JOINT if joint else _INTERACTION
-            out.points.add(type=_LINES, points=ends, outline_color=color, thickness=4.0 if joint else 1.5)
+            ends = _points((centres[edge.a], centres[edge.b]))
+            lines.append(_polyline(_LINES, ends, _JOINT if edge.state == "JOINT" else _INTERACTION))
     if regions is not None:
-        _draw_regions(out, regions)
-    return out
+        lines += _region_lines(regions)
+    return b"".join((*circles, *lines, *texts, _timestamp(time_ns)))
 
 
-def _draw_regions(out: Any, regions: Regions) -> None:
+def _region_lines(regions: Regions) -> list[bytes]:
     polygons = [(_BORDER, p) for p in regions.border] + [(_ROI, p) for p in regions.roi]
-    for color, polygon in polygons + [(_ZONE, z.polygon) for z in regions.zones]:
-        points = [Point2(x=x, y=y) for x, y in polygon]
-        out.points.add(type=_LOOP, points=points, outline_color=color, thickness=1.0)
+    polygons += [(_ZONE, z.polygon) for z in regions.zones]
+    return [_polyline(_LOOP, _points(polygon), style) for style, polygon in polygons]
+
+
+def _timestamp(time_ns: int) -> bytes:
+    seconds, nanos = divmod(time_ns, NANOS)
+    body = b"\x08" + _varint(seconds) if seconds else b""
+    return _framed(_TIMESTAMP, body + (b"\x10" + _varint(nanos) if nanos else b""))

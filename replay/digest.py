@@ -7,6 +7,7 @@ its recorded messages and its channels' hashes. The last link is the output dige
 from __future__ import annotations
 
 import hashlib
+import struct
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
@@ -15,6 +16,9 @@ from recorders.messages import Digest
 
 START = "0" * 64
 Payloads = Sequence[tuple[str, bytes]]
+# Numbers are hashed as 16 bytes, little end first; those of MCAP are not negative and fill the lower eight at most.
+_MESSAGE = struct.Struct("<Q8xQ8xQ8xQ8x")
+_SIZE = struct.Struct("<Q8x")
 
 
 def _number(value: int) -> bytes:
@@ -46,8 +50,10 @@ def recorded_digest(messages: Iterable[Message]) -> str:
     h = hashlib.sha256()
     for m in sorted(messages, key=lambda m: (m.log_time_ns, m.topic)):
         name = m.channel.schema.name if m.channel.schema is not None else ""
-        h.update(_framed_text(m.topic, name, m.channel.message_encoding))
-        h.update(_number(m.log_time_ns) + _number(m.publish_time_ns) + _number(m.sequence) + _number(len(m.data)))
+        h.update(
+            _framed_text(m.topic, name, m.channel.message_encoding)
+            + _MESSAGE.pack(m.log_time_ns, m.publish_time_ns, m.sequence, len(m.data))
+        )
         h.update(m.data)
     return h.hexdigest()
 
@@ -62,17 +68,19 @@ def channel_digests(payloads: Payloads) -> dict[str, str]:
     parts: dict[str, list[bytes]] = {}
     for name, payload in payloads:
         parts.setdefault(name, []).append(payload)
-    return {name: hashlib.sha256(_framed(*parts[name])).hexdigest() for name in sorted(parts)}
+    sha256, size = hashlib.sha256, _SIZE.pack
+    return {
+        name: sha256(b"".join([piece for part in parts[name] for piece in (size(len(part)), part)])).hexdigest()
+        for name in sorted(parts)
+    }
 
 
 def link(previous: str, frame: int, time_ns: int, recorded: str, channels: dict[str, str]) -> str:
     """The chain's next link."""
-    h = hashlib.sha256(previous.encode())
-    h.update(_number(frame) + _number(time_ns) + recorded.encode())
-    h.update(
-        b"".join([piece for name in sorted(channels) for piece in (_framed_text(name), _framed_hex(channels[name]))])
-    )
-    return h.hexdigest()
+    pieces = [previous.encode(), _number(frame), _number(time_ns), recorded.encode()]
+    for name in sorted(channels):
+        pieces += (_framed_text(name), _framed_hex(channels[name]))
+    return hashlib.sha256(b"".join(pieces)).hexdigest()
 
 
 def digest(previous: str, frame: int, time_ns: int, recorded: str, payloads: Payloads) -> Digest:

@@ -7,15 +7,17 @@ time, for notebooks and debuggers; `replay.replaying` adds hindsight and writing
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import msgspec
 
 from reasoning.reasoner import Reasoner, SceneAnnotation
 from recorders.errors import SceneTraceError, UsageError
+from recorders.log import Message
 from recorders.messages import Targets
 from recorders.parameters import Config
 from recorders.scene import Frame, SceneLog
@@ -28,6 +30,8 @@ from replay.trackers.tracker import Tracker, TrackerFactory
 Extra = tuple[tuple[str, bytes], ...]
 NANOS = 1_000_000_000
 _MOST_KEPT = 64
+_WORTH_A_THREAD = 16 << 10
+"""Bytes that take longer to hash than to hand to another thread."""
 
 
 @contextmanager
@@ -122,7 +126,7 @@ class Forward:
                 with continuing(self._resumed):
                     answer = self.tracker.step(frame)
                 check_targets(answer, frame.index)
-                recorded = hashed.result()
+                recorded = hashed()
                 self.input_link = digest.chained(self.input_link, recorded)
                 self.previous_ns = frame.time_ns
                 self.next_index = frame.index + 1
@@ -148,12 +152,12 @@ class Prefetch:
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def ahead(self, frames: Iterator[Frame]) -> Iterator[tuple[Frame, Future[str]]]:
-        """The same frames with `digest.recorded_digest` of each, the next one being made ready meanwhile."""
+    def ahead(self, frames: Iterator[Frame]) -> Iterator[tuple[Frame, Callable[[], str]]]:
+        """The same frames, each with what gives its `digest.recorded_digest`, the next one being made ready meanwhile."""
         previous: Frame | None = None
         current = next(frames, None)
         while current is not None:
-            hashed = self._pool.submit(digest.recorded_digest, current.messages)
+            hashed = self._hash(current.messages)
             following = next(frames, None)
             if previous is not None:
                 # One worker takes them in order, which video packets need.
@@ -162,6 +166,11 @@ class Prefetch:
                         frame.prefetch(self._pool.submit, like=previous)
             yield current, hashed
             previous, current = current, following
+
+    def _hash(self, messages: tuple[Message, ...]) -> Callable[[], str]:
+        if sum(len(m.data) for m in messages) < _WORTH_A_THREAD:
+            return partial(digest.recorded_digest, messages)
+        return self._pool.submit(digest.recorded_digest, messages).result
 
 
 @dataclass(frozen=True)
