@@ -65,8 +65,8 @@ class InteractionParameters(Parameters):
 class Members:
     """The N targets of a frame as rows, ids ascending.
 
-    ``boxes`` (N, 4) in pixels, an array or a list; ``blobs`` region ids; ``seen`` observed now; ``present`` in the picture;
-    ``newborn`` first frame (of its life or after an absence); ``of_split`` born of a split in this frame;
+    ``boxes`` (N, 4) in pixels, an array or a list; ``blobs`` region ids; ``seen`` observed now; ``present`` in the
+    picture; ``newborn`` first frame (of its life or after an absence); ``of_split`` born of a split in this frame;
     ``leaving``: ids in their last frame, which belong to no group's region any more.
     """
 

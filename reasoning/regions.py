@@ -29,7 +29,6 @@ from reasoning.geometry import OUTSIDE, PARTLY, WHOLLY, Area, Bools, Floats
 from recorders.messages import Box, Mode, Regions, SceneStatus
 from recorders.parameters import Parameters, param
 
-
 Boxes = Floats | Sequence[Box]
 """N boxes: an array (N, 4), or plain numbers."""
 

@@ -153,7 +153,7 @@ class Prefetch:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def ahead(self, frames: Iterator[Frame]) -> Iterator[tuple[Frame, Callable[[], str]]]:
-        """The same frames, each with what gives its `digest.recorded_digest`, the next one being made ready meanwhile."""
+        """The same frames, each with what gives its `recorded_digest`, the next one being made ready meanwhile."""
         previous: Frame | None = None
         current = next(frames, None)
         while current is not None:
