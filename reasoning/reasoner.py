@@ -177,7 +177,8 @@ class Reasoner:
         if not (new and old and self._interaction.infer_splits):
             return
         fresh, older = ([rows.boxes[k] for k in which] for which in (new, old))
-        over: list[bool] = boxes_touch(np.array(fresh, np.float64), np.array(older, np.float64)).any(axis=1).tolist()
+        touch = boxes_touch(np.array(fresh, np.float64), np.array(older, np.float64))
+        over: list[bool] = np.asarray(touch.any(axis=1)).tolist()
         places = self._regions.places(fresh).roi
         for k, touches, place in zip(new, over, places, strict=True):
             rows.of_split[k] = touches and place == WHOLLY and rows.present[k]
