@@ -82,6 +82,8 @@ class GroupBook:
             splitting: pairs (a < b) that are splitting in this frame.
             ids: the targets of this frame.
         """
+        if not (clusters or entered or self._groups):
+            return []
         by_members = {g.members: g for g in self._groups.values()}
         for g in self._groups.values():
             g.observed = False

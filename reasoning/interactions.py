@@ -305,6 +305,9 @@ class InteractionBook:
 
     def _collect(self, ids: Sequence[int]) -> None:
         states = dict.fromkeys(ids, SINGLE)
+        if not self.bonds:
+            self.states, self._partners = states, {}
+            return
         partners: dict[int, dict[int, list[int]]] = {}
         for pair in sorted(self.bonds):
             bit = self.bonds[pair].bit

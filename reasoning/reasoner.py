@@ -248,11 +248,10 @@ class Reasoner:
 
     def _group(self, frame: int, ns: int, rows: Rows, clusters: Sequence[Cluster]) -> list[GroupChange]:
         splitting = [p for p, bond in self._interactions.bonds.items() if bond.bit == SPLITTING]
-        entered = [
-            [i, *self._interactions.partners(i, SPLITTING)]
-            for i, split in zip(rows.ids, rows.of_split, strict=True)
-            if split
-        ]
+        entered: list[list[int]] = []
+        if any(rows.of_split):
+            born = [i for i, split in zip(rows.ids, rows.of_split, strict=True) if split]
+            entered = [[i, *self._interactions.partners(i, SPLITTING)] for i in born]
         return self._groups.step(frame, ns, clusters, united(entered), splitting, rows.row)
 
     def _group_of_pair(self, c: PairChange, changes: Sequence[GroupChange]) -> int | None:

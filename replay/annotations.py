@@ -28,7 +28,9 @@ _PALETTE = (
 # Tags: field number times 8 plus wire type (0 number, 1 double, 2 length and bytes).
 _CIRCLES, _POINTS, _TEXTS, _TIMESTAMP = b"\x0a", b"\x12", b"\x1a", b"\x2a"  # ImageAnnotations 1, 2, 3, 5
 _POINT = struct.Struct("<3sdBd")
+_TWO_POINTS = struct.Struct("<" + "3sdBd" * 2)
 _FOUR_POINTS = struct.Struct("<" + "3sdBd" * 4)
+_DISC = struct.Struct("<3sdBdBd")
 _DOUBLE = struct.Struct("<Bd")
 _CORNER = b"\x1a\x12\x09"  # PointsAnnotation.points: a Point2 of 18 bytes, x; y has the tag 0x11
 _PLACE = b"\x12\x12\x09"  # CircleAnnotation.position, TextAnnotation.position: the same
@@ -87,22 +89,43 @@ _RINGS = tuple(_double(0x21, 1.0) + _framed(b"\x32", c) for c in _COLOURS)
 _LETTERS = tuple(_double(0x21, 12.0) + _framed(b"\x2a", c) + _BLACK for c in _COLOURS)
 
 
-def _polyline(kind: bytes, points: bytes, style: bytes) -> bytes:
+def _head(tag: bytes, *parts: int) -> bytes:
+    """Tag and length of a message whose parts have these lengths."""
+    return tag + _LENGTHS[sum(parts)]
+
+
+# What every box, circle and edge begins with, unless a coordinate is 0 and so left out.
+_BOX_HEADS = tuple(_head(_POINTS, 2, _FOUR_POINTS.size, len(style)) + _LOOP for style in _OUTLINES)
+_DISC_HEADS = tuple(_head(_CIRCLES, _DISC.size, len(ring)) for ring in _RINGS)
+_EDGE_HEAD = _head(_POINTS, 2, _TWO_POINTS.size, len(_JOINT)) + _LINES
+assert len(_JOINT) == len(_INTERACTION)
+
+
+def _polyline(kind: bytes, places: Iterable[tuple[float, float]], style: bytes) -> bytes:
+    points = b"".join([_point(_CORNER, x, y) for x, y in places])
     return _framed(_POINTS, kind + points + style)
 
 
-def _corners(box: Box) -> bytes:
-    """The box's corners, clockwise from the top left one."""
+def _box(box: Box, k: int) -> bytes:
+    """A box, from its top left corner clockwise."""
     x, y, w, h = box
-    right, bottom = x + w, y + h
+    right, bottom, c = x + w, y + h, _CORNER
     if x and y and right and bottom:
-        c = _CORNER
-        return _FOUR_POINTS.pack(c, x, 0x11, y, c, right, 0x11, y, c, right, 0x11, bottom, c, x, 0x11, bottom)
-    return _points(((x, y), (right, y), (right, bottom), (x, bottom)))
+        points = _FOUR_POINTS.pack(c, x, 0x11, y, c, right, 0x11, y, c, right, 0x11, bottom, c, x, 0x11, bottom)
+        return _BOX_HEADS[k] + points + _OUTLINES[k]
+    return _polyline(_LOOP, ((x, y), (right, y), (right, bottom), (x, bottom)), _OUTLINES[k])
 
 
-def _points(places: Iterable[tuple[float, float]]) -> bytes:
-    return b"".join(_point(_CORNER, x, y) for x, y in places)
+def _disc(x: float, y: float, diameter: float, k: int) -> bytes:
+    if x and y and diameter:
+        return _DISC_HEADS[k] + _DISC.pack(_PLACE, x, 0x11, y, 0x19, diameter) + _RINGS[k]
+    return _framed(_CIRCLES, _point(_PLACE, x, y) + _double(0x19, diameter) + _RINGS[k])
+
+
+def _edge(start: tuple[float, float], end: tuple[float, float], style: bytes) -> bytes:
+    if all(start) and all(end):
+        return _EDGE_HEAD + _TWO_POINTS.pack(_CORNER, start[0], 0x11, start[1], _CORNER, end[0], 0x11, end[1]) + style
+    return _polyline(_LINES, (start, end), style)
 
 
 def label(track: Track) -> str:
@@ -129,20 +152,19 @@ def drawing(tracks: Tracks, relations: Relations, regions: Regions | None, time_
         x, y, w, h = track.box
         cx, cy = centres[track.id] = (x + w / 2, y + h / 2)
         k = track.id % len(_COLOURS)
-        lines.append(_polyline(_LOOP, _corners(track.box), _OUTLINES[k]))
-        circle = _point(_PLACE, cx, cy) + _double(0x19, 2 * track.shell_radius) + _RINGS[k]
-        circles.append(_framed(_CIRCLES, circle))
+        lines.append(_box(track.box, k))
+        circles.append(_disc(cx, cy, 2 * track.shell_radius, k))
         for name in track.hidden_parts:
             # The format knows no dashes; a cross says that nothing is to be seen there (PARTS, Figure 7).
             px, py, pw, ph = part_box(track.box, name)
-            cross = _points(((px, py), (px + pw, py + ph), (px + pw, py), (px, py + ph)))
+            cross = (px, py), (px + pw, py + ph), (px + pw, py), (px, py + ph)
             lines.append(_polyline(_LINES, cross, _CROSSES[k]))
         text = _framed(b"\x1a", label(track).encode())
         texts.append(_framed(_TEXTS, _point(_PLACE, x, y) + text + _LETTERS[k]))
     for edge in relations.relations:
         if edge.a in centres and edge.b in centres:
-            ends = _points((centres[edge.a], centres[edge.b]))
-            lines.append(_polyline(_LINES, ends, _JOINT if edge.state == "JOINT" else _INTERACTION))
+            style = _JOINT if edge.state == "JOINT" else _INTERACTION
+            lines.append(_edge(centres[edge.a], centres[edge.b], style))
     if regions is not None:
         lines += _region_lines(regions)
     return b"".join((*circles, *lines, *texts, _timestamp(time_ns)))
@@ -151,7 +173,7 @@ def drawing(tracks: Tracks, relations: Relations, regions: Regions | None, time_
 def _region_lines(regions: Regions) -> list[bytes]:
     polygons = [(_BORDER, p) for p in regions.border] + [(_ROI, p) for p in regions.roi]
     polygons += [(_ZONE, z.polygon) for z in regions.zones]
-    return [_polyline(_LOOP, _points(polygon), style) for style, polygon in polygons]
+    return [_polyline(_LOOP, polygon, style) for style, polygon in polygons]
 
 
 def _timestamp(time_ns: int) -> bytes:
