@@ -7,6 +7,7 @@ access off and its configuration locked; the kind of statement is checked before
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -23,6 +24,7 @@ from reasoning.questions.macros import macro_statements
 from reasoning.questions.reading import file_digest, read_recordings
 from reasoning.questions.schema import TABLES, create_statements
 from reasoning.questions.store import insert
+from reasoning.questions.values import Recordings
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 
@@ -32,6 +34,8 @@ PART_PREFIX = "part-"
 _LOGS = "logs"
 _FETCH = 2_000
 _ALLOWED = ("SELECT", "EXPLAIN")
+_FIRST_ROWS = 100_000
+_MOST_ROWS = 2_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,12 +216,57 @@ class Case:
         Raises:
             QueryError: refused, wrong, over a limit; also while rows are read.
         """
-        self._check(query)
         deadline = time.monotonic() + self.limits.seconds
+        cursor = self._started(query, parameters, deadline)
+        return _answer(cursor, self._rows(cursor, deadline))
+
+    def _started(
+        self, query: str, parameters: Sequence[Any] | Mapping[str, Any], deadline: float
+    ) -> duckdb.DuckDBPyConnection:
+        self._check(query)
         with self._guarded(deadline):
-            cursor = self._con.execute(query, parameters or None)
-            described = cursor.description or []
-        return Answer([d[0] for d in described], [str(d[1]) for d in described], self._rows(cursor, deadline))
+            return self._con.execute(query, parameters or None)
+
+    def by_recording(self, make: Callable[[Recordings | None], str]) -> Answer:
+        """Ask what is a question to each recording on its own, some recordings at a time, in the order of their names.
+
+        Nothing that happens in one recording meets another's ids, so the answer is that of the whole question; but it
+        needs the memory of a few recordings, and its first rows come while the rest is not yet read.
+
+        Args:
+            make: the SQL for the recordings that it is given (None: all).
+
+        Raises:
+            QueryError: as `sql`.
+        """
+        whole = make(None)
+        spans = self._spans(whole)
+        if len(spans) < 2:
+            return self.sql(whole)
+        deadline = time.monotonic() + self.limits.seconds
+        first = self._started(make(spans[0]), (), deadline)
+
+        def rows() -> Iterator[tuple[Any, ...]]:
+            yield from self._rows(first, deadline)
+            for span in spans[1:]:
+                yield from self._rows(self._started(make(span), (), deadline), deadline)
+
+        return _answer(first, rows())
+
+    def _spans(self, query: str) -> list[Recordings]:
+        """Spans of recordings that hold few, then more rows of the tables that the query reads (by the average)."""
+        names = sorted(r[0] for r in self.rows("SELECT recording FROM recordings"))
+        words = set(re.findall(r"\w+", query))
+        counts = " + ".join(f"(SELECT count(*) FROM {t})" for t in TABLES if t in words and t != "recordings")  # noqa: S608
+        total = self.rows(f"SELECT {counts}")[0][0] if counts and len(names) > 1 else 0
+        if total <= _FIRST_ROWS:
+            return []
+        spans, start, budget = [], 0, _FIRST_ROWS
+        while start < len(names):
+            end = min(len(names), start + max(1, budget * len(names) // total))
+            spans.append(Recordings(names[start], names[end - 1]))
+            start, budget = end, min(2 * budget, _MOST_ROWS)
+        return spans
 
     def rows(self, query: str, parameters: Sequence[Any] | Mapping[str, Any] = ()) -> list[tuple[Any, ...]]:
         """All rows of a query."""
@@ -230,12 +279,6 @@ class Case:
             if not batch:
                 return
             yield from batch
-
-    def write_parquet(self, query: str, out: Path, parameters: Sequence[Any] | Mapping[str, Any] = ()) -> None:
-        """Write a query's rows as Parquet. The file is written by us, not by the query's connection."""
-        from reasoning.questions.parquet import write_parquet
-
-        write_parquet(self.sql(query, parameters), out, self.limits)
 
     def _check(self, query: str) -> None:
         try:
@@ -278,6 +321,11 @@ class Case:
             raise QueryError(f"SQL: {_told(e)}") from e
         finally:
             timer.cancel()
+
+
+def _answer(cursor: duckdb.DuckDBPyConnection, rows: Iterator[tuple[Any, ...]]) -> Answer:
+    described = cursor.description or []
+    return Answer([d[0] for d in described], [str(d[1]) for d in described], rows)
 
 
 def kind_of(path: Path) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from string import Template
 
 from reasoning.questions import ready_sql as q
-from reasoning.questions.values import Moment, identity, literal
+from reasoning.questions.values import Moment, Recordings, identity, literal
 from recorders.errors import UsageError
 
 SOURCES: Mapping[str, str] = {
@@ -28,7 +28,7 @@ class Options:
     """Options that ready questions take.
 
     Attributes:
-        recording: only this recording.
+        recordings: only these recordings.
         at: the moment of who-was-in, the start of contacts.
         least_s: shortest stay of loitered.
         within_s: how far back (before), or how close together (left-with).
@@ -37,7 +37,7 @@ class Options:
         by: what counts as a contact.
     """
 
-    recording: str | None = None
+    recordings: Recordings | None = None
     at: Moment | None = None
     least_s: float | None = None
     within_s: float | None = None
@@ -46,6 +46,7 @@ class Options:
     by: str = "relations"
 
 
+_KINDS = {"A": "track", "B": "track", "ZONE": "zone", "LABEL": "group", "EVENT": "event"}
 Build = Callable[[Sequence[str], Options], Mapping[str, str]]
 
 
@@ -59,6 +60,7 @@ class Question:
         about: one line on what it answers.
         template: its SQL, with ``$name`` where values go.
         build: the values.
+        nothing: what an empty answer means, and what to ask then.
     """
 
     name: str
@@ -66,6 +68,15 @@ class Question:
     about: str
     template: str
     build: Build
+    nothing: str = ""
+
+    def _words(self) -> list[str]:
+        wanted = self.arguments.split()
+        return [w for k, w in enumerate(wanted) if not w.startswith("-") and not (k and wanted[k - 1].startswith("-"))]
+
+    def kinds(self) -> list[str]:
+        """What each argument is: track, zone, group or event."""
+        return [_KINDS[w.strip("[]")] for w in self._words()]
 
     def sql(self, words: Sequence[str], options: Options) -> str:
         """The SQL for these arguments.
@@ -73,8 +84,7 @@ class Question:
         Raises:
             UsageError: too few, too many or wrong arguments; says which are wanted.
         """
-        wanted = self.arguments.split()
-        names = [w for w in wanted if not w.startswith("-") and not (wanted[wanted.index(w) - 1].startswith("-"))]
+        names = self._words()
         least = sum(not n.startswith("[") for n in names)
         if not least <= len(words) <= len(names):
             raise UsageError(f"--ask {self.name} {self.arguments}: {len(words)} arguments given; {self.about}")
@@ -83,7 +93,7 @@ class Question:
 
 
 def _only(options: Options) -> str:
-    return "" if options.recording is None else f" AND recording = {literal(options.recording)}"
+    return "" if options.recordings is None else f" AND {options.recordings.sql()}"
 
 
 def _met(words: Sequence[str], _: Options) -> Mapping[str, str]:
@@ -105,21 +115,21 @@ def _one(words: Sequence[str], options: Options) -> Mapping[str, str]:
     return {"a": str(identity(words[0])), "within": repr(within), "gap": repr(gap)}
 
 
-def _stays(words: Sequence[str]) -> str:
+def _stays(words: Sequence[str]) -> Mapping[str, str]:
     if words[0] == "scene":
-        return q.SCENE_STAYS
-    return Template(q.ZONE_STAYS).substitute(zone=literal(words[0]))
+        return {"stays": q.SCENE_STAYS, "what": "track"}
+    return {"stays": Template(q.ZONE_STAYS).substitute(zone=literal(words[0])), "what": "zone"}
 
 
 def _zone_at(words: Sequence[str], options: Options) -> Mapping[str, str]:
     if options.at is None:
         raise UsageError("--ask who-was-in ZONE --at T: give --at (seconds, frame:N, or RFC 3339)")
-    return {"stays": _stays(words), "at": options.at.sql("s")}
+    return {**_stays(words), "at": options.at.sql("s")}
 
 
 def _loitered(words: Sequence[str], options: Options) -> Mapping[str, str]:
     least = 30.0 if options.least_s is None else options.least_s
-    return {"stays": _stays(words), "least": repr(least), "gap": repr(2.0 if options.gap_s is None else options.gap_s)}
+    return {**_stays(words), "least": repr(least), "gap": repr(2.0 if options.gap_s is None else options.gap_s)}
 
 
 def _nothing(_: Sequence[str], __: Options) -> Mapping[str, str]:
@@ -141,10 +151,12 @@ def _contacts(words: Sequence[str], options: Options) -> Mapping[str, str]:
     if options.by not in SOURCES:
         raise UsageError(f"--by {options.by}: must be one of {', '.join(SOURCES)}")
     since = "-1e18" if options.at is None else options.at.sql("r")
+    what = "encounter" if options.by == "encounters" else "relation"
     return {
         "a": str(identity(words[0])),
         "contacts": Template(SOURCES[options.by]).substitute(only=_only(options)).strip(),
         "since": since,
+        "why": q.GROUP_WHY if options.by == "groups" else Template(q.PAIR_WHY).substitute(what=what),
         "depth": str(options.depth),
     }
 
@@ -152,20 +164,26 @@ def _contacts(words: Sequence[str], options: Options) -> Mapping[str, str]:
 QUESTIONS: Mapping[str, Question] = {
     x.name: x
     for x in (
-        Question("met", "A [B]", "whom A met (whose shells touched A's), when, and how long", q.MET, _met),
-        Question("together", "A B", "when A and B were socially together, in hindsight", q.TOGETHER, _two),
+        Question("met", "A [B]", "whom A met (whose shells touched A's), when, and how long", q.MET, _met,
+                 "the shells never touched; try `together A B`, or `timeline A` for all there is of A"),
+        Question("together", "A B", "when A and B were socially together, in hindsight", q.TOGETHER, _two,
+                 "never near and slow against one another for long enough; `met A B` shows whether they passed"),
         Question("left-with", "A --within 5s", "who left with A, in contact until the first of them left (--gap 1s)",
-                 q.LEFT_WITH, _one),
+                 q.LEFT_WITH, _one,
+                 "A was not seen to leave, or left alone; widen --within and --gap, or ask `timeline A`"),
         Question("who-was-in", "ZONE --at T", "who was in a zone at a moment (zone `scene`: anywhere)",
-                 q.WHO_WAS_IN, _zone_at),
+                 q.WHO_WAS_IN, _zone_at, "nobody was there at that moment; `loitered ZONE --min 0s` lists all stays"),
         Question("loitered", "ZONE --min 30s", "who stayed in a zone at least so long (gaps up to --gap 2s closed)",
-                 q.LOITERED, _loitered),
-        Question("entered-never-left", "", "who came in and was never seen to leave", q.ENTERED_NEVER_LEFT, _nothing),
+                 q.LOITERED, _loitered, "nobody stayed so long; lower --min, or raise --gap"),
+        Question("entered-never-left", "", "who came in and was never seen to leave", q.ENTERED_NEVER_LEFT, _nothing,
+                 "everybody who came in was seen to leave; who was there from the first frame did not come in"),
         Question("grouping-and-splitting", "", "who joined some while leaving others, with both partner lists",
-                 q.GROUPING_AND_SPLITTING, _nothing),
+                 q.GROUPING_AND_SPLITTING, _nothing, "nobody was grouping and splitting in one frame"),
         Question("group-history", "LABEL", "the groups that a group came from and went into", q.GROUP_HISTORY, _label),
-        Question("before", "EVENT --within 60s", "who was near the event's subjects before it", q.BEFORE, _before),
-        Question("contacts", "A --depth 3", "chains of contacts from A that respect time", q.CONTACTS, _contacts),
+        Question("before", "EVENT --within 60s", "who was near the event's subjects before it", q.BEFORE, _before,
+                 "nobody was near its subjects in that time; widen --within"),
+        Question("contacts", "A --depth 3", "chains of contacts from A that respect time", q.CONTACTS, _contacts,
+                 "A had no contact of that sort; --by joint, encounters or groups count others"),
         Question("timeline", "A", "everything about A in order", q.TIMELINE, _one),
     )
 }  # fmt: skip

@@ -39,32 +39,38 @@ WITH departures AS (
   JOIN recordings r ON r.recording = p.recording
   WHERE x.event IS NOT NULL OR p.end_t < r.seconds),
 leaver AS (SELECT * FROM departures WHERE track = $a),
+both_left AS (
+  SELECT d.recording, d.track AS other, least($a, d.track) AS a, greatest($a, d.track) AS b, d.t, d.frame, d.event,
+    l.t AS first_t, least(l.t, d.t) AS until_t
+  FROM leaver l JOIN departures d ON d.recording = l.recording AND d.track <> l.track AND abs(d.t - l.t) <= $within),
 contact AS (
-  SELECT recording, if(a = $a, b, a) AS other, start_t, end_t, format('relation:{}-{}@{}', a, b, start_frame) AS why
-  FROM relations WHERE (a = $a OR b = $a)$only
+  SELECT g.recording, g.other, r.end_t, 'relation' AS what, r.start_frame FROM both_left g
+  JOIN relations r USING (recording, a, b)
+  WHERE (r.a = $a OR r.b = $a) AND r.start_t <= g.until_t AND r.end_t >= g.until_t - $gap
   UNION ALL
-  SELECT recording, if(a = $a, b, a), start_t, end_t, format('phase:{}-{}@{}', a, b, start_frame)
-  FROM phases WHERE (a = $a OR b = $a) AND kind <> 'separation'$only)
-SELECT d.recording, $a AS track, d.track AS other, l.t AS track_left_t, d.t AS other_left_t,
-  round(d.t - l.t, 3) AS seconds_after, max(c.end_t) AS last_contact_t,
-  concat_ws(' ', arg_max(c.why, c.end_t), if(d.event IS NULL, format('track:{}@{}', d.track, d.frame),
-    format('event:{}', d.event))) AS explain
-FROM leaver l JOIN departures d ON d.recording = l.recording AND d.track <> l.track AND abs(d.t - l.t) <= $within
-JOIN contact c ON c.recording = l.recording AND c.other = d.track
-  AND c.start_t <= least(l.t, d.t) AND c.end_t >= least(l.t, d.t) - $gap
-GROUP BY d.recording, d.track, l.t, d.t, d.event, d.frame ORDER BY d.recording, abs(d.t - l.t), d.track
+  SELECT g.recording, g.other, p.end_t, 'phase', p.start_frame FROM both_left g
+  JOIN phases p USING (recording, a, b)
+  WHERE (p.a = $a OR p.b = $a) AND p.kind <> 'separation' AND p.start_t <= g.until_t
+    AND p.end_t >= g.until_t - $gap),
+last_contact AS (
+  SELECT recording, other, max(end_t) AS end_t, max((end_t, what, start_frame)) AS which FROM contact
+  GROUP BY recording, other)
+SELECT g.recording, $a AS track, g.other, g.first_t AS track_left_t, g.t AS other_left_t,
+  round(g.t - g.first_t, 3) AS seconds_after, c.end_t AS last_contact_t,
+  concat_ws(' ', format('{}:{}-{}@{}', c.which[2], g.a, g.b, c.which[3]), if(g.event IS NULL,
+    format('track:{}@{}', g.other, g.frame), format('event:{}', g.event))) AS explain
+FROM both_left g JOIN last_contact c USING (recording, other)
+ORDER BY g.recording, abs(g.t - g.first_t), g.other
 """
 
-ZONE_STAYS = """SELECT recording, track, start_frame, end_frame, start_t, end_t,
-  format('zone:{}@{}', track, start_frame) AS explain FROM zones WHERE zone = $zone"""
+ZONE_STAYS = "SELECT recording, track, start_frame, end_frame, start_t, end_t FROM zones WHERE zone = $zone"
 
-SCENE_STAYS = """SELECT recording, track, start_frame, end_frame, start_t, end_t,
-  format('track:{}@{}', track, start_frame) AS explain FROM presence WHERE true"""
+SCENE_STAYS = "SELECT recording, track, start_frame, end_frame, start_t, end_t FROM presence WHERE true"
 
 WHO_WAS_IN = """
 WITH stays AS ($stays$only)
 SELECT s.recording, s.track, s.start_frame AS since_frame, s.end_frame AS until_frame,
-  s.start_t AS since_t, s.end_t AS until_t, s.explain
+  s.start_t AS since_t, s.end_t AS until_t, format('$what:{}@{}', s.track, s.start_frame) AS explain
 FROM stays s WHERE $at BETWEEN s.start_t AND s.end_t ORDER BY s.recording, s.track
 """
 
@@ -74,11 +80,13 @@ marked AS (
   SELECT *, start_t > $gap + coalesce(max(end_t) OVER (PARTITION BY recording, track ORDER BY start_frame
     ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING), -1e18) AS fresh FROM stays),
 numbered AS (
-  SELECT *, sum(fresh::INTEGER) OVER (PARTITION BY recording, track ORDER BY start_frame) AS stay FROM marked)
-SELECT recording, track, min(start_frame) AS start_frame, max(end_frame) AS end_frame, min(start_t) AS start_t,
-  max(end_t) AS end_t, round(max(end_t) - min(start_t), 3) AS seconds, arg_min(explain, start_frame) AS explain
-FROM numbered GROUP BY recording, track, stay
-HAVING max(end_t) - min(start_t) >= $least ORDER BY recording, start_frame, track
+  SELECT *, sum(fresh::INTEGER) OVER (PARTITION BY recording, track ORDER BY start_frame) AS stay FROM marked),
+stay AS (
+  SELECT recording, track, min(start_frame) AS start_frame, max(end_frame) AS end_frame, min(start_t) AS start_t,
+    max(end_t) AS end_t FROM numbered GROUP BY recording, track, stay HAVING max(end_t) - min(start_t) >= $least)
+SELECT recording, track, start_frame, end_frame, start_t, end_t, round(end_t - start_t, 3) AS seconds,
+  format('$what:{}@{}', track, start_frame) AS explain
+FROM stay ORDER BY recording, start_frame, track
 """
 
 ENTERED_NEVER_LEFT = """
@@ -134,57 +142,75 @@ BEFORE = """
 WITH event AS (
   SELECT recording, event, t, frame, unnest(subjects) AS subject FROM events WHERE event = $event$only),
 near AS (
-  SELECT recording, a AS subject, b AS other, state AS how, start_frame, start_t, end_t,
-    format('relation:{}-{}@{}', a, b, start_frame) AS explain FROM relations WHERE true$only
-  UNION ALL SELECT recording, b, a, state, start_frame, start_t, end_t,
-    format('relation:{}-{}@{}', a, b, start_frame) FROM relations WHERE true$only
-  UNION ALL SELECT recording, a, b, 'together: ' || kind, start_frame, start_t, end_t,
-    format('encounter:{}-{}@{}', a, b, start_frame) FROM encounters WHERE true$only
-  UNION ALL SELECT recording, b, a, 'together: ' || kind, start_frame, start_t, end_t,
-    format('encounter:{}-{}@{}', a, b, start_frame) FROM encounters WHERE true$only)
-SELECT e.recording, e.event, e.subject, n.other, n.how, greatest(n.start_t, e.t - $within) AS from_t,
-  least(n.end_t, e.t) AS until_t, round(e.t - least(n.end_t, e.t), 3) AS seconds_before,
-  n.explain || format(' event:{}', e.event) AS explain
-FROM event e JOIN near n ON n.recording = e.recording AND n.subject = e.subject
-  AND n.start_t < e.t AND n.end_t >= e.t - $within
-ORDER BY e.recording, seconds_before, from_t, e.subject, n.other, n.how
+  SELECT e.*, r.b AS other, r.state AS how, 'relation' AS what, r.start_frame, r.start_t, r.end_t
+  FROM event e JOIN relations r ON r.recording = e.recording AND r.a = e.subject
+    AND r.start_t < e.t AND r.end_t >= e.t - $within
+  UNION ALL
+  SELECT e.*, r.a, r.state, 'relation', r.start_frame, r.start_t, r.end_t
+  FROM event e JOIN relations r ON r.recording = e.recording AND r.b = e.subject
+    AND r.start_t < e.t AND r.end_t >= e.t - $within
+  UNION ALL
+  SELECT e.*, n.b, 'together: ' || n.kind, 'encounter', n.start_frame, n.start_t, n.end_t
+  FROM event e JOIN encounters n ON n.recording = e.recording AND n.a = e.subject
+    AND n.start_t < e.t AND n.end_t >= e.t - $within
+  UNION ALL
+  SELECT e.*, n.a, 'together: ' || n.kind, 'encounter', n.start_frame, n.start_t, n.end_t
+  FROM event e JOIN encounters n ON n.recording = e.recording AND n.b = e.subject
+    AND n.start_t < e.t AND n.end_t >= e.t - $within)
+SELECT recording, event, subject, other, how, greatest(start_t, t - $within) AS from_t, least(end_t, t) AS until_t,
+  round(t - least(end_t, t), 3) AS seconds_before,
+  format('{}:{}-{}@{} event:{}', what, least(subject, other), greatest(subject, other), start_frame, event) AS explain
+FROM near ORDER BY recording, seconds_before, from_t, subject, other, how
 """
 
+# Contacts: ``id`` is ascending with the start, and says which row it was: its first frame, or its group's label.
 BY_RELATIONS = """
-SELECT recording, a, b, start_t, end_t, format('relation:{}-{}@{}', a, b, start_frame) AS why
-FROM relations WHERE true$only"""
+SELECT recording, a, b, start_t, end_t, start_frame::BIGINT * 4294967296 AS id FROM relations WHERE true$only"""
 
 BY_JOINT = BY_RELATIONS.replace("WHERE true", "WHERE state = 'JOINT'")
 
 BY_ENCOUNTERS = """
-SELECT recording, a, b, start_t, end_t, format('encounter:{}-{}@{}', a, b, start_frame) AS why
+SELECT recording, a, b, start_t, end_t, start_frame::BIGINT * 4294967296 AS id
 FROM encounters WHERE kind <> 'separation'$only"""
 
 BY_GROUPS = """
-SELECT g.recording, m.a, n.b, g.start_t, g.end_t, format('group:{}', g.group_id) AS why
+SELECT g.recording, m.a, n.b, g.start_t, g.end_t, g.start_frame::BIGINT * 4294967296 + g.group_id AS id
 FROM (FROM groups WHERE true$only) g, unnest(g.members) AS m(a), unnest(g.members) AS n(b) WHERE m.a < n.b"""
 
 CONTACTS = """
--- a contact passes on only what came before its end; per track the earliest arrival over at most so many contacts
-WITH RECURSIVE contact AS MATERIALIZED ($contacts),
-directed AS (
-  SELECT recording, a AS giver, b AS taker, start_t, end_t, why FROM contact
-  UNION ALL SELECT recording, b, a, start_t, end_t, why FROM contact),
-reached(recording, track, t, contacts, via, explain) USING KEY (recording, track) AS (
-  SELECT DISTINCT r.recording, CAST($a AS INTEGER), CAST($since AS DOUBLE), 0,
-    CAST([] AS INTEGER[]), CAST([] AS VARCHAR[])
-  FROM directed r WHERE giver = $a
+-- a contact passes on only what came before its end; per target the earliest arrival over at most so many contacts
+-- giver, taker, who: a target of a recording as one number, the recording's number * 2^32 + the track's id
+WITH RECURSIVE numbered AS MATERIALIZED (
+  SELECT recording, row_number() OVER (ORDER BY recording) * 4294967296 AS base FROM recordings WHERE true$only),
+pairs AS MATERIALIZED (
+  SELECT base + a AS a, base + b AS b, start_t, end_t, id FROM ($contacts) JOIN numbered USING (recording)),
+contact AS MATERIALIZED (
+  SELECT a AS giver, b AS taker, start_t, end_t, id FROM pairs
+  UNION ALL SELECT b, a, start_t, end_t, id FROM pairs),
+reached(who, t, contacts, via, ids) USING KEY (who) AS (
+  SELECT base + $a, CAST($since AS DOUBLE), 0, CAST([] AS INTEGER[]), CAST([] AS BIGINT[]) FROM numbered r
   UNION (
-    SELECT d.recording, d.taker, min(greatest(s.t, d.start_t)), any_value(s.contacts) + 1,
-      arg_min(list_append(s.via, s.track), (greatest(s.t, d.start_t), s.track, d.start_t, d.why)),
-      arg_min(list_append(s.explain, d.why), (greatest(s.t, d.start_t), s.track, d.start_t, d.why))
-    FROM reached s JOIN directed d ON d.recording = s.recording AND d.giver = s.track AND d.end_t >= s.t
-    LEFT JOIN recurring.reached k ON k.recording = d.recording AND k.track = d.taker
-    WHERE s.contacts < $depth AND (k.t IS NULL OR greatest(s.t, d.start_t) < k.t)
-    GROUP BY d.recording, d.taker))
-SELECT recording, track, contacts, t AS reached_t, via, array_to_string(explain, ' ') AS explain
-FROM reached WHERE contacts > 0 ORDER BY recording, t, contacts, track
+    SELECT n.taker, min(greatest(s.t, n.first_t)), any_value(s.contacts) + 1,
+      arg_min(list_append(s.via, CAST(n.giver % 4294967296 AS INTEGER)), (greatest(s.t, n.first_t), n.giver)),
+      arg_min(list_append(s.ids, n.id), (greatest(s.t, n.first_t), n.giver))
+    -- of each giver the contact that began first of those that had not ended: that one passes on first
+    FROM (
+      SELECT d.giver, d.taker, min(d.start_t) AS first_t, min(d.id) AS id
+      FROM reached s JOIN contact d ON d.giver = s.who AND d.end_t >= s.t
+      LEFT JOIN recurring.reached k ON k.who = d.taker
+      WHERE s.contacts < $depth AND (k.t IS NULL OR s.t < k.t AND d.start_t < k.t) GROUP BY d.giver, d.taker) n
+    JOIN reached s ON s.who = n.giver GROUP BY n.taker))
+SELECT recording, CAST(who - base AS INTEGER) AS track, contacts, t AS reached_t, via,
+  array_to_string(list_transform(range(1, contacts + 1), lambda i: $why), ' ') AS explain
+FROM reached JOIN numbered ON base = who - who % 4294967296
+WHERE contacts > 0 ORDER BY recording, t, contacts, track
 """
+
+PAIR_WHY = (
+    "format('$what:{}-{}@{}', least(via[i], coalesce(via[i + 1], track)), "
+    "greatest(via[i], coalesce(via[i + 1], track)), ids[i] // 4294967296)"
+)
+GROUP_WHY = "format('group:{}', ids[i] % 4294967296)"
 
 TIMELINE = """
 WITH told AS (

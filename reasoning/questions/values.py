@@ -51,6 +51,25 @@ def literal(value: str | float) -> str:
 
 
 @dataclass(frozen=True)
+class Recordings:
+    """Which recordings a question is asked of: those whose names lie from ``first`` to ``last``, both included."""
+
+    first: str
+    last: str
+
+    def sql(self) -> str:
+        """A condition on the column ``recording``."""
+        if self.first == self.last:
+            return f"recording = {literal(self.first)}"
+        return f"recording BETWEEN {literal(self.first)} AND {literal(self.last)}"
+
+
+def only(name: str | None) -> Recordings | None:
+    """One recording, or all of them."""
+    return None if name is None else Recordings(name, name)
+
+
+@dataclass(frozen=True)
 class Moment:
     """A moment in a recording: seconds from its start, a frame, or a wall time (``since_ns``: ns since 1970)."""
 

@@ -6,11 +6,18 @@ import argparse
 import os
 import sys
 import tempfile
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from recorders.errors import OutputExistsError, UsageError
 from replay.cli.common import add_configuration, command, say
+
+if TYPE_CHECKING:
+    from reasoning.questions import Answer, Case
+    from reasoning.questions.ready import Options
+    from reasoning.questions.values import Recordings
 
 EXAMPLE = """\
 scenetrace query annotated.mcap "SELECT kind, t, subjects, text FROM events ORDER BY t"
@@ -94,16 +101,56 @@ def run(args: argparse.Namespace) -> int:
         raise OutputExistsError(args.output)
     encounters = encounter_config(args.config, args.assignments)
     with Case(inputs, QueryLimits(args.time_limit, args.memory), encounters=encounters) as case:
-        if args.pattern is not None:
-            from reasoning.questions.patterns import plan
-
-            query = plan(args.pattern, recording=args.recording)
-            if args.show_sql:
-                print(query)
-                return 0
+        make, nothing = _made(case, query, args)
+        if args.show_sql and args.pattern is not None:
+            print(make(None))
+            return 0
         with guarded(case.limits):
-            _answer(case, query, form, args)
+            answer = case.sql(query) if args.ask is None and args.pattern is None else case.by_recording(make)
+            count = _answer(answer, form, args)
+        if count == 0 and nothing:
+            say(f"no rows: {nothing}")
     return 0
+
+
+def _made(case: Case, query: str, args: argparse.Namespace) -> tuple[Callable[[Recordings | None], str], str]:
+    """The question's SQL for given recordings, and what an empty answer means; what it names is there."""
+    from reasoning.questions.known import check_recording, check_words
+    from reasoning.questions.values import only
+
+    if args.ask is None and args.pattern is None:
+        return lambda _: query, ""
+    check_recording(case, args.recording)
+    chosen = only(args.recording)
+    if args.pattern is not None:
+        from reasoning.questions.patterns import parse, plan, shipped_or_given
+
+        text = shipped_or_given(args.pattern)
+        parse(text)
+        return lambda some: plan(text, some or chosen), "nothing in these recordings fits the pattern"
+    from reasoning.questions.ready import question
+
+    asked, options = question(args.ask[0]), _options(args)
+    check_words(case, asked, args.ask[1:], options)
+    return lambda some: asked.sql(args.ask[1:], replace(options, recordings=some or chosen)), asked.nothing
+
+
+def _options(args: argparse.Namespace) -> Options:
+    from reasoning.questions.ready import Options
+    from reasoning.questions.values import duration, moment, only
+
+    def seconds(text: str | None) -> float | None:
+        return None if text is None else duration(text)
+
+    return Options(
+        recordings=only(args.recording),
+        at=None if args.at is None else moment(args.at),
+        least_s=seconds(args.least),
+        within_s=seconds(args.within),
+        gap_s=seconds(args.gap),
+        depth=args.depth,
+        by=args.by,
+    )
 
 
 def _format(args: argparse.Namespace) -> str:
@@ -134,22 +181,9 @@ def _split(args: argparse.Namespace) -> tuple[list[Path], str]:
     """The inputs and the SQL; for a ready question the SQL that answers it."""
     words = list(args.words)
     if args.ask is not None:
-        from reasoning.questions.ready import Options, question
-        from reasoning.questions.values import duration, moment
+        from reasoning.questions.ready import question
 
-        def seconds(text: str | None) -> float | None:
-            return None if text is None else duration(text)
-
-        options = Options(
-            recording=args.recording,
-            at=None if args.at is None else moment(args.at),
-            least_s=seconds(args.least),
-            within_s=seconds(args.within),
-            gap_s=seconds(args.gap),
-            depth=args.depth,
-            by=args.by,
-        )
-        query = question(args.ask[0]).sql(args.ask[1:], options)
+        query = question(args.ask[0]).sql(args.ask[1:], _options(args))
     elif args.pattern is not None:
         query = ""
     else:
@@ -163,40 +197,40 @@ def _split(args: argparse.Namespace) -> tuple[list[Path], str]:
     return [Path(w) for w in words], query
 
 
-def _answer(case: object, query: str, form: str, args: argparse.Namespace) -> None:
-    from reasoning.questions import Case
+def _answer(answer: Answer, form: str, args: argparse.Namespace) -> int | None:
+    """Write the answer; the number of its rows, None if nobody counted."""
     from reasoning.questions.formats import write
 
-    assert isinstance(case, Case)
     if form == "parquet":
-        _parquet(case, query, args)
-        return
+        _parquet(answer, args)
+        return None
     if args.output is None:
-        write(case.sql(query), form, sys.stdout)
-        return
+        return write(answer, form, sys.stdout)
     part = args.output.with_name(f"{args.output.name}.part")
     try:
         with part.open("w", encoding="utf-8", newline="") as out:
-            count = write(case.sql(query), form, out)
+            count = write(answer, form, out)
             out.flush()
             os.fsync(out.fileno())
         part.replace(args.output)
     finally:
         part.unlink(missing_ok=True)
     say(f"{args.output}: {count} rows")
+    return count
 
 
-def _parquet(case: object, query: str, args: argparse.Namespace) -> None:
-    from reasoning.questions import Case
+def _parquet(answer: Answer, args: argparse.Namespace) -> None:
+    from reasoning.questions import QueryLimits
+    from reasoning.questions.parquet import write_parquet
 
-    assert isinstance(case, Case)
+    limits = QueryLimits(args.time_limit, args.memory)
     if args.output is not None:
-        case.write_parquet(query, args.output)
+        write_parquet(answer, args.output, limits)
         say(f"{args.output}: written")
         return
     if sys.stdout.isatty():
         raise UsageError("Parquet is binary: give -o OUT, or pipe it into a file")
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "answer.parquet"
-        case.write_parquet(query, out)
+        write_parquet(answer, out, limits)
         sys.stdout.buffer.write(out.read_bytes())

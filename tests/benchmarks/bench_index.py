@@ -9,7 +9,8 @@ tables `frames` and `tracks` stay empty: no ready question reads tracks, and the
 
     python tests/benchmarks/bench_index.py --recordings 10000
 
-Each question is asked of one recording and, where that makes sense, of all of them at once.
+Each question is asked of one recording and of all of them at once, as `query` does. "Processor" is the time of all
+threads together: half of it is what two idle cores need at best.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ import statistics
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 
 import duckdb
@@ -28,7 +32,7 @@ from reasoning.questions.index import build_index
 from reasoning.questions.patterns import plan
 from reasoning.questions.ready import Options, question
 from reasoning.questions.schema import create_statements
-from reasoning.questions.values import Moment
+from reasoning.questions.values import Moment, Recordings, only
 
 HOUR = 3600.0
 FPS = 25
@@ -90,8 +94,12 @@ def _fill(con: duckdb.DuckDBPyConnection, table: str, recordings: int, n: int, l
         )
 
 
-def questions(recording: str) -> dict[str, str]:
-    """Each question's SQL: of one recording, and of all."""
+Make = Callable[[Recordings | None], str]
+PATTERN = "interaction(a,b)[>2s] ; joint(a,b)[>3s, gap<10s] ; exited(a)[<30s]"
+
+
+def questions() -> dict[str, Make]:
+    """Each question: its SQL from the recordings that it is asked of."""
     at = Moment(seconds=1800.0)
     asked = (
         ("met", ["7"], {}), ("met", ["7", "12"], {}), ("together", ["7", "12"], {}), ("left-with", ["7"], {}),
@@ -100,45 +108,68 @@ def questions(recording: str) -> dict[str, str]:
         ("grouping-and-splitting", [], {}), ("group-history", ["100"], {}), ("before", ["100"], {}),
         ("contacts", ["7"], {"depth": 3}), ("timeline", ["7"], {}),
     )  # fmt: skip
-    out = {}
+    out: dict[str, Make] = {}
     for name, words, options in asked:
-        label = " ".join([name, *words])
-        out[f"{label} (one)"] = question(name).sql(words, Options(recording=recording, **options))
-        out[f"{label} (all)"] = question(name).sql(words, Options(**options))
-    text = "interaction(a,b)[>2s] ; joint(a,b)[>3s, gap<10s] ; exited(a)[<30s]"
-    out["pattern (one)"] = plan(text, recording=recording)
-    out["pattern (all)"] = plan(text)
+
+        def make(some, name=name, words=words, options=options):
+            return question(name).sql(words, Options(recordings=some, **options))
+
+        out[" ".join([name, *words])] = make
+    out["pattern"] = lambda some: plan(PATTERN, some)
     return out
 
 
-def ask(path: Path, recordings: int, rounds: int, scope: str) -> None:
-    """Print median and largest time of each question, and median and p95 over the questions."""
-    medians: dict[str, list[float]] = {"one": [], "all": []}
-    every: dict[str, list[float]] = {"one": [], "all": []}
-    with Case([path], QueryLimits(seconds=600, memory_mib=12_000)) as case:
-        for label, query in questions(f"garage-{recordings * 2 // 3:05d}").items():
-            if scope not in ("both", label[-4:-1]):
-                continue
-            taken, rows = [], 0
-            try:
-                for _ in range(rounds):
-                    start = time.perf_counter()
-                    rows = sum(1 for _ in case.sql(query).rows)
-                    taken.append(time.perf_counter() - start)
-            except QueryError as e:
-                print(f"  {label:32s} {e}", flush=True)
-                continue
-            kind = "one" if label.endswith("(one)") else "all"
-            medians[kind].append(statistics.median(taken))
-            every[kind] += taken
-            print(f"  {label:32s} {rows:9d} rows  median {statistics.median(taken):7.3f} s  most {max(taken):7.3f} s",
-                  flush=True)  # fmt: skip
-    for kind, words in (("one", "of one recording"), ("all", "of all at once")):
-        if not every[kind]:
-            continue
-        ordered = sorted(every[kind])
-        p95 = ordered[min(len(ordered) - 1, int(0.95 * len(ordered)))]
-        print(f"questions {words}: median {statistics.median(medians[kind]):.3f} s, p95 {p95:.3f} s")
+@dataclass
+class Taken:
+    """Seconds to the first row, to the last row, and of the processor, of each round; rows."""
+
+    first: list[float] = field(default_factory=list)
+    last: list[float] = field(default_factory=list)
+    processor: list[float] = field(default_factory=list)
+    rows: int = 0
+
+
+def timed(case: Case, make: Make, recordings: Recordings | None, rounds: int) -> Taken:
+    """Ask some times, reading all rows."""
+    taken = Taken()
+    for _ in range(rounds):
+        start, busy = time.perf_counter(), time.process_time()
+        answer = case.sql(make(recordings)) if recordings is not None else case.by_recording(make)
+        taken.rows = sum(1 for _ in islice(answer.rows, 1))
+        taken.first.append(time.perf_counter() - start)
+        taken.rows += sum(1 for _ in answer.rows)
+        taken.last.append(time.perf_counter() - start)
+        taken.processor.append(time.process_time() - busy)
+    return taken
+
+
+def percentile(values: list[float], share: float) -> float:
+    ordered = sorted(values)
+    return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
+
+
+def ask(path: Path, recordings: int, rounds: int, scope: str, memory_mib: int) -> None:
+    """Print each question's times, and median and p95 over the questions."""
+    with Case([path], QueryLimits(seconds=3600, memory_mib=memory_mib)) as case:
+        for kind in ("one", "all") if scope == "both" else (scope,):
+            some = only(f"garage-{recordings * 2 // 3:05d}") if kind == "one" else None
+            print(
+                f"of {'one recording' if some else 'all at once'}:{'':24s} rows   first row    all rows   processor, s"
+            )
+            every: list[Taken] = []
+            for label, make in questions().items():
+                try:
+                    t = timed(case, make, some, rounds)
+                except QueryError as e:
+                    print(f"  {label:26s} {e}", flush=True)
+                    continue
+                every.append(t)
+                print(f"  {label:26s} {t.rows:12d} {statistics.median(t.first):11.3f} {statistics.median(t.last):11.3f} "
+                      f"{statistics.median(t.processor):11.3f}", flush=True)  # fmt: skip
+            for name in ("first", "last", "processor"):
+                values = [v for t in every for v in getattr(t, name)]
+                middle = statistics.median(statistics.median(getattr(t, name)) for t in every)
+                print(f"  {name:10s} median {middle:.3f} s, p95 {percentile(values, 0.95):.3f} s")
 
 
 def main() -> int:
@@ -147,6 +178,7 @@ def main() -> int:
     p.add_argument("--relations", type=int, default=10_000, help="rows of relations per recording")
     p.add_argument("--scope", choices=("one", "all", "both"), default="both", help="questions of one recording, of all")
     p.add_argument("--rounds", type=int, default=3)
+    p.add_argument("--memory", type=int, default=2048, help="memory of a query in MiB, the default of `query`")
     p.add_argument("--folder", type=Path, help="where the index goes; kept there and used again")
     p.add_argument("--log", type=Path, help="an annotated log, to measure the growth per hour of a real recording")
     args = p.parse_args()
@@ -162,7 +194,7 @@ def main() -> int:
         total = args.recordings * args.relations
         print(f"{args.recordings} recordings of an hour, {total} relation rows: {size:.0f} MB, "
               f"{size / args.recordings:.2f} MB per hour without tracks")  # fmt: skip
-        ask(path, args.recordings, args.rounds, args.scope)
+        ask(path, args.recordings, args.rounds, args.scope, args.memory)
         if args.log is not None:
             start = time.perf_counter()
             (facts,) = build_index([args.log], Path(temporary) / "real.duckdb").added

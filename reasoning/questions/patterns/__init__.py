@@ -2,7 +2,17 @@
 
 from reasoning.questions.patterns.atoms import ATOMS
 from reasoning.questions.patterns.grammar import Pattern, PatternError, parse
-from reasoning.questions.patterns.plan import compile_pattern, plan, symmetric_pairs
+from reasoning.questions.patterns.plan import compile_pattern, plan, shipped_or_given, symmetric_pairs
 from reasoning.questions.patterns.shipped import SHIPPED
 
-__all__ = ["ATOMS", "SHIPPED", "Pattern", "PatternError", "compile_pattern", "parse", "plan", "symmetric_pairs"]
+__all__ = [
+    "ATOMS",
+    "SHIPPED",
+    "Pattern",
+    "PatternError",
+    "compile_pattern",
+    "parse",
+    "plan",
+    "shipped_or_given",
+    "symmetric_pairs",
+]

@@ -1,7 +1,7 @@
 """What patterns are made of: each atom's arguments, and the SELECT that gives its intervals.
 
-A source has the columns ``recording, x0, x1, ..., s, e, st, et, ref``: targets, first and last frame, their times, and
-the id to explain the row.
+A source has the columns ``recording, x0, x1, ..., s, e, st, et`` (targets, first and last frame, their times) and,
+of groups and events, ``id``. The reference that explains a row is made of these last, of the rows of the answer alone.
 """
 
 from __future__ import annotations
@@ -34,10 +34,12 @@ class Atom:
         symmetric: the order of its targets does not matter.
         instant: it is a moment, not an interval.
         source: SQL from the number of targets and the zone's name (None: any).
+        reference: SQL of the id that explains a row, with ``$n`` for the row's name.
     """
 
     about: str
     source: Callable[[int, str | None], str]
+    reference: str
     least_targets: int = 2
     most_targets: int = 2
     zone: bool = False
@@ -64,11 +66,10 @@ class Atom:
         return f"{targets} target{'s' if targets != '1' else ''}{' and a zone' if self.zone else ''}"
 
 
-def _pairs(table: str, condition: str, ref: str) -> Callable[[int, str | None], str]:
+def _pairs(table: str, condition: str) -> Callable[[int, str | None], str]:
     def source(_: int, __: str | None) -> str:
-        reference = f"format('{ref}:{{}}-{{}}@{{}}', a, b, start_frame) AS ref"
         both = [
-            f"SELECT recording, {x} AS x0, {y} AS x1, {_SPAN}, {reference} FROM {table} WHERE {condition}"  # noqa: S608
+            f"SELECT recording, {x} AS x0, {y} AS x1, {_SPAN} FROM {table} WHERE {condition}"  # noqa: S608
             for x, y in (("a", "b"), ("b", "a"))
         ]
         return " UNION ALL ".join(both)
@@ -76,13 +77,10 @@ def _pairs(table: str, condition: str, ref: str) -> Callable[[int, str | None], 
     return source
 
 
-def _state(table: str, ref: str, zone: bool = False) -> Callable[[int, str | None], str]:
+def _state(table: str, zone: bool = False) -> Callable[[int, str | None], str]:
     def source(_: int, name: str | None) -> str:
         where = f" WHERE zone = {literal(name)}" if zone and name is not None else ""
-        return (
-            f"SELECT recording, track AS x0, {_SPAN}, format('{ref}:{{}}@{{}}', track, start_frame) AS ref "  # noqa: S608
-            f"FROM {table}{where}"
-        )
+        return f"SELECT recording, track AS x0, {_SPAN} FROM {table}{where}"  # noqa: S608
 
     return source
 
@@ -105,8 +103,8 @@ def _event(kind: str) -> Callable[[int, str | None], str]:
     def source(count: int, _: str | None) -> str:
         rows = _spread(f"SELECT * FROM events WHERE kind = {literal(kind)}", "subjects", count)  # noqa: S608
         return (
-            f"SELECT recording{_targets(count)}, frame AS s, frame AS e, t AS st, t AS et, "  # noqa: S608
-            f"format('event:{{}}', event) AS ref FROM ({rows})"
+            f"SELECT recording{_targets(count)}, frame AS s, frame AS e, t AS st, t AS et, event AS id "  # noqa: S608
+            f"FROM ({rows})"
         )
 
     return source
@@ -114,41 +112,48 @@ def _event(kind: str) -> Callable[[int, str | None], str]:
 
 def _group(count: int, _: str | None) -> str:
     rows = _spread("SELECT * FROM groups", "members", count)
-    return f"SELECT recording{_targets(count)}, {_SPAN}, format('group:{{}}', group_id) AS ref FROM ({rows})"  # noqa: S608
+    return f"SELECT recording{_targets(count)}, {_SPAN}, group_id AS id FROM ({rows})"  # noqa: S608
 
 
 def _bit(bit: str) -> Callable[[int, str | None], str]:
     def source(count: int, _: str | None) -> str:
         partner = ", unnest(partners) AS x1" if count > 1 else ""
-        return (
-            f"SELECT recording, track AS x0{partner}, {_SPAN}, format('track:{{}}@{{}}', track, start_frame) AS ref "  # noqa: S608
-            f"FROM bits WHERE bit = {literal(bit)}"
-        )
+        return f"SELECT recording, track AS x0{partner}, {_SPAN} FROM bits WHERE bit = {literal(bit)}"  # noqa: S608
 
     return source
 
 
+def _pair(what: str) -> str:
+    return f"format('{what}:{{}}-{{}}@{{}}', least($n.x0, $n.x1), greatest($n.x0, $n.x1), $n.s)"
+
+
+def _one(what: str) -> str:
+    return f"format('{what}:{{}}@{{}}', $n.x0, $n.s)"
+
+
 _STATES: Mapping[str, Atom] = {
-    "interaction": Atom("INTERACTION of two (SHELLS)", _pairs("relations", "state = 'INTERACTION'", "relation")),
-    "joint": Atom("JOINT of two (SHELLS)", _pairs("relations", "state = 'JOINT'", "relation")),
-    "related": Atom("INTERACTION or JOINT", _pairs("relations", "true", "relation")),
-    "together": Atom("an encounter of two, in hindsight", _pairs("encounters", "true", "encounter")),
-    "meeting": Atom("two stand together", _pairs("phases", "kind = 'meeting'", "phase")),
-    "moving": Atom("two walk together", _pairs("phases", "kind = 'moving'", "phase")),
-    "contact": Atom("two touch, abruptly or JOINT", _pairs("phases", "kind = 'contact'", "phase")),
-    "separation": Atom("two who were together walk apart", _pairs("phases", "kind = 'separation'", "phase")),
-    "near": Atom("two within touching distance", _pairs("near", "true", "near")),
-    "group": Atom("members of one group", _group, 1, 4),
-    "present": Atom("a target is in the picture", _state("presence", "track"), 1, 1),
-    "still": Atom("a target stands still", _state("still", "track"), 1, 1),
-    "in": Atom("a target is in a zone", _state("zones", "zone", zone=True), 1, 1, zone=True),
-    "is_grouping": Atom("grouping (with a partner)", _bit("grouping"), 1, 2, symmetric=False),
-    "is_grouped": Atom("grouped (with a partner)", _bit("grouped"), 1, 2, symmetric=False),
-    "is_splitting": Atom("splitting (from a partner)", _bit("splitting"), 1, 2, symmetric=False),
+    "interaction": Atom("INTERACTION of two (SHELLS)", _pairs("relations", "state = 'INTERACTION'"), _pair("relation")),
+    "joint": Atom("JOINT of two (SHELLS)", _pairs("relations", "state = 'JOINT'"), _pair("relation")),
+    "related": Atom("INTERACTION or JOINT", _pairs("relations", "true"), _pair("relation")),
+    "together": Atom("an encounter of two, in hindsight", _pairs("encounters", "true"), _pair("encounter")),
+    "meeting": Atom("two stand together", _pairs("phases", "kind = 'meeting'"), _pair("phase")),
+    "moving": Atom("two walk together", _pairs("phases", "kind = 'moving'"), _pair("phase")),
+    "contact": Atom("two touch, abruptly or JOINT", _pairs("phases", "kind = 'contact'"), _pair("phase")),
+    "separation": Atom("two who were together walk apart", _pairs("phases", "kind = 'separation'"), _pair("phase")),
+    "near": Atom("two within touching distance", _pairs("near", "true"), _pair("near")),
+    "group": Atom("members of one group", _group, "format('group:{}', $n.id)", 1, 4),
+    "present": Atom("a target is in the picture", _state("presence"), _one("track"), 1, 1),
+    "still": Atom("a target stands still", _state("still"), _one("track"), 1, 1),
+    "in": Atom("a target is in a zone", _state("zones", zone=True), _one("zone"), 1, 1, zone=True),
+    "is_grouping": Atom("grouping (with a partner)", _bit("grouping"), _one("track"), 1, 2, symmetric=False),
+    "is_grouped": Atom("grouped (with a partner)", _bit("grouped"), _one("track"), 1, 2, symmetric=False),
+    "is_splitting": Atom("splitting (from a partner)", _bit("splitting"), _one("track"), 1, 2, symmetric=False),
 }
 ATOMS: Mapping[str, Atom] = {
     **{
-        kind: Atom(f"the event {kind}", _event(kind), 0, 4, instant=True) for kind in EVENT_KINDS if kind not in _STATES
+        kind: Atom(f"the event {kind}", _event(kind), "format('event:{}', $n.id)", 0, 4, instant=True)
+        for kind in EVENT_KINDS
+        if kind not in _STATES
     },
     **_STATES,
 }

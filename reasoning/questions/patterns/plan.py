@@ -10,10 +10,10 @@ from dataclasses import replace
 
 from reasoning.questions.patterns.atoms import ATOMS
 from reasoning.questions.patterns.grammar import Bound, Item, Pattern, Term, parse, variables_of
-from reasoning.questions.values import literal
+from reasoning.questions.values import Recordings
 
 
-def plan(text: str, recording: str | None = None) -> str:
+def plan(text: str, recordings: Recordings | None = None) -> str:
     """The SQL of a pattern, or of the shipped pattern of that name.
 
     Rows: recording, one column per variable, first and last frame and time, ``step_frames`` (first and last frame of
@@ -22,24 +22,30 @@ def plan(text: str, recording: str | None = None) -> str:
     Raises:
         PatternError: it is no pattern.
     """
+    return compile_pattern(parse(shipped_or_given(text)), recordings)
+
+
+def shipped_or_given(text: str) -> str:
+    """The shipped pattern of that name, or the text itself."""
     from reasoning.questions.patterns.shipped import SHIPPED
 
     name = text.strip().replace("-", "_")
-    return compile_pattern(parse(SHIPPED[name].text if name in SHIPPED else text), recording)
+    return SHIPPED[name].text if name in SHIPPED else text
 
 
-def compile_pattern(pattern: Pattern, recording: str | None = None) -> str:
+def compile_pattern(pattern: Pattern, recordings: Recordings | None = None) -> str:
     """The SQL of a parsed pattern."""
-    return _Plan(pattern, recording).sql()
+    return _Plan(pattern, recordings).sql()
 
 
 class _Plan:
-    def __init__(self, pattern: Pattern, recording: str | None) -> None:
+    def __init__(self, pattern: Pattern, recordings: Recordings | None) -> None:
         self._pattern = pattern
-        self._recording = recording
+        self._recordings = recordings
         self._tables: list[str] = []
         self._conditions: list[str] = []
         self._names: dict[int, str] = {}
+        self._references: list[str] = []
         self._bound: dict[str, str] = {}
         for step in pattern.steps:
             for item in step:
@@ -50,6 +56,7 @@ class _Plan:
         name = f"i{len(self._names)}"
         self._names[id(item)] = name
         self._tables.append(f"{name} AS (\n  {self._source(item)})")
+        self._references.append(f"{name}.ref" if item.repeated else ATOMS[item.name].reference.replace("$n", name))
         if name != "i0":
             self._conditions.append(f"{name}.recording = i0.recording")
         for k, term in enumerate(item.terms):
@@ -72,13 +79,14 @@ class _Plan:
         zone = next((t.text for t in item.terms if t.text is not None), None)
         wanted = [f"x{k} = {t.number}" for k, t in enumerate(targets) if t.number is not None]
         wanted += [_compared("et - st", b) for b in item.bounds if b.what == "lasts"]
-        if self._recording is not None:
-            wanted.append(f"recording = {literal(self._recording)}")
+        if self._recordings is not None:
+            wanted.append(self._recordings.sql())
         rows = f"SELECT * FROM ({ATOMS[item.name].source(len(targets), zone)})"  # noqa: S608 - made of checked parts
         if wanted:
             rows += f" WHERE {' AND '.join(wanted)}"
         if not item.repeated:
             return rows
+        rows = f"SELECT *, {ATOMS[item.name].reference.replace('$n', 'r')} AS ref FROM ({rows}) r"  # noqa: S608
         return _in_a_row(rows, [f"x{k}" for k in range(len(targets))], item)
 
     @staticmethod
@@ -97,7 +105,7 @@ class _Plan:
         columns = [f"{column} AS {_quoted(name)}" for name, column in self._bound.items()]
         columns += [f"{first} AS start_frame", f"{last} AS end_frame", f"{first_t} AS start_t", f"{last_t} AS end_t"]
         columns.append("[" + ", ".join(f"[{n}.s, {n}.e]" for n in wanted) + "] AS step_frames")
-        columns.append("concat_ws(' ', " + ", ".join(f"{n}.ref" for n in wanted) + ") AS explain")
+        columns.append("concat_ws(' ', " + ", ".join(self._references) + ") AS explain")
         conditions = "\n  AND ".join(self._conditions) or "true"
         order = ", ".join(["1", *(_quoted(v) for v in self._bound), "step_frames", "explain"])
         return (

@@ -18,6 +18,7 @@ from reasoning.questions.patterns import ATOMS, SHIPPED, PatternError, compile_p
 from reasoning.questions.patterns.grammar import Bound, Item, Pattern
 from reasoning.questions.schema import create_statements
 from reasoning.questions.store import insert
+from reasoning.questions.values import only
 
 FPS = 10.0
 # (targets, first frame, last frame)
@@ -273,7 +274,7 @@ def test_the_issues_own_example(meeting_log: Path) -> None:
             ("meeting", 3, 4, 150, 280, 6.0, 11.2, [[150, 169], [170, 240], [280, 280]],
              "relation:3-4@150 relation:3-4@170 event:13"),
         ]  # fmt: skip
-        assert case.rows(plan(text, recording="other")) == []
+        assert case.rows(plan(text, only("other"))) == []
 
 
 def test_shipped_patterns_run(meeting_log: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from reasoning.questions import Case
 from reasoning.questions.explain import explain
 from reasoning.questions.ready import QUESTIONS, Options, question
-from reasoning.questions.values import Moment, duration, identity, moment
+from reasoning.questions.values import Moment, duration, identity, moment, only
 from recorders.errors import UsageError
 
 
@@ -31,7 +31,7 @@ def test_met(case: Case) -> None:
     assert [r["other"] for r in ask(case, "met", "2")] == [1, 3]
     assert [r["start_frame"] for r in ask(case, "met", "3", "2")] == [170]
     assert ask(case, "met", "1", "4") == []
-    assert ask(case, "met", "1", recording="elsewhere") == []
+    assert ask(case, "met", "1", recordings=only("elsewhere")) == []
 
 
 def test_together(case: Case) -> None:
