@@ -34,8 +34,8 @@ PART_PREFIX = "part-"
 _LOGS = "logs"
 _FETCH = 2_000
 _ALLOWED = ("SELECT", "EXPLAIN")
-_FIRST_ROWS = 100_000
-_MOST_ROWS = 2_000_000
+_FIRST_ROWS = 400_000
+_MOST_ROWS = 4_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,7 +265,7 @@ class Case:
         while start < len(names):
             end = min(len(names), start + max(1, budget * len(names) // total))
             spans.append(Recordings(names[start], names[end - 1]))
-            start, budget = end, min(2 * budget, _MOST_ROWS)
+            start, budget = end, min(4 * budget, _MOST_ROWS)
         return spans
 
     def rows(self, query: str, parameters: Sequence[Any] | Mapping[str, Any] = ()) -> list[tuple[Any, ...]]:

@@ -97,9 +97,12 @@ def _only(options: Options) -> str:
 
 
 def _met(words: Sequence[str], _: Options) -> Mapping[str, str]:
-    a = identity(words[0])
-    other = f" AND (a = {identity(words[1])} OR b = {identity(words[1])})" if len(words) > 1 else ""
-    return {"a": str(a), "other": other}
+    other = [identity(w) for w in words[1:]]
+    return {
+        "a": str(identity(words[0])),
+        "b": "".join(f" AND b = {i}" for i in other),
+        "a_too": "".join(f" AND a = {i}" for i in other),
+    }
 
 
 def _two(words: Sequence[str], _: Options) -> Mapping[str, str]:

@@ -3,8 +3,9 @@
 MET = """
 -- intervals of A with one partner that follow one another without a gap are one meeting
 WITH mine AS (
-  SELECT recording, if(a = $a, b, a) AS other, state, start_frame, end_frame, start_t, end_t
-  FROM relations WHERE (a = $a OR b = $a)$other$only),
+  SELECT recording, b AS other, state, start_frame, end_frame, start_t, end_t FROM relations WHERE a = $a$b$only
+  UNION ALL
+  SELECT recording, a, state, start_frame, end_frame, start_t, end_t FROM relations WHERE b = $a$a_too$only),
 marked AS (
   SELECT *, start_frame > 1 + coalesce(max(end_frame) OVER (
     PARTITION BY recording, other ORDER BY start_frame, end_frame
@@ -40,24 +41,23 @@ WITH departures AS (
   WHERE x.event IS NOT NULL OR p.end_t < r.seconds),
 leaver AS (SELECT * FROM departures WHERE track = $a),
 both_left AS (
-  SELECT d.recording, d.track AS other, least($a, d.track) AS a, greatest($a, d.track) AS b, d.t, d.frame, d.event,
-    l.t AS first_t, least(l.t, d.t) AS until_t
+  SELECT d.recording, d.track AS other, d.t, d.frame, d.event, l.t AS first_t, least(l.t, d.t) AS until_t
   FROM leaver l JOIN departures d ON d.recording = l.recording AND d.track <> l.track AND abs(d.t - l.t) <= $within),
 contact AS (
-  SELECT g.recording, g.other, r.end_t, 'relation' AS what, r.start_frame FROM both_left g
-  JOIN relations r USING (recording, a, b)
-  WHERE (r.a = $a OR r.b = $a) AND r.start_t <= g.until_t AND r.end_t >= g.until_t - $gap
-  UNION ALL
-  SELECT g.recording, g.other, p.end_t, 'phase', p.start_frame FROM both_left g
-  JOIN phases p USING (recording, a, b)
-  WHERE (p.a = $a OR p.b = $a) AND p.kind <> 'separation' AND p.start_t <= g.until_t
-    AND p.end_t >= g.until_t - $gap),
+  SELECT recording, b AS other, start_t, end_t, 'relation' AS what, start_frame FROM relations WHERE a = $a$only
+  UNION ALL SELECT recording, a, start_t, end_t, 'relation', start_frame FROM relations WHERE b = $a$only
+  UNION ALL SELECT recording, b, start_t, end_t, 'phase', start_frame FROM phases
+    WHERE a = $a AND kind <> 'separation'$only
+  UNION ALL SELECT recording, a, start_t, end_t, 'phase', start_frame FROM phases
+    WHERE b = $a AND kind <> 'separation'$only),
 last_contact AS (
-  SELECT recording, other, max(end_t) AS end_t, max((end_t, what, start_frame)) AS which FROM contact
-  GROUP BY recording, other)
+  SELECT recording, other, max(c.end_t) AS end_t, max((c.end_t, c.what, c.start_frame)) AS which
+  FROM both_left g JOIN contact c USING (recording, other)
+  WHERE c.start_t <= g.until_t AND c.end_t >= g.until_t - $gap GROUP BY recording, other)
 SELECT g.recording, $a AS track, g.other, g.first_t AS track_left_t, g.t AS other_left_t,
   round(g.t - g.first_t, 3) AS seconds_after, c.end_t AS last_contact_t,
-  concat_ws(' ', format('{}:{}-{}@{}', c.which[2], g.a, g.b, c.which[3]), if(g.event IS NULL,
+  concat_ws(' ', format('{}:{}-{}@{}', c.which[2], least($a, g.other), greatest($a, g.other),
+    c.which[3]), if(g.event IS NULL,
     format('track:{}@{}', g.other, g.frame), format('event:{}', g.event))) AS explain
 FROM both_left g JOIN last_contact c USING (recording, other)
 ORDER BY g.recording, abs(g.t - g.first_t), g.other
@@ -218,14 +218,19 @@ WITH told AS (
     format('track:{}@{}', track, start_frame) AS explain FROM presence WHERE track = $a$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'in ' || zone, [], '',
     format('zone:{}@{}', track, start_frame) FROM zones WHERE track = $a$only
-  UNION ALL SELECT recording, start_t, end_t, start_frame, state, [if(a = $a, b, a)], '',
-    format('relation:{}-{}@{}', a, b, start_frame) FROM relations WHERE (a = $a OR b = $a)$only
+  UNION ALL SELECT recording, start_t, end_t, start_frame, state, [b], '',
+    format('relation:{}-{}@{}', a, b, start_frame) FROM relations WHERE a = $a$only
+  UNION ALL SELECT recording, start_t, end_t, start_frame, state, [a], '',
+    format('relation:{}-{}@{}', a, b, start_frame) FROM relations WHERE b = $a$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'group ' || group_id,
     list_filter(members, lambda x: x <> $a), coalesce(ended_by, ''), format('group:{}', group_id)
     FROM groups WHERE list_contains(members, $a)$only
-  UNION ALL SELECT recording, start_t, end_t, start_frame, 'together: ' || kind, [if(a = $a, b, a)],
+  UNION ALL SELECT recording, start_t, end_t, start_frame, 'together: ' || kind, [b],
     format('confidence {}', confidence), format('encounter:{}-{}@{}', a, b, start_frame)
-    FROM encounters WHERE (a = $a OR b = $a)$only
+    FROM encounters WHERE a = $a$only
+  UNION ALL SELECT recording, start_t, end_t, start_frame, 'together: ' || kind, [a],
+    format('confidence {}', confidence), format('encounter:{}-{}@{}', a, b, start_frame)
+    FROM encounters WHERE b = $a$only
   UNION ALL SELECT recording, t, t, frame, 'event ' || kind, list_filter(subjects, lambda x: x <> $a), text,
     format('event:{}', event) FROM events WHERE list_contains(subjects, $a)$only)
 SELECT recording, start_t, end_t, what, others, text, explain FROM told

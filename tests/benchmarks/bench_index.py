@@ -153,9 +153,7 @@ def ask(path: Path, recordings: int, rounds: int, scope: str, memory_mib: int) -
     with Case([path], QueryLimits(seconds=3600, memory_mib=memory_mib)) as case:
         for kind in ("one", "all") if scope == "both" else (scope,):
             some = only(f"garage-{recordings * 2 // 3:05d}") if kind == "one" else None
-            print(
-                f"of {'one recording' if some else 'all at once'}:{'':24s} rows   first row    all rows   processor, s"
-            )
+            print(f"of {'one recording' if some else 'all at once':36s} rows   first row    all rows  processor s")
             every: list[Taken] = []
             for label, make in questions().items():
                 try:
@@ -164,8 +162,8 @@ def ask(path: Path, recordings: int, rounds: int, scope: str, memory_mib: int) -
                     print(f"  {label:26s} {e}", flush=True)
                     continue
                 every.append(t)
-                print(f"  {label:26s} {t.rows:12d} {statistics.median(t.first):11.3f} {statistics.median(t.last):11.3f} "
-                      f"{statistics.median(t.processor):11.3f}", flush=True)  # fmt: skip
+                times = "".join(f"{statistics.median(v):12.3f}" for v in (t.first, t.last, t.processor))
+                print(f"  {label:26s} {t.rows:12d}{times}", flush=True)
             for name in ("first", "last", "processor"):
                 values = [v for t in every for v in getattr(t, name)]
                 middle = statistics.median(statistics.median(getattr(t, name)) for t in every)

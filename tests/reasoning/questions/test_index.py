@@ -8,10 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from reasoning.questions import TABLES, Case
+from reasoning.questions import TABLES, Case, QueryError, QueryLimits
+from reasoning.questions import case as case_module
 from reasoning.questions import index as index_module
 from reasoning.questions.index import build_index
-from reasoning.questions.ready import Options, question
+from reasoning.questions.ready import SOURCES, Options, question
+from reasoning.questions.values import Moment, Recordings
 from recorders.errors import RecordingError, UsageError
 
 
@@ -22,6 +24,15 @@ def logs(tmp_path_factory: pytest.TempPathFactory, meeting_story, write_story) -
     for k in range(5):
         story = dataclasses.replace(meeting_story, frames=260 + k, start_ns=k * 10**12)
         out.append(write_story(story, folder / f"rec{k}.mcap"))
+    return out
+
+
+@pytest.fixture(scope="module")
+def indexes(logs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("indexed")
+    out = [folder / "case.duckdb", folder / "case"]
+    for index in out:
+        build_index(list(reversed(logs)), index)
     return out
 
 
@@ -37,6 +48,41 @@ def test_an_index_answers_like_the_logs(logs: list[Path], tmp_path: Path, name: 
             assert indexed.rows(query) == direct.rows(query), table
         sql = question("contacts").sql(["1"], Options())
         assert indexed.rows(sql) == direct.rows(sql)
+
+
+ASKED = [
+    ("met", ["1"], {}), ("met", ["2", "1"], {}), ("together", ["1", "2"], {}), ("left-with", ["2"], {"within_s": 60.0}),
+    ("who-was-in", ["bench"], {"at": Moment(frame=165)}), ("who-was-in", ["scene"], {"at": Moment(seconds=7.0)}),
+    ("loitered", ["bench"], {"least_s": 1.0}), ("entered-never-left", [], {}), ("grouping-and-splitting", [], {}),
+    ("group-history", ["3"], {}), ("before", ["12"], {}), ("timeline", ["3"], {}),
+    *[("contacts", ["1"], {"by": by, "depth": 4}) for by in SOURCES],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("asked", ASKED, ids=lambda a: " ".join([a[0], *a[1]]))
+def test_each_question_is_answered_alike_by_logs_database_and_parquet(
+    logs: list[Path], indexes: list[Path], asked, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name, words, options = asked
+
+    def make(some: Recordings | None) -> str:
+        return question(name).sql(words, Options(recordings=some, **options))
+
+    monkeypatch.setattr(case_module, "_FIRST_ROWS", 10)  # so that recordings are asked one by one
+    answers = []
+    for inputs in (logs, indexes[:1], indexes[1:]):
+        with Case(inputs) as c:
+            answers.append((c.by_recording(make).columns, list(c.by_recording(make).rows)))
+            assert answers[-1][1] == c.rows(make(None))
+    assert answers[0] == answers[1] == answers[2]
+    assert bool(answers[0][1]) == (name != "left-with")  # nobody leaves with another here
+
+
+def test_a_time_limit_is_that_of_the_whole_answer(logs: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(case_module, "_FIRST_ROWS", 10)
+    slow = "SELECT count(*) FROM frames, range(200000000) WHERE hash(range) = 7"
+    with Case(logs, QueryLimits(seconds=0.5)) as c, pytest.raises(QueryError, match="stopped after"):
+        list(c.by_recording(lambda some: slow if some is None else f"{slow} AND {some.sql()}").rows)
 
 
 @pytest.mark.parametrize("name", ["case.duckdb", "case"])
