@@ -2,7 +2,8 @@
 
 A query reads the tables and nothing else: one SELECT (or EXPLAIN, DESCRIBE, SUMMARIZE), no other file, no setting, no
 extension, no other database, within a time and a memory limit. DuckDB enforces the file and memory part with external
-access off and its configuration locked; the kind of statement is checked before it runs; a timer interrupts it.
+access off and its configuration locked; the kind of statement is checked before it runs, in a transaction that is read
+only; a timer interrupts it.
 """
 
 from __future__ import annotations
@@ -108,7 +109,8 @@ class Case:
         self.encounters = encounters or EncounterParameters()
         self._con = duckdb.connect(":memory:", config=locked_down(self.limits))
         self._sources: list[Callable[[str], str]] = []
-        self._folders: list[str] = []
+        self._files: list[Path] = []
+        self._begun = False
         self._known: dict[tuple[str, str], str] = {}
         try:
             self._open(log_limits, encounters)
@@ -152,8 +154,8 @@ class Case:
         for statement in macro_statements():
             self._con.execute(statement)
         self._con.execute("SET TimeZone = 'UTC'")
-        if self._folders:
-            self._con.execute(f"SET allowed_directories = {self._folders!r}")
+        if self._files:
+            self._con.execute(f"SET allowed_paths = [{', '.join(map(_quoted, self._files))}]")
         self._con.execute("SET enable_external_access = false")
         self._con.execute("SET lock_configuration = true")
 
@@ -173,7 +175,7 @@ class Case:
 
     def _folder(self, path: Path) -> None:
         parts = [p.resolve() for p in parquet_parts(path)]
-        self._folders.append(f"{path.resolve()}/")
+        self._files += [p / f"{table}.parquet" for p in parts for table in TABLES]
         self._add(lambda table: f"read_parquet([{', '.join(_quoted(p / f'{table}.parquet') for p in parts)}])", path)
 
     def _add(self, place: Callable[[str], str], path: Path) -> None:
@@ -225,6 +227,11 @@ class Case:
     ) -> duckdb.DuckDBPyConnection:
         self._check(query)
         with self._guarded(deadline):
+            # A SELECT can hold a DELETE (in WITH ... RETURNING); the transaction is what forbids it.
+            if self._begun:
+                self._con.execute("ROLLBACK")
+            self._con.execute("BEGIN TRANSACTION READ ONLY")
+            self._begun = True
             return self._con.execute(query, parameters or None)
 
     def by_recording(self, make: Callable[[Recordings | None], str]) -> Answer:
@@ -287,7 +294,10 @@ class Case:
             raise QueryError(f"SQL: {_told(e)}") from e
         if len(statements) != 1:
             raise QueryError(f"SQL: one statement is wanted, this is {len(statements)}")
-        kind = statements[0].type.name
+        try:
+            kind = statements[0].type.name
+        except ValueError:  # a kind that DuckDB's Python does not know by name
+            kind = query.split(maxsplit=1)[0].upper()
         words = query.split()
         if kind not in _ALLOWED or (kind == "EXPLAIN" and "ANALYZE" in (w.upper().strip("(),") for w in words)):
             shown = "EXPLAIN ANALYZE" if kind == "EXPLAIN" else kind
@@ -316,6 +326,8 @@ class Case:
         except duckdb.PermissionException as e:
             raise QueryError(f"SQL: refused, a query may read the tables and nothing else: {_first_line(e)}") from e
         except (duckdb.Error, RuntimeError) as e:
+            if isinstance(e, duckdb.TransactionException) and "read-only" in str(e):
+                raise QueryError("SQL: refused, a query may only read: it holds a statement that writes") from e
             if "'pytz'" in str(e):  # DuckDB hands time zones to Python through a package that is not ours to ask for
                 raise QueryError("SQL: show a TIMESTAMP WITH TIME ZONE as text: CAST(... AS VARCHAR)") from e
             raise QueryError(f"SQL: {_told(e)}") from e

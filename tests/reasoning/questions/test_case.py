@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -159,6 +161,47 @@ REFUSED = {
     "none": "-- nothing",
     "secrets": "CREATE SECRET s (TYPE s3)",
     "python": "SELECT * FROM os",
+    "python scan": "SELECT * FROM arrow_scan(1, 2, 3)",
+    "environment": "SELECT getenv('HOME')",
+    "which secret": "SELECT * FROM which_secret('s3://x', 's3')",
+    "update extensions": "UPDATE EXTENSIONS",
+    "force install": "FORCE INSTALL httpfs FROM 'http://127.0.0.1'",
+    "load a library": "LOAD '/tmp/x.duckdb_extension'",
+    "https": "SELECT * FROM read_parquet('https://127.0.0.1/x.parquet')",
+    "s3": "SELECT * FROM read_csv('s3://bucket/x.csv')",
+    "csv lines": "SELECT * FROM read_csv_auto('/dev/stdin')",
+    "json lines": "SELECT * FROM read_ndjson_objects('/etc/passwd')",
+    "metadata": "SELECT * FROM parquet_metadata('{meeting}')",
+    "a database file": "SELECT * FROM read_duckdb('{folder}/other.duckdb')",
+    "serialized": "FROM json_execute_serialized_sql(json_serialize_sql('SELECT * FROM read_text(''/etc/passwd'')'))",
+    "two in a query": "SELECT * FROM query('SELECT 1; DROP VIEW events')",
+    "a table by name": "SELECT * FROM query_table('/etc/passwd')",
+    "log to a file": "CALL enable_logging('QueryLog', storage = 'file', storage_path = '{folder}/log')",
+    "variable": "SET VARIABLE x = 1",
+    "more memory": "SET memory_limit = '100GB'",
+    "unlock": "SET lock_configuration = false",
+    "directories": "SET allowed_directories = ['/']",
+    "execute": "EXECUTE p",
+    "deallocate": "DEALLOCATE p",
+    "write in a query": "WITH gone AS (DELETE FROM logs.events RETURNING *) SELECT * FROM gone",
+    "insert in a query": "WITH new AS (INSERT INTO logs.events SELECT * FROM logs.events RETURNING *) FROM new",
+    "merge": "MERGE INTO logs.events e USING logs.events f ON e.event = f.event WHEN MATCHED THEN DELETE",
+    "replace a table": "CREATE OR REPLACE VIEW events AS SELECT 1",
+    "replace a macro": "CREATE OR REPLACE MACRO overlap_s(a, b, c, d) AS 1",
+    "table macro": "CREATE MACRO events() AS TABLE SELECT 1",
+    "type": "CREATE TYPE mine AS ENUM ('a')",
+    "sequence": "CREATE SEQUENCE mine",
+    "index": "CREATE INDEX mine ON logs.events (event)",
+    "comment": "COMMENT ON VIEW events IS 'mine'",
+    "copy in an explanation": "EXPLAIN ANALYZE COPY events TO '{folder}/e.csv'",
+    "copy to the terminal": "COPY (SELECT 1) TO '/dev/stdout'",
+    "copy databases": "COPY FROM DATABASE memory TO other",
+    "describe a file": "DESCRIBE '/etc/passwd'",
+    "summarize a file": "SUMMARIZE '/etc/passwd'",
+    "pragma function": "PRAGMA enable_profiling",
+    "call checkpoint": "CALL force_checkpoint()",
+    "after a comment": "/* SELECT */ DROP VIEW events",
+    "three": "SELECT 1; SELECT 2; DETACH memory",
 }
 
 
@@ -182,6 +225,57 @@ def test_an_index_is_not_written_by_a_query(meeting_log: Path, tmp_path: Path) -
                 c.rows(query)
         assert c.rows("SELECT count(*) FROM events") == [(13,)]
     assert out.read_bytes() == before
+
+
+def test_a_folder_of_parquet_shows_its_tables_and_nothing_else(meeting_log: Path, tmp_path: Path) -> None:
+    out = tmp_path / "case"
+    build_index([meeting_log], out)
+    (out / "part-000000" / "diary.parquet").write_bytes((out / "part-000000" / "events.parquet").read_bytes())
+    (tmp_path / "secret.txt").write_text("secret")
+    with Case([out]) as c:
+        assert c.rows("SELECT count(*) FROM events") == [(13,)]
+        for query in (
+            f"SELECT * FROM glob('{out}/**')",
+            f"SELECT * FROM glob('{out}/../*')",
+            f"SELECT * FROM read_text('{out}/part-000000/../../secret.txt')",
+            f"SELECT * FROM read_parquet('{out}/part-000000/*.parquet')",
+            f"SELECT * FROM read_parquet('{out}/part-000000/diary.parquet')",
+            f"COPY events TO '{out}/part-000000/events.parquet'",
+        ):
+            with pytest.raises(QueryError):
+                c.rows(query)
+
+
+COMMAND = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
+GREEDY = {
+    "a long text": "SELECT repeat('x', 1000000000000)",
+    "a long padding": "SELECT length(lpad('x', 2000000000, 'y'))",
+    "a long number": "SELECT printf('%1000000000d', 1)",
+    "a long list": "SELECT list_resize([1], 2000000000)",
+    "many texts": "SELECT string_agg(repeat('x', 10000000)) FROM range(10000)",
+    "a text that doubles": "WITH RECURSIVE r AS (SELECT 'xxxx' i UNION ALL SELECT i || i FROM r) FROM r",
+    "a product": "SELECT sum(x * y) FROM range(10000000) a(x), range(10000000) b(y)",
+    "one long call": "SELECT levenshtein(repeat('a', 200000), repeat('b', 200000))",
+    "many matches": "SELECT len(regexp_extract_all(repeat('ab', 100000000), '(a|b)'))",
+}
+
+
+@pytest.mark.parametrize("name", GREEDY)
+def test_a_greedy_query_ends_in_time_and_memory(name: str, meeting_log: Path) -> None:
+    """As the command runs it, in a process of its own: an error, soon, and never much memory."""
+    import resource
+
+    from reasoning.questions.guard import GRACE_S
+
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    arguments = ["query", str(meeting_log), GREEDY[name], "--time-limit", "1", "--memory", "256"]
+    start = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", COMMAND, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 1, done.stdout[:200]
+    assert done.stderr.startswith("scenetrace: error: SQL: ")
+    assert len(done.stderr) < 400
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before < 4 * (1 + GRACE_S)
+    assert time.monotonic() - start < 120
 
 
 def test_a_runaway_query_is_stopped(meeting_log: Path) -> None:
