@@ -333,6 +333,7 @@ class Case:
             raise QueryError(f"SQL: {_told(e)}") from e
         finally:
             timer.cancel()
+            timer.join(1.0)  # a thread that still ends while the process does keeps DuckDB's objects: it complains
 
 
 def _answer(cursor: duckdb.DuckDBPyConnection, rows: Iterator[tuple[Any, ...]]) -> Answer:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import date, datetime, time
 from itertools import chain, islice
 from typing import IO, Any
@@ -16,6 +16,7 @@ from reasoning.questions.parquet import unique
 FORMATS = ("table", "json", "csv", "parquet")
 _MEASURED = 1_000
 _WIDEST = 80
+_MILLI = 3
 
 
 def write(answer: Answer, form: str, out: IO[str]) -> int:
@@ -77,19 +78,26 @@ def _text(value: Any) -> str:
     return str(value.isoformat()) if isinstance(value, (datetime, date, time)) else str(value)
 
 
-def _cell(value: Any) -> str:
+def _cell(value: Any, decimals: int | None = None) -> str:
     if value is None:
         return ""
-    text = f"{value:.10g}" if isinstance(value, float) else _text(value)
+    if isinstance(value, float):
+        text = f"{value:.10g}" if decimals is None or not math.isfinite(value) else f"{value:.{decimals}f}"
+    else:
+        text = _text(value)
     # A recording's text must not steer the terminal.
     clean = "".join(c if c.isprintable() else " " for c in text)
     return clean if len(clean) <= _WIDEST else clean[: _WIDEST - 1] + "…"
 
 
 def _table(answer: Answer, out: IO[str]) -> int:
-    """Columns as wide as the first rows need; numbers to the right."""
-    rows: Iterator[list[str]] = ([_cell(v) for v in row] for row in answer.rows)
-    first = list(islice(rows, _MEASURED))
+    """Columns as wide as the first rows need; numbers to the right, with as many decimals as the longest has."""
+    raw = iter(answer.rows)
+    measured = list(islice(raw, _MEASURED))
+    columns = list(zip(*measured, strict=True)) or [()] * len(answer.columns)
+    decimals = [_decimals(name, values) for name, values in zip(answer.columns, columns, strict=True)]
+    rows: Iterator[list[str]] = ([_cell(v, d) for v, d in zip(row, decimals, strict=True)] for row in raw)
+    first = [[_cell(v, d) for v, d in zip(row, decimals, strict=True)] for row in measured]
     names = [_cell(c) for c in answer.columns]
     widths = [max(len(n), *(len(r[k]) for r in first), 0) for k, n in enumerate(names)]
     numeric = [_is_number(kind) for kind in answer.types]
@@ -105,6 +113,18 @@ def _table(answer: Answer, out: IO[str]) -> int:
         out.write(line(row))
         count += 1
     return count
+
+
+def _decimals(name: str, values: Sequence[Any]) -> int | None:
+    """Decimals that show all of a column's numbers to ten digits; None if it has none, or very small or large ones.
+
+    Times in seconds are shown to the millisecond (JSON and CSV have all of their digits).
+    """
+    shown = [f"{v:.10g}" for v in values if isinstance(v, float) and math.isfinite(v)]
+    if not shown or any("e" in text for text in shown):
+        return None
+    most = max(len(text.partition(".")[2]) for text in shown)
+    return min(most, _MILLI) if name == "t" or name.endswith("_t") else most
 
 
 def _is_number(kind: str) -> bool:

@@ -32,6 +32,7 @@ def guarded(limits: QueryLimits) -> Iterator[None]:
             yield
         finally:
             watch.cancel()
+            watch.join(1.0)
 
 
 def _end(seconds: float) -> None:

@@ -14,14 +14,14 @@ from recorders.errors import UsageError
 _SHOWN = 12
 _EVERYWHERE = "scene"
 _SUBJECTS = {
-    "track": ("target", "track", "presence", "{} is in no frame"),
-    "zone": ("zone", "zone", "zones", "nobody was ever in a zone {}"),
-    "group": ("group", "group_id", "groups", "there is no group {}"),
-    "event": ("event", "event", "events", "there is no event {}"),
+    "track": ("target", "track", "presence"),
+    "zone": ("zone", "zone", "zones"),
+    "group": ("group", "group_id", "groups"),
+    "event": ("event", "event", "events"),
 }
 _NONE = {
     "track": "there are no targets at all",
-    "zone": "nobody was in any named zone (give --regions to `scenetrace record`); `scene` is the whole picture",
+    "zone": "nobody was in a named zone (`record --regions FILE` names zones); `scene` is the whole picture",
     "group": "no group was formed",
     "event": "there are no events",
 }
@@ -53,14 +53,15 @@ def check_words(case: Case, question: Question, words: Sequence[str], options: O
 
 
 def _check(case: Case, kind: str, word: str, recordings: Recordings | None) -> None:
-    noun, column, table, absent = _SUBJECTS[kind]
+    noun, column, table = _SUBJECTS[kind]
     value = word if kind == "zone" else identity(word.removeprefix(f"{kind}:"))
     only = "true" if recordings is None else recordings.sql()
     if case.rows(f"SELECT 1 FROM {table} WHERE {column} = {literal(value)} AND {only} LIMIT 1"):  # noqa: S608
         return
     found = case.rows(f"SELECT DISTINCT {column} FROM {table} WHERE {only} ORDER BY 1 LIMIT 1000")  # noqa: S608
-    there = f"there are: {_few([r[0] for r in found])}" if found else _NONE[kind]
-    raise UsageError(f"{noun} {word}: {absent.format(word)}; {there}")
+    there = f"there are {_few([r[0] for r in found])}" if found else _NONE[kind]
+    where = "" if recordings is None else f" in {recordings.first}"
+    raise UsageError(f"{noun} {word!r}: there is none{where}; {there}")
 
 
 def _few(names: Sequence[object]) -> str:

@@ -7,6 +7,7 @@ the row (``event:12``, ``relation:1-2@40``: the interval of 1 and 2 that starts 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from string import Template
@@ -74,6 +75,13 @@ class Question:
         wanted = self.arguments.split()
         return [w for k, w in enumerate(wanted) if not w.startswith("-") and not (k and wanted[k - 1].startswith("-"))]
 
+    def why_empty(self, words: Sequence[str]) -> str:
+        """What an empty answer to these arguments means, and what to ask then."""
+        text = self.nothing
+        for name, word in zip(self._words(), words, strict=False):
+            text = re.sub(rf"\b{name.strip('[]')}\b", word.replace("\\", ""), text)
+        return text
+
     def kinds(self) -> list[str]:
         """What each argument is: track, zone, group or event."""
         return [_KINDS[w.strip("[]")] for w in self._words()]
@@ -97,12 +105,13 @@ def _only(options: Options) -> str:
 
 
 def _met(words: Sequence[str], _: Options) -> Mapping[str, str]:
-    other = [identity(w) for w in words[1:]]
-    return {
-        "a": str(identity(words[0])),
-        "b": "".join(f" AND b = {i}" for i in other),
-        "a_too": "".join(f" AND a = {i}" for i in other),
-    }
+    a = identity(words[0])
+    if len(words) == 1:
+        return {"a": str(a), "b": "", "a_too": ""}
+    b = identity(words[1])
+    # A row has a < b: of the two ways round one is empty, and need not be looked for.
+    first, second = (f" AND b = {b}", " AND false") if a < b else (" AND false", f" AND a = {b}")
+    return {"a": str(a), "b": first, "a_too": second}
 
 
 def _two(words: Sequence[str], _: Options) -> Mapping[str, str]:
@@ -168,14 +177,15 @@ QUESTIONS: Mapping[str, Question] = {
     x.name: x
     for x in (
         Question("met", "A [B]", "whom A met (whose shells touched A's), when, and how long", q.MET, _met,
-                 "the shells never touched; try `together A B`, or `timeline A` for all there is of A"),
+                 "target A's shell never touched such a shell; `timeline A` shows all there is of it"),
         Question("together", "A B", "when A and B were socially together, in hindsight", q.TOGETHER, _two,
-                 "never near and slow against one another for long enough; `met A B` shows whether they passed"),
+                 "A and B were never near and slow against one another for long; `met A B` shows if they passed"),
         Question("left-with", "A --within 5s", "who left with A, in contact until the first of them left (--gap 1s)",
                  q.LEFT_WITH, _one,
-                 "A was not seen to leave, or left alone; widen --within and --gap, or ask `timeline A`"),
+                 "target A was not seen to leave, or left alone; widen --within and --gap, or ask `timeline A`"),
         Question("who-was-in", "ZONE --at T", "who was in a zone at a moment (zone `scene`: anywhere)",
-                 q.WHO_WAS_IN, _zone_at, "nobody was there at that moment; `loitered ZONE --min 0s` lists all stays"),
+                 q.WHO_WAS_IN, _zone_at,
+                 "nobody was there then (is it within the recording?); `loitered ZONE --min 0s` lists all stays"),
         Question("loitered", "ZONE --min 30s", "who stayed in a zone at least so long (gaps up to --gap 2s closed)",
                  q.LOITERED, _loitered, "nobody stayed so long; lower --min, or raise --gap"),
         Question("entered-never-left", "", "who came in and was never seen to leave", q.ENTERED_NEVER_LEFT, _nothing,
@@ -184,9 +194,9 @@ QUESTIONS: Mapping[str, Question] = {
                  q.GROUPING_AND_SPLITTING, _nothing, "nobody was grouping and splitting in one frame"),
         Question("group-history", "LABEL", "the groups that a group came from and went into", q.GROUP_HISTORY, _label),
         Question("before", "EVENT --within 60s", "who was near the event's subjects before it", q.BEFORE, _before,
-                 "nobody was near its subjects in that time; widen --within"),
+                 "nobody was near the subjects of event EVENT in that time; widen --within"),
         Question("contacts", "A --depth 3", "chains of contacts from A that respect time", q.CONTACTS, _contacts,
-                 "A had no contact of that sort; --by joint, encounters or groups count others"),
+                 "target A had no contact of that sort (--by relations, joint, encounters, groups)"),
         Question("timeline", "A", "everything about A in order", q.TIMELINE, _one),
     )
 }  # fmt: skip

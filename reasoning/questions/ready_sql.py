@@ -119,8 +119,8 @@ ORDER BY g.recording, start_frame, g.track
 """
 
 GROUP_HISTORY = """
-WITH RECURSIVE links AS (
-  SELECT DISTINCT recording, unnest(formed_from) AS parent, group_id AS child FROM groups WHERE true$only),
+WITH RECURSIVE links AS MATERIALIZED (
+  SELECT recording, unnest(formed_from) AS parent, group_id AS child FROM groups WHERE len(formed_from) > 0$only),
 older(recording, group_id, generation) AS (
   SELECT recording, $label, 0 FROM groups WHERE group_id = $label$only
   UNION SELECT l.recording, l.parent, o.generation - 1 FROM older o

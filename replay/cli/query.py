@@ -132,7 +132,9 @@ def _made(case: Case, query: str, args: argparse.Namespace) -> tuple[Callable[[R
 
     asked, options = question(args.ask[0]), _options(args)
     check_words(case, asked, args.ask[1:], options)
-    return lambda some: asked.sql(args.ask[1:], replace(options, recordings=some or chosen)), asked.nothing
+    return lambda some: asked.sql(args.ask[1:], replace(options, recordings=some or chosen)), asked.why_empty(
+        args.ask[1:]
+    )
 
 
 def _options(args: argparse.Namespace) -> Options:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -18,16 +19,13 @@ from replay.draw import DrawOptions, track_colour
 from replay.report.pictures import chosen_frames, drawn
 
 Image = Any
-_INTERVALS = {
-    "relations": """SELECT a, b, state, start_frame, end_frame, start_t, end_t FROM relations
-        WHERE recording = {name} ORDER BY start_frame, a, b""",
-    "groups": """SELECT group_id, members, start_frame, end_frame, start_t, end_t, ended_by FROM groups
-        WHERE recording = {name} ORDER BY start_frame, group_id""",
-    "encounters": """SELECT a, b, kind, start_frame, end_frame, start_t, end_t, confidence FROM encounters
-        WHERE recording = {name} ORDER BY start_frame, a, b""",
-    "presence": """SELECT track, start_frame, end_frame, start_t, end_t FROM presence
-        WHERE recording = {name} ORDER BY track, start_frame""",
+_INTERVALS = {  # table: its columns, its order; the interval's ends are start_t and end_t
+    "relations": ("a, b, state, start_frame, end_frame, start_t, end_t", "start_frame, a, b"),
+    "groups": ("group_id, members, start_frame, end_frame, start_t, end_t, ended_by", "start_frame, group_id"),
+    "encounters": ("a, b, kind, start_frame, end_frame, start_t, end_t, confidence", "start_frame, a, b"),
+    "presence": ("track, start_frame, end_frame, start_t, end_t", "track, start_frame"),
 }
+_YEAR_NS = 365 * 86_400 * 10**9
 _AT_ONCE = """SELECT coalesce(max(n), 0) FROM (
     SELECT count(*) AS n FROM tracks WHERE recording = $name GROUP BY frame)"""
 
@@ -41,6 +39,9 @@ class ReportOptions:
         thumbnail_width: their width in pixels.
         steps: most positions of the graph's slider.
         points: most points of one trajectory.
+        all_points: most points of all trajectories together.
+        tracks: most trajectories; those of the longest lives.
+        intervals: most intervals of each sort on the timeline, the longest; the page says so if there were more.
         events: most events in the table; the page says so if there were more.
         quality: JPEG quality of the pictures.
         ground_frames: frames whose median is the ground that paths are drawn on.
@@ -50,6 +51,9 @@ class ReportOptions:
     thumbnail_width: int = 480
     steps: int = 300
     points: int = 300
+    all_points: int = 60_000
+    tracks: int = 2_000
+    intervals: int = 4_000
     events: int = 5_000
     quality: int = 68
     ground_frames: int = 15
@@ -71,9 +75,11 @@ def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, 
         "size": list(size),
         "seconds": facts["seconds"],
         "tracks": _tracks(case, name, options),
-        **{table: _rows(case, query.format(name=name)) for table, query in _INTERVALS.items()},
+        **{table: _intervals(case, name, table, options) for table in _INTERVALS},
         "events": [list(e) for e in events[: options.events]],
         "events_left_out": max(0, len(events) - options.events),
+        "in_all": {t: case.rows(f"SELECT count(*) FROM {t} WHERE recording = {name}")[0][0] for t in _INTERVALS},  # noqa: S608
+        "times": [[f, round(t, 3)] for f, t in _sampled(frames, options.steps)],
         "steps": _steps(case, name, frames, options),
     }
     wanted = _thumbnail_frames([f for f, _ in frames], [e[2] for e in events if e[1] != "mode_changed"], data, options)
@@ -87,14 +93,27 @@ def _only(case: Case, query: str) -> dict[str, Any]:
     return dict(zip(answer.columns, next(answer.rows), strict=True))
 
 
-def _rows(case: Case, query: str) -> list[list[Any]]:
-    return [list(row) for row in case.sql(query).rows]
+def _intervals(case: Case, name: str, table: str, options: ReportOptions) -> list[list[Any]]:
+    """The longest intervals of a table, in order."""
+    columns, order = _INTERVALS[table]
+    rows = case.rows(
+        f"SELECT {columns} FROM (SELECT * FROM {table} WHERE recording = {name} "  # noqa: S608
+        f"ORDER BY end_frame - start_frame DESC, {order} LIMIT {options.intervals}) ORDER BY {order}"
+    )
+    return [list(row) for row in rows]
+
+
+def _sampled(frames: Sequence[tuple[int, float]], most: int) -> list[tuple[int, float]]:
+    return [frames[k] for k in _spread(range(len(frames)), most)]
 
 
 def _facts(facts: dict[str, Any], log: AnnotatedLog) -> list[list[str]]:
     said = log.facts
+    began = ""
+    if facts["start_ns"] > _YEAR_NS:  # a recording without a clock begins at 0
+        began = datetime.fromtimestamp(facts["start_ns"] // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
     rows = [
-        ["File", log.path.name], ["Camera", log.camera], ["Tracker", log.tracker or "not said"],
+        ["Began", began], ["File", log.path.name], ["Camera", log.camera], ["Tracker", log.tracker or "not said"],
         ["SHA-256 of the file", facts["digest"]], ["Output digest", said.get("output_digest", "")],
         ["Input digest", said.get("input_digest", "")],
     ]  # fmt: skip
@@ -106,7 +125,7 @@ def _figures(case: Case, name: str, facts: dict[str, Any]) -> list[list[Any]]:
         return case.rows(query.replace("$name", name))[0][0]
 
     return [
-        ["seconds", round(facts["seconds"], 1)],
+        ["length", _clock(facts["seconds"])],
         ["frames", facts["frames"]],
         ["targets", count("SELECT count(DISTINCT track) FROM presence WHERE recording = $name")],
         ["at once, at most", count(_AT_ONCE)],
@@ -117,13 +136,34 @@ def _figures(case: Case, name: str, facts: dict[str, Any]) -> list[list[Any]]:
     ]  # fmt: skip
 
 
+def _clock(seconds: float) -> str:
+    """A length of time for people.
+
+    >>> _clock(113.4), _clock(7384.2)
+    ('1 min 53 s', '2 h 03 min')
+    """
+    whole = round(seconds)
+    if whole < 60:
+        return f"{seconds:.1f} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02d} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+
+
 def _tracks(case: Case, name: str, options: ReportOptions) -> list[dict[str, Any]]:
-    """Each track's path of standing points, thinned."""
+    """Each track's path of standing points, thinned so that all together stay few."""
+    chosen = case.rows(
+        f"SELECT track FROM tracks WHERE recording = {name} GROUP BY track "  # noqa: S608
+        f"ORDER BY count(*) DESC, track LIMIT {options.tracks}"
+    )
+    points = min(options.points, max(4, options.all_points // max(1, len(chosen))))
+    listed = ", ".join(str(track) for (track,) in chosen) or "-1"
     rows = case.rows(
         f"""SELECT track, list([round(x + w / 2, 1), round(y + h, 1), frame] ORDER BY frame) FROM (
         SELECT *, row_number() OVER (PARTITION BY track ORDER BY frame) - 1 AS k,
-          count(*) OVER (PARTITION BY track) AS n FROM tracks WHERE recording = {name})
-        WHERE k % greatest(1, n // {options.points}) = 0 OR k = n - 1 GROUP BY track ORDER BY track"""  # noqa: S608
+          count(*) OVER (PARTITION BY track) AS n FROM tracks
+          WHERE recording = {name} AND track IN ({listed}))
+        WHERE k % greatest(1, CAST(ceil(n / {points}) AS BIGINT)) = 0 OR k = n - 1 GROUP BY track ORDER BY track"""  # noqa: S608
     )
     return [{"id": track, "colour": _css(track), "path": path} for track, path in rows]
 
@@ -155,7 +195,7 @@ def _steps(case: Case, name: str, frames: Sequence[tuple[int, float]], options: 
     return [{"frame": f, "t": round(at[f], 3), "nodes": nodes[f], "edges": edges[f]} for f in chosen]
 
 
-def _spread(values: Sequence[int], most: int) -> list[int]:
+def _spread(values: Sequence[int] | range, most: int) -> list[int]:
     """At most so many of the values, evenly spaced, first and last among them."""
     if len(values) <= most:
         return list(values)

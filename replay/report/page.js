@@ -19,6 +19,35 @@
     return node;
   }
 
+  // ---- times: seconds, from ten minutes on h:mm:ss -------------------------------------------------------------
+  const LONG = D.seconds >= 600;
+  function clock(t, digits = 2) {
+    if (!LONG) return `${t.toFixed(digits)} s`;
+    const whole = Math.floor(t);
+    const two = (n) => String(n).padStart(2, "0");
+    return `${Math.floor(whole / 3600)}:${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;
+  }
+  function timeOf(frame) {
+    let low = 0;
+    let high = D.times.length - 1;
+    if (high < 0) return 0;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (D.times[middle][0] <= frame) low = middle; else high = middle;
+    }
+    const [f, t] = D.times[low];
+    const [g, u] = D.times[high];
+    return g > f ? t + ((u - t) * (frame - f)) / (g - f) : t;
+  }
+  function ticks(end) {
+    if (!LONG) return {};
+    const steps = [60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400];
+    const step = steps.find((s) => end / s <= (innerWidth < 600 ? 4 : 10)) || 86400;
+    const at = [];
+    for (let t = 0; t <= end; t += step) at.push(t);
+    return { tickvals: at, ticktext: at.map((t) => clock(t)) };
+  }
+
   // ---- theme -------------------------------------------------------------------------------------------------
   const root = document.documentElement;
   root.dataset.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
@@ -41,7 +70,7 @@
   // ---- figures and facts -------------------------------------------------------------------------------------
   for (const [name, value] of D.figures) {
     const box = element("div");
-    box.append(element("dt", name), element("dd", Number(value).toLocaleString("en")));
+    box.append(element("dt", name), element("dd", typeof value === "number" ? value.toLocaleString("en") : value));
     $("figures").append(box);
   }
   for (const [name, value] of D.facts) {
@@ -72,7 +101,7 @@
     $("thumbnail").src = source;
     $("thumbnail").alt = `frame ${frame} with overlays`;
     const close = wanted === undefined || wanted === frame ? "" : ` (nearest picture to frame ${wanted})`;
-    $("caption").textContent = `frame ${frame}${close}`;
+    $("caption").textContent = `${clock(timeOf(frame))}, frame ${frame}${close}`;
     $("viewer").dataset.frame = String(frame);
   }
   function showFrame(frame) {
@@ -103,7 +132,8 @@
       x: track.path.map((p) => p[0]), y: track.path.map((p) => p[1]), customdata: track.path.map((p) => p[2]),
       line: { color: track.colour, width: 2 },
       marker: { color: track.colour, size: track.path.map((_, k) => (k === 0 ? 9 : 3)), line: { width: 0 } },
-      hovertemplate: "target " + track.id + ", frame %{customdata}<extra></extra>",
+      text: track.path.map((p) => clock(timeOf(p[2]))),
+      hovertemplate: "target " + track.id + ", %{text}, frame %{customdata}<extra></extra>",
     }));
     Plotly.react("paths", traces, scene({}), CONFIG);
   }
@@ -135,18 +165,22 @@
     }
     return out;
   }
+  const TABLES = { targets: ["presence", "groups"], relations: ["relations"], groups: ["groups"], encounters: ["encounters"] };
   function drawTimeline() {
     const rows = intervals();
+    const cut = TABLES[view].filter((t) => D.in_all[t] > D[t].length)
+      .map((t) => `the ${D[t].length} longest of ${D.in_all[t]} rows of ${t} are shown`);
+    $("cut").textContent = cut.length ? `${cut.join("; ")}; \`scenetrace query\` has all.` : "";
     const lanes = [...new Set(rows.map((r) => r[0]))];
     const step = D.seconds > 0 && D.steps.length > 1 ? D.seconds / Math.max(1, D.steps[D.steps.length - 1].frame) : 0.04;
     const traces = STATES[view].map(([state, colour]) => {
       const mine = rows.filter((r) => r[1] === state);
       return {
         type: "bar", orientation: "h", name: state, y: mine.map((r) => r[0]), base: mine.map((r) => r[4]),
-        x: mine.map((r) => r[5] - r[4] + step), customdata: mine.map((r) => [r[2], r[3], r[5], r[6]]),
+        x: mine.map((r) => r[5] - r[4] + step), customdata: mine.map((r) => [r[2], r[3], clock(r[5]), r[6], clock(r[4])]),
         marker: { color: css(colour), line: { width: 0 }, pattern: { shape: PATTERNS[state] || "", size: 6, solidity: 0.3, fillmode: "overlay", fgcolor: css("--ground") } },
         width: state === "present" ? 0.3 : 0.76,
-        hovertemplate: "%{customdata[3]}<br>%{base:.2f} to %{customdata[2]:.2f} s, frames %{customdata[0]} to %{customdata[1]}<extra></extra>",
+        hovertemplate: "%{customdata[3]}<br>%{customdata[4]} to %{customdata[2]}, frames %{customdata[0]} to %{customdata[1]}<extra></extra>",
       };
     });
     const tall = Math.max(260, 90 + lanes.length * 20);
@@ -154,7 +188,8 @@
     Plotly.react("timeline", traces, layout({
       barmode: "overlay", height: tall, margin: { l: 74, r: 12, t: 74, b: 12 },
       legend: { orientation: "h", y: 1, yref: "container", yanchor: "top", x: 0 },
-      xaxis: { title: { text: "seconds from the start" }, side: "top", range: [0, Math.max(D.seconds, step)] },
+      xaxis: Object.assign({ title: { text: LONG ? "time from the start" : "seconds from the start" }, side: "top",
+        range: [0, Math.max(D.seconds, step)] }, ticks(D.seconds)),
       yaxis: { categoryorder: "array", categoryarray: lanes.slice().reverse(), fixedrange: true, type: "category", automargin: true },
       annotations: rows.length ? [] : [{ text: "none in this recording", showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5 }],
     }), CONFIG);
@@ -193,7 +228,7 @@
     };
     Plotly.react("graph", [edges("INTERACTION", "--interaction", 3), edges("JOINT", "--joint", 6), nodes],
       scene({ showlegend: true, margin: { l: 36, r: 8, t: 30, b: 28 } }), CONFIG);
-    $("moment").textContent = `${step.t.toFixed(2)} s, frame ${step.frame}`;
+    $("moment").textContent = `${clock(step.t)}, frame ${step.frame}`;
     $("graph").dataset.frame = String(step.frame);
   }
   $("slider").max = String(Math.max(0, D.steps.length - 1));
@@ -240,11 +275,18 @@
       const row = element("tr");
       row.tabIndex = 0;
       row.dataset.frame = String(frame);
-      for (const cell of [id, t.toFixed(2), frame, kind, subjects.join(", "), text, rule]) row.append(element("td", String(cell)));
+      for (const cell of [id, clock(t).replace(" s", ""), frame, kind, subjects.join(", "), text, rule]) row.append(element("td", String(cell)));
       body.append(row);
     }
     const left = D.events_left_out ? `; ${D.events_left_out} more are in the log, not in this page` : "";
     $("count").textContent = `${found.length} of ${D.events.length} events${left}`;
+    if (!found.length) {
+      const cell = element("td", D.events.length ? "No event fits the filter." : "Nothing happened in this recording.");
+      cell.colSpan = 7;
+      const row = element("tr");
+      row.append(cell);
+      body.append(row);
+    }
     $("more").hidden = found.length <= limit;
   }
   function pick(row) {

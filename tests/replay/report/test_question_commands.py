@@ -211,3 +211,32 @@ def test_evidence_command(log: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert not (tmp_path / "none").exists()
     assert list(tmp_path.glob("*.part")) == []
     capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["met", "77"], "target '77': there is none; there are 1, 2"),
+        (["together", "1", "9"], "target '9': there is none"),
+        (["group-history", "44"], "group '44': there is none; no group was formed"),
+        (["before", "99"], "event '99': there is none; there are"),
+        (["who-was-in", "nowhere", "--at", "1"], "zone 'nowhere': there is none"),
+        (["met", "1", "--recording", "elsewhere"], "--recording elsewhere: there is none of that name; there are: "),
+    ],
+)
+def test_what_is_not_there_is_an_error_that_says_what_is(
+    log: Path, words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["query", str(log), "--ask", *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_an_empty_answer_says_what_it_means(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["query", str(log), "--ask", "who-was-in", "scene", "--at", "5000"]) == 0
+    told = capsys.readouterr()
+    assert "nobody was there then" in told.err
+    assert len(told.out.splitlines()) == 2
+    assert main(["query", str(log), "--ask", "left-with", "1", "--json"]) == 0
+    told = capsys.readouterr()
+    assert "ask `timeline 1`" in told.err
+    assert json.loads(told.out) == []

@@ -16,6 +16,7 @@ from recorders.messages import Detections, Event, Group, Groups, Relation, Relat
 from recorders.pictures import encode_jpeg
 from replay.cli import main
 from replay.report import write_report
+from replay.report.data import ReportOptions
 
 FRAME_NS = 40_000_000
 FRAMES = 60
@@ -109,6 +110,59 @@ def test_command(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 def test_same_log_same_page(report: Path, scene: Path, tmp_path: Path) -> None:
     write_report(scene, tmp_path / "again.html")
     assert (tmp_path / "again.html").read_bytes() == report.read_bytes()
+
+
+def embedded(page: Path) -> dict:
+    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page.read_text("utf-8"), re.DOTALL)
+    assert data is not None
+    return json.loads(data[1])
+
+
+def test_a_page_is_bounded_and_says_what_it_leaves_out(browser, scene: Path, tmp_path: Path) -> None:
+    out = tmp_path / "short.html"
+    options = ReportOptions(thumbnails=4, steps=5, tracks=1, all_points=6, events=2, intervals=1)
+    write_report(scene, out, options=options)
+    data = embedded(out)
+    assert len(data["thumbnails"]) <= 6
+    assert len(data["steps"]) == len(data["times"]) == 5
+    assert [len(t["path"]) <= 7 for t in data["tracks"]] == [True]
+    assert data["tracks"][0]["path"][-1][2] == FRAMES - 1
+    assert data["relations"] == [[1, 2, "INTERACTION", 10, 19, 0.4, 0.76]]  # the longest, of ties the first
+    assert data["in_all"] == {"relations": 3, "groups": 1, "encounters": data["in_all"]["encounters"], "presence": 2}
+    assert len(data["events"]) == 2
+    browser.size(1280, 1200)
+    browser.open(out)
+    assert "1 more are in the log" in browser.run("return document.getElementById('count').textContent")
+    assert "1 longest of 2 rows of presence" in browser.run("return document.getElementById('cut').textContent")
+    browser.run("document.querySelector('[data-view=relations]').click()")
+    assert "1 longest of 3 rows of relations" in browser.run("return document.getElementById('cut').textContent")
+    browser.run("const s = document.getElementById('search'); s.value = 'zebra'; s.dispatchEvent(new Event('input'))")
+    assert "No event fits" in browser.run("return document.querySelector('#events tbody').textContent")
+    assert browser.console() == []
+
+
+def test_hours_are_told_as_hours(browser, tmp_path: Path) -> None:
+    path = tmp_path / "long.mcap"
+    with LogWriter(path) as log:
+        names = ("detections", "tracks", "relations", "groups", "events")
+        ids = {
+            n: log.channel(channels.topic("camera", n), channels.schema(n), channels.message_encoding(n)) for n in names
+        }
+        start = 1_700_000_000_000_000_000
+        for n in range(FRAMES):  # a frame in two minutes
+            for name, message in _messages(n):
+                log.write(ids[name], channels.encode(name, message), start + n * 120_000_000_000)
+    out = tmp_path / "long.html"
+    assert write_report(path, out)["length"] == "1 h 58 min"
+    assert ["Began", "2023-11-14 22:13:20 UTC"] in embedded(out)["facts"]
+    browser.size(400, 1200)
+    browser.open(out)
+    browser.wait("return document.querySelectorAll('#timeline .bars path').length > 0")
+    assert browser.run("return document.querySelector('#timeline .xtick text').textContent") == "0:00:00"
+    browser.run("const s = document.getElementById('slider'); s.value = 45; s.dispatchEvent(new Event('input'))")
+    assert browser.run("return document.getElementById('moment').textContent") == "1:30:00, frame 45"
+    assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
+    assert browser.console() == []
 
 
 @pytest.mark.parametrize(("width", "dark"), [(1280, False), (400, True)])
