@@ -34,6 +34,8 @@ class Fragment:
         hits: number of observations.
         sizes: sum of the observations' sizes.
         signature: sum of the appearance signatures, of ``signatures`` frames.
+        told: the tracker held it present at some time. Of who was only ever followed aside nothing is told, but such a
+            fragment may be where somebody else's life goes on.
     """
 
     id: int
@@ -45,6 +47,7 @@ class Fragment:
     signatures: int = 0
     born_of_split: bool = False
     sizes: float = 0.0
+    told: bool = False
 
     @property
     def size(self) -> float:
@@ -129,6 +132,7 @@ def gather(stream: Iterable[Targets], times: Sequence[int]) -> dict[int, Fragmen
         for target in answer.targets:
             fragment = fragments.setdefault(target.id, Fragment(target.id))
             fragment.born_of_split |= target.born_of_split and not fragment.hits
+            fragment.told |= target.present
             if target.observed:
                 fragment.add(Sighting(at, times[at], target.measured or target.box))
             if target.signature:

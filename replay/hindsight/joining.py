@@ -45,10 +45,10 @@ def hellinger(a: list[float], b: list[float]) -> float:
 
 
 def price(a: Fragment, b: Fragment, ends: tuple[End, End], p: HindsightParameters) -> Join | None:
-    """What it costs to let b follow a; None outside the gates."""
+    """What it costs to let b follow a; None outside the gates, and where a life that is told would begin before it."""
     out, into = ends
     gap = (into.time_ns - out.time_ns) * 1e-9
-    if gap <= 0 or gap > p.join_s:
+    if gap <= 0 or gap > p.join_s or (b.told and not a.told):
         return None
     size = (out.size + into.size) / 2
     sigma = size * (p.drift + p.drift_rate * gap)

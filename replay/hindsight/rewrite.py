@@ -109,7 +109,7 @@ def _lives(
         first, last = parts[0].first, parts[-1].last
         seconds = (last.time_ns - first.time_ns + scene.frame_ns) * 1e-9
         frames = sum(f.last.at - f.first.at + 1 for f in parts)
-        if seconds < p.min_life_s or sum(f.hits for f in parts) < p.min_support * frames:
+        if not parts[0].told or seconds < p.min_life_s or sum(f.hits for f in parts) < p.min_support * frames:
             continue
         if math.fsum(f.sizes for f in parts) < smallest * sum(f.hits for f in parts):
             continue

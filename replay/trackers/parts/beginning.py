@@ -15,7 +15,7 @@ from recorders.messages import NO_BLOB, Notice
 from replay.trackers.association import intersection, iou
 from replay.trackers.parts.candidates import Observed
 from replay.trackers.parts.parameters import PartsParameters
-from replay.trackers.parts.targets import BYSTANDER, TENTATIVE, Target, Targets
+from replay.trackers.parts.targets import BYSTANDERS, TENTATIVE, Target, Targets
 from replay.trackers.tracker import Frame
 
 Floats = NDArray[np.float64]
@@ -107,11 +107,21 @@ class Beginning:
             target.measured = tuple(seen.boxes[k].tolist())
             self._targets.start(seen.boxes[k], target)
 
-    def confirm(self, frame: Frame, next_id: int, notices: list[Notice], only_by_hand: bool) -> int:
-        """Give ids to what has had enough support, in the order of birth; returns the next id.
+    def confirm(
+        self, frame: Frame, next_ids: tuple[int, int], notices: list[Notice], only_by_hand: bool
+    ) -> tuple[int, int]:
+        """Give ids to what has had enough support, in the order of birth.
 
-        ``only_by_hand``: whoever was not started by hand becomes a bystander.
+        Args:
+            frame: the frame.
+            next_ids: the next target's and the next bystander's.
+            notices: are told of the targets.
+            only_by_hand: whoever was not started by hand becomes a bystander.
+
+        Returns:
+            The next ids.
         """
+        next_id, next_bystander = next_ids
         p = self._p
         for target in self._targets.items:
             if target.id != TENTATIVE or not target.observed:
@@ -120,7 +130,8 @@ class Beginning:
             if not target.manual and (target.hits < p.confirm_hits or seconds < p.confirm_s):
                 continue
             if only_by_hand and not target.manual:
-                target.id, target.sightings = BYSTANDER, []
+                target.id, target.sightings = next_bystander, []
+                next_bystander += 1
                 continue
             target.id = next_id
             next_id += 1
@@ -129,4 +140,4 @@ class Beginning:
             evidence = {"hits": target.hits, "first_frame": target.born, "sightings": target.sightings[:-1]}
             notices.append(Notice("track_confirmed", [target.id], rule, evidence))
             target.sightings = []
-        return next_id
+        return next_id, next_bystander

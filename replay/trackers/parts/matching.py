@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from recorders.messages import Box, Mode, Notice
 from replay.trackers.association import intersection, iou
-from replay.trackers.parts.beginning import SAME_PLACE
 from replay.trackers.parts.candidates import Candidates, Heads, Observed, gather
 from replay.trackers.parts.features import AREA, DISPLACEMENT, OVERLAP, Measured, Pixels, differences, measure
 from replay.trackers.parts.heads import HeadDetector
@@ -15,7 +14,7 @@ from replay.trackers.parts.layers import NEARER, Association, Match, Scored, tru
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.regions import HEAD, PARTS, covered
 from replay.trackers.parts.scoring import FULL, Scorer
-from replay.trackers.parts.targets import BYSTANDER, TENTATIVE, Targets
+from replay.trackers.parts.targets import TENTATIVE, Targets
 from replay.trackers.parts.template import patches, refine
 from replay.trackers.tracker import Frame, SceneInfo
 
@@ -45,7 +44,6 @@ class Matching:
         self._gates = targets.gates(dt)
         self._before = targets.boxes.copy()
         self._gone: dict[int, NDArray[np.bool_]] = {}
-        self._returned: list[int] = []
 
     def run(self, scorer: Scorer, find_heads: HeadDetector, notices: list[Notice]) -> None:
         """Match and update every target: those alone first, then the contested, the new, and the lost."""
@@ -161,7 +159,7 @@ class Matching:
     def _contested(self, rows: Rows, back: bool, notices: list[Notice]) -> None:
         """Layered association of some targets among the candidates that are left."""
         targets = self._targets
-        taken = self._taken(targets.items[rows[0]].seen_ns if back else None)
+        taken = self._taken()
         found = gather(
             self._seen, rows, self._expected[rows], targets.alpha[rows], self._gates[rows], self._heads, self._p
         )
@@ -184,8 +182,6 @@ class Matching:
         matches = Association(scored, self._scorer, self._p, pruner).solve(rows, self._expected[rows], taken)
         for match in matches:
             self._take(match, scored, notices)
-            if back:
-                self._returned.append(match.row)
 
     def _by_place(self, found: Candidates) -> NDArray[np.int64]:
         """Scores where there are boxes alone: 1 where the filters expect the target, the least match far from there."""
@@ -197,26 +193,9 @@ class Matching:
         worst = (1 - self._p.match_score) / FAR
         return np.asarray(np.rint(FULL * (1 - worst * (far + apart) / 2)), np.int64)
 
-    def _taken(self, lost_ns: int | None = None) -> Floats:
-        """Boxes of the targets that have been placed.
-
-        ``lost_ns``: except of bystanders who appeared after that time; they may be the target that was lost then.
-        """
-        placed = [
-            k
-            for k, t in enumerate(self._targets.items)
-            if t.observed and not (t.id == BYSTANDER and lost_ns is not None and t.born_ns > lost_ns)
-        ]
-        return self._targets.boxes[placed]
-
-    def usurped(self) -> list[int]:
-        """Rows of bystanders that turned out to be a target started by hand."""
-        targets = self._targets
-        strangers = [k for k, t in enumerate(targets.items) if t.id == BYSTANDER]
-        if not self._returned or not strangers:
-            return []
-        same = iou(targets.boxes[strangers], targets.boxes[self._returned]).max(axis=1) >= SAME_PLACE
-        return [k for k, gone in zip(strangers, same.tolist(), strict=True) if gone]
+    def _taken(self) -> Floats:
+        """Boxes of the targets that have been placed."""
+        return self._targets.boxes[[k for k, t in enumerate(self._targets.items) if t.observed]]
 
     def _free(self, found: Candidates, taken: Floats) -> Candidates:
         """The candidates that nobody has taken."""
@@ -256,10 +235,9 @@ class Matching:
         targets.learn(row, s.measured, k, s.parts[k], matched)
         targets.items[row].signed = bool(matched[1:].any())
         if match.rival >= 0:
-            rival = targets.items[match.rival].id
-            mine = targets.items[row].id
-            if rival > 0 and mine > 0:
-                self._tell_conflict(mine, rival, match, notices)
+            rival, mine = targets.items[match.rival], targets.items[row]
+            if rival.told and mine.told:
+                self._tell_conflict(mine.id, rival.id, match, notices)
 
     def _tell_conflict(self, mine: int, rival: int, match: Match, notices: list[Notice]) -> None:
         evidence = {"score": match.score / FULL, "gave_way": rival}

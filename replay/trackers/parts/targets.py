@@ -20,8 +20,8 @@ from replay.trackers.parts.template import SIDE
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 TENTATIVE = -1
-BYSTANDER = -2
-"""Identity of whoever is tracked, but not reported, because targets are started by hand."""
+BYSTANDERS = 1 << 30
+"""First identity of those who are followed, but not told of, because targets are started by hand."""
 _MODEL = ("area", "perimeter", "overlap", "colours", "seen")
 
 
@@ -30,7 +30,7 @@ class Target:
     """One target's bookkeeping; its numbers are a row of `Targets`' arrays.
 
     Attributes:
-        id: identity, `TENTATIVE` before confirmation, `BYSTANDER` for those who are not reported.
+        id: identity, `TENTATIVE` before confirmation, from `BYSTANDERS` on for those who are not told of.
         born: frame of the first observation; born_ns its time.
         seen_ns: time of the last observation.
         hits: observations so far.
@@ -60,6 +60,11 @@ class Target:
     learnt_ns: int = -1
     signed: bool = False
     sightings: list[list[float]] = field(default_factory=list)
+
+    @property
+    def told(self) -> bool:
+        """Whether anything is said of it: it is confirmed, and no bystander."""
+        return 0 < self.id < BYSTANDERS
 
     def begin_frame(self) -> None:
         """Forget what was true of the last frame alone."""

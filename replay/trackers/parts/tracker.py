@@ -23,7 +23,7 @@ from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.regions import PARTS
 from replay.trackers.parts.scoring import PartFeatures, Scorer
 from replay.trackers.parts.signature import signature
-from replay.trackers.parts.targets import TENTATIVE, Targets
+from replay.trackers.parts.targets import BYSTANDERS, TENTATIVE, Targets
 from replay.trackers.tracker import Frame, SceneInfo, State
 
 NS = 1e-9
@@ -62,7 +62,7 @@ class PartsTracker:
         self._find_heads = find_heads or ColourShapeHeads()
         self._by_hand = parse_init(parameters.init)
         self._targets = Targets(parameters)
-        self._next_id = 1
+        self._next_ids = (1, BYSTANDERS)
         self._gates: dict[int, Box] = {}
         self._time_ns: int | None = None
 
@@ -79,15 +79,13 @@ class PartsTracker:
             item.begin_frame()
         seen = observe(frame.detections)
         matching = Matching(self._scene, frame, seen, targets, self._p, dt if dt > 0 else self._scene.frame_ns * NS)
-        self._gates = {item.id: gate for item, gate in zip(targets.items, matching.gates(), strict=True) if item.id > 0}
+        self._gates = {item.id: gate for item, gate in zip(targets.items, matching.gates(), strict=True) if item.told}
         matching.run(self._scorer, self._find_heads, notices)
-        usurped = matching.usurped()
-        targets.keep([k for k in range(len(targets)) if k not in usurped])
         begin = Beginning(self._p, targets)
         begin.by_hand(frame, self._by_hand)
         begin.automatic(frame, seen, matching.unexplained(), self._regions)
         matching.learn_new()
-        self._next_id = begin.confirm(frame, self._next_id, notices, bool(self._by_hand))
+        self._next_ids = begin.confirm(frame, self._next_ids, notices, bool(self._by_hand))
         self._age(frame, notices)
         return self._answer(frame, notices)
 
@@ -118,7 +116,7 @@ class PartsTracker:
                     kept.append(row)
                 continue
             mode: Mode = item.now if item.observed else "predicted"
-            told = notices if item.id > 0 else []
+            told = notices if item.told else []
             if mode != item.mode:
                 change = {"from": item.mode, "to": mode, "unseen_s": unseen}
                 told.append(Notice("mode_changed", [item.id], "PARTS 3.1: occlusion test", change))
@@ -155,7 +153,8 @@ class PartsTracker:
         out = []
         targets = self._targets
         for row, item in enumerate(targets.items):
-            if item.id <= 0:
+            # Bystanders are there for hindsight, which may find that one of them is a target that was lost.
+            if item.id == TENTATIVE or not (item.told or self._p.hindsight):
                 continue
             vx, vy = targets.motion.rate[row].tolist()
             x, y, w, h = targets.boxes[row].tolist()
@@ -166,7 +165,7 @@ class PartsTracker:
                     (vx, vy),
                     item.mode,
                     min(1.0, max(0.0, item.confidence)),
-                    present=not item.lost,
+                    present=item.told and not item.lost,
                     observed=item.observed,
                     blob=item.blob if item.observed else NO_BLOB,
                     newborn=item.newborn,
@@ -185,10 +184,11 @@ class PartsTracker:
 
     def state(self) -> State:
         """The whole state as plain data."""
-        return {"next_id": self._next_id, "time_ns": self._time_ns, "targets": self._targets.state()}
+        return {"next_ids": list(self._next_ids), "time_ns": self._time_ns, "targets": self._targets.state()}
 
     def restore(self, state: State) -> None:
         """Continue from what `state` gave."""
-        self._next_id = state["next_id"]
+        target, bystander = state["next_ids"]
+        self._next_ids = (target, bystander)
         self._time_ns = state["time_ns"]
         self._targets.restore(state["targets"])
