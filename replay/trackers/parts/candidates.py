@@ -104,6 +104,7 @@ class Candidates:
     direct: NDArray[np.bool_]
     sources: Ints
     whole: NDArray[np.bool_]
+    fitting: NDArray[np.bool_]
     count: int
 
 
@@ -177,11 +178,13 @@ def gather(
     if not found:
         none = np.zeros(0, np.int64)
         return Candidates(
-            none.astype(np.intp), np.zeros((0, 4)), none, none, none.astype(bool), none, none.astype(bool), 0
+            none.astype(np.intp), np.zeros((0, 4)), none, none, none.astype(bool), none, none.astype(bool), none.astype(bool), 0
         )
     owners, boxes_, names_, blobs, are_direct, sources = zip(*found, strict=True)
     alone = np.zeros(len(seen.boxes) + 1, bool)
     alone[: len(seen.blob_boxes)] = ~seen.crowd[: len(seen.blob_boxes)]
+    owner, source = np.array(owners, np.intp), np.array(sources, np.intp)
+    fitting = (source >= 0) & (np.abs(change[owner, source] - 1) <= CROWD_CHANGE).all(axis=1)
     return Candidates(
         rows[np.array(owners, np.intp)],
         np.array(boxes_, np.float64),
@@ -190,6 +193,7 @@ def gather(
         np.array(are_direct, bool),
         np.array(sources, np.int64),
         alone[np.array(sources, np.intp)],
+        fitting,
         len(anchors),
     )
 

@@ -45,6 +45,7 @@ class Scored:
         parts: (N, 5) their parts' scores, of `FULL`.
         rectangles: (N, 5, 4) their parts.
         foreground: (N, 5) foreground pixels of the parts.
+        empty: (N, 5) bool: where the part should be is hardly any foreground, although there was.
     """
 
     candidates: Candidates
@@ -52,6 +53,7 @@ class Scored:
     parts: Ints
     rectangles: Floats
     foreground: Floats
+    empty: Bools
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,9 @@ class Association:
         matches: list[Match] = []
         for _ in range(2):
             hidden = self._hidden(where, taken)
-            scores = self._scorer.whole(self._s.parts, hidden, self._hidden_score)
+            # What things in the scene hide is not there to be compared either.
+            gone = self._s.empty & self._s.candidates.fitting[:, None]
+            scores = self._scorer.whole(self._s.parts, hidden | gone, self._hidden_score)
             matches = self._assign(rows, scores, hidden)
             where = {**where, **{m.row: m.box for m in matches}}
         return matches

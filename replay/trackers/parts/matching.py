@@ -27,6 +27,8 @@ LINKED_SHARE = 0.08
 """A blob with this share of a target's box in foreground concerns the target."""
 FAR = 0.8
 """Boxes alone match up to this mean of the way in gates and the overlap that is missing."""
+EMPTY = 3
+"""A part with less foreground than one of so many parts of what it used to have is hidden."""
 ALONE_CHANGE = 0.35
 """A blob that is that much wider or higher than its lone target is compared part by part first."""
 
@@ -177,11 +179,16 @@ class Matching:
             scores[:] = self._by_place(found)[:, None]
         area = self._pixels.area
         filled = parts[..., 2] * parts[..., 3] if area is None else self._pixels.sums(area, parts).astype(np.float64)
-        scored = Scored(found, m, scores, parts, filled)
+        scored = Scored(found, m, scores, parts, filled, self._empty(found.rows, m))
         pruner = self._refine if self._p.use_pruning and self._scene.has_images else None
         matches = Association(scored, self._scorer, self._p, pruner).solve(rows, self._expected[rows], taken)
         for match in matches:
             self._take(match, scored, notices)
+
+    def _empty(self, rows: Rows, m: Measured) -> NDArray[np.bool_]:
+        """Where a part should be is hardly any foreground: hidden by things that nobody tracks, (N, 5)."""
+        known = self._targets.model
+        return np.asarray((m.area * EMPTY < known.area[rows]) & (known.seen[rows] > 0) & bool(m.known[0]))
 
     def _by_place(self, found: Candidates) -> NDArray[np.int64]:
         """Scores where there are boxes alone: 1 where the filters expect the target, the least match far from there."""
@@ -204,7 +211,7 @@ class Matching:
         keep = np.flatnonzero(iou(found.boxes, taken).max(axis=1) < 0.6)
         return Candidates(
             found.rows[keep], found.boxes[keep], found.anchors[keep], found.blobs[keep], found.direct[keep],
-            found.sources[keep], found.whole[keep], found.count,
+            found.sources[keep], found.whole[keep], found.fitting[keep], found.count,
         )  # fmt: skip
 
     def _refine(self, row: int, box: Floats, reach: float) -> Floats | None:
@@ -230,8 +237,7 @@ class Matching:
         self._observe(row, match.box, blob, mode, match.score, centroid)
         matched = (s.parts[k] >= round(self._p.part_score * FULL)) & ~match.hidden
         # By things that nobody tracks: where a part should be there is hardly any foreground.
-        gone = s.measured.area[k] * 3 < targets.model.area[row]
-        self._gone[row] = gone & (s.parts[k] < round(self._p.part_score * FULL)) & bool(s.measured.known[0])
+        self._gone[row] = s.empty[k] & (s.parts[k] < round(self._p.part_score * FULL))
         targets.learn(row, s.measured, k, s.parts[k], matched)
         targets.items[row].signed = bool(matched[1:].any())
         if match.rival >= 0:
