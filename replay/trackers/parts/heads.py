@@ -54,8 +54,8 @@ _HEAD_W, _HEAD_H = 0.12, HEAD
 _ELLIPSE = np.array([[0.7, 0.05, 0.2], [1.0, 0.2, 0.8], [0.7, 0.8, 0.95]])
 """An ellipse as three rectangles: width, top and bottom of each, of the head's."""
 _MIN_OCCUPANCY = 0.6
-COLOURED_PX = 12.0
-"""Least height of a head whose colours can be told from what is around it: below, the silhouette alone."""
+CLEAR_PX = 12.0
+"""Least height of a head whose colours and image can be told from what is around it: below, the silhouette alone."""
 _MIN_COLOURED, _MAX_BESIDE = 0.75, 0.5
 
 
@@ -149,7 +149,7 @@ class ColourShapeHeads:
             return []
         part = np.minimum(mask[y1:y2, x1:x2], np.uint8(1))
         found = tops(part, height)
-        if image is not None and height * HEAD >= COLOURED_PX:
+        if image is not None and height * HEAD >= CLEAR_PX:
             found += coloured(image[y1:y2, x1:x2], part, height)
         placed = [Head(h.x + x1, h.y + y1, h.score) for h in found]
         return _apart(placed, 0.5 * _HEAD_W * height * 2, 0.5 * _HEAD_H * height * 2)

@@ -9,7 +9,7 @@ from recorders.messages import Box, Mode, Notice
 from replay.trackers.association import intersection, iou
 from replay.trackers.parts.candidates import Candidates, Heads, Observed, gather
 from replay.trackers.parts.features import AREA, DISPLACEMENT, OVERLAP, Measured, Pixels, differences, measure
-from replay.trackers.parts.heads import HeadDetector
+from replay.trackers.parts.heads import CLEAR_PX, HeadDetector
 from replay.trackers.parts.layers import NEARER, Association, Match, Scored, trunks
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.regions import HEAD, PARTS, covered
@@ -220,6 +220,8 @@ class Matching:
         if image is None or not targets.has_template[row]:
             return None
         x, y, w, h = box.tolist()
+        if HEAD * h < CLEAR_PX:
+            return None
         alpha = float(targets.alpha[row])
         (tx, ty), away = refine(image, targets.template[row], (x + alpha * w, y), HEAD * h, min(reach, 0.5 * h))
         return np.array([tx - alpha * w, ty, w, h]) if away <= TEMPLATE_LIMIT else None
