@@ -15,7 +15,7 @@ from recorders.messages import NO_BLOB, Notice
 from replay.trackers.association import intersection, iou
 from replay.trackers.parts.candidates import Observed
 from replay.trackers.parts.parameters import PartsParameters
-from replay.trackers.parts.targets import BYSTANDERS, TENTATIVE, Target, Targets
+from replay.trackers.parts.targets import TENTATIVE, Target, Targets
 from replay.trackers.tracker import Frame
 
 Floats = NDArray[np.float64]

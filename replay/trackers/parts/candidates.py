@@ -95,6 +95,8 @@ class Candidates:
         blobs: (N,) the blobs they lie in.
         direct: (N,) bool: measured as they are, the target is not occluded.
         sources: (N,) row of the observation, -1 for those hung from heads.
+        whole: (N,) bool: a blob in which nobody else was found.
+        fitting: (N,) bool: an observation of the target's size, within `CROWD_CHANGE`.
     """
 
     rows: Rows
@@ -176,10 +178,8 @@ def gather(
                     name = anchors.at(x, y, float(expected[t, 3]))
                     found += [(t, hang, name, b + 1, False, -1) for hang in boxes.tolist()]
     if not found:
-        none = np.zeros(0, np.int64)
-        return Candidates(
-            none.astype(np.intp), np.zeros((0, 4)), none, none, none.astype(bool), none, none.astype(bool), none.astype(bool), 0
-        )
+        none, no = np.zeros(0, np.int64), np.zeros(0, bool)
+        return Candidates(none.astype(np.intp), np.zeros((0, 4)), none, none, no, none, no, no, 0)
     owners, boxes_, names_, blobs, are_direct, sources = zip(*found, strict=True)
     alone = np.zeros(len(seen.boxes) + 1, bool)
     alone[: len(seen.blob_boxes)] = ~seen.crowd[: len(seen.blob_boxes)]

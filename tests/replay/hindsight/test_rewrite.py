@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 import pytest
+from msgspec.structs import replace
 
 from recorders.messages import GroupTrack, Notice, Target, Targets
 from recorders.parameters import Config, configure
@@ -203,3 +204,12 @@ def test_two_exchanges_one_after_the_other() -> None:
         frames.append(Targets(k, sorted(here, key=lambda t: t.id), None, told))
     out = list(rewrite(lambda: iter(frames), SCENE, [k * FRAME_NS for k in range(60)], _config()))
     assert all([t.box[0] for t in f.targets] == pytest.approx([100.0, 300.0, 500.0], abs=1.0) for f in out)
+
+
+def test_who_is_followed_aside_goes_on_with_a_life_that_is_told_and_is_none_by_itself() -> None:
+    aside = [Targets(f.frame, [replace(t, present=t.id == 1) for t in f.targets]) for f in _walk(60, range(20, 32))]
+    out = _run(aside)
+    assert [[t.id for t in frame.targets] for frame in out] == [[1]] * 60
+    assert all(t.present for frame in out for t in frame.targets)
+    before = [Targets(f.frame, [replace(t, present=t.id == 2) for t in f.targets]) for f in _walk(60, range(20, 32))]
+    assert [t.id for frame in _run(before) for t in frame.targets] == [2] * 28, "a life begins where it is told to"

@@ -11,7 +11,7 @@ from recorders.errors import ConfigError
 from recorders.vision import cv2
 from replay.trackers.parts.beginning import parse_init
 from replay.trackers.parts.features import FURTHEST, MASS, ONE, PartsModel, Pixels, differences, measure
-from replay.trackers.parts.heads import ColourShapeHeads, colour_table, likelihood
+from replay.trackers.parts.heads import CLEAR_PX, HEAD, ColourShapeHeads, colour_table, likelihood
 from replay.trackers.parts.regions import PARTS, alpha_of, beta_of, covered, hung, parts_of
 from replay.trackers.parts.scoring import FULL, PartFeatures, Scorer, density, tabulated
 from replay.trackers.parts.template import SIDE, distance, patches, refine
@@ -153,6 +153,16 @@ def test_two_heads_are_found_in_a_merged_blob() -> None:
     assert len(heads) >= 2
     assert found[0] == (pytest.approx(30, abs=3), pytest.approx(20, abs=3))
     assert any(abs(h.x - 70) <= 3 and abs(h.y - 26) <= 3 for h in heads)
+
+
+@pytest.mark.parametrize(("head_px", "count"), [(CLEAR_PX + 2, 1), (CLEAR_PX - 2, 0)])
+def test_only_heads_that_are_large_enough_are_found_by_colour(head_px: float, count: int) -> None:
+    """A dark head before somebody who covers it all around, so that no outline shows it."""
+    image, mask = np.full((200, 160, 3), (60, 160, 70), np.uint8), np.full((200, 160), 255, np.uint8)
+    cv2.ellipse(image, (80, 60), (round(head_px * 0.42), round(head_px * 0.5)), 0, 0, 360, (20, 20, 22), -1)
+    heads = ColourShapeHeads()(image, mask, np.array([0.0, 20.0, 160.0, 160.0]), head_px / HEAD)
+    near = [h for h in heads if abs(h.x - 80) <= 4 and abs(h.y - 60 + head_px / 2) <= 5]
+    assert len(near) == count
 
 
 def test_heads_of_generated_people() -> None:

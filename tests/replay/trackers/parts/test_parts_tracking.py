@@ -144,6 +144,20 @@ def test_layers_can_be_switched_off(passing: Path, switch: str) -> None:
     assert any(forward(passing, f"parts.{switch}=false"))
 
 
+def test_by_hand_a_target_is_told_of_as_well_as_if_everybody_were(pets: tuple[Path, MotTable], tmp_path: Path) -> None:
+    """Person 9 is lost behind a sign and among others, and is there again later: hindsight joins what was followed."""
+    scene, truth = pets
+    own = truth.select(truth.ids == 9)
+    box = ",".join(f"{v:.2f}" for v in own.boxes[0].tolist())
+    config = replay_config("parts", assignments=(f"parts.init=frame:0:{box}",))
+    replay(scene, tmp_path / "a.mcap", ReplayOptions(tracker="parts", config=config))
+    with AnnotatedLog(tmp_path / "a.mcap") as log:
+        table = read_tracks(log).table
+    assert set(table.ids.tolist()) == {1}, "nobody else is told of"
+    followed = evaluate(own, table).trajectories
+    assert followed.mostly_tracked_single_id == 1
+
+
 @pytest.fixture(scope="module")
 def pets(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, MotTable]:
     """The first 150 frames of PETS09-S2L1 from pixels, with the truth."""
