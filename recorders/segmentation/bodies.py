@@ -8,7 +8,7 @@ from recorders.messages import NO_BLOB, Blob, Box, Detections, Ellipse
 from recorders.segmentation.blobs import Labels, components, ellipse_of
 from recorders.segmentation.explain import Explainer, Floats
 from recorders.segmentation.segmenter import Image
-from recorders.segmentation.sizes import MIN_BLOBS, SizeModel, learn
+from recorders.segmentation.sizes import MIN_BLOBS, SizeModel, learn, regrouped
 from recorders.segmentation.touching import divide, single_areas
 
 MAX_BLOBS = 4096
@@ -31,6 +31,7 @@ class Bodies:
         self._use_size = use_size
         self._width, self._height = width, height
         self._seen: list[Box] = []
+        self._regrouped: list[tuple[float, ...]] = []
         self._single_areas: list[int] = []
         self._body_area = 0.0
         self._due = 2 * MIN_BLOBS
@@ -41,15 +42,17 @@ class Bodies:
         """Take in the blobs of one frame; the oldest of very many are forgotten."""
         if self._use_size:
             self._seen += [b.box for b in blobs]
+            self._regrouped += map(tuple, regrouped(np.array([b.box for b in blobs], np.float64).reshape(-1, 4)).tolist())
             self._single_areas += single_areas(blobs)
-            del self._seen[:-MAX_BLOBS], self._single_areas[:-MAX_BLOBS]
+            del self._seen[:-MAX_BLOBS], self._regrouped[:-MAX_BLOBS], self._single_areas[:-MAX_BLOBS]
 
     def learn(self) -> None:
         """Fit the size model to the blobs so far."""
         if not self._seen:
             return
-        seen = np.array(self._seen, np.float64)
-        self.model = learn(seen, self._width, self._height)
+        self.model = learn(np.array(self._seen, np.float64), self._width, self._height)
+        if self.model is None:
+            self.model = learn(np.array(self._regrouped, np.float64), self._width, self._height)
         self._explainer = None if self.model is None else Explainer(self.model, self._width, self._height)
         areas = sorted(self._single_areas)
         n = len(areas)

@@ -31,6 +31,10 @@ STEEPNESS = 0.5
 """A slope is the bodies' height over the camera's; cameras hang high, so support is divided by 1 + this * slope^2."""
 MAX_SLOPE = 1.6
 HYPOTHESES = 1500
+PART_OVERLAP = 0.5
+"""Parts of a body lie one above the other over at least this share of the narrower one's width."""
+PART_GAP = 0.1
+"""Between them lies at most this share of their common height."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,43 @@ def learn(boxes: Floats, width: int, height: int) -> SizeModel | None:
     heights = np.sort(slope * foot[agree] + intercept)
     few = len(heights) // 10
     return SizeModel(slope, intercept, aspect, float(heights[few]), float(heights[-1 - few]))
+
+
+def regrouped(boxes: Floats) -> Floats:
+    """Bodies that a frame's blobs are the parts of: blobs one above the other, nearly touching, are taken together.
+
+    Where a body has the background's colours at the waist, its blobs are an upper and a lower half, and none of them
+    has a body's size.
+
+    Args:
+        boxes: (N, 4) x, y, w, h in px of one frame's blobs.
+
+    Returns:
+        (M, 4), M <= N.
+    """
+    found = [(x, y, x + w, y + h) for x, y, w, h in boxes.tolist()]
+    found.sort(key=lambda b: (b[1], b[0]))
+    k = 0
+    while k < len(found):
+        one = found[k]
+        other = next((i for i in range(k + 1, len(found)) if _one_above_other(one, found[i])), None)
+        if other is None:
+            k += 1
+            continue
+        x1, y1, x2, y2 = found.pop(other)
+        found[k] = (min(one[0], x1), min(one[1], y1), max(one[2], x2), max(one[3], y2))
+        k = 0
+    out = np.array(found, np.float64).reshape(-1, 4)
+    out[:, 2:] -= out[:, :2]
+    return out
+
+
+def _one_above_other(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> bool:
+    """Whether two boxes (x1, y1, x2, y2) may be parts of one body."""
+    shared = min(a[2], b[2]) - max(a[0], b[0])
+    gap = max(a[1], b[1]) - min(a[3], b[3])
+    height = max(a[3], b[3]) - min(a[1], b[1])
+    return shared >= PART_OVERLAP * min(a[2] - a[0], b[2] - b[0]) and gap <= PART_GAP * height
 
 
 def _distinct(boxes: Floats) -> NDArray[np.int64]:
