@@ -123,10 +123,14 @@ class Background:
         colour: (H, W, 3) uint8, the background.
         level: (H, W) uint8, the least difference that is foreground, by pixel: larger where the background itself
             changes (leaves, tape in the wind, screens, a burnt-in clock).
+        coloured: it has colours: not from an infrared or a monochrome camera.
+        noisy: in most places the level follows from the spread: noise decides what is foreground.
     """
 
     colour: Image
     level: Image
+    coloured: bool = True
+    noisy: bool = False
 
     @classmethod
     def learn(cls, stack: list[Image], threshold: float, spread_weight: float) -> Background:
@@ -139,8 +143,12 @@ class Background:
         """
         colour, spread = most_common(stack)
         brightness = np.minimum(0.5 + colour[..., 0].astype(np.float32) / np.float32(256), np.float32(1))
-        level = np.maximum(weigh(spread).astype(np.float32) * np.float32(spread_weight), threshold * brightness)
-        return cls(colour, np.minimum(level, np.float32(MAX_LEVEL)).astype(np.uint8))
+        by_spread = weigh(spread).astype(np.float32) * np.float32(spread_weight)
+        noisy = bool(2 * np.count_nonzero(by_spread > threshold * brightness) > by_spread.size)
+        level = np.maximum(by_spread, threshold * brightness)
+        neutral = cv2.absdiff(colour[..., 1:], np.full_like(colour[..., 1:], NEUTRAL_CHROMA)) <= GREY_LEVELS
+        coloured = bool(100 * np.count_nonzero(neutral) < 99 * neutral.size)
+        return cls(colour, np.minimum(level, np.float32(MAX_LEVEL)).astype(np.uint8), coloured, noisy)
 
     def in_light_of(self, picture: Image) -> Image:
         """The background under the picture's light: brightness shifted by the median difference (H, W, 3) uint8.
@@ -166,6 +174,8 @@ class Background:
 
 
 MAX_LEVEL = 120
+NEUTRAL_CHROMA, GREY_LEVELS = 128, 2
+"""Cr and Cb of grey, and how far from it grey may be: compression shifts it a little."""
 
 
 def weigh(difference: Image) -> Image:

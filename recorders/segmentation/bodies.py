@@ -42,7 +42,9 @@ class Bodies:
         """Take in the blobs of one frame; the oldest of very many are forgotten."""
         if self._use_size:
             self._seen += [b.box for b in blobs]
-            self._regrouped += map(tuple, regrouped(np.array([b.box for b in blobs], np.float64).reshape(-1, 4)).tolist())
+            self._regrouped += map(
+                tuple, regrouped(np.array([b.box for b in blobs], np.float64).reshape(-1, 4)).tolist()
+            )
             self._single_areas += single_areas(blobs)
             del self._seen[:-MAX_BLOBS], self._regrouped[:-MAX_BLOBS], self._single_areas[:-MAX_BLOBS]
 

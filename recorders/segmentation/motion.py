@@ -23,8 +23,15 @@ LIVE_SAMPLES = 40
 LIVE_WINDOW_S = 400.0
 RELEARN = 8
 """Live, the background is learnt anew when this share, one in so many, of the samples is new."""
+GRAIN_PX = 3
+"""A camera's noise is that of single pixels, whatever the picture's size."""
 SLOW_FOREGROUND = 10
 """The background follows what is held to be foreground this many times slower: a wrong background heals."""
+
+
+def without_grain(picture: Image) -> Image:
+    """A picture of a noisy camera without the noise of single pixels."""
+    return as_image(cv2.GaussianBlur(picture, (GRAIN_PX, GRAIN_PX), 0))
 
 
 class MotionSegmenter:
@@ -40,6 +47,7 @@ class MotionSegmenter:
         self._steps = 0
         self._new_samples = 0
         self._background: Background | None = None
+        self._grainy = False
         self._past: Samples | None = Samples(
             most=LIVE_SAMPLES, max_stride=max(1, round(LIVE_WINDOW_S * fps / LIVE_SAMPLES))
         )
@@ -58,15 +66,30 @@ class MotionSegmenter:
         if len(samples.kept) < MIN_SAMPLES:
             return
         self._past = None
-        self._background = Background.learn(samples.kept, self._p.threshold_levels, self._p.spread_weight)
+        self._background = self._learn(samples.kept)
         for picture in samples.kept:
-            self._bodies.observe(components(self._foreground(picture, self._background), self._min_area)[2])
+            self._bodies.observe(
+                components(self._foreground(self._cleaned(picture), self._background), self._min_area)[2]
+            )
         self._bodies.learn()
+
+    def _learn(self, pictures: list[Image]) -> Background:
+        """The background; where noise alone decides what is foreground, that of pictures without their grain."""
+        background = Background.learn(pictures, self._p.threshold_levels, self._p.spread_weight)
+        self._grainy = background.noisy
+        if not self._grainy:
+            return background
+        pictures = [without_grain(picture) for picture in pictures]
+        return Background.learn(pictures, self._p.threshold_levels, self._p.spread_weight)
+
+    def _cleaned(self, picture: Image) -> Image:
+        return without_grain(picture) if self._grainy else picture
 
     def segment(self, index: int, image: Image) -> Segmented:
         """Segment the next frame."""
         picture = as_image(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb))
         background = self._background_at(picture)
+        picture = self._cleaned(picture)
         mask, labels, blobs = components(self._foreground(picture, background), self._min_area)
         self._steps += 1
         if self._steps % self._follow_every == 0:
@@ -82,7 +105,7 @@ class MotionSegmenter:
             self._new_samples += 1
             if self._background is None or RELEARN * self._new_samples > len(self._past.kept):
                 self._new_samples = 0
-                self._background = Background.learn(self._past.kept, self._p.threshold_levels, self._p.spread_weight)
+                self._background = self._learn(self._past.kept)
         assert self._background is not None
         return self._background
 
@@ -92,7 +115,9 @@ class MotionSegmenter:
         dy, dr, db = cv2.split(cv2.absdiff(picture, behind))
         chroma = cv2.add(dr, db)
         difference = cv2.add(dy, cv2.add(chroma, chroma))
-        difference = cv2.subtract(difference, self._shadows.find(picture, behind, as_image(chroma)))
+        difference = cv2.subtract(
+            difference, self._shadows.find(picture, behind, as_image(chroma), background.coloured)
+        )
         level = background.level
         evidence = cv2.min(difference, cv2.add(level, level))
         evidence = cv2.subtract(cv2.add(evidence, self._neutral), level)

@@ -24,6 +24,9 @@ class SegmentationParameters(Parameters):
     shadow_darkest: float = param(
         0.6, "a shadow keeps at least this share of the background's brightness; 1 keeps shadows", low=0.05, high=1
     )
+    shadow_darkest_grey: float = param(
+        0.7, "the same in a recording without colours, where shadows look like dark clothes", low=0.05, high=1
+    )
     shadow_colour_levels: float = param(
         5.0, "a shadow changes the chroma (Cr and Cb together) by at most this", unit="of 255 levels", low=0, high=255
     )

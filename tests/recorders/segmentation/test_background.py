@@ -112,3 +112,19 @@ def test_the_background_moves_by_one_level_where_it_may():
     background.follow(picture(104), still)
     assert (background.colour[:2] == 101).all()
     assert (background.colour[2:] == 100).all()
+
+
+@pytest.mark.parametrize(("sigma", "noisy"), [(1.0, False), (9.0, True)])
+def test_noise_is_told_by_its_share_of_the_levels(sigma, noisy):
+    rng = np.random.default_rng(2)
+    stack = [np.clip(rng.normal(128, sigma, (20, 30, 3)), 0, 255).astype(np.uint8) for _ in range(20)]
+    assert Background.learn(stack, 30.0, 2.0).noisy is noisy
+
+
+def test_a_monochrome_camera_is_told_by_its_chroma():
+    grey = np.full((20, 30, 3), 128, np.uint8)
+    grey[..., 0] = np.arange(30)
+    coloured = grey.copy()
+    coloured[:4, :, 1] = 140
+    assert not Background.learn([grey] * 6, 30.0, 2.0).coloured
+    assert Background.learn([coloured] * 6, 30.0, 2.0).coloured

@@ -263,3 +263,27 @@ def test_people_of_the_pets_recording_are_found(real_data):
     assert hits / found >= 0.74
     assert hits / wanted >= 0.85
     assert close / wanted >= 0.90
+
+
+def found_share(scene, images):
+    """The share of the true boxes that a segmenter finds, and of what it finds that is true."""
+    segmenter = make(scene)
+    segmenter.prepare(images)
+    right = wanted = found = 0
+    for index, (image, true) in enumerate(zip(images, scene.truth.frames, strict=True)):
+        boxes = segmenter.segment(index, image).detections.boxes
+        truth = [a.box for a in true.actors if a.visibility > 0.5]
+        right, wanted, found = right + matched(boxes, truth), wanted + len(truth), found + len(boxes)
+    return right / wanted, right / found
+
+
+def test_people_are_found_in_noise_and_without_colours(walkers):
+    scene, images = walkers
+    clean, _ = found_share(scene, images)
+    noise = [np.random.default_rng(k).normal(0, 7, image.shape) for k, image in enumerate(images)]
+    noisy = [np.clip(np.rint(i + n), 0, 255).astype(np.uint8) for i, n in zip(images, noise, strict=True)]
+    grey = [cv2.cvtColor(cv2.cvtColor(i, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR) for i in images]
+    for altered in (noisy, grey):
+        recall, precision = found_share(scene, altered)
+        assert recall >= clean - 0.1
+        assert precision >= 0.9

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from recorders.segmentation.sizes import SizeModel, learn
+from recorders.segmentation.sizes import SizeModel, learn, regrouped
 
 
 def people(n=200, slope=0.25, intercept=10.0, aspect=0.4, seed=0):
@@ -68,3 +68,29 @@ def test_heights_stay_within_what_was_seen():
     model = SizeModel(0.5, -20.0, 0.4, 30.0, 90.0)
     assert model.heights(np.array([0.0, 5000.0])).tolist() == [15.0, 135.0]
     assert model.first_foot() == pytest.approx(70.0)
+
+
+def test_halves_of_a_body_are_taken_together_and_neighbours_are_not():
+    upper, lower, beside = (100.0, 50.0, 30.0, 40.0), (98.0, 94.0, 34.0, 50.0), (140.0, 60.0, 30.0, 90.0)
+    above = (100.0, 2.0, 30.0, 20.0)
+    found = regrouped(np.array([lower, beside, above, upper]))
+    assert sorted(map(tuple, found.tolist())) == [(98.0, 50.0, 34.0, 94.0), above, beside]
+    assert regrouped(np.zeros((0, 4))).shape == (0, 4)
+
+
+def test_a_body_in_three_parts_is_one_whatever_their_order():
+    parts = np.array([(10.0, 10.0, 20.0, 20.0), (12.0, 32.0, 18.0, 20.0), (9.0, 54.0, 22.0, 40.0)])
+    for order in ((0, 1, 2), (2, 0, 1), (1, 2, 0)):
+        assert regrouped(parts[list(order)]).tolist() == [[9.0, 10.0, 22.0, 84.0]]
+
+
+def test_bodies_broken_at_the_waist_teach_their_size_all_the_same():
+    whole = people()
+    upper, lower = whole.copy(), whole.copy()
+    upper[:, 3] *= 0.45
+    lower[:, 1] += 0.5 * whole[:, 3]
+    lower[:, 3] *= 0.5
+    halves = [regrouped(np.stack([u, low])) for u, low in zip(upper, lower, strict=True)]
+    model = learn(np.concatenate(halves), 480, 360)
+    assert model is not None
+    assert model.heights(np.array([200.0]))[0] == pytest.approx(60, rel=0.05)
