@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Iterable, Sequence
+from array import array
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from recorders.messages import Box, Notice, Targets
@@ -12,6 +12,8 @@ from recorders.messages import Box, Notice, Targets
 ENDS_S = 1.0
 """The path's ends, over which its speed is measured, in seconds."""
 _MOST_ENDS = 64
+_MOST_FRAMES = 4096
+"""Frames before a confirmation that it may still name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +23,45 @@ class Sighting:
     at: int
     time_ns: int
     box: Box
+
+
+class Path:
+    """Sightings in order, held as bare numbers: every fragment of a recording is kept until its end is known, and
+    as objects they would take five times the space.
+    """
+
+    __slots__ = ("_boxes", "_when")
+
+    def __init__(self, sightings: Iterable[Sighting] = ()) -> None:
+        self._when = array("q")
+        self._boxes = array("d")
+        for s in sightings:
+            self.add(s.at, s.time_ns, s.box)
+
+    def __len__(self) -> int:
+        return len(self._when) // 2
+
+    def __getitem__(self, k: int) -> Sighting:
+        k += len(self) if k < 0 else 0
+        x, y, w, h = self._boxes[4 * k : 4 * k + 4]
+        return Sighting(self._when[2 * k], self._when[2 * k + 1], (x, y, w, h))
+
+    def __iter__(self) -> Iterator[Sighting]:
+        return (self[k] for k in range(len(self)))
+
+    @property
+    def first_ns(self) -> int:
+        """The first one's time."""
+        return self._when[1]
+
+    def add(self, at: int, time_ns: int, box: Box) -> None:
+        """Append one."""
+        self._when.extend((at, time_ns))
+        self._boxes.extend(box)
+
+    def drop(self, count: int) -> None:
+        """Forget the first ones."""
+        del self._when[: 2 * count], self._boxes[: 4 * count]
 
 
 @dataclass(slots=True)
@@ -39,11 +80,11 @@ class Fragment:
     """
 
     id: int
-    earlier: list[Sighting] = field(default_factory=list)
-    head: list[Sighting] = field(default_factory=list)
-    tail: deque[Sighting] = field(default_factory=lambda: deque(maxlen=_MOST_ENDS))
+    earlier: Path = field(default_factory=Path)
+    head: Path = field(default_factory=Path)
+    tail: Path = field(default_factory=Path)
     hits: int = 0
-    signature: list[float] = field(default_factory=list)
+    signature: array[float] = field(default_factory=lambda: array("d"))
     signatures: int = 0
     born_of_split: bool = False
     sizes: float = 0.0
@@ -64,22 +105,28 @@ class Fragment:
         """The last observation."""
         return self.tail[-1]
 
-    def add(self, seen: Sighting) -> None:
+    def add(self, at: int, time_ns: int, box: Box) -> None:
         """Take the next observation."""
         self.hits += 1
-        self.sizes += math.sqrt(max(seen.box[2] * seen.box[3], 1.0))
-        if not self.head or (seen.time_ns - self.first.time_ns <= ENDS_S * 1e9 and len(self.head) < _MOST_ENDS):
-            self.head.append(seen)
-        self.tail.append(seen)
-        while seen.time_ns - self.tail[0].time_ns > ENDS_S * 1e9:
-            self.tail.popleft()
+        self.sizes += math.sqrt(max(box[2] * box[3], 1.0))
+        if not len(self.head) or (time_ns - self.head.first_ns <= ENDS_S * 1e9 and len(self.head) < _MOST_ENDS):
+            self.head.add(at, time_ns, box)
+        self.tail.add(at, time_ns, box)
+        self.tail.drop(max(0, len(self.tail) - _MOST_ENDS))
+        while time_ns - self.tail.first_ns > ENDS_S * 1e9:
+            self.tail.drop(1)
+
+    def forget(self) -> None:
+        """Keep no more of the ends than the first and the last sighting: the joins are made."""
+        self.head, self.tail = Path([self.first]), Path([self.last])
+        self.signature = array("d")
 
     def sign(self, signature: Sequence[int]) -> None:
         """Take an appearance signature of the same length as the others."""
         if not self.signature:
-            self.signature = [0.0] * len(signature)
+            self.signature = array("d", [0.0]) * len(signature)
         if len(signature) == len(self.signature):
-            self.signature = [a + b for a, b in zip(self.signature, signature, strict=True)]
+            self.signature = array("d", [a + b for a, b in zip(self.signature, signature, strict=True)])
             self.signatures += 1
 
 
@@ -126,22 +173,26 @@ def gather(stream: Iterable[Targets], times: Sequence[int]) -> dict[int, Fragmen
         times: capture times in ns.
     """
     fragments: dict[int, Fragment] = {}
-    at_frame: deque[tuple[int, int]] = deque(maxlen=4096)
+    at_frame: dict[int, int] = {}
     for at, answer in enumerate(stream):
-        at_frame.append((answer.frame, at))
+        at_frame[answer.frame] = at
+        if len(at_frame) > _MOST_FRAMES:
+            del at_frame[next(iter(at_frame))]
         for target in answer.targets:
-            fragment = fragments.setdefault(target.id, Fragment(target.id))
+            fragment = fragments.get(target.id)
+            if fragment is None:
+                fragment = fragments[target.id] = Fragment(target.id)
             fragment.born_of_split |= target.born_of_split and not fragment.hits
             fragment.told |= target.present
             if target.observed:
-                fragment.add(Sighting(at, times[at], target.measured or target.box))
+                fragment.add(at, times[at], target.measured or target.box)
             if target.signature:
                 fragment.sign(target.signature)
         for notice in answer.notices:
             if notice.kind == "track_confirmed":
                 for identity in notice.subjects:
                     if identity in fragments:
-                        _back_date(fragments[identity], notice, dict(at_frame), times)
+                        _back_date(fragments[identity], notice, at_frame, times)
     return {k: fragments[k] for k in sorted(fragments) if fragments[k].hits}
 
 
@@ -150,11 +201,10 @@ def _back_date(fragment: Fragment, notice: Notice, at_frame: dict[int, int], tim
     for row in notice.evidence.get("sightings", []):
         at = at_frame.get(int(row[0]))
         if at is not None and (not fragment.hits or at < fragment.first.at):
-            fragment.earlier.append(Sighting(at, times[at], (row[1], row[2], row[3], row[4])))
-    if fragment.earlier and fragment.hits:
-        fragment.head = (fragment.earlier + fragment.head)[:_MOST_ENDS]
-        tail = fragment.earlier + list(fragment.tail)
-        fragment.tail = deque(tail, maxlen=_MOST_ENDS)
+            fragment.earlier.add(at, times[at], (row[1], row[2], row[3], row[4]))
+    if len(fragment.earlier) and fragment.hits:
+        fragment.head = Path([*fragment.earlier, *fragment.head][:_MOST_ENDS])
+        fragment.tail = Path([*fragment.earlier, *fragment.tail][-_MOST_ENDS:])
         fragment.hits += len(fragment.earlier)
         fragment.sizes += math.fsum(math.sqrt(max(s.box[2] * s.box[3], 1.0)) for s in fragment.earlier)
 

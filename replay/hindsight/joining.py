@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +36,7 @@ class Join:
     appearance: float | None
 
 
-def hellinger(a: list[float], b: list[float]) -> float:
+def hellinger(a: Sequence[float], b: Sequence[float]) -> float:
     """Distance of two histograms of any total, in [0, 1]: sqrt(1 - sum sqrt(a b))."""
     total = math.sqrt(math.fsum(a) * math.fsum(b))
     if total <= 0:
@@ -72,7 +73,7 @@ def join(fragments: dict[int, Fragment], p: HindsightParameters) -> list[Join]:
     """The cheapest set of joins over all fragments, each end and each beginning used once, by later fragment."""
     items = sorted(fragments.values(), key=lambda f: (f.first.time_ns, f.id))
     outs = [end_of(list(f.tail), False) for f in items]
-    intos = [end_of(f.head, True) for f in items]
+    intos = [end_of(list(f.head), True) for f in items]
     starts = [f.first.time_ns for f in items]
     prices: dict[tuple[int, int], Join] = {}
     for i, a in enumerate(items):

@@ -9,19 +9,20 @@ pass wrote is read, so the answer is as deterministic as that was.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from recorders.messages import NO_BLOB, GroupTrack, Notice, Target, Targets
+from recorders.messages import NO_BLOB, Box, GroupTrack, Notice, Target, Targets
 from recorders.parameters import Config
 from recorders.scene import SceneInfo
 from replay.hindsight.exchanges import Exchange, exchanges_of, undone
-from replay.hindsight.fragments import Fragment, Sighting, gather, typical_size
+from replay.hindsight.fragments import Fragment, gather, typical_size
 from replay.hindsight.joining import Join, join
 from replay.hindsight.parameters import HindsightParameters
 from replay.hindsight.smoothing import filtered
@@ -44,7 +45,13 @@ class _Life:
     last_at: int
     present: bool = False
     mode: str = "motion"
-    earlier: list[Sighting] = field(default_factory=list)
+
+    def of(self, forward: dict[int, Target]) -> Target | None:
+        """What the forward pass said of it in a frame."""
+        for f in self.fragments:
+            if f.id in forward:
+                return forward[f.id]
+        return None
 
 
 @dataclass
@@ -114,7 +121,8 @@ def _lives(
         if math.fsum(f.sizes for f in parts) < smallest * sum(f.hits for f in parts):
             continue
         life = _Life(identity, parts, [followed[k] for k in chain if k in followed], first.at, last.at)
-        life.earlier = [s for f in parts for s in f.earlier]
+        for f in parts:
+            f.forget()
         for k in chain:
             lives[k] = life
     return lives
@@ -130,11 +138,9 @@ class _Writer:
         self._frame_s = max(scene.frame_ns * 1e-9, 1e-6)
         self._fill = max(1, math.floor(p.fill_s / self._frame_s + 1e-6))
         self._margin = self._fill + max(8, round(1.0 / self._frame_s))
-        self._earlier: dict[int, list[tuple[_Life, Sighting]]] = {}
-        self._by_id = [lives[k] for k in sorted({life.id for life in lives.values()})]
-        for life in {id(v): v for v in lives.values()}.values():
-            for s in life.earlier:
-                self._earlier.setdefault(s.at, []).append((life, s))
+        # By the first frame, as they were chained; those who have begun and may still be spoken of.
+        self._waiting = deque({id(v): v for v in lives.values()}.values())
+        self._begun: list[_Life] = []
 
     def run(self, stream: Iterable[Targets]) -> Iterator[Targets]:
         """Write every frame once, in order."""
@@ -152,6 +158,7 @@ class _Writer:
             start += drop
 
     def _block(self, window: list[Targets], start: int, block: int, end: int) -> Iterator[Targets]:
+        self._go_on(start, start + len(window))
         rows = self._rows(window, start)
         rows = [r for r in rows if r.at[0] < end and r.at[-1] >= block]
         values, rates = self._smooth(rows, start, len(window))
@@ -162,19 +169,26 @@ class _Writer:
             out: list[Target] = []
             for k, row in enumerate(rows):
                 if row.at[0] <= at <= row.at[-1]:
-                    seen = next((forward[f.id] for f in row.life.fragments if f.id in forward), None)
+                    seen = row.life.of(forward)
                     out.append(_target(row, at, seen, values[at - start, k], rates[at - start, k]))
             out += self._unseen(living, at, forward, {t.id for t in out})
             out.sort(key=lambda t: t.id)
             yield Targets(answer.frame, out, self._groups(answer, out), self._notices(living, answer, at, out))
 
+    def _go_on(self, start: int, end: int) -> None:
+        """Whoever begins within the window joins in, whoever ended before it and was said to have ended leaves."""
+        while self._waiting and self._waiting[0].first_at < end:
+            self._begun.append(self._waiting.popleft())
+        self._begun = [life for life in self._begun if life.last_at + 1 >= start or life.present]
+
     def _living(self, block: int, end: int, seen: set[int]) -> list[_Life]:
         """Those of whom something may have to be said in a block, by id: few of all that a long recording has."""
-        return [
+        living = [
             life
-            for life in self._by_id
+            for life in self._begun
             if (life.first_at < end and life.last_at + 1 >= block) or life.present or life.id in seen
         ]
+        return sorted(living, key=lambda life: life.id)
 
     @staticmethod
     def _unseen(living: Sequence[_Life], at: int, forward: dict[int, Target], here: set[int]) -> list[Target]:
@@ -183,7 +197,7 @@ class _Writer:
         for life in living:
             if not life.first_at <= at <= life.last_at or life.id in here:
                 continue
-            known = next((forward[f.id] for f in life.fragments if f.id in forward), None)
+            known = life.of(forward)
             if known is not None:
                 gone = replace(
                     known, id=life.id, mode="predicted", present=False, observed=False, newborn=False,
@@ -196,8 +210,12 @@ class _Writer:
         """Observations of every life within the window, cut at gaps that are too long to fill."""
         rows: list[_Row] = []
         open_rows: dict[int, _Row] = {}
+        earlier: dict[int, list[tuple[_Life, Box]]] = {}
+        for life in self._begun:
+            for s in (s for f in life.fragments for s in f.earlier):
+                earlier.setdefault(s.at, []).append((life, s.box))
         for at, answer in enumerate(window, start):
-            found = [(life, s.box) for life, s in self._earlier.get(at, [])]
+            found = list(earlier.get(at, ()))
             found += [
                 (self._lives[t.id], t.measured or t.box) for t in answer.targets if t.observed and t.id in self._lives
             ]

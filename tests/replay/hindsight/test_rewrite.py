@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from collections.abc import Iterable
 from itertools import pairwise
 
@@ -213,3 +214,29 @@ def test_who_is_followed_aside_goes_on_with_a_life_that_is_told_and_is_none_by_i
     assert all(t.present for frame in out for t in frame.targets)
     before = [Targets(f.frame, [replace(t, present=t.id == 2) for t in f.targets]) for f in _walk(60, range(20, 32))]
     assert [t.id for frame in _run(before) for t in frame.targets] == [2] * 28, "a life begins where it is told to"
+
+
+def _passers_by(count: int) -> Iterable[Targets]:
+    """One after the other crosses the picture, each for two seconds."""
+    for k in range(count):
+        for step in range(20):
+            sighted = {"sightings": [[20 * k, 50.0, 200.0, 20.0, 40.0]]}
+            notices = [Notice("track_confirmed", [k + 1], "", sighted)] if step == 3 else []
+            here = [_target(k + 1, step, 50 + 20.0 * step, signature=[step, 1] * 16)] if step >= 3 else []
+            yield Targets(20 * k + step, here, None, notices)
+
+
+def _most_memory(count: int) -> int:
+    times = [k * FRAME_NS for k in range(20 * count)]
+    tracemalloc.start()
+    try:
+        answers = sum(len(answer.targets) for answer in rewrite(lambda: _passers_by(count), SCENE, times, _config()))
+        assert answers >= 17 * count
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_life_that_is_over_takes_little_memory() -> None:
+    _most_memory(5)
+    assert _most_memory(450) - _most_memory(150) < 300 * 4_000
