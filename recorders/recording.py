@@ -28,7 +28,7 @@ from recorders.log import LogWriter
 from recorders.messages import NO_BLOB, Detections, Regions
 from recorders.parameters import Config, Parameters, as_plain, configure
 from recorders.pictures import Image, VideoEncoder, encode_jpeg, encode_mask, encode_png
-from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmented, Segmenter
+from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmented, Segmenter, SegmenterInParts
 from recorders.sources import Source, SourceFrame, read_regions
 from recorders.sources.ahead import read_ahead
 from recorders.sources.source import NANOS
@@ -235,18 +235,21 @@ def _encoded(source: Source, segmenter: Segmenter | None, options: RecordOptions
     depth = _DEPTH if source.has_images else _DEPTH_WITHOUT_PICTURES
     failures: list[SceneTraceError] = []
     ahead = _until_failure(read_ahead(source.frames(), depth, decode), failures)
-    pool = ThreadPoolExecutor(1, "scenetrace-encode")
+    # One worker each: what detects and what encodes take the frames in their order.
+    detecting, encoding = ThreadPoolExecutor(1, "scenetrace-detect"), ThreadPoolExecutor(1, "scenetrace-encode")
     try:
         with closing(ahead) as frames:
             for frame in frames:
-                mask, detections = _segment(frame, segmenter, source)
-                waiting.append(pool.submit(encoder.encode, frame, mask, detections))
+                mask, detect = _segment(frame, segmenter, source)
+                found = detect if segmenter is None else detecting.submit(detect).result
+                waiting.append(encoding.submit(encoder.encode, frame, mask, found))
                 if len(waiting) > _DEPTH:
                     yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
     finally:
-        pool.shutdown(cancel_futures=True)
+        detecting.shutdown(cancel_futures=True)
+        encoding.shutdown(cancel_futures=True)
     if failures:
         raise failures[0]
 
@@ -260,13 +263,20 @@ def _until_failure(frames: Generator[SourceFrame], failures: list[SceneTraceErro
             failures.append(e)
 
 
-def _segment(frame: SourceFrame, segmenter: Segmenter | None, source: Source) -> tuple[Image | None, Detections]:
+def _segment(
+    frame: SourceFrame, segmenter: Segmenter | None, source: Source
+) -> tuple[Image | None, Callable[[], Detections]]:
+    """The frame's mask, and what gives its detections."""
     given = frame.detections
     if segmenter is None:
-        return None, given or Detections(frame.index, source.width, source.height)
+        return None, lambda: given or Detections(frame.index, source.width, source.height)
     assert frame.image is not None
-    found = segmenter.segment(frame.index, frame.image)
-    return found.mask, found.detections if given is None else with_blobs(given, found)
+    if isinstance(segmenter, SegmenterInParts):
+        mask, detect = segmenter.begin(frame.index, frame.image)
+    else:
+        whole = segmenter.segment(frame.index, frame.image)
+        mask, detect = whole.mask, lambda: whole.detections
+    return mask, detect if given is None else lambda: with_blobs(given, Segmented(mask, detect()))
 
 
 def with_blobs(given: Detections, found: Segmented) -> Detections:
@@ -297,10 +307,10 @@ class _PictureEncoder:
         if codec == "h264":
             self._video = VideoEncoder(source.width, source.height, Fraction(NANOS, source.frame_ns))
 
-    def encode(self, frame: SourceFrame, mask: Image | None, detections: Detections) -> _Encoded:
+    def encode(self, frame: SourceFrame, mask: Image | None, found: Callable[[], Detections]) -> _Encoded:
         """One frame's bytes."""
         bits = None if mask is None else encode_mask(mask)
-        return _Encoded(frame.index, frame.time_ns, self._picture(frame), bits, detections)
+        return _Encoded(frame.index, frame.time_ns, self._picture(frame), bits, found())
 
     def _picture(self, frame: SourceFrame) -> tuple[bytes, str] | None:
         if self._codec == "none":

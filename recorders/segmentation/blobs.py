@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.messages import Blob, Ellipse
+from recorders.messages import Blob, Box, Ellipse
 from recorders.segmentation.segmenter import Image
 from recorders.vision import cv2
 
@@ -49,6 +49,35 @@ def ellipse_of(mask: Image, left: float = 0.0, top: float = 0.0) -> Ellipse:
     )
 
 
+def _kept(mask: Image, min_area: float) -> tuple[Labels, int, int, list[tuple[int, ...]]]:
+    """The components that are large enough, as they lie in a part of the mask that holds all of them.
+
+    Returns:
+        The part's labels (h, w) int32, its left and top px in the mask, and label, x, y, width, height (in the part)
+        and area of each component, in the labels' order.
+    """
+    left, top, w, h = (int(v) for v in cv2.boundingRect(mask))
+    if w == 0:
+        return np.zeros((0, 0), np.int32), 0, 0, []
+    # Labels are in scan order of 2 x 2 blocks, so a part that starts at even places has the same order as the whole.
+    left, w, top, h = left - left % 2, w + left % 2, top - top % 2, h + top % 2
+    count, numbered, stats, _ = cv2.connectedComponentsWithStatsWithAlgorithm(
+        np.ascontiguousarray(mask[top : top + h, left : left + w]), 8, cv2.CV_32S, cv2.CCL_BBDT
+    )
+    areas = stats[1:count, cv2.CC_STAT_AREA]
+    kept = np.flatnonzero(areas >= max(1.0, min_area)) + 1
+    if len(kept) > MOST_BLOBS:
+        kept = np.sort(kept[np.argsort(-areas[kept - 1], kind="stable")[:MOST_BLOBS]])
+    found = [(k, *row) for k, row in zip(kept.tolist(), stats[kept].tolist(), strict=True)]
+    return np.asarray(numbered, np.int32), left, top, found
+
+
+def outlines(mask: Image, min_area: float) -> list[tuple[Box, int]]:
+    """Box and area of each component that is large enough: what `components` says of them, without painting them."""
+    _, left, top, found = _kept(mask, min_area)
+    return [((float(left + x), float(top + y), float(w), float(h)), area) for _, x, y, w, h, area in found]
+
+
 def components(mask: Image, min_area: float) -> tuple[Image, Labels, list[Blob]]:
     """Keep the components that are large enough, and describe them.
 
@@ -62,23 +91,11 @@ def components(mask: Image, min_area: float) -> tuple[Image, Labels, list[Blob]]
     height, width = mask.shape
     clean, labels = np.zeros((height, width), np.uint8), np.zeros((height, width), np.int32)
     blobs: list[Blob] = []
-    left, top, w, h = (int(v) for v in cv2.boundingRect(mask))
-    if w == 0:
-        return clean, labels, blobs
-    # Labels are in scan order of 2 x 2 blocks, so a part that starts at even places has the same order as the whole.
-    left, w, top, h = left - left % 2, w + left % 2, top - top % 2, h + top % 2
-    count, numbered, stats, _ = cv2.connectedComponentsWithStatsWithAlgorithm(
-        np.ascontiguousarray(mask[top : top + h, left : left + w]), 8, cv2.CV_32S, cv2.CCL_BBDT
-    )
-    areas = stats[1:count, cv2.CC_STAT_AREA]
-    kept = np.flatnonzero(areas >= max(1.0, min_area)) + 1
-    if len(kept) > MOST_BLOBS:
-        kept = np.sort(kept[np.argsort(-areas[kept - 1], kind="stable")[:MOST_BLOBS]])
+    numbered, left, top, found = _kept(mask, min_area)
     # Leaving some out keeps the others' order.
-    for number, k in enumerate(kept.tolist(), 1):
-        x, y, bw, bh, area = stats[k].tolist()
+    for number, (k, x, y, bw, bh, area) in enumerate(found, 1):
         pixels = (numbered[y : y + bh, x : x + bw] == k).view(np.uint8)
-        x, y = left + x, top + y
+        x, y = left + x, top + y  # noqa: PLW2901 - from the part's pixels to the picture's
         cv2.copyTo(np.full((bh, bw), number, np.int32), pixels, labels[y : y + bh, x : x + bw])
         cv2.copyTo(np.full((bh, bw), 255, np.uint8), pixels, clean[y : y + bh, x : x + bw])
         box = (float(x), float(y), float(bw), float(bh))

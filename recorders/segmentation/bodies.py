@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from recorders.messages import NO_BLOB, Blob, Box, Detections, Ellipse
-from recorders.segmentation.blobs import Labels, components, ellipse_of
+from recorders.segmentation.blobs import Labels, ellipse_of, outlines
 from recorders.segmentation.explain import Explainer, Floats
 from recorders.segmentation.segmenter import Image
 from recorders.segmentation.sizes import MIN_BLOBS, SizeModel, learn, regrouped
@@ -114,10 +114,10 @@ class Bodies:
     def _unexplained(self, rest: Image) -> list[Box]:
         """Boxes around what no body explains, if large enough to be a body in an unusual pose or half hidden."""
         assert self.model is not None
-        _, _, blobs = components(rest, REST_AREA * self.model.aspect * (0.5 * self.model.low) ** 2)
-        boxes = np.array([b.box for b in blobs], np.float64).reshape(-1, 4)
+        found = outlines(rest, REST_AREA * self.model.aspect * (0.5 * self.model.low) ** 2)
+        boxes = np.array([box for box, _ in found], np.float64).reshape(-1, 4)
         least = REST_AREA * self.model.aspect * self.model.heights(boxes[:, 1] + boxes[:, 3]) ** 2
-        return [blob.box for blob, area in zip(blobs, least, strict=True) if blob.area >= area]
+        return [box for (box, area), enough in zip(found, least, strict=True) if area >= enough]
 
 
 def _clipped(box: Floats, width: int, height: int) -> Box:

@@ -7,10 +7,11 @@ is the label with the larger sum of weights: the sign of the blurred signed evid
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from recorders.messages import Detections
 from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
 from recorders.segmentation.blobs import components
 from recorders.segmentation.bodies import Bodies
@@ -87,6 +88,11 @@ class MotionSegmenter:
 
     def segment(self, index: int, image: Image) -> Segmented:
         """Segment the next frame."""
+        mask, detect = self.begin(index, image)
+        return Segmented(mask, detect())
+
+    def begin(self, index: int, image: Image) -> tuple[Image, Callable[[], Detections]]:
+        """The next frame's foreground, and what detects the bodies in it: that alone learns and asks their sizes."""
         picture = as_image(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb))
         background = self._background_at(picture)
         picture = self._cleaned(picture)
@@ -95,10 +101,15 @@ class MotionSegmenter:
         if self._steps % self._follow_every == 0:
             everywhere = self._steps % (self._follow_every * SLOW_FOREGROUND) == 0
             background.follow(picture, np.full_like(mask, 255) if everywhere else as_image(cv2.bitwise_not(mask)))
-        if self._past is not None and self._steps % self._observe_every == 0:
-            self._bodies.observe(blobs)
-            self._bodies.learn_when_due()
-        return Segmented(mask, self._bodies.detect(index, mask, labels, blobs))
+        learn = self._past is not None and self._steps % self._observe_every == 0
+
+        def detect() -> Detections:
+            if learn:
+                self._bodies.observe(blobs)
+                self._bodies.learn_when_due()
+            return self._bodies.detect(index, mask, labels, blobs)
+
+        return mask, detect
 
     def _background_at(self, picture: Image) -> Background:
         if self._past is not None and self._past.add(picture):

@@ -59,5 +59,17 @@ class Segmenter(Protocol):
         ...
 
 
+@runtime_checkable
+class SegmenterInParts(Segmenter, Protocol):
+    """A segmenter whose detecting may go on in another thread while it finds the next frame's foreground."""
+
+    def begin(self, index: int, image: Image) -> tuple[Image, Callable[[], Detections]]:
+        """The next frame's mask, and what gives its detections: called once, frame after frame in their order.
+
+        Together they are `segment`. What is called shares no state with later frames' `begin`.
+        """
+        ...
+
+
 SegmenterFactory = Callable[[SegmentationParameters, int, int, float], Segmenter]
 """Parameters, width and height in pixels, frames per second -> a segmenter."""
