@@ -9,9 +9,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
-from recorders.scene import SceneLog
+
+if TYPE_CHECKING:
+    from recorders.scene import SceneLog
 
 NANOS = 1_000_000_000
 

@@ -6,11 +6,14 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
 from recorders.parameters import Config
-from recorders.scene import SceneLog
 from replay.cli import common, diff
+
+if TYPE_CHECKING:
+    from recorders.scene import SceneLog
 
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -98,6 +101,7 @@ def _compare(args: argparse.Namespace, out: Path) -> int:
 
 
 def _replay(args: argparse.Namespace, out: Path) -> int:
+    from recorders.scene import SceneLog
     from replay.replaying import ReplayOptions
     from replay.writing import replay
 

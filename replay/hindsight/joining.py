@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from replay.hindsight.fragments import End, Fragment, end_of
 from replay.hindsight.parameters import HindsightParameters
@@ -107,6 +106,8 @@ def _components(pairs: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:
 
 
 def _solve(prices: dict[tuple[int, int], Join], loose: float) -> list[Join]:
+    from scipy.optimize import linear_sum_assignment
+
     rows, columns = sorted({i for i, _ in prices}), sorted({j for _, j in prices})
     cost = np.full((len(rows), len(columns) + len(rows)), _NEVER)
     for (i, j), found in prices.items():

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 Floats = NDArray[np.float64]
 QUANTUM = 2.0**-20
@@ -44,6 +43,8 @@ def assign(cost: Floats, allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """
     if cost.size == 0 or not allowed.any():
         return []
+    from scipy.optimize import linear_sum_assignment
+
     quantised = np.round(np.clip(cost, -1000.0, 1000.0) / QUANTUM) * QUANTUM
     rows, columns = linear_sum_assignment(np.where(allowed, quantised, FORBIDDEN))
     return [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if allowed[r, c]]

@@ -9,12 +9,13 @@ No matrix product reaches BLAS, whose kernels differ between machines. `model` g
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from filterpy.common import Q_discrete_white_noise
-from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from filterpy.kalman import KalmanFilter
 
 Floats = NDArray[np.float64]
 
@@ -114,6 +115,10 @@ def model(
     measurement_variance: float,
 ) -> KalmanFilter:
     """The same constant-velocity filter as a filterpy object: state [v0, r0, v1, r1, ...]."""
+    # It brings all of scipy.stats along, a third of what starting a replay takes.
+    from filterpy.common import Q_discrete_white_noise
+    from filterpy.kalman import KalmanFilter
+
     d = len(values)
     kf = KalmanFilter(dim_x=2 * d, dim_z=d)
     kf.x[0::2, 0] = values

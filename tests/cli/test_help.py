@@ -6,6 +6,8 @@ import argparse
 import re
 import shlex
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -175,3 +177,14 @@ def test_the_demo_runs_every_command_that_it_prints(
     assert {"scene.mcap", "annotated.mcap", "annotated.mp4", "report.html"} <= files
     assert main(words) == 1
     assert "exists already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["--help"], *([name, "--help"] for name, _, _ in COMMANDS)], ids=" ".join)
+def test_help_loads_no_heavy_library(words: list[str]) -> None:
+    code = (
+        "import sys\nfrom replay.cli import main\n"
+        f"try:\n    main({words!r})\nexcept SystemExit:\n    pass\n"
+        "print(sorted({'av', 'cv2', 'duckdb', 'google.protobuf', 'networkx', 'numpy', 'scipy'} & sys.modules.keys()))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
