@@ -87,6 +87,7 @@ def rewrite(
     if exchanges:
         fragments = gather(undone(targets(), exchanges), times)
     lives = _lives(fragments, join(fragments, p), p, scene)
+    del fragments  # and with them those of dropped paths
     if names is not None:
         names.update((k, lives[k].id) for k in sorted(lives))
     yield from _Writer(lives, scene, times, p).run(undone(targets(), exchanges))
