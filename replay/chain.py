@@ -8,15 +8,16 @@ from itertools import groupby
 from pathlib import Path
 
 from recorders import channels
-from recorders.errors import LimitError, UsageError
+from recorders.errors import LimitError, RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
 from recorders.messages import Digest
 from replay import digest
-from replay.checkpoint import PREFIX
-from replay.facts import GOLDEN, Facts, facts_of, sha256
+from replay.checkpoint import PREFIX, decode
+from replay.facts import GOLDEN, Facts, extras, facts_of, sha256
 
 WHOLE = -1
+RECORDED = "recorded messages"
 
 
 @dataclass(frozen=True)
@@ -65,14 +66,16 @@ class FrameRecord:
 
     Attributes:
         time_ns: log time.
-        digests: the digest messages of this time: one, unless the log was altered.
+        digests: the digest messages of this time that can be read: one, unless the log was altered.
         payloads: channel and payload in the order in which they were written.
+        stamps: channel, publish time and sequence number of each annotated message, digests included.
         recorded: the digest of the recorded messages up to this frame, None where the log does not hold them.
     """
 
     time_ns: int
     digests: list[Digest]
     payloads: list[tuple[str, bytes]]
+    stamps: list[tuple[str, int, int]]
     recorded: str | None = None
 
     @property
@@ -81,44 +84,78 @@ class FrameRecord:
         return self.digests[0]
 
 
-def recorded_frames(log: LogReader, camera: str, with_recorded: bool = False) -> Iterator[FrameRecord]:
+class RecordedInput:
+    """The input's digest chain, made anew from the recorded messages that an annotated log holds."""
+
+    def __init__(self, detections: str) -> None:
+        self._detections = detections
+        self._pending: list[Message] = []
+        self._closes = False
+        self._link = digest.START
+        self.frames = 0
+        self.last = ""
+
+    def add(self, message: Message) -> None:
+        """Take the next recorded message."""
+        self._pending.append(message)
+        self._closes = self._closes or message.topic == self._detections
+
+    def end_of_time(self) -> None:
+        """All messages of one time have been added."""
+        if self._closes:
+            self.last = digest.recorded_digest(self._pending)
+            self._link = digest.chained(self._link, self.last)
+            self.frames += 1
+            self._pending, self._closes = [], False
+
+    def final_link(self) -> str:
+        """The chain's last link, with the messages after the last frame."""
+        return digest.chained(self._link, digest.recorded_digest(self._pending)) if self._pending else self._link
+
+
+def recorded_frames(log: LogReader, camera: str, recorded: RecordedInput | None = None) -> Iterator[FrameRecord]:
     """The annotated frames of a log in order.
 
     Args:
         log: an annotated log.
         camera: whose annotations.
-        with_recorded: digest the recorded messages of each frame, too.
+        recorded: takes the recorded messages, too, if given.
 
     Raises:
-        RecordingError: a digest cannot be read.
         LimitError: more messages at one time than the limits allow.
     """
     names = {channels.topic(camera, name): name for name in channels.ANNOTATED}
-    wanted = None if with_recorded else [c.topic for c in log.channels if c.topic in names]
-    detections = channels.topic(camera, "detections")
-    pending: list[Message] = []
-    found = ""
+    wanted = [c.topic for c in log.channels if c.topic in names] if recorded is None else None
     for now, group in groupby(log.messages(wanted), key=lambda m: m.log_time_ns):
         digests: list[Digest] = []
         payloads: list[tuple[str, bytes]] = []
-        closes = False
+        stamps: list[tuple[str, int, int]] = []
         for count, message in enumerate(group):
             if count >= log.limits.max_messages_per_frame:
                 limit = log.limits.max_messages_per_frame
                 raise LimitError(f"over {limit} messages at {now} ns (max_messages_per_frame)", log.path)
             name = names.get(message.topic)
             if name is None:
-                pending.append(message)
-                closes = closes or message.topic == detections
-            elif name == "digest":
-                digests.append(channels.decode("digest", message.data, path=str(log.path)))
+                if recorded is not None:
+                    recorded.add(message)
+                continue
+            stamps.append((name, message.publish_time_ns, message.sequence))
+            if name == "digest":
+                digests += _readable(message, log)
             else:
                 payloads.append((name, message.data))
-        if closes:
-            found = digest.recorded_digest(pending)
-            pending = []
-        if digests or payloads:
-            yield FrameRecord(now, digests, payloads, found if with_recorded else None)
+        if recorded is not None:
+            recorded.end_of_time()
+        if stamps:
+            yield FrameRecord(now, digests, payloads, stamps, None if recorded is None else recorded.last)
+
+
+def _readable(message: Message, log: LogReader) -> list[Digest]:
+    """A digest message; none where it is no longer one."""
+    try:
+        return [channels.decode("digest", message.data, path=str(log.path))]
+    except RecordingError:
+        return []
 
 
 def verify_chain(
@@ -142,8 +179,9 @@ def verify_chain(
         found: Difference | None = None
         for name, (then, now) in altered.items():
             found = found or Difference(WHOLE, "metadata", f"{name}'s digest", then[:16] or "none", now[:16] or "none")
+        recorded = None if facts.annotations_only else RecordedInput(channels.topic(facts.camera, "detections"))
         link, frames = facts.link_before, 0
-        for record in recorded_frames(log, facts.camera, with_recorded=facts.whole):
+        for record in recorded_frames(log, facts.camera, recorded):
             wrong = _wrong(record, link, facts, frames)
             if wrong is not None:
                 return Verification(False, frames, wrong[0], [*reasons, wrong[1]], facts.output_digest)
@@ -151,8 +189,14 @@ def verify_chain(
             frames += 1
             if progress is not None:
                 progress("checking", record.digest.frame)
-        wrong = _wrong_end(facts, frames, link) or _wrong_checkpoint(log, facts)
-        if wrong is not None:
+        checks = (
+            _wrong_end(facts, frames, link),
+            _wrong_input(facts, recorded),
+            _wrong_channels(log, facts),
+            _wrong_checkpoint(log, facts),
+            _wrong_extras(log, facts),
+        )
+        for wrong in filter(None, checks):
             found = found or wrong[0]
             reasons.append(wrong[1])
         return Verification(found is None, frames, found, reasons, facts.output_digest)
@@ -174,8 +218,11 @@ def _wrong(record: FrameRecord, link: str, facts: Facts, frames: int) -> tuple[D
         then, now = ("a frame", "none") if d.frame > expected_frame else (f"frame {expected_frame}", f"frame {d.frame}")
         reason = "frames were altered, removed or moved after the replay"
         return Difference(min(d.frame, expected_frame), "frames", "", then, now), reason
-    if record.recorded is not None and record.recorded != d.recorded:
-        difference = Difference(d.frame, "recorded messages", "digest", d.recorded[:16], record.recorded[:16])
+    # A span's first frame came with messages from before the span, which are not here.
+    complete = record.recorded is not None and (frames > 0 or facts.from_ns is None)
+    if complete and record.recorded != d.recorded:
+        assert record.recorded is not None
+        difference = Difference(d.frame, RECORDED, "digest", d.recorded[:16], record.recorded[:16])
         return difference, f"the recorded messages of frame {d.frame} were altered after the replay"
     hashes = digest.channel_digests(record.payloads)
     for name in sorted({*hashes, *d.channels}):
@@ -183,6 +230,24 @@ def _wrong(record: FrameRecord, link: str, facts: Facts, frames: int) -> tuple[D
             then, now = (text[:16] if text else "no message" for text in (d.channels.get(name), hashes.get(name)))
             difference = Difference(d.frame, name, "digest", then, now)
             return difference, f"the channel {name} was altered after the replay"
+    return _wrong_stamp(record) or _wrong_link(record, link)
+
+
+def _wrong_stamp(record: FrameRecord) -> tuple[Difference, str] | None:
+    """A publish time or a sequence number that no replay gives."""
+    d = record.digest
+    for name, publish_ns, sequence in record.stamps:
+        for what, then, now in (
+            ("publish time", record.time_ns, publish_ns),
+            ("sequence number", d.frame, sequence),
+        ):
+            if then != now:
+                return Difference(d.frame, name, what, str(then), str(now)), f"a {what} was altered after the replay"
+    return None
+
+
+def _wrong_link(record: FrameRecord, link: str) -> tuple[Difference, str] | None:
+    d = record.digest
     expected = digest.link(link, d.frame, record.time_ns, d.recorded, d.channels)
     if expected != d.link:
         difference = Difference(d.frame, "digest", "link", d.link[:16], expected[:16])
@@ -194,9 +259,47 @@ def _wrong_end(facts: Facts, frames: int, link: str) -> tuple[Difference, str] |
     if frames != facts.frames:
         difference = Difference(WHOLE, "frames", "number", str(facts.frames), str(frames))
         return difference, f"{facts.frames} frames were written, {frames} are here"
+    if facts.from_ns is None and facts.to_ns is None and frames != facts.input_frames:
+        difference = Difference(facts.first_frame + frames, "frames", "", "a frame", "none")
+        return (
+            difference,
+            f"{facts.input_frames} frames were replayed and none left out, but {frames} are here: altered",
+        )
     if frames and link != facts.output_digest:
         difference = Difference(WHOLE, "metadata", "output_digest", facts.output_digest[:16], link[:16])
         return difference, "the chain does not end in the log's output digest"
+    return None
+
+
+def _wrong_input(facts: Facts, recorded: RecordedInput | None) -> tuple[Difference, str] | None:
+    """Recorded messages behind the last annotated frame, which no frame's digest holds."""
+    if recorded is None or not facts.whole:
+        return None
+    if recorded.frames != facts.input_frames:
+        difference = Difference(WHOLE, RECORDED, "frames", str(facts.input_frames), str(recorded.frames))
+        return difference, f"{facts.input_frames} frames were recorded, {recorded.frames} are here"
+    link = recorded.final_link()
+    if link != facts.input_digest:
+        difference = Difference(WHOLE, RECORDED, "input digest", facts.input_digest[:16], link[:16])
+        return difference, "recorded messages after the last frame were altered, added or removed after the replay"
+    return None
+
+
+def _wrong_channels(log: LogReader, facts: Facts) -> tuple[Difference, str] | None:
+    """Annotated channels under another schema, and channels that a log of annotations alone cannot have."""
+    names = {channels.topic(facts.camera, name): name for name in channels.ANNOTATED}
+    for channel in log.channels:
+        name = names.get(channel.topic)
+        if name is None:
+            if facts.annotations_only:
+                difference = Difference(WHOLE, channel.topic, "", "no such channel", "a channel")
+                return difference, f"the channel {channel.topic} was added after the replay"
+            continue
+        now = (channel.schema.name if channel.schema is not None else "none", channel.message_encoding)
+        then = (channels.schema(name).name, channels.message_encoding(name))
+        if now != then:
+            difference = Difference(WHOLE, name, "schema", " ".join(then), " ".join(now))
+            return difference, f"the schema of the channel {name} was altered after the replay"
     return None
 
 
@@ -211,7 +314,23 @@ def _wrong_checkpoint(log: LogReader, facts: Facts) -> tuple[Difference, str] | 
         if now != then:
             difference = Difference(WHOLE, attachment.name, "digest", then[:16], now[:16])
             return difference, f"the attachment {attachment.name} was altered after the replay"
+        time_ns = decode(attachment.data, str(log.path)).time_ns
+        if attachment.log_time_ns != time_ns:
+            difference = Difference(WHOLE, attachment.name, "log time", str(time_ns), str(attachment.log_time_ns))
+            return difference, f"the attachment {attachment.name} was moved after the replay"
     if left:
         name = min(left)
         return Difference(WHOLE, name, "", "an attachment", "none"), f"the attachment {name} was removed"
+    return None
+
+
+def _wrong_extras(log: LogReader, facts: Facts) -> tuple[Difference, str] | None:
+    """Attachments and metadata that the recording brought along."""
+    if facts.extras is None:
+        return None
+    now = extras(log.attachments(), log.metadata())
+    for name in sorted({*facts.extras, *now}):
+        a, b = facts.extras.get(name, "nothing"), now.get(name, "nothing")
+        if a != b:
+            return Difference(WHOLE, name, "digest", a[:16], b[:16]), f"the {name} was altered after the replay"
     return None

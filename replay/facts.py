@@ -8,7 +8,7 @@ file can write both: what holds against that is a sealed manifest, see `replay.s
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,7 +16,8 @@ from typing import Any, TypeVar
 import msgspec
 
 from recorders.errors import RecordingError
-from recorders.log import LogReader
+from recorders.log import Attachment, LogReader
+from replay.checkpoint import PREFIX
 
 METADATA = "scenetrace"
 FORMAT_VERSION = "1"
@@ -41,6 +42,19 @@ def sealed(facts: Mapping[str, str]) -> dict[str, str]:
     return {**facts, _DIGESTS: canonical({name: sha256(facts[name].encode()) for name in sorted(facts)})}
 
 
+def extras(attachments: Iterable[Attachment], records: Iterable[tuple[str, Mapping[str, str]]]) -> dict[str, str]:
+    """What a log holds besides messages, checkpoints and its own facts: name to a SHA-256 over all of it."""
+    parts: dict[str, list[str]] = {}
+    for a in attachments:
+        if not a.name.startswith(f"{PREFIX}/"):
+            head = canonical([a.media_type, a.log_time_ns, a.create_time_ns]).encode()
+            parts.setdefault(f"attachment {a.name}", []).append(sha256(head + a.data))
+    for name, values in records:
+        if name != METADATA:
+            parts.setdefault(f"metadata record {name}", []).append(sha256(canonical(values).encode()))
+    return {name: sha256("".join(digests).encode()) for name, digests in sorted(parts.items())}
+
+
 @dataclass(frozen=True)
 class Facts:
     """The facts of one annotated log.
@@ -61,6 +75,7 @@ class Facts:
         from_ns, to_ns: the span that was asked for.
         checkpoint_ns: time between checkpoints, None without.
         checkpoints: name of each checkpoint to the SHA-256 of its bytes; None in logs that do not say.
+        extras: what `extras` gives: the recording's own attachments and metadata; None in logs that do not say.
     """
 
     path: Path
@@ -84,6 +99,7 @@ class Facts:
     to_ns: int | None
     checkpoint_ns: int | None
     checkpoints: dict[str, str] | None
+    extras: dict[str, str] | None
 
     @property
     def whole(self) -> bool:
@@ -106,9 +122,13 @@ def facts_of(log: LogReader) -> Facts:
     Raises:
         RecordingError: it is not an annotated log, or a fact is missing or not readable; names it.
     """
-    for name, values in log.metadata():
-        if name == METADATA and values.get("kind") == KIND:
-            return _parsed(log.path, values)
+    found = [values for name, values in log.metadata() if name == METADATA and values.get("kind") == KIND]
+    if len(found) > 1:
+        raise RecordingError(
+            f"{len(found)} metadata records {METADATA!r} say how it was made, there can be one: altered", log.path
+        )
+    if found:
+        return _parsed(log.path, found[0])
     raise RecordingError(
         "not an annotated log (no metadata `scenetrace` of a replay); make one with `scenetrace replay`", log.path
     )
@@ -141,6 +161,7 @@ def _parsed(path: Path, v: dict[str, str]) -> Facts:
         to_ns=_optional(path, v, "to_ns"),
         checkpoint_ns=_optional(path, v, "checkpoint_ns"),
         checkpoints=_json(path, v, "checkpoints", dict[str, str]) if "checkpoints" in v else None,
+        extras=_json(path, v, "extras", dict[str, str]) if "extras" in v else None,
     )
 
 

@@ -13,7 +13,7 @@ from array import array
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import groupby, islice
 from pathlib import Path
 from typing import IO, Any
 
@@ -25,7 +25,7 @@ from recorders import channels
 from recorders.errors import RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
-from recorders.messages import Targets
+from recorders.messages import Digest, Targets
 from recorders.parameters import Config
 from recorders.scene import Frame, SceneLog
 from replay import checkpoint, digest, hindsight
@@ -151,22 +151,38 @@ def recorded_now(frame: Frame) -> str:
     return digest.recorded_digest(m for m in frame.messages if m.log_time_ns == frame.time_ns)
 
 
-def recorded_targets(path: Path, camera: str, last_frame: int, limits: Limits) -> Iterator[tuple[int, Targets]]:
-    """The forward pass's answers up to a frame with their log times, as an annotated log holds them.
+def recorded_targets(path: Path, camera: str, start: Checkpoint, limits: Limits) -> Iterator[tuple[int, Targets]]:
+    """The forward pass's answers up to a checkpoint with their log times, as an annotated log holds them.
 
     Raises:
         UsageError: the log does not hold them all (it was written with ``--from``).
+        RecordingError: they are not those that led to the checkpoint.
     """
-    expected = 0
+    expected, link = 0, digest.START
+    topics = [channels.topic(camera, name) for name in ("targets", "digest")]
     with LogReader(path, limits) as log:
-        for message in log.messages([channels.topic(camera, "targets")]):
-            found: Targets = channels.decode("targets", message.data, path=str(path), limits=limits)
-            if found.frame != expected or expected > last_frame:
+        for time_ns, group in groupby(log.messages(topics), key=lambda m: m.log_time_ns):
+            by_topic = {m.topic: m for m in group}
+            if len(by_topic) < len(topics):
                 break
+            targets, made = (by_topic[topic].data for topic in topics)
+            found: Targets = channels.decode("targets", targets, path=str(path), limits=limits)
+            if found.frame != expected or expected > start.frame:
+                break
+            said: Digest = channels.decode("digest", made, path=str(path), limits=limits)
+            link = digest.link(link, said.frame, time_ns, said.recorded, said.channels)
+            if link != said.link or digest.channel_digests([("targets", targets)])["targets"] != said.channels.get(
+                "targets"
+            ):
+                raise RecordingError(
+                    f"frame {expected} is not what the replay wrote: altered; replay without --checkpoints", path
+                )
             expected += 1
-            yield message.log_time_ns, found
-    if expected <= last_frame:
+            yield time_ns, found
+    if expected <= start.frame:
         raise UsageError(f"{path}: holds the forward pass up to frame {expected} only; replay without --checkpoints")
+    if link != start.link:
+        raise RecordingError(f"its frames do not lead to {checkpoint.name(start.frame)}: altered", path)
 
 
 def _under_final_ids(kept: SpoolEntry, names: Mapping[int, int]) -> Extra:
@@ -234,7 +250,7 @@ class Run:
         if start is not None:
             assert self.options.checkpoints is not None
             path, limits = self.options.checkpoints, self.options.limits
-            for time_ns, before in recorded_targets(path, self.scene.camera, start.frame, limits):
+            for time_ns, before in recorded_targets(path, self.scene.camera, start, limits):
                 times.append(time_ns)
                 spool.append(SpoolEntry(before))
         for step in self._forward(start):

@@ -8,25 +8,31 @@ altered, the recording was, the configuration or a package is another one, or th
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import msgspec
+from google.protobuf.json_format import MessageToDict
 
 from recorders import channels
-from recorders.errors import RecordingError, UsageError
+from recorders.errors import LimitError, RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
+from recorders.messages import Digest
 from recorders.scene import SceneLog
 from replay import checkpoint, digest
-from replay.chain import WHOLE, Difference, FrameRecord, Verification, recorded_frames, verify_chain
+from replay.chain import RECORDED, WHOLE, Difference, FrameRecord, Verification, recorded_frames, verify_chain
 from replay.checkpoint import Checkpoint
 from replay.configuration import machine, opencv_build, package_versions, python_version, recorded_config
 from replay.facts import Facts, build_facts, facts_of
 from replay.replaying import Annotated, Progress, ReplayOptions, Run
 from replay.trackers.catalogue import TRACKERS
 from replay.trackers.tracker import TrackerFactory
+
+# Protobuf messages whose fields say more than their bytes: no pictures.
+_SMALL = ("annotations", "log")
 
 __all__ = [
     "Difference",
@@ -82,19 +88,48 @@ def verify(
             factory=factory,
             limits=limits,
         )
-        with SceneLog(_scene_of(Path(path), facts, scene), facts.camera, limits) as source:
-            changed = _changed_input(source, log, facts)
-            effect, frames = _compare(Run(source, options, progress), log, facts)
-    reasons = [*chain.reasons, *changes, *_changed_packages(facts)]
+        try:
+            with SceneLog(_scene_of(Path(path), facts, scene), facts.camera, limits) as source:
+                changed = _changed_input(source, log, facts)
+                comparing = _Comparing(Run(source, options, progress), log, facts, links=changed is None)
+                effect, stopped = _compared(comparing, certain=changed is None and chain.identical)
+                frames = comparing.frames
+        except SceneTraceError as e:
+            # An altered recording need not be one that can be replayed; what was altered is known already.
+            if chain.identical or scene is not None:
+                raise
+            return replace(chain, reasons=[*chain.reasons, f"it cannot be replayed any more: {_reason(e)}"])
+    reasons = [*chain.reasons, *changes, *_changed_packages(facts), *stopped]
     if changed is not None and not any("recorded messages" in reason for reason in chain.reasons):
-        reasons.append(f"the recording is not the one that was replayed: {changed}")
+        reasons.insert(0, f"the recording is not the one that was replayed: {changed}")
     return _verdict(chain, changed, effect, frames, reasons)
+
+
+def _compared(comparing: _Comparing, certain: bool) -> tuple[Difference | None, list[str]]:
+    """The first effect, and what stopped the replay over an altered recording.
+
+    Raises:
+        SceneTraceError: the replay fails, and nothing was altered.
+    """
+    try:
+        return comparing.difference(), []
+    except SceneTraceError as e:
+        if certain:
+            raise
+        return None, [f"over what is here a replay stops: {_reason(e)}"]
+
+
+def _reason(error: SceneTraceError) -> str:
+    return error.reason if isinstance(error, RecordingError) else str(error)
 
 
 def _verdict(
     chain: Verification, changed: Difference | None, effect: Difference | None, frames: int, reasons: list[str]
 ) -> Verification:
     difference = changed or effect or chain.difference
+    if changed is not None and chain.difference is not None and WHOLE < chain.difference.frame < changed.frame:
+        # Where frames are missing, the chain knows which; the recording only goes on differently after them.
+        difference = chain.difference
     if changed is None and effect is not None and chain.difference is not None:
         # The chain's difference has digests for values; the replay's has the values themselves. What belongs to no
         # frame (an altered configuration) is the cause of what differs in frames.
@@ -139,12 +174,26 @@ def _scene_of(path: Path, facts: Facts, given: str | Path | None) -> Path:
 
 
 def _changed_input(scene: SceneLog, log: LogReader, facts: Facts) -> Difference | None:
-    """Where the recording is not the one whose digests the log has."""
+    """Where the recording is not the one whose digests the log has.
+
+    Raises:
+        RecordingError: the recording's file is damaged.
+    """
     records = recorded_frames(log, facts.camera)
     expected = next(records, None)
     link = digest.START
     count = 0
-    for frame in scene.frames():
+    frames = scene.frames()
+    while True:
+        try:
+            frame = next(frames, None)
+        except RecordingError as e:
+            # Bytes that are not what their own file says are damage; content that makes no sense was put there.
+            if e.offset is not None or isinstance(e, LimitError):
+                raise
+            return Difference(count, RECORDED, "", "a frame", f"none that can be read: {e.reason}")
+        if frame is None:
+            break
         now = digest.recorded_digest(frame.messages)
         link = digest.chained(link, now)
         count += 1
@@ -152,44 +201,58 @@ def _changed_input(scene: SceneLog, log: LogReader, facts: Facts) -> Difference 
             expected = next(records, None)
         if expected is not None and expected.digest.frame == frame.index and expected.digest.recorded != now:
             then = expected.digest.recorded
-            return Difference(frame.index, "recorded messages", "digest", then[:16], now[:16])
+            return Difference(frame.index, RECORDED, "digest", then[:16], now[:16])
         if count == facts.input_frames and facts.to_ns is not None and link == facts.input_digest:
             return None
     if scene.trailing:
         link = digest.chained(link, digest.recorded_digest(scene.trailing))
     if count < facts.input_frames:
-        return Difference(WHOLE, "recorded messages", "frames", str(facts.input_frames), str(count))
+        return Difference(WHOLE, RECORDED, "frames", str(facts.input_frames), str(count))
     if link != facts.input_digest:
-        return Difference(WHOLE, "recorded messages", "input digest", facts.input_digest[:16], link[:16])
+        return Difference(WHOLE, RECORDED, "input digest", facts.input_digest[:16], link[:16])
     return None
 
 
-def _compare(run: Run, log: LogReader, facts: Facts) -> tuple[Difference | None, int]:
-    """The first difference between a run and a log, and how many frames were equal before it."""
-    records = recorded_frames(log, facts.camera)
-    expected = next(records, None)
-    frames = 0
-    states = _States(log, facts)
-    for now in run.frames(keep=states.compare):
-        if states.difference is not None:
-            return states.difference, frames
-        if expected is None or now.frame.time_ns < expected.time_ns:
-            if _has_gap(facts, now):
-                return Difference(now.digest.frame, "frames", "", "no frame", "a frame"), frames
+class _Comparing:
+    """Holds a new replay against a log.
+
+    Attributes:
+        frames: how many frames were equal.
+    """
+
+    def __init__(self, run: Run, log: LogReader, facts: Facts, links: bool) -> None:
+        self._run = run
+        self._links = links
+        self._log = log
+        self._facts = facts
+        self.frames = 0
+
+    def difference(self) -> Difference | None:
+        """The first difference."""
+        facts = self._facts
+        records = recorded_frames(self._log, facts.camera)
+        expected = next(records, None)
+        states = _States(self._log, facts, self._links)
+        for now in self._run.frames(keep=states.compare):
+            if states.difference is not None:
+                return states.difference
+            if expected is None or now.frame.time_ns < expected.time_ns:
+                if _has_gap(facts, now):
+                    return Difference(now.digest.frame, "frames", "", "no frame", "a frame")
+                if expected is None and now.digest.frame + 1 >= facts.input_frames:
+                    break
+                continue
+            found = _first_difference(expected, now, self._links)
+            if found is not None:
+                return found
+            self.frames += 1
+            expected = next(records, None)
             if expected is None and now.digest.frame + 1 >= facts.input_frames:
                 break
-            continue
-        found = _first_difference(expected, now)
-        if found is not None:
-            return found, frames
-        frames += 1
-        expected = next(records, None)
-        if expected is None and now.digest.frame + 1 >= facts.input_frames:
-            break
-    if expected is not None:
-        number = expected.digests[0].frame if expected.digests else WHOLE
-        return Difference(number, "frames", "", "a frame", "none"), frames
-    return states.difference, frames
+        if expected is not None:
+            number = expected.digest.frame if expected.digests else WHOLE
+            return Difference(number, "frames", "", "a frame", "none")
+        return states.difference
 
 
 def _has_gap(facts: Facts, now: Annotated) -> bool:
@@ -203,8 +266,9 @@ def _has_gap(facts: Facts, now: Annotated) -> bool:
 class _States:
     """Holds the log's checkpoints against those of the new replay."""
 
-    def __init__(self, log: LogReader, facts: Facts) -> None:
+    def __init__(self, log: LogReader, facts: Facts, links: bool) -> None:
         self._log = log
+        self._links = links
         self._known = facts.checkpoints or {}
         self.difference: Difference | None = None
 
@@ -219,26 +283,39 @@ class _States:
             except RecordingError as e:
                 self.difference = Difference(made.frame, name, "", f"a state ({e.reason})", "another")
                 return
-            for part in ("tracker_state", "reasoner_state"):
-                a, b = (checkpoint.encode_state(getattr(c, part)) for c in (then, made))
-                if a != b:
-                    place, old, new = first_unequal(checkpoint.decode_state(a), checkpoint.decode_state(b)) or (
-                        "",
-                        "",
-                        "",
-                    )
-                    self.difference = Difference(made.frame, name, f"{part}.{place}", old, new)
-                    return
+            self.difference = _unequal_states(name, then, made, self._links)
+            if self.difference is not None:
+                return
 
 
-def _first_difference(then: FrameRecord, now: Annotated) -> Difference | None:
+def _unequal_states(name: str, then: Checkpoint, now: Checkpoint, links: bool) -> Difference | None:
+    """Where two checkpoints of one frame differ first. The fingerprint is told of by what is in it.
+
+    Without ``links``, what only says which recording it was is left out.
+    """
+    for part in ("tracker_state", "reasoner_state"):
+        a, b = (checkpoint.encode_state(getattr(c, part)) for c in (then, now))
+        if a != b:
+            found = first_unequal(checkpoint.decode_state(a), checkpoint.decode_state(b))
+            place, old, new = found or ("", "", "")
+            return Difference(now.frame, name, f"{part}.{place}", old, new)
+    for field in ("frame", "time_ns", "tracker", *(("recorded", "input_link", "link") if links else ())):
+        a, b = getattr(then, field), getattr(now, field)
+        if a != b:
+            return Difference(now.frame, name, field, short(a), short(b))
+    return None
+
+
+def _first_difference(then: FrameRecord, now: Annotated, links: bool) -> Difference | None:
+    """Where a frame as the log has it differs from the one replayed: its values first, then its digests.
+
+    ``links`` as well: they hold the recorded messages, so over another recording they differ without an effect.
+    """
     d = now.digest
-    if len(then.digests) == 1 and then.digest.channels == d.channels and then.digest.frame == d.frame:
-        if then.time_ns != now.frame.time_ns:
-            return Difference(d.frame, "frames", "log time", str(then.time_ns), str(now.frame.time_ns))
-        return None
     if then.digests and then.digest.frame != d.frame:
         return Difference(then.digest.frame, "frames", "number", str(then.digest.frame), str(d.frame))
+    if then.time_ns != now.frame.time_ns:
+        return Difference(d.frame, "frames", "log time", str(then.time_ns), str(now.frame.time_ns))
     for name in channels.ANNOTATED:
         ours = [payload for n, payload in now.payloads if n == name]
         theirs = [payload for n, payload in then.payloads if n == name]
@@ -246,19 +323,42 @@ def _first_difference(then: FrameRecord, now: Annotated) -> Difference | None:
             if a != b:
                 place, old, new = difference_in(name, a, b)
                 return Difference(d.frame, name, place, old, new)
-    old = then.digest.link[:16] if then.digests else "nothing"
-    return Difference(d.frame, "digest", "channels", old, d.link[:16])
+    return _unequal_digests(then.digests, d, links)
+
+
+def _unequal_digests(then: list[Digest], now: Digest, links: bool) -> Difference | None:
+    """What differs between digests over equal payloads."""
+    if len(then) != 1:
+        return Difference(now.frame, "digest", "messages", str(len(then)), "1")
+    for name in sorted({*then[0].channels, *now.channels}):
+        old, new = (digests.get(name, "none") for digests in (then[0].channels, now.channels))
+        if old != new:
+            return Difference(now.frame, "digest", name, old[:16], new[:16])
+    if links and then[0].link != now.link:
+        return Difference(now.frame, "digest", "link", then[0].link[:16], now.link[:16])
+    return None
 
 
 def difference_in(name: str, then: bytes | None, now: bytes | None) -> tuple[str, str, str]:
     """Where two payloads of a channel differ first: place in the message, both values, shortened."""
-    if then is None or now is None or name not in channels.JSON_CHANNELS:
+    if then is None or now is None:
         return "message", short(then), short(now)
+    found = None
     try:
-        a, b = (msgspec.json.decode(data) for data in (then, now))
-    except (msgspec.MsgspecError, RecursionError):
-        return "message", short(then), short(now)
-    return first_unequal(a, b) or ("message", short(then), short(now))
+        if name in channels.JSON_CHANNELS:
+            found = first_unequal(*(msgspec.json.decode(data) for data in (then, now)))
+        elif name in _SMALL:
+            found = first_unequal(*(MessageToDict(channels.decode(name, data)) for data in (then, now)))
+    except (msgspec.MsgspecError, RecursionError, SceneTraceError):
+        pass
+    return found or _unequal_bytes(then, now)
+
+
+def _unequal_bytes(then: bytes, now: bytes) -> tuple[str, str, str]:
+    """Where the bytes of two payloads part that nothing else tells apart."""
+    at = next((k for k, (a, b) in enumerate(zip(then, now, strict=False)) if a != b), min(len(then), len(now)))
+    old, new = (data[at : at + 16].hex() or "the end" for data in (then, now))
+    return f"byte {at} of the message", old, new
 
 
 def first_unequal(a: Any, b: Any, place: str = "") -> tuple[str, str, str] | None:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from recorders import channels
 from recorders.errors import OutputExistsError, UsageError
-from recorders.log import LogWriter, Message
+from recorders.log import Attachment, LogWriter, Message
 from recorders.parameters import as_plain
 from recorders.recording import utf8
 from recorders.scene import SceneLog
 from replay import checkpoint, digest
 from replay.checkpoint import Checkpoint
 from replay.configuration import machine, opencv_build, package_versions, python_version
-from replay.facts import FORMAT_VERSION, KIND, METADATA, canonical, sealed, sha256
+from replay.facts import FORMAT_VERSION, KIND, METADATA, canonical, extras, sealed, sha256
 from replay.replaying import Annotated, Progress, ReplayOptions, Run
 
 RECORDING_METADATA = "scenetrace.recording"
@@ -98,23 +98,33 @@ class AnnotatedWriter:
         self._tracks: dict[int, None] = {}
         self._events = 0
         self._checkpoints: dict[str, str] = {}
-        self._copy_extras()
+        self._extras = self._copy_extras()
 
     def _open(self, name: str) -> int:
         topic = channels.topic(self._scene.camera, name)
         return self._log.channel(topic, channels.schema(name), channels.message_encoding(name), {})
 
-    def _copy_extras(self) -> None:
-        if self._options.annotations_only:
-            return
+    def _copied_attachments(self) -> Iterator[Attachment]:
+        """Pass the recording's attachments through; they are hashed one by one on their way."""
         for a in self._scene.log.attachments():
             if not a.name.startswith(f"{checkpoint.PREFIX}/"):
                 self._log.attach(a.name, a.media_type, a.data, a.log_time_ns, a.create_time_ns)
+                yield a
+
+    def _copy_extras(self) -> dict[str, str]:
+        """Pass attachments and metadata of the recording through; their digests."""
+        if self._options.annotations_only:
+            return {}
+        records = []
         for name, values in self._scene.log.metadata():
             if name != METADATA:
-                self._log.metadata(name, values)
+                records.append((name, values))
             elif "tracker" not in values:
-                self._log.metadata(RECORDING_METADATA, values)
+                records.append((RECORDING_METADATA, values))
+        digests = extras(self._copied_attachments(), records)
+        for name, values in records:
+            self._log.metadata(name, values)
+        return digests
 
     def _within(self, time_ns: int) -> bool:
         first, end = self._options.from_ns, self._options.to_ns
@@ -185,6 +195,7 @@ class AnnotatedWriter:
             "to_ns": "" if options.to_ns is None else str(options.to_ns),
             "checkpoint_ns": "" if options.checkpoint_ns is None else str(options.checkpoint_ns),
             "checkpoints": canonical(self._checkpoints),
+            "extras": canonical(self._extras),
         }
         self._log.metadata(METADATA, sealed(facts))
         return ReplaySummary(self._frames, run.computed, len(self._tracks), self._events, run.input_link, self._link)

@@ -68,9 +68,9 @@ class Comparison:
 
     def lines(self, limit: int | None = None) -> list[str]:
         """The comparison for a person: one line per difference, then their number."""
-        if self.identical:
-            return [f"identical: {self.frames} frames"]
         head = [f"made with another {line}" for line in self.made]
+        if self.identical:
+            return [*head, f"identical: {self.frames} frames"]
         if self.equal:
             words = "track numbers, or values within the tolerance, differ"
             return [*head, f"equal in meaning over {self.frames} frames: {words}"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby, zip_longest
 
@@ -14,6 +14,8 @@ from replay.verifying import difference_in
 
 RECORDING = "recording"
 Payloads = dict[str, list[bytes]]
+Recorded = tuple[str, int, int, int, bytes]
+_PARTS = ((1, "log time"), (2, "publish time"), (3, "sequence number"), (4, "payload"))
 
 
 @dataclass
@@ -32,7 +34,7 @@ class Raw:
     """The outcome.
 
     Attributes:
-        identical: same times, same payloads in every channel.
+        identical: same times, same payloads in every channel; the same recording, where it was compared.
         frames: frames at the same times.
         channels: first difference of each channel, by name; `RECORDING` for the recorded messages under them.
     """
@@ -42,61 +44,132 @@ class Raw:
     channels: dict[str, First] = field(default_factory=dict)
 
 
-def compare_bytes(a: LogReader, b: LogReader, camera_a: str, camera_b: str) -> Raw:
+@dataclass
+class _Frame:
+    """The annotated messages of one time, and the recorded ones since the frame before.
+
+    Attributes:
+        payloads: by channel.
+        stamps: publish time and sequence number of each message, by channel.
+        recorded: topic, times, sequence number and payload of each message, by time and topic.
+    """
+
+    time_ns: int
+    payloads: Payloads
+    stamps: dict[str, list[tuple[int, int]]]
+    recorded: list[Recorded]
+
+
+def compare_bytes(a: LogReader, b: LogReader, camera_a: str, camera_b: str, everything: bool = False) -> Raw:
     """Compare the annotated payloads of two logs, frame by frame.
+
+    With ``everything``, the recorded messages, publish times and sequence numbers are compared, too.
 
     Raises:
         RecordingError: a log is damaged.
         LimitError: more messages at one time than the limits allow.
     """
     out = Raw()
-    left, right = _frames(a, camera_a), _frames(b, camera_b)
-    ours, theirs = next(left, None), next(right, None)
+    left, right = _Frames(a, camera_a, everything), _Frames(b, camera_b, everything)
+    ours, theirs = left.next(), right.next()
     while ours is not None and theirs is not None:
-        if ours[0] != theirs[0]:
+        if ours.time_ns != theirs.time_ns:
             out.identical = False
-            if ours[0] < theirs[0]:
-                ours = next(left, None)
+            if ours.time_ns < theirs.time_ns:
+                ours = left.next()
             else:
-                theirs = next(right, None)
+                theirs = right.next()
             continue
         out.frames += 1
-        if ours[1] != theirs[1]:
-            _note(out, ours[1], theirs[1], a)
-        ours, theirs = next(left, None), next(right, None)
+        if ours != theirs:
+            _note(out, ours, theirs, a)
+        before = ours
+        ours, theirs = left.next(), right.next()
+        if ours is None and theirs is None and left.trailing != right.trailing:
+            _note_recorded(out, _frame_of(before.payloads, {}, a) + 1, left.trailing, right.trailing)
     out.identical = out.identical and ours is None and theirs is None
     return out
 
 
-def _frames(log: LogReader, camera: str) -> Iterator[tuple[int, Payloads]]:
-    names = {channels.topic(camera, name): name for name in channels.ANNOTATED}
-    wanted = [c.topic for c in log.channels if c.topic in names]
-    limit = log.limits.max_messages_per_frame
-    for now, group in groupby(log.messages(wanted), key=lambda m: m.log_time_ns):
-        payloads: Payloads = {}
-        for count, message in enumerate(group):
-            if count >= limit:
-                raise LimitError(f"over {limit} messages at {now} ns (max_messages_per_frame)", log.path)
-            payloads.setdefault(names[message.topic], []).append(message.data)
-        yield now, payloads
+class _Frames:
+    """A log's frames; ``trailing`` holds the recorded messages after the last one when they are through."""
+
+    def __init__(self, log: LogReader, camera: str, everything: bool) -> None:
+        self.trailing: list[Recorded] = []
+        self._log = log
+        self._names = {channels.topic(camera, name): name for name in channels.ANNOTATED}
+        self._everything = everything
+        self._frames = self._all()
+
+    def next(self) -> _Frame | None:
+        """The next frame."""
+        return next(self._frames, None)
+
+    def _all(self) -> Iterator[_Frame]:
+        log, limit = self._log, self._log.limits.max_messages_per_frame
+        wanted = None if self._everything else [c.topic for c in log.channels if c.topic in self._names]
+        for now, group in groupby(log.messages(wanted), key=lambda m: m.log_time_ns):
+            frame = _Frame(now, {}, {}, [])
+            for count, m in enumerate(group):
+                if count >= limit:
+                    raise LimitError(f"over {limit} messages at {now} ns (max_messages_per_frame)", log.path)
+                name = self._names.get(m.topic)
+                if name is None:
+                    frame.recorded.append((m.topic, now, m.publish_time_ns, m.sequence, m.data))
+                    continue
+                frame.payloads.setdefault(name, []).append(m.data)
+                if self._everything:
+                    frame.stamps.setdefault(name, []).append((m.publish_time_ns, m.sequence))
+            # Topics share one time in whatever order they lie in the file.
+            self.trailing += sorted(frame.recorded, key=lambda r: r[0])
+            if frame.payloads:
+                frame.recorded, self.trailing = self.trailing, []
+                yield frame
 
 
-def _note(out: Raw, a: Payloads, b: Payloads, log: LogReader) -> None:
+def _note(out: Raw, a: _Frame, b: _Frame, log: LogReader) -> None:
     out.identical = False
-    different = [name for name in channels.ANNOTATED if a.get(name) != b.get(name)]
-    frame = -1
-    for name in different:
-        known = out.channels.get(name)
-        if name == "digest":
-            _note_recording(out, a, b, log)
-        if known is not None:
-            known.frames += 1
-            continue
-        if frame < 0:
-            frame = _frame_of(a, b, log)
-        pairs = zip_longest(a.get(name, []), b.get(name, []))
-        x, y = next((x, y) for x, y in pairs if x != y)
-        out.channels[name] = First(frame, *difference_in(name, x, y))
+    frame = _frame_of(a.payloads, b.payloads, log)
+    told = False
+    for name in channels.ANNOTATED:
+        if a.payloads.get(name) != b.payloads.get(name):
+            if name == "digest":
+                told = _note_recording(out, a.payloads, b.payloads, log)
+            pairs = zip_longest(a.payloads.get(name, []), b.payloads.get(name, []))
+            x, y = next((x, y) for x, y in pairs if x != y)
+            _count(out, name, lambda name=name, x=x, y=y: First(frame, *difference_in(name, x, y)))  # type: ignore[misc]
+        elif a.stamps.get(name) != b.stamps.get(name):
+            stamps = zip(a.stamps[name], b.stamps[name], strict=True)
+            p, q = next((p, q) for p, q in stamps if p != q)
+            what, k = ("publish time", 0) if p[0] != q[0] else ("sequence number", 1)
+            _count(out, name, lambda what=what, p=p[k], q=q[k]: First(frame, what, str(p), str(q)))  # type: ignore[misc]
+    if a.recorded != b.recorded and not told:
+        _note_recorded(out, frame, a.recorded, b.recorded)
+
+
+def _count(out: Raw, name: str, first: Callable[[], First]) -> None:
+    """One more frame in which a channel differs."""
+    known = out.channels.get(name)
+    if known is not None:
+        known.frames += 1
+    else:
+        out.channels[name] = first()
+
+
+def _note_recorded(out: Raw, frame: int, a: Sequence[Recorded], b: Sequence[Recorded]) -> None:
+    out.identical = False
+    x, y = next((x, y) for x, y in zip_longest(a, b) if x != y)
+    topic = (x or y or ("",))[0]
+    if x is None or y is None or x[0] != y[0]:
+        old, new = ("nothing" if r is None else r[0] for r in (x, y))
+        first = First(frame, "messages", old, new)
+    else:
+        k, what = next((k, what) for k, what in _PARTS if x[k] != y[k])
+        place, old, new = what, str(x[k]), str(y[k])
+        if what == "payload":
+            place, old, new = difference_in(channels.split(topic)[1], x[4], y[4])
+        first = First(frame, f"{topic}, {place}", old, new)
+    _count(out, RECORDING, lambda: first)
 
 
 def _frame_of(a: Payloads, b: Payloads, log: LogReader) -> int:
@@ -106,14 +179,14 @@ def _frame_of(a: Payloads, b: Payloads, log: LogReader) -> int:
     return 0
 
 
-def _note_recording(out: Raw, a: Payloads, b: Payloads, log: LogReader) -> None:
+def _note_recording(out: Raw, a: Payloads, b: Payloads, log: LogReader) -> bool:
+    """Whether two frames' digests say that their recordings differ."""
     sides: list[Digest] = [
         channels.decode("digest", payload, path=str(log.path))
         for payload in (*a.get("digest", [])[:1], *b.get("digest", [])[:1])
     ]
-    if len(sides) == 2 and sides[0].recorded != sides[1].recorded:
-        if RECORDING in out.channels:
-            out.channels[RECORDING].frames += 1
-        else:
-            first = First(sides[0].frame, "digest", sides[0].recorded[:16], sides[1].recorded[:16])
-            out.channels[RECORDING] = first
+    if len(sides) < 2 or sides[0].recorded == sides[1].recorded:
+        return False
+    first = First(sides[0].frame, "digest", sides[0].recorded[:16], sides[1].recorded[:16])
+    _count(out, RECORDING, lambda: first)
+    return True

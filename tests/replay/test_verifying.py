@@ -111,7 +111,7 @@ def test_a_difference_without_a_known_reason_says_so(folder: Path, tmp_path: Pat
                 payloads.append((name, data))
             writer.write(ids[m.channel.id], data, m.log_time_ns, m.publish_time_ns, m.sequence)
         (values,) = [v for n, v in log.metadata() if n == "scenetrace"]
-        changed = {**values, "output_digest": last, "checkpoints": "{}", "checkpoint_ns": ""}
+        changed = {**values, "output_digest": last, "checkpoints": "{}", "checkpoint_ns": "", "extras": "{}"}
         writer.metadata("scenetrace", sealed({k: v for k, v in changed.items() if k != "fact_digests"}))
     assert verify_chain(out).identical
     verdict = verify(out)
