@@ -27,24 +27,33 @@ from pathlib import Path
 from typing import Any
 
 from fixtures.logs import write_scene_log
-from fixtures.plants import ANNOTATION_PLANTS, RECORDING_PLANTS, Planted
+from fixtures.plants import ANNOTATION_PLANTS, RECORDED, RECORDING_PLANTS, Planted
 from fixtures.scenes import SCRIPTS, GeneratedScene, generate
+from recorders.errors import RecordingError
 from recorders.log import LogReader
 from recorders.recording import RecordOptions, record
 from recorders.scene import SceneLog
 from recorders.sources import open_source
 from recorders.vision import cv2
 from replay import checkpoint, digest, replaying, writing
-from replay.compare import compare
-from replay.configuration import replay_config
+from replay.compare import Comparison, compare
+from replay.configuration import python_version, replay_config
 from replay.engine import Engine
 from replay.replaying import ReplayOptions
 from replay.trackers.catalogue import TRACKERS
 from replay.verifying import verify, verify_chain
 
 DATA = Path(os.environ.get("SCENETRACE_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
-# From the newest kernels down to what every 64-bit processor has.
-CPU_LEVELS = ("AVX512-SKX", "AVX512-SKX,AVX2,FP16", "AVX512-SKX,AVX2,FP16,AVX,SSE4.2,SSE4.1")
+# From the newest kernels down to SSE3, this build's baseline: whatever else there is has been disabled then. The
+# baseline itself cannot be: OpenCV warns that "code optimizations for this feature are executed unconditionally".
+CPU_LEVELS = (
+    "AVX512-SKX", "AVX512-SKX,AVX2,FP16", "AVX512-SKX,AVX2,FP16,AVX", "AVX512-SKX,AVX2,FP16,AVX,SSE4.2,SSE4.1"
+)  # fmt: skip
+NUMPY_KERNELS = ("X86_V4 AVX512_ICL AVX512_SPR", "X86_V3 X86_V4 AVX512_ICL AVX512_SPR")
+PLACES = (
+    {"TZ": "Asia/Kathmandu", "LC_ALL": "C"},
+    {"TZ": "America/St_Johns", "LC_ALL": "C.UTF-8", "LANG": "tr_TR.UTF-8"},
+)
 KERNELS = ("Haswell", "Nehalem", "Prescott")
 FRAMES, PETS_FRAMES = 120, 60
 SECOND = 1_000_000_000
@@ -102,10 +111,11 @@ def worker(order: dict[str, Any]) -> None:
                 progress = slow if order.get("slow") else None
                 done = writing.replay(Path(path), Path(folder) / "a.mcap", options(tracker), progress)
                 found[f"{name} {tracker}"] = done.output_digest
-    print(json.dumps(found))
+    print(json.dumps({"digests": found, "python": python_version(), "kernels": cv2.getCPUFeaturesLine()}))
 
 
-def elsewhere(order: dict[str, Any], env: dict[str, str], python: str = sys.executable) -> dict[str, str]:
+def elsewhere(order: dict[str, Any], env: dict[str, str], python: str = sys.executable) -> dict[str, Any]:
+    """What a worker found; no digests where it failed, which then counts as unequal."""
     done = subprocess.run(
         [python, __file__, "--worker", json.dumps(order)],
         env={**os.environ, **env},
@@ -113,12 +123,12 @@ def elsewhere(order: dict[str, Any], env: dict[str, str], python: str = sys.exec
         text=True,
         check=False,
     )
-    # A kernel that OpenCV does not know by that name would have stayed on.
-    if done.returncode or "unknown CPU feature" in done.stderr:
-        print(done.stderr[-1500:], file=sys.stderr)
-        return {}
-    digests: dict[str, str] = json.loads(done.stdout.splitlines()[-1])
-    return digests
+    # A kernel that OpenCV does not know by that name, or that is its baseline, would have stayed on.
+    if done.returncode or "unknown CPU feature" in done.stderr or "baseline CPU feature" in done.stderr:
+        print(f"{python} with {env} failed:\n{done.stderr[-1500:]}", file=sys.stderr)
+        return {"digests": {}, "python": python, "kernels": ""}
+    answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return answer
 
 
 def variants(runs: int, pythons: Sequence[str]) -> Iterator[tuple[str, dict[str, Any], dict[str, str], str]]:
@@ -134,25 +144,34 @@ def variants(runs: int, pythons: Sequence[str]) -> Iterator[tuple[str, dict[str,
         yield f"OPENBLAS_CORETYPE {', '.join(KERNELS)}", {}, {"OPENBLAS_CORETYPE": kernel}, me
     for level in CPU_LEVELS:
         yield "OPENCV_CPU_DISABLE down to SSE3", {}, {"OPENCV_CPU_DISABLE": level}, me
+    for kernels in NUMPY_KERNELS:
+        yield "NPY_DISABLE_CPU_FEATURES down to X86_V2", {}, {"NPY_DISABLE_CPU_FEATURES": kernels}, me
+    for place in PLACES:
+        yield "time zone and locale", {}, place, me
     yield "IPP on", {}, {"SCENETRACE_EXPERIMENT": "ipp"}, me
     yield "slow (2 ms a frame more)", {"slow": True}, {}, me
     for python in pythons:
-        yield f"interpreter {python}", {}, {}, python
+        yield "", {}, {}, python
 
 
 def determinism(logs: dict[str, Path], trackers: Sequence[str], runs: int, pythons: Sequence[str]) -> bool:
     order = {"scenes": {n: str(p) for n, p in logs.items()}, "trackers": list(trackers)}
-    first = elsewhere(order, {})
-    columns = list(first)
+    first = elsewhere(order, {})["digests"]
+    columns = [f"{name} {tracker}" for name in logs for tracker in trackers]
+    if sorted(first) != sorted(columns):
+        print("the first replay failed: there is nothing to compare with")
+        return False
     equal: dict[str, dict[str, int]] = {}
     count: dict[str, int] = {}
     for family, more, env, python in variants(runs, pythons):
-        found = elsewhere({**order, **more}, env, python)
-        count[family] = count.get(family, 0) + 1
-        row = equal.setdefault(family, dict.fromkeys(columns, 0))
+        answer = elsewhere({**order, **more}, env, python)
+        row_name = family or f"interpreter {answer['python']}"
+        count[row_name] = count.get(row_name, 0) + 1
+        row = equal.setdefault(row_name, dict.fromkeys(columns, 0))
         for column in columns:
-            row[column] += found.get(column) == first[column]
-        print(f"  {family}: {count[family]}", file=sys.stderr, flush=True)
+            row[column] += answer["digests"].get(column) == first[column]
+        kernels = f" ({answer['kernels']})" if "OPENCV_CPU_DISABLE" in env else ""
+        print(f"  {row_name}: {count[row_name]}{kernels}", file=sys.stderr, flush=True)
     print("\nEqual output digests")
     table(["", *columns], [[f, *(f"{row[c]}/{count[f]}" for c in columns)] for f, row in equal.items()])
     for column in columns:
@@ -231,50 +250,90 @@ def plants(folder: Path, trackers: Sequence[str]) -> bool:
         generate("three_way_group", seed=1, size=(160, 120), frames=110), folder / "p.mcap", style="merged",
         pictures="png",
     )  # fmt: skip
-    rows, good = [], True
-    whole = ReplayOptions(checkpoint_ns=SECOND, force=True)
-    writing.replay(scene, folder / "pa.mcap", whole)
+    good, found = True, 0
+    for tracker in trackers:
+        rows = planted(scene, folder, tracker)
+        print(f"\nPlanted differences, {tracker}: found at their frame")
+        table(["plant", "frame", "verify", "diff"], rows)
+        good = good and all("NO" not in row for row in rows)
+        found += sum("NO" not in row for row in rows)
+    print(f"\n{found} plants found")
+    for tracker in trackers:
+        pairs, alarms = unchanged(folder, tracker)
+        print(f"False alarms on unchanged pairs, {tracker}: {alarms} of {pairs}")
+        good = good and not alarms
+    return good
+
+
+def planted(scene: Path, folder: Path, tracker: str) -> list[list[str]]:
+    """A row for each plant."""
+    rows = []
+    config = replay_config(tracker)
+    whole = ReplayOptions(tracker=tracker, config=config, checkpoint_ns=SECOND, force=True)
+    original, altered = folder / "pa.mcap", folder / "pb.mcap"
+    writing.replay(scene, original, whole)
     for name, plant in ANNOTATION_PLANTS.items():
-        planted = plant(folder / "pa.mcap", folder / "pb.mcap")
-        quick, found = verify_chain(folder / "pb.mcap"), verify(folder / "pb.mcap")
-        diff = compare(folder / "pa.mcap", folder / "pb.mcap")
-        rows.append([f"altered afterwards: {name}", *outcome(planted, (quick, found), diff)])
+        what = plant(original, altered)
+        seen = compare(original, altered)
+        rows.append([f"altered afterwards: {name}", *outcome(what, (verify_chain(altered), verify(altered)), seen)])
     for name, plant in RECORDING_PLANTS.items():
-        planted = plant(scene, folder / "pb.mcap")
-        found = verify(folder / "pa.mcap", folder / "pb.mcap")
-        writing.replay(folder / "pb.mcap", folder / "pc.mcap", whole)
-        diff = compare(folder / "pa.mcap", folder / "pc.mcap")
-        rows.append([f"another recording: {name}", *outcome(planted, (found,), diff)])
-    config = replay_config("events", assignments=[f"shell_model.k_s={0.2 + 1e-9!r}"])
+        what = plant(original, altered)
+        seen = compare(original, altered)
+        rows.append([f"recording in the log: {name}", *outcome(what, (verify_chain(altered), verify(altered)), seen)])
+        what = plant(scene, altered)
+        verdict = verify(original, altered)
+        try:
+            writing.replay(altered, folder / "pc.mcap", whole)
+            again = compare(original, folder / "pc.mcap")
+        except RecordingError as e:
+            again = e
+        rows.append([f"another recording: {name}", *outcome(what, (verdict,), again)])
+    config = replay_config(tracker, assignments=[f"shell_model.k_s={0.2 + 1e-9!r}"])
     writing.replay(scene, folder / "pc.mcap", changed(whole, config=config))
-    diff = compare(folder / "pa.mcap", folder / "pc.mcap")
-    rows.append(["another parameter: k_s by 1e-9", "0", "-", "yes" if diff.differences[0].frame == 0 else "NO"])
-    print("\nPlanted differences: found at their frame")
-    table(["plant", "frame", "verify", "diff"], rows)
-    good = all("NO" not in row for row in rows)
-    pairs, alarms = unchanged(folder, trackers)
-    print(f"\nFalse alarms on unchanged pairs: {alarms} of {pairs}")
-    return good and not alarms
+    other = compare(original, folder / "pc.mcap")
+    named = other.made == ["parameter: shell_model.k_s = 0.200000001, not 0.2"]
+    first = bool(other.differences) and "shell_radius" in str(other.differences[0].details)
+    rows.append(["another parameter: k_s by 1e-9", "0", "-", "yes" if named and first else "NO"])
+    return rows
 
 
-def outcome(planted: Planted, verdicts: Sequence[Any], diff: Any) -> list[str]:
+# What `diff` calls a difference in each channel.
+SHOWN = {
+    "tracks": {"track", "identity"},
+    "relations": {"relation"},
+    "groups": {"group"},
+    "events": {"event"},
+    "graph": {"message"},
+    "annotations": {"message"},
+    "digest": {"message"},
+    RECORDED: {"recording", "frames"},
+}
+
+
+def outcome(planted: Planted, verdicts: Sequence[Any], diff: Comparison | RecordingError) -> list[str]:
+    """Frame, and whether verify and diff name it: the first difference, in the channel that was altered."""
     place = "-" if planted.frame < 0 else str(planted.frame)
     right = all(v.difference is not None and v.difference.frame == planted.frame for v in verdicts)
-    if planted.frame >= 0:
-        seen = "yes" if diff.differences and planted.frame in {d.frame for d in diff.differences} else "NO"
+    if isinstance(diff, RecordingError):
+        seen = f"no replay of it: {diff.reason}"
+    elif planted.frame >= 0:
+        kinds = SHOWN[planted.channel]
+        first = min((d.frame for d in diff.differences if d.what in kinds), default=-1)
+        seen = "yes" if first == planted.frame else "NO"
+    elif planted.channel == "metadata":
+        seen = "yes" if diff.made else "NO"
     else:
-        seen = "yes" if diff.made else "not in what happens"
+        seen = "not in what happens" if diff.equal else "NO"
     return [place, "yes" if right else "NO", seen]
 
 
-def unchanged(folder: Path, trackers: Sequence[str]) -> tuple[int, int]:
-    """Replays of one scene twice, over all scripts and trackers until there are 50 pairs."""
+def unchanged(folder: Path, tracker: str) -> tuple[int, int]:
+    """Replays of one scene twice, over all scripts until there are 50 pairs."""
     pairs = alarms = 0
     while pairs < 50:
         for name in SCRIPTS:
             scene = generate(name, seed=pairs, size=(96, 72), frames=25)
             log = write_scene_log(scene, folder / "u.mcap", style="merged", force=True)
-            tracker = trackers[pairs % len(trackers)]
             for out in ("ua.mcap", "ub.mcap"):
                 writing.replay(log, folder / out, options(tracker))
             quiet = compare(folder / "ua.mcap", folder / "ub.mcap").identical
