@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import sys
 from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib import metadata
@@ -137,8 +138,12 @@ def python_version() -> str:
 
 
 def machine() -> str:
-    """The processor's architecture."""
-    return platform.machine()
+    """The processor's architecture, and the kernels that numpy picks for it: exp, log and arctan2 differ over them."""
+    # numpy tells it by printing alone (`numpy.show_runtime`); without this module the architecture has to do.
+    numpy_core = sys.modules.get("numpy._core._multiarray_umath")
+    here = getattr(numpy_core, "__cpu_features__", {})
+    kernels = [name for name in getattr(numpy_core, "__cpu_dispatch__", ()) if here.get(name)]
+    return f"{platform.machine()}, numpy with {' '.join(kernels) or 'its baseline alone'}"
 
 
 def package_versions() -> dict[str, str]:

@@ -116,6 +116,43 @@ PLANTED = {
         """,
         ["a replay of scene.mcap in another process differs", "hash seed", "a loop over a set", "sorted(...)"],
     ),
+    "numpy's global chance": (
+        """
+        def begin(self): self.n = 0
+        def name(self):
+            self.n += 1
+            return self.n * 100000 + int(np.random.randint(100000))
+        """,
+        ["It looks like chance", "numpy's global random state was used", "a seed from its parameters"],
+    ),
+    "the order of threads": (
+        """
+        def begin(self): self.n = 0
+        def name(self):
+            import random
+            done = []
+            def work(k):
+                time.sleep(0.001 * random.SystemRandom().random())
+                done.append(k)
+            threads = [threading.Thread(target=work, args=(k,)) for k in range(8)]
+            for thread in threads: thread.start()
+            for thread in threads: thread.join()
+            self.n += 1
+            return self.n * 100000000 + int("".join(map(str, done)))
+        """,
+        ["is not deterministic", "threads"],
+    ),
+    "an order by id()": (
+        """
+        def begin(self): self.n = 0
+        def name(self):
+            self.n += 1
+            words = [f"{k}" * (k + 1) for k in range(7)]
+            Planted.held = getattr(Planted, "held", []) + words
+            return self.n * 10000000 + int("".join(word[0] for word in sorted(words, key=id)))
+        """,
+        ["is not deterministic"],
+    ),
     "a state too small": (
         """
         def begin(self): self.n = 0
@@ -131,7 +168,10 @@ PLANTED = {
 }
 TRACKER = """
 import random
+import threading
 import time
+
+import numpy as np
 
 from recorders.messages import Target, Targets
 
@@ -180,7 +220,7 @@ def planted_run(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.mark.parametrize("plant", PLANTED)
 def test_planted_nondeterminism_is_caught_with_its_kind(planted_run: str, plant: str) -> None:
     k = list(PLANTED).index(plant)
-    said = re.split(r"^_+ test_planted_\d _+$", planted_run, flags=re.MULTILINE)[k + 1]
+    said = re.split(r"^_+ test_planted_\d+ _+$", planted_run, flags=re.MULTILINE)[k + 1]
     assert "Planted is not deterministic" in said or "Planted: a replay that starts from state()" in said
     for words in PLANTED[plant][1]:
         assert words.replace("_K", f"_{k}") in said, said
