@@ -24,6 +24,7 @@ from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.tracker import Image
 
 Floats = NDArray[np.float64]
+Places = NDArray[np.intp]
 _NEVER = -1e9
 _TAIL = 0.05
 """Share of pixels outside of the last mask."""
@@ -74,34 +75,36 @@ def cells(start: float, size: float, first: int, last: int) -> NDArray[np.intp]:
     return np.asarray(np.floor((centre - start) * (GRID / max(size, 1.0))), np.intp)
 
 
-def score(k: int, who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParameters) -> tuple[Floats, slice, slice]:
-    """Score log P(p|c) P(c) of claimant k over the part of the cut that its shell meets, and where that is."""
+def score(k: int, who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParameters) -> tuple[Floats, Places]:
+    """Score log P(p|c) P(c) of claimant k for the pixels of the cut within its shell, and which they are (flat)."""
     x, y, w, h = who.boxes[k].tolist()
     r = float(who.radii[k])
     cx, cy = x + w / 2 - cut.left, y + h / 2 - cut.top
     height, width = cut.own.shape
     y1, y2 = min(height, max(0, int(cy - r))), min(height, max(0, int(cy + r) + 1))
     x1, x2 = min(width, max(0, int(cx - r))), min(width, max(0, int(cx + r) + 1))
-    rows, columns = slice(y1, max(y1, y2)), slice(x1, max(x1, x2))
-    dy, dx = np.arange(y1, max(y1, y2)) + 0.5 - cy, np.arange(x1, max(x1, x2)) + 0.5 - cx
-    kernel = 1.0 - (dy[:, None] * dy[:, None] + dx * dx) / max(r * r, 1.0)
-    inside = (kernel > 0) & cut.own[rows, columns]
-    total = p.prior * np.log(np.maximum(kernel, 1e-3))
+    y2, x2 = max(y1, y2), max(x1, x2)
+    dy, dx = np.arange(y1, y2) + 0.5 - cy, np.arange(x1, x2) + 0.5 - cx
+    far = (dy * dy)[:, None] + dx * dx
+    square = max(r * r, 1.0)
+    i, j = np.nonzero((far < square) & cut.own[y1:y2, x1:x2])
+    at = (i + y1) * width + (j + x1)
+    total = p.prior * np.log(np.maximum(1.0 - far[i, j] / square, 1e-3))
     table = who.tells[k]
     if table is not None and bins is not None:
-        total = total + p.colour * table[bins[rows, columns]]
+        total += p.colour * table[bins.ravel()[at]]
     if p.shape > 0:
-        total = total + p.shape * _shape(who.masks[k], (x - cut.left, y - cut.top, w, h), rows, columns)
-    return np.where(inside, total, _NEVER), rows, columns
+        rows = np.clip(cells(y - cut.top, h, y1, y2), -1, GRID) + 1
+        columns = np.clip(cells(x - cut.left, w, x1, x2), -1, GRID) + 1
+        total += p.shape * _shape(who.masks[k]).ravel()[rows[i] * (GRID + 2) + columns[j]]
+    return total, at
 
 
-def _shape(mask: Image | None, box: tuple[float, float, float, float], rows: slice, columns: slice) -> Floats:
-    """The last mask laid over the box, log shares by pixel."""
+def _shape(mask: Image | None) -> Floats:
+    """Log shares of the last mask with what lies around the box, (GRID + 2, GRID + 2)."""
     table = np.full((GRID + 2, GRID + 2), np.log(_TAIL))
     table[1:-1, 1:-1] = log_mask(mask)
-    i = np.clip(cells(box[1], box[3], rows.start, rows.stop), -1, GRID) + 1
-    j = np.clip(cells(box[0], box[2], columns.start, columns.stop), -1, GRID) + 1
-    return np.asarray(table[i[:, None], j[None, :]])
+    return table
 
 
 def assign_pixels(who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParameters) -> Members:
@@ -114,25 +117,27 @@ def assign_pixels(who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParamete
         p: weights of the cues.
     """
     n = len(who.boxes)
-    best = np.full(cut.own.shape, _NEVER)
-    second = np.full(cut.own.shape, _NEVER)
-    owner = np.zeros(cut.own.shape, np.uint8)
-    scores: list[tuple[Floats, slice, slice]] = []
+    best = np.full(cut.own.size, _NEVER)
+    second = np.full(cut.own.size, _NEVER)
+    owner = np.zeros(cut.own.size, np.uint8)
+    scores: list[tuple[Floats, Places]] = []
     for k in range(n):
-        mine, rows, columns = score(k, who, cut, bins, p)
-        top, next_best = best[rows, columns], second[rows, columns]
+        mine, at = score(k, who, cut, bins, p)
+        top = best[at]
         wins = mine > top
-        np.maximum(next_best, np.where(wins, top, mine), out=next_best)
-        owner[rows, columns][wins] = k + 1
-        np.maximum(top, mine, out=top)
+        if p.disputed > 0:
+            second[at] = np.maximum(second[at], np.where(wins, top, mine))
+        owner[at[wins]] = k + 1
+        best[at] = np.maximum(top, mine)
         if p.soft:
-            scores.append((mine, rows, columns))
+            scores.append((mine, at))
     if p.disputed > 0:
         owner[(best - second < p.disputed) & (second > _NEVER / 2)] = 0
+    image = owner.reshape(cut.own.shape)
     if p.soft:
-        return _soft(owner, best, scores, cut)
-    counts, means = moments(owner, n, cut)
-    return Members(owner, counts, means)
+        return _soft(image, best, scores, cut)
+    counts, means = moments(image, n, cut)
+    return Members(image, counts, means)
 
 
 def moments(owner: NDArray[np.uint8], n: int, cut: Cut) -> tuple[Floats, Floats]:
@@ -146,21 +151,20 @@ def moments(owner: NDArray[np.uint8], n: int, cut: Cut) -> tuple[Floats, Floats]
     return counts, np.asarray(means)
 
 
-def _soft(owner: NDArray[np.uint8], best: Floats, scores: list[tuple[Floats, slice, slice]], cut: Cut) -> Members:
+def _soft(owner: NDArray[np.uint8], best: Floats, scores: list[tuple[Floats, Places]], cut: Cut) -> Members:
     """Counts and means from shares P(c|p) in place of whole pixels."""
     total = np.zeros(best.shape)
-    shares = []
-    for mine, rows, columns in scores:
-        share = np.where(mine > _NEVER / 2, np.exp(mine - best[rows, columns]), 0.0)
-        total[rows, columns] += share
-        shares.append(share)
+    shares = [np.exp(mine - best[at]) for mine, at in scores]
+    for share, (_, at) in zip(shares, scores, strict=True):
+        total[at] += share
     counts, means = np.zeros(len(scores)), np.full((len(scores), 2), np.nan)
-    for k, (share, (_, rows, columns)) in enumerate(zip(shares, scores, strict=True)):
-        part = share / np.maximum(total[rows, columns], 1e-12)
+    width = cut.own.shape[1]
+    for k, (share, (_, at)) in enumerate(zip(shares, scores, strict=True)):
+        part = share / np.maximum(total[at], 1e-12)
         counts[k] = part.sum()
         if counts[k] > 0:
-            x = (part.sum(axis=0) * (np.arange(columns.start, columns.stop) + cut.left + 0.5)).sum()
-            y = (part.sum(axis=1) * (np.arange(rows.start, rows.stop) + cut.top + 0.5)).sum()
+            x = (part * (at % width + cut.left + 0.5)).sum()
+            y = (part * (at // width + cut.top + 0.5)).sum()
             means[k] = x / counts[k], y / counts[k]
     return Members(owner, counts, means)
 

@@ -4,6 +4,9 @@ The prior of equation 8 stands or falls with the shell's centre, and in a JOINT 
 the visible ones alone. So before pixels are assigned, each object's last mask is moved over the foreground around its
 prediction to where it explains, by its colours, most of what nobody else explains better, and little background. The
 objects are moved by turns, those that were seen best first. (Ours; the paper stays with the prediction.)
+
+The search itself is done in whole numbers of `_UNIT`s of log likelihood: 8 bits hold what a cell can gain, saturating
+subtraction is the maximum with 0, and sums of whole numbers are the same on every machine.
 """
 
 from __future__ import annotations
@@ -12,9 +15,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
+from recorders.vision import cv2
 from replay.trackers.shells.colours import Bins
 from replay.trackers.shells.foreground import Cut
 from replay.trackers.shells.membership import Claimants, log_mask
@@ -22,7 +26,9 @@ from replay.trackers.shells.objects import GRID
 from replay.trackers.shells.parameters import ShellsParameters
 
 Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
 
+_UNIT = 1 / 48
 _UNEXPLAINED = -2.2
 """Log score from which on a foreground pixel is explained."""
 _ACROSS = 12
@@ -32,10 +38,13 @@ SWEEPS = 2
 
 @dataclass(slots=True)
 class _Piece:
-    """An object on the search's grid: log mask, cost of background below it, place of its top left cell."""
+    """An object on the search's grid: log mask, what is needed to explain a cell and what background below it costs
+    in units, place of its top left cell.
+    """
 
     log: Floats
-    gap: Floats
+    need: Bytes
+    gap: Bytes
     top: int
     left: int
     home: tuple[int, int]
@@ -57,7 +66,8 @@ def place(
     """
     size = float(np.sqrt(np.maximum(who.boxes[:, 2] * who.boxes[:, 3], 1.0)).min())
     step = max(1, int(size / _ACROSS))
-    own, empty = cut.own[::step, ::step], cut.empty[::step, ::step]
+    own = cut.own[::step, ::step]
+    empty = np.where(cut.empty[::step, ::step], np.uint8(255), np.uint8(0))
     coarse = None if bins is None else bins[::step, ::step]
     gains = [_gain(table, own, coarse) for table in who.tells]
     pieces = [_piece(who, k, cut, step) for k in range(len(who.boxes))]
@@ -70,7 +80,7 @@ def place(
                     _explain(others, piece, gains[j])
             _move(
                 pieces[k],
-                np.where(own, gains[k] - others, -99.0),
+                np.where(own, _units(gains[k] - others), np.uint8(0)),
                 empty,
                 _span(who, k, reach, step, sweep),
                 reach[k] / step,
@@ -97,7 +107,12 @@ def _piece(who: Claimants, k: int, cut: Cut, step: int) -> _Piece:
     gap = -np.log(np.maximum(1.0 - np.exp(log), 0.03))
     top, left = round((y - cut.top) / step), round((x - cut.left) / step)
     worth = float((log - _UNEXPLAINED)[log > _UNEXPLAINED].sum())
-    return _Piece(log, gap, top, left, (top, left), max(worth, 1.0))
+    return _Piece(log, _units(-log), _units(gap), top, left, (top, left), max(worth, 1.0))
+
+
+def _units(values: Floats) -> Bytes:
+    """Whole units of log likelihood, what is negative as 0."""
+    return np.rint(np.clip(values * (1 / _UNIT), 0.0, 255.0)).astype(np.uint8)
 
 
 def _span(who: Claimants, k: int, reach: Floats, step: int, sweep: int) -> tuple[int, int]:
@@ -121,12 +136,10 @@ def _explain(others: Floats, piece: _Piece, gain: Floats) -> None:
         np.maximum(part, mine + gain[a:c, b:d], out=part)
 
 
-def _move(
-    piece: _Piece, free: Floats, empty: NDArray[np.bool_], span: tuple[int, int], doubt: float, p: ShellsParameters
-) -> None:
+def _move(piece: _Piece, free: Bytes, empty: Bytes, span: tuple[int, int], doubt: float, p: ShellsParameters) -> None:
     """Move a piece to the best place within the span; of equals the one nearest to the top left."""
     reach, stride = span
-    rows, columns = piece.log.shape
+    rows, columns = piece.need.shape
     height, width = free.shape
     top = min(max(piece.top - reach, 0), max(0, height - rows))
     left = min(max(piece.left - reach, 0), max(0, width - columns))
@@ -135,14 +148,28 @@ def _move(
     if bottom < top or right < left:
         return
     area = (slice(top, bottom + rows), slice(left, right + columns))
-    windows = sliding_window_view(free[area], (rows, columns))[::stride, ::stride]
-    gaps = sliding_window_view(empty[area], (rows, columns))[::stride, ::stride]
-    explained = windows + piece.log
-    np.maximum(explained, 0.0, out=explained)
-    total = explained.sum(axis=(2, 3)) - p.gap_cost * (gaps * piece.gap).sum(axis=(2, 3))
+    windows = _windows(free[area], (rows, columns), stride)
+    explained = _sums(np.maximum(windows, piece.need) - piece.need)
+    empties = _sums(_windows(empty[area], (rows, columns), stride) & piece.gap)
+    total = explained - p.gap_cost * empties
     y = top + np.arange(total.shape[0]) * stride - piece.home[0]
     x = left + np.arange(total.shape[1]) * stride - piece.home[1]
     scale = max(0.1 * float(np.sqrt(rows * columns)), doubt)
     total = total / piece.worth - p.prior_cost * (y[:, None] * y[:, None] + x * x) / (scale * scale)
     i, j = divmod(int(np.argmax(total)), total.shape[1])
     piece.top, piece.left = top + i * stride, left + j * stride
+
+
+def _windows(cells: Bytes, shape: tuple[int, int], stride: int) -> Bytes:
+    """All windows of a shape at every ``stride``-th place, (I, J, h, w), a view."""
+    height, width = cells.shape
+    count = ((height - shape[0]) // stride + 1, (width - shape[1]) // stride + 1)
+    down, right = cells.strides
+    return as_strided(cells, (*count, *shape), (down * stride, right * stride, down, right), writeable=False)
+
+
+def _sums(windows: Bytes) -> Floats:
+    """Sums over windows (I, J, h, w) of whole units, (I, J), in log likelihoods."""
+    i, j, h, w = windows.shape
+    total = cv2.reduce(np.ascontiguousarray(windows).reshape(i * j, h * w), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)
+    return np.asarray(total, np.float64).reshape(i, j) * _UNIT
