@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from plain_sort import PlainSort
 
 from fixtures.scenes import GeneratedScene
-from fixtures.truth import STATIC, SceneTruth
+from fixtures.truth import STATIC, FrameTruth, SceneTruth
 from reasoning.relations import Objects, RelationBook
 from recorders import channels
 from recorders.messages import Box
@@ -108,6 +108,61 @@ def judge_tank(scene: GeneratedScene, boxes: Boxes, gate: float = 20.0) -> TankR
                 dx, dy = t[0] + t[2] / 2 - b[0] - b[2] / 2, t[1] + t[3] / 2 - b[1] - b[3] / 2
                 errors.append(float(np.hypot(dx, dy)))
     return TankResult(asked, lost, errors)
+
+
+@dataclass
+class OrderResult:
+    """Verdicts on who is behind whom: right, the wrong way round, about two of whom neither hides the other.
+
+    Attributes:
+        occluded: true occlusions of at least a fifth of an actor.
+        told: those of them during which the truth, and nothing but, was told.
+    """
+
+    right: int = 0
+    wrong: int = 0
+    neither: int = 0
+    occluded: int = 0
+    told: int = 0
+
+
+def judge_order(scene: GeneratedScene, log: Path, settings: Sequence[str] = (), gate: float = 25.0) -> OrderResult:
+    """Hold the tracker's `occluded` events against the truth of the last 10 frames."""
+    result = OrderResult()
+    said: list[tuple[int, int, int]] = []
+    frames = scene.truth.frames
+    with SceneLog(log) as recorded:
+        for step in Forward(recorded, TRACKERS["shells"], replay_config("shells", assignments=settings)).steps():
+            k = step.frame.index
+            events = [n.subjects for n in step.targets.notices if n.kind == "occluded"]
+            if not events:
+                continue
+            boxes = {t.id: t.box for t in step.targets.targets if t.present}
+            actors = matched({a.id: a.full_box for a in frames[k].actors}, boxes, gate)
+            names = {track: actor for actor, track in actors.items()}
+            for behind, front in events:
+                a, b = names.get(behind), names.get(front)
+                if a is None or b is None:
+                    result.neither += 1
+                    continue
+                lately = frames[max(0, k - 9) : k + 1]
+                balance = sum(_hides(f, b, a) - _hides(f, a, b) for f in lately)
+                result.right += balance > 0
+                result.wrong += balance < 0
+                result.neither += balance == 0
+                said.append((k, a, b))
+    for o in scene.truth.occlusions:
+        if o.front == STATIC or o.worst < 0.2:
+            continue
+        result.occluded += 1
+        about = {(a, b) for k, a, b in said if o.start <= k < o.end + 5 and {a, b} == {o.front, o.behind}}
+        result.told += about == {(o.behind, o.front)}
+    return result
+
+
+def _hides(frame: FrameTruth, front: int, behind: int) -> float:
+    actor = frame.actor(behind)
+    return 0.0 if actor is None else dict(actor.hidden_by).get(front, 0.0)
 
 
 @dataclass(frozen=True)

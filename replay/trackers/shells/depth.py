@@ -1,38 +1,38 @@
-"""Who covers whom among objects that share their foreground, and who is in front, by owners and colours of pixels."""
+"""Who covers whom among objects that share their foreground, and who is in front, by the owners of pixels."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from replay.trackers.shells.colours import Bins
 from replay.trackers.shells.foreground import Bools, Cut
 from replay.trackers.shells.membership import Claimants, cells, log_mask
 from replay.trackers.shells.objects import GRID
 
 _HALF = math.log(0.5)
-_TELLING = 12
-"""Pixels in the overlap of two last masks from which on they tell who is in front."""
+_AREA = 0.5
+"""Weight of the visible areas against the pixels lost; measured on generated fish and people."""
+_MOST = 1.2
+"""An object that shows more than its usual area shows no more than it."""
 
 
 class Depth:
     """Asked for claimants by row, once their pixels are assigned."""
 
-    def __init__(self, who: Claimants, owner: NDArray[np.uint8], cut: Cut, bins: Bins | None) -> None:
+    def __init__(self, who: Claimants, owner: NDArray[np.uint8], cut: Cut) -> None:
         """Prepare.
 
         Args:
             who: the N claimants at their places.
             owner: (H, W) uint8, 0 for nobody, k + 1 for claimant k.
             cut: the pixels, (H, W).
-            bins: their colour bins, None without pictures.
         """
         self._who = who
         self._owner = owner
         self._cut = cut
-        self._bins = bins
         self._n = len(who.boxes)
         self._spans = [self._span(k) for k in range(self._n)]
         self._masks: dict[int, Bools] = {}
@@ -65,32 +65,33 @@ class Depth:
                 out.append((other, lost / (lost + kept)))
         return sorted(out, key=lambda r: (-r[1], r[0]))
 
-    def in_front(self, k: int) -> list[tuple[int, float]]:
-        """Who else owns pixels within claimant k's last mask, and the share that they have won, largest first.
+    def lead(self, j: int, k: int, visible: Sequence[float]) -> float | None:
+        """Evidence that claimant j lies in front of k, negative if behind; None where they do not overlap.
 
-        Where two last masks overlap the pixels are those of the object in front: whoever's colours win there is. Too
-        few such pixels tell nothing: share 0.
+        What lies behind has lost pixels within its last mask to the one in front, and a part of its usual area; what
+        lies in front has not. Who shrinks because it turns loses area alone, so area counts half.
+
+        Args:
+            j: the one claimant.
+            k: the other.
+            visible: every claimant's share of its usual area that is its own in this frame.
         """
-        mine = self._silhouette(k)
-        owners = np.bincount(self._owner[mine], minlength=self._n + 1)
-        out = []
-        for other in range(self._n):
-            if other == k or not owners[other + 1]:
-                continue
-            lost, kept = self._won(k, other, mine & self._silhouette(other) & self._cut.own)
-            told = lost + kept >= _TELLING
-            out.append((other, lost / (lost + kept) if told else 0.0))
-        return sorted(out, key=lambda r: (-r[1], -owners[r[0] + 1], r[0]))
+        if not self._meet(j, k):
+            return None
+        area = min(visible[j], _MOST) - min(visible[k], _MOST)
+        return float(self._lost(k, j) - self._lost(j, k) + _AREA * area)
 
-    def _won(self, k: int, other: int, both: Bools) -> tuple[int, int]:
-        """How many of the pixels that both may own are the other's, and how many are k's."""
-        mine, theirs = self._who.tells[k], self._who.tells[other]
-        if self._bins is None or mine is None or theirs is None:
-            split = np.bincount(self._owner[both], minlength=self._n + 1)
-            return int(split[other + 1]), int(split[k + 1])
-        bins = self._bins[both]
-        ahead = theirs[bins] - mine[bins]
-        return int(np.count_nonzero(ahead > 0)), int(np.count_nonzero(ahead < 0))
+    def _meet(self, j: int, k: int) -> bool:
+        a, b, c, d = self._spans[j]
+        p, q, r, s = self._spans[k]
+        return max(a, p) < min(b, q) and max(c, r) < min(d, s)
+
+    def _lost(self, k: int, to: int) -> float:
+        """Share of a claimant's last mask that is somebody else's."""
+        a, b, c, d = self._spans[k]
+        mine = self._silhouette(k)[a:b, c:d]
+        owners = self._owner[a:b, c:d]
+        return int(np.count_nonzero(owners[mine] == to + 1)) / (int(np.count_nonzero(mine)) + 1)
 
     def _silhouette(self, k: int) -> Bools:
         """The last mask of a claimant at its place in the cut, (H, W) bool."""

@@ -37,7 +37,6 @@ class Body:
         centroid: mean of its pixels from the box's centre, in widths and heights.
         visible: share of its area that was its own in the last frame.
         free_ns: its colours are not learnt before this time.
-        hidden_by: who lies in front, and how sure that is.
         twin_s: for how long its box has all but coincided with that of an object seen better.
         front: the occluder within whose shell it is sought, TENTATIVE for none.
     """
@@ -70,14 +69,12 @@ class Body:
     ellipse: Ellipse | None = None
     signed: bool = False
     front: int = TENTATIVE
-    hidden_by: list[tuple[int, float]] = field(default_factory=list)
     sightings: list[list[float]] = field(default_factory=list)
 
     def begin_frame(self) -> None:
         """Forget what was true of the last frame alone."""
         self.newborn = self.observed = self.alone = self.signed = False
         self.measured = self.ellipse = None
-        self.hidden_by = []
 
     def learn_colours(self, seen: Floats) -> None:
         """Blend in a frame's histogram: a running mean that forgets after `MEMORY` updates."""
@@ -214,7 +211,7 @@ class Bodies:
 
 _OF_THE_PLACE = (
     "seen_ns", "mask", "area", "centroid", "misfit_s", "twin_s", "visible", "observed", "alone", "now", "blob",
-    "measured", "ellipse", "front", "hidden_by",
+    "measured", "ellipse", "front",
 )  # fmt: skip
 
 
@@ -226,7 +223,6 @@ def _plain(body: Body) -> dict[str, Any]:
     e = body.ellipse
     out["ellipse"] = None if e is None else [e.x, e.y, e.h, e.w, e.theta]
     out["centroid"] = list(body.centroid)
-    out["hidden_by"] = [list(h) for h in body.hidden_by]
     out["sightings"] = [list(s) for s in body.sightings]
     return out
 
@@ -238,6 +234,5 @@ def _body(state: Mapping[str, Any]) -> Body:
     plain["measured"] = None if plain["measured"] is None else tuple(plain["measured"])
     plain["ellipse"] = None if plain["ellipse"] is None else Ellipse(*plain["ellipse"])
     plain["centroid"] = tuple(plain["centroid"])
-    plain["hidden_by"] = [(int(i), float(c)) for i, c in plain["hidden_by"]]
     plain["sightings"] = [list(s) for s in plain["sightings"]]
     return Body(**plain)

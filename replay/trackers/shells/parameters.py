@@ -62,6 +62,10 @@ class ShellsParameters(Parameters):
     )
     gap_cost: float = param(0.6, "cost of background within a placed object's mask", low=0.0, high=10.0)
     prior_cost: float = param(0.02, "cost of a place one standard deviation off the prediction", low=0.0, high=10.0)
+    depth_s: float = param(
+        0.4, "who is in front is a running mean of the evidence over this time", unit="s", low=0.0, high=60.0
+    )
+    depth_limit: float = param(0.15, "and told from this much evidence on", unit="areas", low=0.0, high=2.0)
     learn_s: float = param(0.12, "a lone object's colours and mask are learnt this often", unit="s", low=0.0, high=60.0)
     probation_s: float = param(
         0.6, "after a JOINT, time over which identities are compared before learning goes on", unit="s", low=0, high=60

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +53,6 @@ class Found:
         pixels: number of its own pixels.
         ellipse: of its own pixels.
         own, left, top: its own pixels and where they lie in the picture.
-        hidden_by: who lies in front of it, and how sure that is.
         misfit: nobody else lies over its blob, which still is not of its size.
     """
 
@@ -67,7 +67,6 @@ class Found:
     own: Bools
     left: int
     top: int
-    hidden_by: list[tuple[int, float]] = field(default_factory=list)
     misfit: bool = False
 
 
@@ -88,6 +87,7 @@ class Resolver:
         foreground: of the frame.
         found: by row.
         fronts: for rows that are hidden the id of who hides them.
+        leads: evidence that the first of two ids lies in front of the second (`Depth.lead`).
         free: (M,) the blobs (rows) that no object lies over.
     """
 
@@ -109,6 +109,7 @@ class Resolver:
         self._boxes = bodies.boxes
         self.found: dict[int, Found] = {}
         self.fronts: dict[int, int] = {}
+        self.leads: dict[tuple[int, int], float] = {}
         self.free: Bools = np.ones(len(self._fg.boxes), bool)
         if len(rows) and len(self._fg.boxes):
             self._resolve(rows)
@@ -241,7 +242,7 @@ class Resolver:
         owner = members.owner
         whole = self._purify(owner, rows, blobs, fits, cut)
         self._deny_strangers(items, owner, bins, whole)
-        self._measure(rows, who, owner, members.means, cut, bins, whole)
+        self._measure(rows, who, owner, members.means, cut, whole)
         self._agree(rows, blobs)
 
     def _with_fragments(self, boxes: Floats, radii: Floats, blobs: Rows) -> Rows:
@@ -328,22 +329,27 @@ class Resolver:
         owner: NDArray[np.uint8],
         means: Floats,
         cut: Cut,
-        bins: Bins | None,
         whole: dict[int, int],
     ) -> None:
-        depth = Depth(who, owner, cut, bins)
+        depth = Depth(who, owner, cut)
+        counts = np.bincount(owner.ravel(), minlength=len(rows) + 1)[1:].tolist()
+        ids = [self._bodies.items[int(row)].id for row in rows]
+        shares = [c / max(1.0, self._bodies.items[int(r)].area) for c, r in zip(counts, rows, strict=True)]
+        for j, k in combinations(range(len(rows)), 2):
+            lead = depth.lead(j, k, shares)
+            if lead is not None:
+                self.leads[ids[j], ids[k]] = lead
         for k, row in enumerate(rows.tolist()):
             if k in whole:
                 self.found[row] = self.whole(row, whole[k])
                 continue
             body = self._bodies.items[row]
             own = owner == k + 1
-            count = int(np.count_nonzero(own))
-            visible = min(1.0, count / max(1.0, body.area))
+            count, visible = counts[k], min(1.0, shares[k])
             rivals = depth.covering(k)
             if visible < self._p.min_own:
                 if rivals:
-                    self.fronts[row] = self._bodies.items[int(rows[rivals[0][0]])].id
+                    self.fronts[row] = ids[rivals[0][0]]
                 continue
             x, y, w, h = who.boxes[k].tolist()
             mean = (float(means[k, 0]), float(means[k, 1]))
@@ -354,11 +360,9 @@ class Resolver:
             cy = share * my + (1 - share) * (y + h / 2)
             blob = int(np.argmax(np.bincount(cut.labels[own], minlength=1)))
             covered = any(c > 0.5 for _, c in rivals)
-            ahead = depth.in_front(k)
-            hidden = [(self._bodies.items[int(rows[j])].id, round(c, 3)) for j, c in ahead if c > 0.5]
             self.found[row] = Found(
                 (cx - w / 2, cy - h / 2, w, h), max(0.25, visible), False, False, blob, visible, count,
-                _ellipse(own, cut), own, cut.left, cut.top, hidden, len(rows) == 1,
+                _ellipse(own, cut), own, cut.left, cut.top, len(rows) == 1,
             )  # fmt: skip
             grown = extent(own, cut)
             if visible >= 0.8 and count <= self._p.larger * body.area and grown is not None and not covered:

@@ -26,6 +26,7 @@ from replay.trackers.shells.foreground import Foreground
 from replay.trackers.shells.identity import Doubts
 from replay.trackers.shells.life import Life
 from replay.trackers.shells.objects import TENTATIVE, Bodies, Body
+from replay.trackers.shells.order import Order
 from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.shells.resolve import Found, Resolver
 from replay.trackers.shells.resolve import Frame as Seen
@@ -34,8 +35,6 @@ from replay.trackers.tracker import Frame, SceneInfo, State
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 NS = 1e-9
-_SURE = 0.7
-"""Share of the pixels in the overlap of two last masks from which on their owner is told to be in front."""
 
 
 class ShellsTracker:
@@ -55,7 +54,7 @@ class ShellsTracker:
         self._bodies = Bodies(parameters, scene.has_masks)
         self._book = RelationBook(relation)
         self._doubts = Doubts()
-        self._behind: list[tuple[int, int]] = []
+        self._order = Order(parameters)
         frame_s = max(1e-3, scene.frame_ns * NS)
         self._learn_every = max(1, round(parameters.learn_s / frame_s))
         self._look_frames = max(2, round(0.5 * parameters.probation_s / frame_s))
@@ -90,7 +89,7 @@ class ShellsTracker:
         notices += self._life.confirm(frame)
         found = self._settle(frame, found, notices)
         self._relate(frame)
-        self._tell_depth(notices)
+        notices += self._tell_depth(resolver, dt)
         self._learn(frame, found)
         self._patches = self._own_pixels(frame, found)
         notices += self._life.age(frame)
@@ -190,7 +189,6 @@ class ShellsTracker:
         body.seen_ns, body.observed, body.alone = frame.time_ns, True, at.alone
         body.now = "motion" if at.alone else "appearance"
         body.visible, body.blob, body.ellipse, body.front = at.visible, at.blob, at.ellipse, TENTATIVE
-        body.hidden_by = at.hidden_by
         body.hits += 1
         body.quality += (at.visible - body.quality) / min(body.hits, 10)
         body.measured = at.box if at.sized else self._bodies.box(row)
@@ -285,20 +283,10 @@ class ShellsTracker:
             if edge.state == "JOINT":
                 self._doubts.joined(edge.a, edge.b)
 
-    def _tell_depth(self, notices: list[Notice]) -> None:
-        """Tell once in every JOINT, and when it changes, who is behind whom (`resolve`: whose colours win)."""
+    def _tell_depth(self, resolver: Resolver | None, dt: float) -> list[Notice]:
+        """Tell once in every JOINT, and when it changes, who is behind whom."""
         joint = [(e.a, e.b) for e in self._book.edges if e.state == "JOINT"]
-        known = [pair for pair in self._behind if (min(pair), max(pair)) in joint]
-        for identity, row in self._rows_by_id():
-            for front, share in self._bodies.items[row].hidden_by:
-                there = (min(identity, front), max(identity, front)) in joint
-                if not there or (identity, front) in known or share < _SURE:
-                    continue
-                known = [pair for pair in known if pair != (front, identity)]
-                known.append((identity, front))
-                rule = "SHELLS 2.4: pixels in the overlap are those of the object in front"
-                notices.append(Notice("occluded", [identity, front], rule, {"share_in_front": share, "limit": _SURE}))
-        self._behind = sorted(known)
+        return self._order.step(joint, {} if resolver is None else resolver.leads, dt)
 
     def _learn(self, frame: Frame, found: dict[int, Found]) -> None:
         """Learn mask, area and colours of who is alone: never in JOINT, nor while identities are in doubt."""
@@ -408,7 +396,7 @@ class ShellsTracker:
             "bodies": self._bodies.state(),
             "book": self._book.state(),
             "doubts": self._doubts.state(),
-            "behind": [list(pair) for pair in self._behind],
+            "order": self._order.state(),
         }
 
     def restore(self, state: State) -> None:
@@ -418,4 +406,4 @@ class ShellsTracker:
         self._bodies.restore(state["bodies"])
         self._book.restore(state["book"])
         self._doubts.restore(state["doubts"])
-        self._behind = [(a, b) for a, b in state["behind"]]
+        self._order.restore(state["order"])
