@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from plain_sort import PlainSort
 
+from fixtures.casting import school
 from fixtures.scenes import GeneratedScene
+from fixtures.scripts import Cast, Casting, Script
 from fixtures.truth import STATIC, FrameTruth, SceneTruth
 from reasoning.relations import Objects, RelationBook
 from recorders import channels
@@ -67,6 +69,36 @@ class TankResult:
     asked: int
     lost: int
     errors_px: list[float]
+
+
+def _species(cast: Cast, outfits: Sequence[str]) -> Cast:
+    return tuple(replace(a, outfit=o) for a, o in zip(cast, outfits, strict=True))
+
+
+def _tank(title: str, cast: Casting, size: tuple[int, int] = (320, 240), fps: int = 25) -> Script:
+    whole = (0.0, 0.0, 1.0, 1.0)
+    return Script(title, 14.0, cast, kind="fish", roi=whole, border=whole, size=size, fps=fps)
+
+
+TANKS: dict[str, Script] = {
+    "eight": _tank("Eight fish, two pairs of a species each, four meet", lambda rng: school(rng, 8, 4)),
+    "small": _tank(
+        "Six fish of 60 % of the size", lambda rng: tuple(replace(a, tall=0.6 * a.tall) for a in school(rng, 6, 4))
+    ),
+    "large": _tank(
+        "Three fish of 150 % of the size", lambda rng: tuple(replace(a, tall=1.5 * a.tall) for a in school(rng, 3, 3))
+    ),
+    "480x360": _tank("Six fish in a larger picture", lambda rng: school(rng, 6, 4), (480, 360)),
+    "12 fps": _tank(
+        "Six fish at half the frame rate: turns are twice as abrupt", lambda rng: school(rng, 6, 4), fps=12
+    ),
+    "twins": _tank(
+        "Three fish that meet, two of one species",
+        lambda rng: _species(school(rng, 3, 3), ("orange", "orange", "blue")),
+    ),
+    "triplets": _tank("Three fish of one species", lambda rng: _species(school(rng, 3, 3), ("white",) * 3)),
+}
+"""Tanks that nothing was devised on."""
 
 
 def interactions(truth: SceneTruth, gap: int = 3) -> list[tuple[int, int, set[int]]]:
