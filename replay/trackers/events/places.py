@@ -24,6 +24,8 @@ Ints = NDArray[np.int64]
 
 OWN, SHARED = 4, 1
 """Weights of a foreground pixel that nobody else, or somebody else too, explains."""
+LIKE = 2.0
+"""A disputed pixel is a target's own from this inverse likeness on."""
 CORE = 0.6
 """Share of a target's width, around its middle, in which foreground is explained by it: arms and legs do not fill
 the rest, where a neighbour may be."""
@@ -206,14 +208,14 @@ def search(
     whole = pixels * np.uint8(OWN)
     everything = Integral(whole, left, top)
     colours = [None if a is None else Integral(a * pixels, left, top) for a in likeness]
+    disputed = [_disputed(pixels, a) for a in likeness]
     claims = [_claim(b, left, top) for b in boxes.tolist()]
     for sweep in range(p.sweeps):
         for t in order.tolist():
             rest = whole.copy()
             for u, (x1, y1, x2, y2) in enumerate(claims):
                 if u != t:
-                    part = rest[y1:y2, x1:x2]
-                    np.minimum(part, SHARED, out=part)
+                    rest[y1:y2, x1:x2] = disputed[t][y1:y2, x1:x2]
             free = Integral(rest, left, top)
             tried = _candidates(boxes[t], now[t] if sweep else boxes[t], float(reach[t]), extra[t], sweep)
             score, inside = _score(tried, free, colours[t], boxes[t], float(reach[t]), p)
@@ -225,6 +227,14 @@ def search(
     total = everything.sums(now)
     shared = (total - weighted) / (OWN - SHARED) / area
     return now, total / OWN / area - shared, shared, scores
+
+
+def _disputed(pixels: Image, likeness: Likeness) -> Image:
+    """What pixels (H, W) that somebody else explains are worth to a target: as much as its own where they look like it."""
+    if likeness is None:
+        return pixels * np.uint8(SHARED)
+    worth = np.rint(np.clip(likeness * np.float32(LIKE), 0.0, 1.0) * np.float32(OWN - SHARED)).astype(np.uint8)
+    return np.asarray(pixels * (np.uint8(SHARED) + worth))
 
 
 def _claim(box: Sequence[float], left: int, top: int) -> tuple[int, int, int, int]:
