@@ -74,6 +74,7 @@ class Fragment:
         head, tail: the first and the last observations, at most `ENDS_S` long.
         hits: number of observations.
         sizes: sum of the observations' sizes.
+        left: it went out of the scene: whoever comes in later is not held to be the same by the path alone.
         signature: sum of the appearance signatures, of ``signatures`` frames.
         told: the tracker held it present at some time. Of who was only ever followed aside nothing is told, but such a
             fragment may be where somebody else's life goes on.
@@ -87,6 +88,7 @@ class Fragment:
     signature: array[float] = field(default_factory=lambda: array("d"))
     signatures: int = 0
     born_of_split: bool = False
+    left: bool = False
     sizes: float = 0.0
     told: bool = False
 
@@ -193,6 +195,10 @@ def gather(stream: Iterable[Targets], times: Sequence[int]) -> dict[int, Fragmen
                 for identity in notice.subjects:
                     if identity in fragments:
                         _back_date(fragments[identity], notice, at_frame, times)
+            elif notice.kind == "track_removed" and notice.evidence.get("left_scene"):
+                for identity in notice.subjects:
+                    if identity in fragments:
+                        fragments[identity].left = True
     return {k: fragments[k] for k in sorted(fragments) if fragments[k].hits}
 
 

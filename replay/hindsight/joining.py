@@ -46,6 +46,8 @@ def hellinger(a: Sequence[float], b: Sequence[float]) -> float:
 
 def price(a: Fragment, b: Fragment, ends: tuple[End, End], p: HindsightParameters) -> Join | None:
     """What it costs to let b follow a; None outside the gates, and where a life that is told would begin before it."""
+    if a.left:
+        return None
     out, into = ends
     gap = (into.time_ns - out.time_ns) * 1e-9
     if gap <= 0 or gap > p.join_s or (b.told and not a.told):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from reasoning.geometry import OUTSIDE
 from reasoning.regions import SceneRegions
 from recorders.messages import Mode, Notice
 from replay.trackers.events.parameters import EventsParameters
@@ -80,6 +81,7 @@ class Lifecycle:
         """Modes and confidences; confidence falls while a target is unseen, then it is lost, then removed."""
         kept: list[int] = []
         notices: list[Notice] = []
+        evidence: dict[str, Any]
         places = regions.area_cover(self._tracks.boxes)
         for row, track in enumerate(self._tracks.items):
             unseen = (frame.time_ns - track.seen_ns) / NS
@@ -93,6 +95,7 @@ class Lifecycle:
                 kept.append(row)
             else:
                 evidence = {"unseen_s": unseen, "confidence": track.confidence, "box": list(self._tracks.box(row))}
+                evidence["left_scene"] = places[row] == OUTSIDE
                 notices.append(Notice("track_removed", [track.id], why, evidence))
         self._tracks.keep(kept)
         return notices
