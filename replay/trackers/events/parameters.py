@@ -36,7 +36,7 @@ class EventsParameters(Parameters):
     gate: float = param(4.0, "furthest innovation that is associated", unit="standard deviations", low=0.1, high=100.0)
     min_overlap: float = param(0.2, "least IoU of a detection with the predicted box", low=0.0, high=1.0)
     high_score: float = param(0.7, "detections from this score on may start tracks", low=0.0, high=1.0)
-    confirm_s: float = param(0.3, "a tentative track is confirmed after this time", unit="s", low=0.0, high=60.0)
+    confirm_s: float = param(0.25, "a tentative track is confirmed after this time", unit="s", low=0.0, high=60.0)
     confirm_hits: int = param(3, "and after this many sightings", unit="frames", low=1, high=1000)
     tentative_s: float = param(0.3, "a tentative track unseen for longer is dropped", unit="s", low=0.0, high=60.0)
     coast_s: float = param(0.3, "an unseen target is held present for this time", unit="s", low=0.0, high=60.0)

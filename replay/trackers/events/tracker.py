@@ -307,7 +307,7 @@ class _Looks:
 def _left_over(fg: Foreground, kept: list[Place], seen: Seen, model: SizeModel | None, p: EventsParameters) -> Seen:
     """The detections that no placed target explains, and blobs that were overlooked.
 
-    The only detection of a blob that nobody claims is the blob itself.
+    The only detection of a blob that nobody claims is the blob itself, unless that is a part of the body at most.
     """
     rest = Rest(fg)
     rest.take(at.box for at in kept)
@@ -317,14 +317,15 @@ def _left_over(fg: Foreground, kept: list[Place], seen: Seen, model: SizeModel |
     boxes = seen.boxes.copy()
     for k in free.tolist():
         blob = int(seen.blobs[k])
-        if blob > 0 and holds[blob] == 1 and blob not in claimed:
+        whole = blob > 0 and fg.boxes[blob - 1, 3] * (1.0 + 2.0 * p.size_tolerance) >= boxes[k, 3]
+        if whole and holds[blob] == 1 and blob not in claimed:
             boxes[k] = fg.boxes[blob - 1]
     # What nobody explains may start a track whatever its score: how well a body's shape fits says little here.
     scores = np.maximum(seen.scores, p.high_score)
     ellipses = [seen.ellipses[k] for k in free.tolist()]
-    more, whole = _overlooked(fg, rest, claimed, seen.boxes, model, p)
+    more, bodies = _overlooked(fg, rest, claimed, seen.boxes, model, p)
     return Seen(
-        np.concatenate([boxes[free], whole]),
+        np.concatenate([boxes[free], bodies]),
         np.concatenate([scores[free], np.full(len(more), p.high_score)]),
         np.concatenate([seen.blobs[free], np.array(more, np.int64) + 1]),
         ellipses + [None] * len(more),
