@@ -24,8 +24,9 @@ Ints = NDArray[np.int64]
 
 OWN, SHARED = 4, 1
 """Weights of a foreground pixel that nobody else, or somebody else too, explains."""
-LIKE = 2.0
-"""A disputed pixel is a target's own from this inverse likeness on."""
+LIKE, SURE = 0.25, 0.75
+"""Likenesses from which on a disputed pixel begins to be, and is, a target's own: where all have the same colours, as
+fish and flies do, small differences say nothing."""
 CORE = 0.6
 """Share of a target's width, around its middle, in which foreground is explained by it: arms and legs do not fill
 the rest, where a neighbour may be."""
@@ -233,7 +234,8 @@ def _disputed(pixels: Image, likeness: Likeness) -> Image:
     """What pixels (H, W) that somebody else explains are worth to a target: as much as its own where they look like it."""
     if likeness is None:
         return pixels * np.uint8(SHARED)
-    worth = np.rint(np.clip(likeness * np.float32(LIKE), 0.0, 1.0) * np.float32(OWN - SHARED)).astype(np.uint8)
+    scale = np.float32((OWN - SHARED) / (SURE - LIKE))
+    worth = np.rint(np.clip((likeness - np.float32(LIKE)) * scale, 0.0, OWN - SHARED)).astype(np.uint8)
     return np.asarray(pixels * (np.uint8(SHARED) + worth))
 
 
