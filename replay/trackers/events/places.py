@@ -231,7 +231,7 @@ def search(
 
 
 def _disputed(pixels: Image, likeness: Likeness) -> Image:
-    """What pixels (H, W) that somebody else explains are worth to a target: as much as its own where they look like it."""
+    """What pixels (H, W) that somebody else explains are worth to a target: as its own where they look like it."""
     if likeness is None:
         return pixels * np.uint8(SHARED)
     scale = np.float32((OWN - SHARED) / (SURE - LIKE))

@@ -73,6 +73,14 @@ def test_fragments_are_joined_and_the_gap_is_filled_on_the_path() -> None:
     assert notice.evidence["cost"] >= notice.evidence["motion"]
 
 
+def test_who_left_the_scene_does_not_go_on_as_who_comes_in() -> None:
+    frames = _walk(60, range(20, 32))
+    for left, ids in ((False, {1}), (True, {1, 2})):
+        gone = Notice("track_removed", [1], "EVENTS 3.2", {"left_scene": left})
+        told = [Targets(t.frame, t.targets, notices=[gone] if t.frame == 24 else []) for t in frames]
+        assert {t.id for frame in _run(told) for t in frame.targets} == ids
+
+
 def test_colours_decide_who_goes_on() -> None:
     frames = []
     for k in range(80):

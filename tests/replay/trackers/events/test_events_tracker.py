@@ -82,15 +82,44 @@ def _passing(k: int) -> list[Actor]:
 def test_a_target_is_confirmed_after_enough_sightings_and_keeps_them_all() -> None:
     tracker = _boxes_only()
     out = [tracker.step(_box_frame(k, [_body(100 + 3.0 * k, 80)])) for k in range(10)]
-    assert [len(t.targets) for t in out] == [0, 0, 0, 0, 0, 1, 1, 1, 1, 1]
+    assert [len(t.targets) for t in out] == [0, 0, 0, 1, 1, 1, 1, 1, 1, 1]
     [(frame, notice)] = _told(out, "track_confirmed")
-    assert frame == 5
+    assert frame == 3
     assert notice.evidence["first_frame"] == 0
-    assert [s[0] for s in notice.evidence["sightings"]] == [0, 1, 2, 3, 4]
+    assert [s[0] for s in notice.evidence["sightings"]] == [0, 1, 2]
     target = out[9].targets[0]
     assert target.box == pytest.approx(_body(127, 80), abs=2.0)
     assert target.velocity == pytest.approx((30.0, 0.0), abs=4.0)
     assert (target.mode, target.observed, target.present) == ("motion", True, True)
+
+
+def test_who_stands_half_behind_another_for_long_is_not_lost() -> None:
+    """Two come together, stand as one blob for four seconds, one half hidden, and part: each is held all the time."""
+
+    def play(k: int) -> list[Actor]:
+        away = 60.0 - 4.0 * k if k < 12 else (12.0 if k < 52 else 12.0 + 4.0 * (k - 52))
+        return [(150.0 + max(away, 12.0), 102.0, RED), (150.0, 106.0, BLUE)]
+
+    out = _play(_pixels(), play, 66)
+    first = out[8].targets
+    assert len(first) == 2
+    red = max(first, key=lambda t: t.box[0]).id
+    assert _told(out[8:], "track_lost") == _told(out[8:], "track_confirmed") == []
+    assert all(t.present for answer in out[8:] for t in answer.targets)
+    by_id = {t.id: t for t in out[-1].targets}
+    assert len(by_id) == 2
+    assert by_id[red].box[0] > max(t.box[0] for i, t in by_id.items() if i != red)
+
+
+def test_who_leaves_the_picture_is_said_to_have_left() -> None:
+    tracker = _boxes_only()
+    out = [tracker.step(_box_frame(k, [_body(250 + 8.0 * k, 80)] if k < 8 else [])) for k in range(20)]
+    [(_, notice)] = _told(out, "track_removed")
+    assert notice.evidence["left_scene"] is True
+    lost = _boxes_only()
+    out = [lost.step(_box_frame(k, [_body(100, 80)] if k < 8 else [])) for k in range(60)]
+    [(_, notice)] = _told(out, "track_removed")
+    assert notice.evidence["left_scene"] is False
 
 
 def test_a_flash_is_no_target() -> None:
