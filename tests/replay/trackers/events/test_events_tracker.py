@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from recorders.messages import Box, Detections, Notice, Regions, Targets
 from recorders.parameters import Config, configure
@@ -16,6 +17,8 @@ from recorders.scene import Frame, SceneInfo
 from recorders.segmentation.blobs import components
 from replay import hindsight
 from replay.trackers import events
+from replay.trackers.events.parameters import EventsParameters
+from replay.trackers.events.places import Cut, search
 from replay.trackers.tracker import Tracker
 
 WIDTH, HEIGHT, FRAME_NS = 320, 240, 100_000_000
@@ -93,22 +96,22 @@ def test_a_target_is_confirmed_after_enough_sightings_and_keeps_them_all() -> No
     assert (target.mode, target.observed, target.present) == ("motion", True, True)
 
 
-def test_who_stands_half_behind_another_for_long_is_not_lost() -> None:
-    """Two come together, stand as one blob for four seconds, one half hidden, and part: each is held all the time."""
+def test_pixels_that_two_claim_are_whose_colours_they_have() -> None:
+    """Two in the space of one, each seen by half: what is disputed is no longer so where their colours differ much."""
+    pixels = np.zeros((80, 80), np.uint8)
+    pixels[20:60, 30:50] = 1
+    left = np.where(np.arange(80) < 40, 1.0, -1.0).astype(np.float32)[None].repeat(80, axis=0)
+    boxes = np.array([[30.0, 20.0, *BODY]] * 2)
+    p = EventsParameters()
 
-    def play(k: int) -> list[Actor]:
-        away = 60.0 - 4.0 * k if k < 12 else (12.0 if k < 52 else 12.0 + 4.0 * (k - 52))
-        return [(150.0 + max(away, 12.0), 102.0, RED), (150.0, 106.0, BLUE)]
+    def least_own(likeness: list[NDArray[np.float32] | None]) -> float:
+        found = search(Cut(pixels, 0, 0), boxes, np.ones(2), [np.zeros((0, 2))] * 2, likeness, p)
+        return float(found[1].min())
 
-    out = _play(_pixels(), play, 66)
-    first = out[8].targets
-    assert len(first) == 2
-    red = max(first, key=lambda t: t.box[0]).id
-    assert _told(out[8:], "track_lost") == _told(out[8:], "track_confirmed") == []
-    assert all(t.present for answer in out[8:] for t in answer.targets)
-    by_id = {t.id: t for t in out[-1].targets}
-    assert len(by_id) == 2
-    assert by_id[red].box[0] > max(t.box[0] for i, t in by_id.items() if i != red)
+    unknown = least_own([None, None])
+    assert least_own([left, -left]) > unknown + p.min_own
+    alike = np.float32(0.2) * left
+    assert least_own([alike, -alike]) <= unknown
 
 
 def test_who_leaves_the_picture_is_said_to_have_left() -> None:
