@@ -191,15 +191,18 @@ def gather(stream: Iterable[Targets], times: Sequence[int]) -> dict[int, Fragmen
             if target.signature:
                 fragment.sign(target.signature)
         for notice in answer.notices:
-            if notice.kind == "track_confirmed":
-                for identity in notice.subjects:
-                    if identity in fragments:
-                        _back_date(fragments[identity], notice, at_frame, times)
-            elif notice.kind == "track_removed" and notice.evidence.get("left_scene"):
-                for identity in notice.subjects:
-                    if identity in fragments:
-                        fragments[identity].left = True
+            for identity in notice.subjects:
+                if identity in fragments:
+                    _take_note(fragments[identity], notice, at_frame, times)
     return {k: fragments[k] for k in sorted(fragments) if fragments[k].hits}
+
+
+def _take_note(fragment: Fragment, notice: Notice, at_frame: dict[int, int], times: Sequence[int]) -> None:
+    """What the tracker said of a fragment's beginning and end."""
+    if notice.kind == "track_confirmed":
+        _back_date(fragment, notice, at_frame, times)
+    elif notice.kind == "track_removed":
+        fragment.left |= notice.evidence.get("left_scene") is True
 
 
 def _back_date(fragment: Fragment, notice: Notice, at_frame: dict[int, int], times: Sequence[int]) -> None:
