@@ -7,6 +7,9 @@ The rule, in body sizes (mean diagonal of the two boxes: about a person's height
 2. A stretch with distance at most ``far_sizes`` (gaps up to ``gap_s`` closed) is an encounter if it holds at least
    ``least_s`` of such moments. So onset and end are back-dated: to the time when they had come within ``far_sizes``
    and until they leave it. Live, the onset is the moment at which the evidence suffices.
+   Two who pass slowly (along the line of sight, all motion looks slow) hold it too, but go *through*: from the first
+   to the last such moment they drift from one side of the other to the other. Two who are together keep their place to
+   one another, so an encounter drifts at most ``drift_sizes_per_s`` (in hindsight; live, nobody can tell yet).
 3. Every encounter is cut into phases: *moving* (both walk, the same way), *contact* (JOINT, or abrupt against one
    another at touching distance, and not moving), *separation* (the last way apart), else *meeting*. Its kind is the
    phase that lasted longest.
@@ -23,7 +26,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from reasoning.encounters.pair import Bools, Floats, History, Ints, Pair, pairs, spans
+from reasoning.encounters.pair import Bools, Floats, History, Ints, Pair, length, pairs, spans
 from recorders.parameters import Parameters, param
 
 KINDS = ("meeting", "moving", "contact", "separation")
@@ -38,6 +41,13 @@ class EncounterParameters(Parameters):
     far_sizes: float = param(2.0, "an encounter begins and ends at this distance", unit="body sizes", low=0.1, high=20)
     pace_sizes_per_s: float = param(
         0.6, "together for sure up to this relative speed", unit="body sizes/s", low=0.05, high=20
+    )
+    drift_sizes_per_s: float = param(
+        0.3,
+        "mean relative velocity from the first to the last moment together for sure, at most",
+        unit="body sizes/s",
+        low=0.01,
+        high=20,
     )
     least_s: float = param(1.5, "least time together for sure", unit="s", low=0.0, high=60)
     live_s: float = param(0.4, "live, an encounter is announced after this time", unit="s", low=0.0, high=60)
@@ -80,6 +90,7 @@ class Encounter:
         near_s: time together for sure.
         distance: median distance of the moments together for sure, body sizes.
         relative_speed: their median relative speed, body sizes per second.
+        drift: mean relative velocity from the first to the last of them, body sizes per second.
         sure_frame: the frame at which the evidence sufficed; the onset is back-dated from there.
         phases: the parts, in order, without gaps.
     """
@@ -95,6 +106,7 @@ class Encounter:
     near_s: float
     distance: float
     relative_speed: float
+    drift: float
     sure_frame: int
     phases: tuple[Phase, ...]
 
@@ -145,9 +157,24 @@ def _of_pair(
         enough = max(1, round(least_s / step)) if step > 0 else 1
         if len(near) < enough:
             continue
-        proven = int(near[enough - 1])
-        found = _Evidence((proven if live else start, end), near, proven, step)
+        drifts = _drifts(pair, near)
+        proven = enough - 1
+        if not live:  # live, the first moments cannot tell who goes through from who slows down to stay
+            held = np.flatnonzero(drifts[proven:] <= p.drift_sizes_per_s)
+            if drifts[-1] > p.drift_sizes_per_s:
+                continue
+            proven += int(held[0])
+        sure_at = int(near[proven])
+        found = _Evidence((sure_at if live else start, end), near, float(drifts[-1]), sure_at, step)
         yield _encounter((a, b), pair, found, p, joint)
+
+
+def _drifts(pair: Pair, near: Ints) -> Floats:
+    """(N,) mean relative velocity from the first moment to each, body sizes per second; 0 at the first."""
+    moved = length(pair.apart[near] - pair.apart[near[:1]])
+    seconds = pair.times_s[near] - pair.times_s[near[:1]]
+    drift: Floats = np.where(seconds > 0, moved / np.where(seconds > 0, seconds, 1.0), 0.0)
+    return drift
 
 
 def _closed(found: list[Span], pair: Pair, gap_s: float) -> list[Span]:
@@ -166,6 +193,7 @@ class _Evidence:
 
     span: Span
     near: Ints
+    drift: float
     proven: int
     step_s: float
 
@@ -185,6 +213,7 @@ def _encounter(
         start_frame=int(pair.frames[start]), end_frame=int(pair.frames[end]),
         start_s=float(pair.times_s[start]), end_s=float(pair.times_s[end]),
         confidence=round(support * (1 - doubt), 4), near_s=near_s, distance=distance, relative_speed=pace,
+        drift=found.drift,
         sure_frame=int(pair.frames[found.proven]), phases=phases,
     )  # fmt: skip
 

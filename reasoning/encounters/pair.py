@@ -40,6 +40,7 @@ class Pair:
     Attributes:
         frames: frame indices.
         times_s: seconds.
+        apart: (N, 2) from the one's standing point to the other's, in body sizes, median filtered.
         distance: between the standing points, in body sizes, median filtered.
         relative_speed: of one against the other, body sizes per second.
         speed_a, speed_b: body sizes per second.
@@ -49,6 +50,7 @@ class Pair:
 
     frames: Ints
     times_s: Floats
+    apart: Floats
     distance: Floats
     relative_speed: Floats
     agitation: Floats
@@ -115,6 +117,7 @@ def _measure(frames: Ints, times_s: Floats, a: Floats, b: Floats, window_s: floa
     size = np.maximum((length(a[:, 2:]) + length(b[:, 2:])) / 2, 1.0)
     foot_a = np.stack([a[:, 0] + a[:, 2] / 2, a[:, 1] + a[:, 3]], axis=1)
     foot_b = np.stack([b[:, 0] + b[:, 2] / 2, b[:, 1] + b[:, 3]], axis=1)
+    apart = (foot_b - foot_a) / size[:, None]
     wide = 2 * half
     move_a = velocity(foot_a, times_s, wide, causal) / size[:, None]
     move_b = velocity(foot_b, times_s, wide, causal) / size[:, None]
@@ -124,6 +127,7 @@ def _measure(frames: Ints, times_s: Floats, a: Floats, b: Floats, window_s: floa
     return Pair(
         frames=frames,
         times_s=times_s,
+        apart=np.stack([running_median(apart[:, k], half, causal) for k in (0, 1)], axis=1),
         distance=running_median(length(foot_a - foot_b) / size, half, causal),
         relative_speed=length(move_a - move_b),
         agitation=running_median(

@@ -248,7 +248,7 @@ def _pair(case: Case, kind: str, ids: tuple[int, int], since: int, only: str) ->
     return Explanation(
         reference, name, f"{kind} ({row['kind']})",
         f"Targets {a} and {b} were socially together, for the most part: {row['kind']}.",
-        "ours: encounters in hindsight (near, slow against one another, long enough)", [a, b], *span,
+        "ours: encounters in hindsight (near, slow against one another, not passing, long enough)", [a, b], *span,
         _encounter_measures(case, name, ids, span[0]), led, {},
     )  # fmt: skip
 
@@ -268,17 +268,20 @@ def _began(case: Case, name: str, ids: tuple[int, int], row: Mapping[str, Any]) 
 def _encounter_measures(case: Case, name: str, ids: tuple[int, int], frame: int) -> list[Measure]:
     p = case.encounters
     rows = case.rows(
-        "SELECT v.distance, v.relative_speed, v.near_s, v.sure_frame, e.confidence, e.start_frame "  # noqa: S608
+        "SELECT v.distance, v.relative_speed, v.drift, v.near_s, v.sure_frame, e.confidence, e.start_frame "  # noqa: S608
         "FROM encounter_evidence v JOIN encounters e USING (recording, a, b, start_frame) "
         f"WHERE recording = {literal(name)} AND a = {ids[0]} AND b = {ids[1]} "
         f"AND {frame} BETWEEN e.start_frame AND e.end_frame"
     )
     if not rows:
         return []
-    distance, pace, near_s, sure, confidence, start = rows[0]
+    distance, pace, drift, near_s, sure, confidence, start = rows[0]
     return [
         Measure("median distance in body sizes", distance, "<=", p.near_sizes, p.near_sizes - distance),
         Measure("median relative speed in body sizes/s", pace, "<=", p.pace_sizes_per_s, p.pace_sizes_per_s - pace),
+        Measure(
+            "drift past one another in body sizes/s", drift, "<=", p.drift_sizes_per_s, p.drift_sizes_per_s - drift
+        ),
         Measure("seconds near and slow", near_s, ">=", p.least_s, near_s - p.least_s),
         Measure("confidence", confidence),
         Measure("evidence sufficed in frame", sure),

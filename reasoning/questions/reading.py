@@ -353,7 +353,15 @@ class _Camera:
             for p in e.phases:
                 self._add("phases", e.a, e.b, p.kind, p.start_frame, p.end_frame, p.start_s, p.end_s)
             self._add(
-                "encounter_evidence", e.a, e.b, e.start_frame, e.near_s, e.distance, e.relative_speed, e.sure_frame
+                "encounter_evidence",
+                e.a,
+                e.b,
+                e.start_frame,
+                e.near_s,
+                e.distance,
+                e.relative_speed,
+                e.sure_frame,
+                e.drift,
             )
         for track, history in histories.items():
             for stretch in still(history, self._parameters):

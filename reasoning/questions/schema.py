@@ -88,6 +88,7 @@ TABLES: Mapping[str, Columns] = {
         ("distance", "DOUBLE"),
         ("relative_speed", "DOUBLE"),
         ("sure_frame", "INTEGER"),
+        ("drift", "DOUBLE"),
     ),
     "event_groups": (("recording", "VARCHAR"), ("event", "INTEGER"), ("group_id", "INTEGER")),
 }

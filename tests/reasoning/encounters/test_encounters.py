@@ -55,6 +55,27 @@ def test_two_who_pass_are_none() -> None:
     assert find_encounters({1: walk(there), 2: walk(there[::-1], 230.0)}) == []
 
 
+@pytest.mark.parametrize("sizes_per_s", [0.35, 0.45, 0.55])
+@pytest.mark.parametrize("heading", [1, -1])
+def test_two_who_pass_slowly_are_none(sizes_per_s: float, heading: int) -> None:
+    """Slow against one another and near for seconds, but one goes past the other from side to side."""
+    n, pace = 400, sizes_per_s * SIZE / FPS
+    # One walks, the other one comes from behind and overtakes, or comes towards and passes.
+    one = np.arange(n) * (2.0 if heading > 0 else pace / 2)
+    two = np.arange(n) * (2.0 + pace if heading > 0 else -pace / 2) - heading * 200 * pace
+    together = {1: walk(one), 2: walk(two, 225.0)}
+    assert find_encounters(together) == []
+    loose = EncounterParameters(drift_sizes_per_s=20.0)
+    assert len(find_encounters(together, loose)) == 1, "else the test shows nothing of the drift"
+
+
+def test_who_stops_to_talk_and_walks_on_was_together() -> None:
+    """One comes, stands for five seconds, and goes on the other way: the drift of a meeting is small."""
+    path = np.concatenate([np.arange(300.0, 480.0, 3.0), np.full(125, 480.0), np.arange(480.0, 800.0, 3.0)])
+    (found,) = find_encounters({1: walk(path), 2: walk(np.full(len(path), 520.0))})
+    assert found.drift < 0.2
+
+
 def test_two_who_walk_together_are_moving() -> None:
     path = np.arange(0.0, 1000.0, 3.0)
     (found,) = find_encounters({4: walk(path), 9: walk(path + 50, 210.0)})
