@@ -129,14 +129,18 @@ class _DuckDB(_Target):
     """One database file; one transaction per log."""
 
     def __init__(self, path: Path) -> None:
+        if path.exists() and not path.stat().st_size:
+            path.unlink()  # interrupted before its first byte
         if path.exists() and kind_of(path) != "index":
             raise RecordingError("exists and is no index", path)
         try:
             self._con = duckdb.connect(str(path), config={**locked_down(QueryLimits()), "temp_directory": ""})
             tables = {r[0] for r in self._con.execute("SELECT table_name FROM duckdb_tables()").fetchall()}
             if not tables:
+                self._con.execute("BEGIN TRANSACTION")  # all of them or none, whenever it is interrupted
                 for statement in create_statements():
                     self._con.execute(statement)
+                self._con.execute("COMMIT")
             elif not set(TABLES) <= tables:
                 self._con.close()
                 raise RecordingError("a database, but no index of scenetrace", path)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -123,6 +126,49 @@ def test_an_interrupted_run_is_resumed(
     with Case([out]) as c:
         assert c.rows("SELECT count(*), count(DISTINCT recording) FROM recordings") == [(5, 5)]
         assert c.rows("SELECT count(*) FROM frames WHERE recording = 'rec3'") == [(263,)]
+
+
+KILLED = """
+import os, signal, sys, threading, time
+from pathlib import Path
+from reasoning.questions import index
+index.PART_RECORDINGS = 1
+def strike():
+    time.sleep(float(sys.argv[1]))
+    os.kill(os.getpid(), signal.SIGKILL)
+threading.Thread(target=strike, daemon=True).start()
+index.build_index([Path(p) for p in sys.argv[3:]], Path(sys.argv[2]))
+"""
+
+
+@pytest.mark.parametrize("name", ["case.duckdb", "case"])
+def test_killed_at_any_moment_and_run_again(logs: list[Path], tmp_path: Path, name: str) -> None:
+    """SIGKILL after ever longer times, until a run ends by itself: what is in it is whole each time, all at last."""
+    out = tmp_path / name
+    killed, wait, seen = 0, 0.3, False
+    while True:
+        words = [sys.executable, "-c", KILLED, str(wait), str(out), *map(str, logs)]
+        done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=Path(__file__).parents[3])
+        if done.returncode == 0:
+            break
+        assert done.returncode == -signal.SIGKILL, done.stderr
+        killed, wait = killed + 1, wait * 1.3
+        assert killed < 60
+        opened = True
+        try:
+            with Case([out]) as c:
+                counted = "SELECT recording, frames, (SELECT count(*) FROM frames f WHERE f.recording = r.recording)"
+                assert all(said == there for _, said, there in c.rows(f"{counted} FROM recordings r"))
+        except RecordingError:
+            opened = False
+        assert opened or not seen  # it may have been killed before there was a first recording
+        seen = opened
+    assert killed >= 3
+    with Case(logs) as direct, Case([out]) as indexed:
+        for table, columns in TABLES.items():
+            order = ", ".join(f"CAST({c} AS VARCHAR)" for c, _ in columns)
+            query = f"SELECT * FROM {table} ORDER BY {order}"
+            assert indexed.rows(query) == direct.rows(query), table
 
 
 def test_a_leftover_part_is_cleared(logs: list[Path], tmp_path: Path) -> None:
