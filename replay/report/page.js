@@ -275,7 +275,7 @@
       const row = element("tr");
       row.tabIndex = 0;
       row.dataset.frame = String(frame);
-      for (const cell of [id, clock(t).replace(" s", ""), frame, kind, subjects.join(", "), text, rule]) row.append(element("td", String(cell)));
+      for (const cell of [id, clock(t).replace(" s", ""), frame, kind.replaceAll("_", "_\u200b"), subjects.join(", "), text, rule]) row.append(element("td", String(cell)));
       body.append(row);
     }
     const left = D.events_left_out ? `; ${D.events_left_out} more are in the log, not in this page` : "";
