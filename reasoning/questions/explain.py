@@ -82,14 +82,15 @@ class Explanation:
         out = [f"{self.reference}: {self.kind}", f"  {self.text}", f"  when:  {when}", f"  rule:  {self.rule}"]
         if self.measures:
             out.append("  measured:")
-            out += [f"    {_measure_line(m)}" for m in self.measures]
+            out += [f"    {measure_line(m)}" for m in self.measures]
         if self.chain:
             out.append("  what led there:")
             out += [f"    {line}" for line in self.chain]
         return out
 
 
-def _measure_line(m: Measure) -> str:
+def measure_line(m: Measure) -> str:
+    """A measure for a person to read: value, threshold, and by how much it was met."""
     line = f"{m.name} = {_shown(m.value)}"
     if m.threshold is None:
         return line

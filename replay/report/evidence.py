@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from reasoning.questions import Case
-from reasoning.questions.explain import Explanation, explain
+from reasoning.questions.explain import Explanation, explain, measure_line
 from reasoning.questions.reading import file_digest
 from recorders.errors import OutputExistsError
 from recorders.pictures import encode_png
@@ -173,47 +173,73 @@ def _json(value: Any) -> str:
 _STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#16181d;background:#fff}
 h2{margin-top:2.5rem;border-top:1px solid #c9ced6;padding-top:1rem}table{border-collapse:collapse;width:100%}
-td,th{text-align:left;padding:.25rem .6rem;border-bottom:1px solid #dfe3e8;vertical-align:top;overflow-wrap:anywhere}
+td,th{text-align:left;padding:.25rem .6rem;border-bottom:1px solid #dfe3e8;vertical-align:top}
+th{width:14rem;max-width:40vw;font-weight:600}td{overflow-wrap:anywhere}li{margin:.15rem 0}
 img{max-width:100%;display:block;margin:.6rem 0 0}figure{margin:0 0 1rem;break-inside:avoid}video{max-width:100%}
 figcaption,.small{color:#4b5563;font-size:.85rem}code{overflow-wrap:anywhere}
 @media print{video{display:none}body{margin:0;max-width:none}h2{break-before:page}}
 """
 
 
+_FIRST = ("tracker", "scene", "input_digest", "output_digest")
+_YEAR_NS = 365 * 86_400 * 10**9
+
+
 def _page(facts: Mapping[str, Any], pages: Sequence[tuple[Explanation, list[str], str]]) -> str:
     """The page: every value escaped, no script, nothing from elsewhere."""
+    said = facts["log_says"]
+    known = [(name.replace("_", " "), said[name]) for name in _FIRST if said.get(name)]
     out = [
         "<!doctype html><html lang=en><head><meta charset=utf-8>",
         '<meta name=viewport content="width=device-width,initial-scale=1">',
         f"<title>Evidence from {escape(str(facts['log']))}</title><style>{_STYLE}</style></head><body>",
         f"<h1>Evidence from {escape(str(facts['log']))}</h1>",
-        _table([("SHA-256 of the log", facts["log_sha256"]), *facts["log_says"].items()]),
+        _table([("SHA-256 of the log", facts["log_sha256"]), *known]),
     ]
     for e, pictures, clip in pages:
-        wall = " to ".join(dict.fromkeys(facts["wall_time_utc"][e.reference]))
-        rows: list[tuple[str, Any]] = [
-            ("When", f"{e.start_t:.3f} s to {e.end_t:.3f} s, frames {e.start_frame} to {e.end_frame}; {wall} UTC"),
-            ("Rule", e.rule), ("Targets", ", ".join(map(str, e.subjects))),
-        ]  # fmt: skip
-        out.append(f"<h2>{escape(e.reference)}: {escape(e.kind)}</h2><p>{escape(e.text)}</p>{_table(rows)}")
-        out.append("<h3>Measured</h3>" + _table([_measured(line) for line in e.lines() if line.startswith("    ")]))
-        out.append(f'<video controls preload=none src="{escape(clip)}"></video>')
-        for picture in pictures:
-            number = int(picture.rsplit("_", 1)[1].removesuffix(".png"))
-            out.append(
-                f'<figure><img loading=lazy src="{escape(picture)}" alt="frame {number} with overlays">'
-                f"<figcaption>frame {number}, drawn by scenetrace over the recorded picture</figcaption></figure>"
-            )
+        out += _section(facts, e, pictures, clip)
+    rest = [(name.replace("_", " "), value) for name, value in said.items() if name not in _FIRST]
+    out.append(f"<h2>What the log says of how it was made</h2>{_table(rest)}")
     out.append(
-        "<p class=small>To see that nothing was changed: <code>scenetrace verify --manifest manifest.json</code>, "
-        "or <code>sha256sum -c SHA256SUMS</code></p>"
+        "<p class=small>All of it for machines: facts.json, configuration.json. To see that nothing was changed: "
+        "<code>scenetrace verify --manifest manifest.json</code>, or <code>sha256sum -c SHA256SUMS</code></p>"
     )
     return "\n".join([*out, "</body></html>\n"])
 
 
+def _section(facts: Mapping[str, Any], e: Explanation, pictures: Sequence[str], clip: str) -> Iterator[str]:
+    """One event or row: when, by which rule, what was measured, what led there, clip and frames."""
+    moment = e.start_frame == e.end_frame
+    when = f"{e.start_t:.3f} s" if moment else f"{e.start_t:.3f} s to {e.end_t:.3f} s"
+    frames = f"frame {e.start_frame}" if moment else f"frames {e.start_frame} to {e.end_frame}"
+    rows: list[tuple[str, Any]] = [
+        ("When", f"{when} from the start, {frames}"), ("Wall time", _wall(facts, e)), ("Rule", e.rule),
+        ("Targets", ", ".join(map(str, e.subjects))),
+    ]  # fmt: skip
+    yield f"<h2>{escape(e.reference)}: {escape(e.kind)}</h2><p>{escape(e.text)}</p>{_table(rows)}"
+    if e.measures:
+        yield "<h3>Measured</h3>" + _table([_measured(measure_line(m)) for m in e.measures])
+    if e.chain:
+        yield "<h3>What led there</h3><ul>" + "".join(f"<li>{escape(line)}</li>" for line in e.chain) + "</ul>"
+    yield f'<h3>Clip and frames</h3><video controls preload=metadata src="{escape(clip)}"></video>'
+    for picture in pictures:
+        number = int(picture.rsplit("_", 1)[1].removesuffix(".png"))
+        yield (
+            f'<figure><img src="{escape(picture)}" alt="frame {number} with overlays">'
+            f"<figcaption>frame {number}, drawn by scenetrace over the recorded picture</figcaption></figure>"
+        )
+
+
+def _wall(facts: Mapping[str, Any], e: Explanation) -> str:
+    start = next((r["start_ns"] for r in facts["recordings"] if r["recording"] == e.recording), 0)
+    if start < _YEAR_NS:
+        return "unknown: the recording was made without a clock (record --start gives it one)"
+    return " to ".join(dict.fromkeys(facts["wall_time_utc"][e.reference])) + " UTC"
+
+
 def _measured(line: str) -> tuple[str, str]:
-    name, equals, rest = line.strip().partition(" = ")
-    return (name, rest) if equals else ("", line.strip())
+    name, _, rest = line.partition(" = ")
+    return name, rest
 
 
 def _table(rows: Sequence[tuple[str, Any]]) -> str:

@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -201,6 +202,11 @@ def test_evidence_command(log: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
     page = (out / "index.html").read_text()
     assert "They meet" in page
     assert "<script" not in page
+    assert "loading=lazy" not in page, "a page is printed with all of its pictures"
+    assert page.index("SHA-256 of the log") < page.index("<h2>event:1") < page.index("how it was made")
+    assert page.count("<img") == len([f for f in files if f.endswith(".png") and "_recorded" not in f])
+    assert all((out / name).is_file() for name in re.findall(r'src="([^"]+)"', page))
+    assert "1970-" not in page, "a recording without a clock has no wall time"
     assert main(["verify", "--manifest", str(out / "manifest.json")]) == 0
     (out / "facts.json").write_text("{}")
     assert main(["verify", "--manifest", str(out / "manifest.json")]) == 4
