@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import msgspec
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 Box = tuple[float, float, float, float]
 Count = Annotated[int, Meta(ge=0)]
@@ -145,6 +145,8 @@ class Target(Struct, frozen=True):
         measured: the box that was measured in this frame, before any filter, for the hindsight step.
         signature: a compact histogram of its colours where one was taken in this frame, for the hindsight step:
             counts, always in the same order within a recording.
+        gate: (x, y, w, h) of the rectangle in which its centre was looked for (PARTS 3.1); left out of the message
+            where the tracker has none.
     """
 
     id: Identity
@@ -163,6 +165,7 @@ class Target(Struct, frozen=True):
     score: float | None = None
     measured: Box | None = None
     signature: list[int] = []
+    gate: Box | UnsetType = UNSET
 
 
 class GroupTrack(Struct, frozen=True):
@@ -222,6 +225,7 @@ class Track(Struct, frozen=True):
     scene: SceneStatus
     zones: list[str] = []
     hidden_parts: list[str] = []
+    gate: Box | UnsetType = UNSET
 
 
 class Tracks(Struct, frozen=True):

@@ -10,6 +10,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable
 
+from msgspec import UNSET
+
 from recorders.channels import NANOS
 from recorders.messages import Box, Regions, Relations, Track, Tracks
 from replay.draw import part_box
@@ -154,6 +156,10 @@ def drawing(tracks: Tracks, relations: Relations, regions: Regions | None, time_
         k = track.id % len(_COLOURS)
         lines.append(_box(track.box, k))
         circles.append(_disc(cx, cy, 2 * track.shell_radius, k))
+        if track.gate is not UNSET:
+            x1, y1, gw, gh = track.gate
+            corners = (x1, y1), (x1 + gw, y1), (x1 + gw, y1 + gh), (x1, y1 + gh)
+            lines.append(_polyline(_LOOP, corners, _CROSSES[k]))
         for name in track.hidden_parts:
             # The format knows no dashes; a cross says that nothing is to be seen there (PARTS, Figure 7).
             px, py, pw, ph = part_box(track.box, name)

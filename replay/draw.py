@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import colorsys
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from msgspec import UNSET
 from numpy.typing import NDArray
 
 from recorders.messages import Box, Event, Group, Regions, Relation, Track
@@ -49,6 +50,7 @@ class DrawOptions:
         boxes, labels, shells, edges, groups, regions, parts: whether these are drawn.
         only: track ids to draw, None: all.
         model: draw the five rectangles of the part model into every box (PARTS, Figure 2).
+        gates: draw where a target's centre was looked for, where the tracker has gates (PARTS, Figure 5).
     """
 
     scale: float = 0.0
@@ -61,6 +63,7 @@ class DrawOptions:
     parts: bool = True
     only: frozenset[int] | None = None
     model: bool = False
+    gates: bool = True
 
     def factor(self, width: int) -> float:
         """The enlargement of a picture of this width."""
@@ -71,7 +74,6 @@ class DrawOptions:
 class Overlay:
     """What one frame shows; events are those still to be read, `title` stands at the top.
 
-    ``gates`` are where targets were looked for, by track id (PARTS, Figure 5).
     ``membership`` is a (height, width) uint16 image of the frame's size that says which pixels belong to whom, 0 for
     nobody, else `replay.membership.value_of` the track's identity.
     """
@@ -84,7 +86,6 @@ class Overlay:
     membership: Labels | None = None
     title: str = ""
     marks: Sequence[tuple[Box, str]] = field(default_factory=tuple)
-    gates: Mapping[int, Box] = field(default_factory=dict)
 
 
 def track_colour(identity: int) -> Colour:
@@ -116,9 +117,6 @@ def draw_frame(image: Image, overlay: Overlay, options: DrawOptions | None = Non
     for track in shown:
         if options.boxes:
             _draw_box(canvas, track, options)
-    for identity, gate in overlay.gates.items():
-        if identity in places:
-            canvas.rectangle(gate, track_colour(identity), 1)
     for box, _ in overlay.marks:
         canvas.rectangle(box, _WHITE, 1, dash=4)
     # Before the labels, which keep off them.
@@ -175,6 +173,8 @@ def _centre(box: Box) -> Point:
 def _draw_box(canvas: _Canvas, track: Track, options: DrawOptions) -> None:
     colour = track_colour(track.id)
     canvas.rectangle(track.box, colour, 2, dash={"motion": 0, "appearance": 9, "predicted": 4}[track.mode])
+    if options.gates and track.gate is not UNSET:
+        canvas.rectangle(track.gate, colour, 1, dash=6)
     for name in PART_NAMES if options.model else ():
         if name not in track.hidden_parts:
             canvas.rectangle(part_box(track.box, name), colour, 1)

@@ -8,6 +8,7 @@ from foxglove_schemas_protobuf.Point2_pb2 import Point2
 from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import UNSET
 
 from recorders.messages import Regions, Relation, Relations, Track, Tracks, Zone
 from replay.annotations import drawing
@@ -32,6 +33,8 @@ def by_protobuf(tracks, relations, regions, time_ns):
         loop(out, corners(track.box), color, 2.0)
         circle = out.circles.add(diameter=2 * track.shell_radius, thickness=1.0, outline_color=color)
         circle.position.x, circle.position.y = centres[track.id]
+        if track.gate is not UNSET:
+            loop(out, corners(track.gate), color, 0.5)
         for name in track.hidden_parts:
             a, b, c, d = corners(part_box(track.box, name))
             out.points.add(type=lines, points=points([a, c, b, d]), outline_color=color, thickness=0.5)
@@ -83,6 +86,7 @@ def scenes(draw):
             i, draw(boxes), None, (0.0, 0.0), draw(numbers), draw(st.sampled_from(["motion", "appearance"])),
             draw(st.floats(0, 1)), True, True, -1, *draw(st.tuples(*[st.booleans()] * 3)), [], [], [], None, "inside",
             [], draw(st.lists(st.sampled_from(["head", "left leg", "torso"]), max_size=2)),
+            draw(st.one_of(st.just(UNSET), boxes)),
         )
         for i in ids
     ]  # fmt: skip

@@ -9,6 +9,7 @@ without a comparison of parts, except every `learn_s`, when its parts are learnt
 from __future__ import annotations
 
 import numpy as np
+from msgspec import UNSET
 
 from reasoning.regions import RegionParameters, SceneRegions, default_regions
 from recorders.messages import NO_BLOB, Box, Mode, Notice, Regions
@@ -174,13 +175,10 @@ class PartsTracker:
                     score=item.score,
                     measured=item.measured,
                     signature=signature(targets.model, row) if item.signed else [],
+                    gate=self._gates.get(item.id, UNSET) if item.told else UNSET,
                 )
             )
         return Answers(frame.index, sorted(out, key=lambda t: t.id), None, notices)
-
-    def gates(self) -> dict[int, Box]:
-        """Where each confirmed target was looked for in the last frame, by id: for drawings (PARTS, Figure 5)."""
-        return dict(self._gates)
 
     def state(self) -> State:
         """The whole state as plain data."""

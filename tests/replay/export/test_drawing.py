@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -80,6 +81,15 @@ def test_parts_lie_in_the_box_and_hidden_ones_are_drawn() -> None:
     assert part_box(box, "right legs") == pytest.approx((25.0, 60.0, 15.0, 30.0))
     plain, hidden = (draw_frame(ground(), Overlay([track(hidden_parts=p)]), PLAIN) for p in ([], ["head"]))
     assert not np.array_equal(plain, hidden)
+
+
+def test_a_gate_is_drawn_unless_it_is_left_out() -> None:
+    gated, plain = track(gate=(5.0, 5.0, 60.0, 70.0)), track()
+    drawn = draw_frame(ground(), Overlay([gated]), PLAIN)
+    assert drawn[5, 5:65].any()
+    assert not draw_frame(ground(), Overlay([plain]), PLAIN)[5, 5:65].any()
+    left_out = replace(PLAIN, gates=False)
+    assert not draw_frame(ground(), Overlay([gated]), left_out)[5, 5:65].any()
 
 
 def test_small_pictures_are_enlarged() -> None:

@@ -81,6 +81,21 @@ def test_who_stands_behind_has_hidden_parts_and_who_stands_before_has_not(passin
     assert hidden["before"] <= 5
 
 
+def test_gates_are_told_and_grow_while_a_target_is_missed(passing: Path) -> None:
+    answers = forward(passing)
+    sides: dict[int, tuple[bool, float]] = {}
+    grown = 0
+    for targets in answers:
+        for t in targets:
+            assert t.newborn or isinstance(t.gate, tuple)
+            if not isinstance(t.gate, tuple):
+                continue
+            missed, before = sides.get(t.id, (False, 0.0))
+            grown += missed and t.gate[2] > before
+            sides[t.id] = (not t.observed, t.gate[2])
+    assert grown
+
+
 def test_boxes_alone_are_tracked_with_the_features_that_need_no_pixels(tmp_path: Path) -> None:
     scene = generate("three_way_group", seed=1, size=SIZE, frames=200)
     path = write_scene_log(scene, tmp_path / "boxes.mcap", pictures="none", masks=False)
