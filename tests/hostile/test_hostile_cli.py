@@ -505,7 +505,7 @@ def test_a_disk_that_fills_while_recording_keeps_what_was_recorded(
 def test_a_write_that_the_system_refuses_leaves_nothing(folder: Path, command: str) -> None:
     """A file-size limit of the system: every library underneath meets it, not only our own writer."""
     before = listing(folder)
-    program = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (600, 600)); " + PROGRAM
+    program = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (700, 700)); " + PROGRAM
     done = subprocess.run(
         [sys.executable, "-c", program, *WRITERS[command]], check=False, capture_output=True, text=True
     )

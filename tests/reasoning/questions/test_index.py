@@ -145,14 +145,14 @@ index.build_index([Path(p) for p in sys.argv[3:]], Path(sys.argv[2]))
 def test_killed_at_any_moment_and_run_again(logs: list[Path], tmp_path: Path, name: str) -> None:
     """SIGKILL after ever longer times, until a run ends by itself: what is in it is whole each time, all at last."""
     out = tmp_path / name
-    killed, wait, seen = 0, 0.3, False
+    killed, wait, seen = 0, 0.03, False
     while True:
         words = [sys.executable, "-c", KILLED, str(wait), str(out), *map(str, logs)]
         done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=Path(__file__).parents[3])
         if done.returncode == 0:
             break
         assert done.returncode == -signal.SIGKILL, done.stderr
-        killed, wait = killed + 1, wait * 1.3
+        killed, wait = killed + 1, wait * 1.4
         assert killed < 60
         opened = True
         try:
