@@ -71,7 +71,7 @@ class ShellsParameters(Parameters):
         0.6, "after a JOINT, time over which identities are compared before learning goes on", unit="s", low=0, high=60
     )
     exchange: float = param(0.5, "identities are exchanged when colours say so by this much (log)", low=0.0, high=100.0)
-    confirm_s: float = param(0.4, "a new object is confirmed after this time", unit="s", low=0.0, high=60.0)
+    confirm_s: float = param(0.25, "a new object is confirmed after this time", unit="s", low=0.0, high=60.0)
     confirm_hits: int = param(3, "and after this many sightings", unit="frames", low=1, high=1000)
     tentative_s: float = param(0.3, "a new object unseen for longer is dropped", unit="s", low=0.0, high=60.0)
     min_unexplained: float = param(0.5, "a detection with less foreground of its own is explained", low=0.0, high=1.0)
