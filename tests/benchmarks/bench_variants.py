@@ -95,28 +95,21 @@ def shaken(boxes: Boxes, number: int) -> Boxes:
     return out
 
 
-PIXELS = {
+ALWAYS = {
     "as it is": Variant(),
     "mirrored": Variant(mirrored=True),
     "backwards": Variant(step=-1),
     "half the frames": Variant(step=2),
     "first half": Variant(part=(0, 0.5)),
     "second half": Variant(part=(0.5, 1)),
+}
+PIXELS = ALWAYS | {
     "smaller (0.7)": Variant(scale=0.7),
     "dark": Variant(picture=dark),
     "noisy": Variant(picture=noisy),
     "grey": Variant(picture=grey),
 }
-BOXES = {
-    "as it is": Variant(),
-    "mirrored": Variant(mirrored=True),
-    "backwards": Variant(step=-1),
-    "half the frames": Variant(step=2),
-    "first half": Variant(part=(0, 0.5)),
-    "second half": Variant(part=(0.5, 1)),
-    "a tenth missing": Variant(boxes=thinned),
-    "shaken": Variant(boxes=shaken),
-}
+BOXES = ALWAYS | {"a tenth missing": Variant(boxes=thinned), "shaken": Variant(boxes=shaken)}
 
 
 class Altered:
