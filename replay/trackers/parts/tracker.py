@@ -64,7 +64,6 @@ class PartsTracker:
         self._by_hand = parse_init(parameters.init)
         self._targets = Targets(parameters)
         self._next_ids = (1, BYSTANDERS)
-        self._gates: dict[int, Box] = {}
         self._time_ns: int | None = None
 
     def step(self, frame: Frame) -> Answers:
@@ -80,7 +79,7 @@ class PartsTracker:
             item.begin_frame()
         seen = observe(frame.detections)
         matching = Matching(self._scene, frame, seen, targets, self._p, dt if dt > 0 else self._scene.frame_ns * NS)
-        self._gates = {item.id: gate for item, gate in zip(targets.items, matching.gates(), strict=True) if item.told}
+        gates = {item.id: gate for item, gate in zip(targets.items, matching.gates(), strict=True) if item.told}
         matching.run(self._scorer, self._find_heads, notices)
         begin = Beginning(self._p, targets)
         begin.by_hand(frame, self._by_hand)
@@ -88,7 +87,7 @@ class PartsTracker:
         matching.learn_new()
         self._next_ids = begin.confirm(frame, self._next_ids, notices, bool(self._by_hand))
         self._age(frame, notices)
-        return self._answer(frame, notices)
+        return self._answer(frame, notices, gates)
 
     def _take_regions(self, regions: Regions | None) -> None:
         if regions is not None and regions != self._regions_message:
@@ -150,7 +149,7 @@ class PartsTracker:
             return None
         return self._regions.reason_to_remove(place, item.mode, min(1.0, max(0.0, item.confidence)))
 
-    def _answer(self, frame: Frame, notices: list[Notice]) -> Answers:
+    def _answer(self, frame: Frame, notices: list[Notice], gates: dict[int, Box]) -> Answers:
         out = []
         targets = self._targets
         for row, item in enumerate(targets.items):
@@ -175,7 +174,7 @@ class PartsTracker:
                     score=item.score,
                     measured=item.measured,
                     signature=signature(targets.model, row) if item.signed else [],
-                    gate=self._gates.get(item.id, UNSET) if item.told else UNSET,
+                    gate=gates.get(item.id, UNSET),
                 )
             )
         return Answers(frame.index, sorted(out, key=lambda t: t.id), None, notices)
