@@ -17,6 +17,7 @@ from recorders.vision import cv2
 
 Labels = NDArray[np.int32]
 
+PERSISTENT = 0.25
 MOST_BLOBS = 2000
 """Of more components, the largest are kept (the first of equals)."""
 
@@ -49,7 +50,7 @@ def ellipse_of(mask: Image, left: float = 0.0, top: float = 0.0) -> Ellipse:
     )
 
 
-def _kept(mask: Image, min_area: float) -> tuple[Labels, int, int, list[tuple[int, ...]]]:
+def _kept(mask: Image, min_area: float, before: Image | None = None) -> tuple[Labels, int, int, list[tuple[int, ...]]]:
     """The components that are large enough, as they lie in a part of the mask that holds all of them.
 
     Returns:
@@ -66,10 +67,25 @@ def _kept(mask: Image, min_area: float) -> tuple[Labels, int, int, list[tuple[in
     )
     areas = stats[1:count, cv2.CC_STAT_AREA]
     kept = np.flatnonzero(areas >= max(1.0, min_area)) + 1
+    if before is not None:
+        kept = np.union1d(kept, _persistent(numbered, stats, min_area, before[top : top + h, left : left + w]))
     if len(kept) > MOST_BLOBS:
         kept = np.sort(kept[np.argsort(-areas[kept - 1], kind="stable")[:MOST_BLOBS]])
     found = [(k, *row) for k, row in zip(kept.tolist(), stats[kept].tolist(), strict=True)]
     return np.asarray(numbered, np.int32), left, top, found
+
+
+def _persistent(numbered: Labels, stats: Labels, min_area: float, before: Image) -> NDArray[np.intp]:
+    """Components too small by themselves that mostly lie where there was foreground in the frame before."""
+    areas = stats[:, cv2.CC_STAT_AREA]
+    few = np.flatnonzero((areas < min_area) & (areas >= max(1.0, PERSISTENT * min_area)))
+    found = []
+    for k in few[few > 0].tolist():
+        x, y, w, h, area = stats[k].tolist()
+        here = (numbered[y : y + h, x : x + w] == k) & (before[y : y + h, x : x + w] > 0)
+        if 2 * np.count_nonzero(here) >= area:
+            found.append(k)
+    return np.array(found, np.intp)
 
 
 def outlines(mask: Image, min_area: float) -> list[tuple[Box, int]]:
@@ -78,7 +94,7 @@ def outlines(mask: Image, min_area: float) -> list[tuple[Box, int]]:
     return [((float(left + x), float(top + y), float(w), float(h)), area) for _, x, y, w, h, area in found]
 
 
-def components(mask: Image, min_area: float) -> tuple[Image, Labels, list[Blob]]:
+def components(mask: Image, min_area: float, before: Image | None = None) -> tuple[Image, Labels, list[Blob]]:
     """Keep the components that are large enough, and describe them.
 
     Args:
@@ -91,7 +107,7 @@ def components(mask: Image, min_area: float) -> tuple[Image, Labels, list[Blob]]
     height, width = mask.shape
     clean, labels = np.zeros((height, width), np.uint8), np.zeros((height, width), np.int32)
     blobs: list[Blob] = []
-    numbered, left, top, found = _kept(mask, min_area)
+    numbered, left, top, found = _kept(mask, min_area, before)
     # Leaving some out keeps the others' order.
     for number, (k, x, y, bw, bh, area) in enumerate(found, 1):
         pixels = (numbered[y : y + bh, x : x + bw] == k).view(np.uint8)

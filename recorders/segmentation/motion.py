@@ -46,6 +46,7 @@ class MotionSegmenter:
         self._follow_every = max(1, round(parameters.adaptation_s * fps))
         self._observe_every = max(1, round(fps / 2))
         self._steps = 0
+        self._before: Image | None = None
         self._new_samples = 0
         self._background: Background | None = None
         self._grainy = False
@@ -96,7 +97,8 @@ class MotionSegmenter:
         picture = as_image(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb))
         background = self._background_at(picture)
         picture = self._cleaned(picture)
-        mask, labels, blobs = components(self._foreground(picture, background), self._min_area)
+        mask, labels, blobs = components(self._foreground(picture, background), self._min_area, self._before)
+        self._before = mask
         self._steps += 1
         if self._steps % self._follow_every == 0:
             everywhere = self._steps % (self._follow_every * SLOW_FOREGROUND) == 0

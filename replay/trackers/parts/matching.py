@@ -29,6 +29,11 @@ FAR = 0.8
 """Boxes alone match up to this mean of the way in gates and the overlap that is missing."""
 EMPTY = 3
 """A part with less foreground than one of so many parts of what it used to have is hidden."""
+STILL = 0.2
+"""Body heights per second up to which a target stands."""
+NEAR = 0.5
+LEFT = 0.03
+"""Foreground that is left of somebody behind something, at least, of their box."""
 ALONE_CHANGE = 0.35
 """A blob that is that much wider or higher than its lone target is compared part by part first."""
 
@@ -61,6 +66,7 @@ class Matching:
             chosen = np.flatnonzero(rows & free)
             if len(chosen):
                 self._contested(chosen, back=False, notices=notices)
+        self._remains(np.flatnonzero(~tentative & ~lost))
         # The lost one by one, in the order of their birth: each may be another of those who have appeared since.
         for row in np.flatnonzero(~tentative & lost).tolist():
             self._contested(np.array([row], np.intp), back=True, notices=notices)
@@ -114,6 +120,41 @@ class Matching:
         size = np.maximum(np.minimum(a[..., :2] + a[..., 2:], b[..., :2] + b[..., 2:]) - corner, 0.0)
         counts = self._pixels.sums(self._pixels.area, np.concatenate([corner, size], axis=2))
         return np.asarray(np.where((size > 0).all(axis=2), counts, 0), np.float64)
+
+    def _remains(self, rows: Rows) -> None:
+        """Targets that stand still behind something that nobody tracks (a sign, a post): pieces are left of them.
+
+        What nobody else explains in such a target's box, grown by `NEAR` of its width, keeps it alive; the box moves
+        just so far that it holds the pieces.
+        """
+        blobs, area = self._seen.blob_boxes, self._pixels.area
+        if not len(blobs) or area is None:
+            return
+        filled = self._pixels.sums(area, blobs)
+        for row in rows.tolist():
+            item = self._targets.items[row]
+            box = self._expected[row]
+            w, h = box[2:].tolist()
+            if item.observed or self._targets.speeds[row] > STILL * h:
+                continue
+            taken = self._taken()
+            margin = np.array([-NEAR * w, -NEAR * w, 2 * NEAR * w, 2 * NEAR * w])
+            sizes = blobs[:, 2] * blobs[:, 3]
+            inside = intersection(blobs, (box + margin)[None])[:, 0] >= 0.9 * sizes
+            if len(taken):
+                inside &= intersection(blobs, taken).max(axis=1) < 0.5 * sizes
+            pieces = np.flatnonzero(inside)
+            left = float(filled[pieces].sum())
+            if not LEFT * w * h <= left:
+                continue
+            low = blobs[pieces, :2].min(axis=0)
+            high = (blobs[pieces, :2] + blobs[pieces, 2:]).max(axis=0)
+            at = np.minimum(np.maximum(box[:2], high - box[2:]), np.maximum(low, high - box[2:]))
+            place = np.concatenate([at, box[2:]])
+            blob = int(pieces[np.argmax(filled[pieces])]) + 1
+            m, _ = self._measure(np.array([row]), place[None])
+            self._gone[row] = self._empty(np.array([row]), m)[0]
+            self._observe(row, place, blob, "appearance", round(self._p.match_score * FULL), None)
 
     def _measure(self, rows: Rows, boxes: Floats) -> tuple[Measured, Floats]:
         """Features of boxes (N, 4) for their targets, and their parts."""

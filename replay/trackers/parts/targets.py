@@ -124,6 +124,12 @@ class Targets:
         b = self.boxes
         return np.stack([b[:, 0] + (b[:, 2] - w) / 2, b[:, 1] + b[:, 3] - h, w, h], axis=1)
 
+    def onward(self) -> Floats:
+        """Where the targets are if they went on at KF1's speed since they were last seen, (N, 4)."""
+        out = self.boxes.copy()
+        out[:, :2] = self.motion.value - out[:, 2:] / 2
+        return out
+
     def gates(self, dt: float) -> Floats:
         """Half sides of the gates, (N,) pixels: by speed, doubled for every frame missed."""
         p, h = self._p, self.boxes[:, 3]

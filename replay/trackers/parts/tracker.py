@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import UNSET
 
-from reasoning.regions import RegionParameters, SceneRegions, default_regions
+from reasoning.regions import OUTSIDE, RegionParameters, SceneRegions, default_regions
 from recorders.messages import NO_BLOB, Box, Mode, Notice, Regions
 from recorders.messages import Target as Answer
 from recorders.messages import Targets as Answers
@@ -107,6 +107,7 @@ class PartsTracker:
         kept = []
         p = self._p
         places = self._regions.area_cover(self._targets.boxes)
+        onward = self._regions.area_cover(self._targets.onward())
         for row, item in enumerate(self._targets.items):
             unseen = (frame.time_ns - item.seen_ns) * NS
             if not item.observed:
@@ -133,7 +134,10 @@ class PartsTracker:
             if why is None:
                 kept.append(row)
                 continue
-            evidence = {"unseen_s": unseen, "confidence": item.confidence, "box": self._targets.boxes[row].tolist()}
+            box = self._targets.boxes[row].tolist()
+            evidence = {"unseen_s": unseen, "confidence": item.confidence, "box": box}
+            # The place stays where the target was last seen: only the speed says that it went on, out of the scene.
+            evidence["left_scene"] = onward[row] == OUTSIDE
             told.append(Notice("track_removed", [item.id], why, evidence))
         self._targets.keep(kept)
 
