@@ -314,7 +314,7 @@ class Reasoner:
             answer.append(
                 Track(
                     i, t.box, t.ellipse, t.velocity, radius, t.mode, t.confidence, t.present, t.observed, t.blob,
-                    *bits, *lists, group, presence.status, zones, t.hidden_parts, t.gate,
+                    *bits, *lists, group, presence.status, zones, t.hidden_parts, t.gate, t.centroid,
                 )
             )  # fmt: skip
         return answer

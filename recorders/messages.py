@@ -147,6 +147,8 @@ class Target(Struct, frozen=True):
             counts, always in the same order within a recording.
         gate: (x, y, w, h) of the rectangle in which its centre was looked for (PARTS 3.1); left out of the message
             where the tracker has none.
+        centroid: (alpha, beta), where in the box the part model's centroid lies, from which the five parts follow
+            (PARTS 2.1); left out of the message where the tracker has no such model.
     """
 
     id: Identity
@@ -166,6 +168,7 @@ class Target(Struct, frozen=True):
     measured: Box | None = None
     signature: list[int] = []
     gate: Box | UnsetType = UNSET
+    centroid: tuple[float, float] | UnsetType = UNSET
 
 
 class GroupTrack(Struct, frozen=True):
@@ -226,6 +229,7 @@ class Track(Struct, frozen=True):
     zones: list[str] = []
     hidden_parts: list[str] = []
     gate: Box | UnsetType = UNSET
+    centroid: tuple[float, float] | UnsetType = UNSET
 
 
 class Tracks(Struct, frozen=True):

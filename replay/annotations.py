@@ -162,7 +162,7 @@ def drawing(tracks: Tracks, relations: Relations, regions: Regions | None, time_
             lines.append(_polyline(_LOOP, corners, _CROSSES[k]))
         for name in track.hidden_parts:
             # The format knows no dashes; a cross says that nothing is to be seen there (PARTS, Figure 7).
-            px, py, pw, ph = part_box(track.box, name)
+            px, py, pw, ph = part_box(track, name)
             cross = (px, py), (px + pw, py + ph), (px + pw, py), (px, py + ph)
             lines.append(_polyline(_LINES, cross, _CROSSES[k]))
         text = _framed(b"\x1a", label(track).encode())

@@ -37,7 +37,8 @@ _BORDER: Colour = (60, 160, 240)
 _ZONE: Colour = (255, 190, 90)
 _GOLDEN = 0.618033988749895
 PART_NAMES = ("head", "left_torso", "right_torso", "left_legs", "right_legs")
-_PARTS = {"head": (0.0, 1 / 7), "torso": (1 / 7, 4 / 7), "leg": (4 / 7, 1.0)}
+_UPRIGHT = (0.5, 0.5)
+"""Alpha and beta of somebody whose tracker has no part model: the torso ends at four sevenths of the height."""
 _BITS = ("grouping", "grouped", "splitting")
 
 
@@ -177,25 +178,28 @@ def _draw_box(canvas: _Canvas, track: Track, options: DrawOptions) -> None:
         canvas.rectangle(track.gate, colour, 1, dash=6)
     for name in PART_NAMES if options.model else ():
         if name not in track.hidden_parts:
-            canvas.rectangle(part_box(track.box, name), colour, 1)
+            canvas.rectangle(part_box(track, name), colour, 1)
     if options.parts:
         for name in track.hidden_parts:
-            canvas.rectangle(part_box(track.box, name), colour, 1, dash=3)
+            canvas.rectangle(part_box(track, name), colour, 1, dash=3)
 
 
-def part_box(box: Box, name: str) -> Box:
-    """Where a named part lies in a box (PARTS, Figure 2), at the proportions of someone who stands upright.
+def part_box(track: Track, name: str) -> Box:
+    """Where a named part lies in a track's box (PARTS 2.1, Figure 2).
 
-    Head: the top seventh, torso: to four sevenths, legs: the rest; a name with ``left`` or ``right`` in it is half
-    as wide.
+    The head is the top seventh; below it the centroid, whose place in the box the track tells, parts torso from legs
+    and what has ``left`` in its name from what has ``right``.
     """
-    x, y, w, h = box
-    low, high = next((span for key, span in _PARTS.items() if key in name.lower()), (0.0, 1.0))
-    if "left" in name.lower():
-        w /= 2
-    elif "right" in name.lower():
-        x, w = x + w / 2, w / 2
-    return x, y + low * h, w, (high - low) * h
+    x, y, w, h = track.box
+    alpha, beta = _UPRIGHT if track.centroid is UNSET else track.centroid
+    shoulders = y + h / 7
+    middle, foot = shoulders + beta * (y + h - shoulders), y + h
+    kind = name.lower()
+    spans = {"head": (y, shoulders), "torso": (shoulders, middle), "leg": (middle, foot)}
+    top, bottom = next((span for key, span in spans.items() if key in kind), (y, foot))
+    left = x + alpha * w if "right" in kind else x
+    right = x + alpha * w if "left" in kind else x + w
+    return left, top, right - left, bottom - top
 
 
 def _draw_edge(canvas: _Canvas, edge: Relation, places: dict[int, Track]) -> None:

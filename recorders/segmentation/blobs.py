@@ -17,9 +17,10 @@ from recorders.vision import cv2
 
 Labels = NDArray[np.int32]
 
-PERSISTENT = 0.25
 MOST_BLOBS = 2000
 """Of more components, the largest are kept (the first of equals)."""
+PERSISTENT = 0.25
+"""Least share of the smallest area that is kept where there was foreground before."""
 
 
 def ellipse_of(mask: Image, left: float = 0.0, top: float = 0.0) -> Ellipse:
@@ -68,7 +69,9 @@ def _kept(mask: Image, min_area: float, before: Image | None = None) -> tuple[La
     areas = stats[1:count, cv2.CC_STAT_AREA]
     kept = np.flatnonzero(areas >= max(1.0, min_area)) + 1
     if before is not None:
-        kept = np.union1d(kept, _persistent(numbered, stats, min_area, before[top : top + h, left : left + w]))
+        there = before[top : top + h, left : left + w]
+        small = _persistent(np.asarray(numbered, np.int32), np.asarray(stats, np.int32), min_area, there)
+        kept = np.union1d(kept, small)
     if len(kept) > MOST_BLOBS:
         kept = np.sort(kept[np.argsort(-areas[kept - 1], kind="stable")[:MOST_BLOBS]])
     found = [(k, *row) for k, row in zip(kept.tolist(), stats[kept].tolist(), strict=True)]
@@ -76,7 +79,10 @@ def _kept(mask: Image, min_area: float, before: Image | None = None) -> tuple[La
 
 
 def _persistent(numbered: Labels, stats: Labels, min_area: float, before: Image) -> NDArray[np.intp]:
-    """Components too small by themselves that mostly lie where there was foreground in the frame before."""
+    """Components too small by themselves that mostly lie where there was foreground in the frame before.
+
+    Whoever steps behind a post or a sign is still seen at its sides: what began as a body goes on in its pieces.
+    """
     areas = stats[:, cv2.CC_STAT_AREA]
     few = np.flatnonzero((areas < min_area) & (areas >= max(1.0, PERSISTENT * min_area)))
     found = []
@@ -100,6 +106,7 @@ def components(mask: Image, min_area: float, before: Image | None = None) -> tup
     Args:
         mask: (H, W) uint8, non-zero is foreground, 8-connected.
         min_area: smallest area to keep, px.
+        before: the mask that was kept of the frame before, where smaller pieces of it may stay (`PERSISTENT`).
 
     Returns:
         The mask of what was kept (0 or 255), its labels (H, W) int32 from 1, and blob k of label k in this order.

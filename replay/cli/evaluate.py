@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from recorders.errors import OutputExistsError, SceneTraceError, UsageError
+from replay.cli.common import shown
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -32,12 +33,16 @@ does not have is left out, and said.
 
 @dataclass(frozen=True)
 class Result:
-    """What is scored: boxes, picture size if known, frames and seconds between them if known."""
+    """What is scored: boxes, picture size if known, frames and seconds between them if known.
+
+    ``fitted_on`` says what the tracker's features were fitted on, if they were fitted: its truth is no fair judge.
+    """
 
     table: MotTable
     size: tuple[int, int] | None = None
     frames: Any = None
     frame_s: float = 0.0
+    fitted_on: str = ""
 
 
 def add(commands: argparse._SubParsersAction[Any]) -> None:
@@ -67,7 +72,7 @@ def add(commands: argparse._SubParsersAction[Any]) -> None:
 def size(text: str) -> tuple[int, int]:
     """Width and height of ``768x576``."""
     width, x, height = text.lower().partition("x")
-    if not (x and width.isdigit() and height.isdigit() and int(width) > 0 and int(height) > 0):
+    if not (x and text.isascii() and width.isdigit() and height.isdigit() and int(width) > 0 and int(height) > 0):
         raise argparse.ArgumentTypeError(f"{text!r}: must be WIDTHxHEIGHT, like 768x576")
     return int(width), int(height)
 
@@ -75,7 +80,7 @@ def size(text: str) -> tuple[int, int]:
 def span(text: str) -> tuple[int, int | None]:
     """First and last frame (excluded) of ``100:200``, ``100:`` or ``:200``."""
     first, colon, last = text.partition(":")
-    if not colon or not all(x == "" or x.isdigit() for x in (first, last)):
+    if not colon or not text.isascii() or not all(x == "" or x.isdigit() for x in (first, last)):
         raise argparse.ArgumentTypeError(f"{text!r}: must be FIRST:LAST, like 0:300")
     return int(first or 0), int(last) if last else None
 
@@ -83,9 +88,12 @@ def span(text: str) -> tuple[int, int | None]:
 def run(args: argparse.Namespace) -> int:
     """Score and print."""
     from replay.evaluate import evaluate, fit_truth, read_truth
+    from replay.export.output import check_figure
 
     if not 0 < args.iou <= 1:
         raise UsageError(f"--iou {args.iou}: must be over 0 and at most 1")
+    if args.plot is not None:
+        check_figure(args.plot)
     if args.plot is not None and args.plot.exists() and not args.force:
         raise OutputExistsError(args.plot)
     result = read_result(args.annotated, args.camera)
@@ -102,6 +110,11 @@ def run(args: argparse.Namespace) -> int:
     left_out = all_true - len(truth)
     if left_out:
         sys.stderr.write(f"scenetrace: {left_out} of {all_true} true boxes are in frames that are not scored\n")
+    if result.fitted_on:
+        sys.stderr.write(
+            f"scenetrace: the features of parts were fitted on {result.fitted_on}; "
+            "figures for those recordings are not of data unseen\n"
+        )
     scores = evaluate(truth, table, args.iou)
     if args.plot is not None:
         from replay.evaluate.plots import plot
@@ -109,7 +122,11 @@ def run(args: argparse.Namespace) -> int:
         plot(truth, table, args.plot, iou=args.iou, frame_s=result.frame_s)
     if args.json:
         facts = {"annotated": str(args.annotated), "truth": str(args.truth), "iou": args.iou, "size": picture}
-        facts |= {"truth_size": args.truth_size or picture, "true_boxes_left_out": left_out}
+        facts |= {
+            "features_fitted_on": result.fitted_on,
+            "truth_size": args.truth_size or picture,
+            "true_boxes_left_out": left_out,
+        }
         print(json.dumps(facts | scores.as_plain(), indent=2))
     else:
         show(scores, str(args.annotated))
@@ -150,8 +167,18 @@ def read_result(path: Path, camera: str | None) -> Result:
         return Result(read_mot(path))
     with AnnotatedLog(path, camera) as log:
         found = read_tracks(log)
+        fitted_on = _fitted_on(log.tracker, log.facts.get("configuration", ""))
     step = float(np.median(np.diff(found.times_ns))) / 1e9 if len(found.frames) > 1 else 0.0
-    return Result(found.table, found.size, found.frames, step)
+    return Result(found.table, found.size, found.frames, step, fitted_on)
+
+
+def _fitted_on(tracker: str, configuration: str) -> str:
+    """What the recorded configuration of a tracker with fitted features says that they were fitted on."""
+    try:
+        section = json.loads(configuration)["part_features"] if tracker == "parts" else {}
+        return shown(str(section.get("fitted_on", "")))
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return ""
 
 
 def show(scores: Scores, name: str) -> None:

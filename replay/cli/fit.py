@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from recorders.errors import OutputExistsError, UsageError
+from recorders.errors import OutputExistsError, SceneTraceError, UsageError
 from replay.cli import common
 from replay.cli.evaluate import size
+
+if TYPE_CHECKING:
+    from replay.fitting import Fitted
+
+FEW = 50
+"""Pairs of frames below which a fit says little."""
 
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -39,24 +46,41 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit and write."""
     from recorders.parameters import to_toml
-    from replay.export.output import whole
+    from replay.export.output import check_figure, whole
     from replay.fitting import collect, fit
 
     if len(args.truth) != len(args.scenes):
         raise UsageError(f"{len(args.scenes)} scenes but {len(args.truth)} --truth; give one for each scene")
+    if args.plot is not None:
+        check_figure(args.plot)
     for path in (args.output, args.plot):
         if path is not None and path.exists() and not args.force:
             raise OutputExistsError(path)
     samples = collect(list(zip(args.scenes, args.truth, strict=True)), args.truth_size)
     fitted = fit(samples)
+    if fitted.accuracy is not None and fitted.accuracy <= fitted.chance:
+        raise SceneTraceError(
+            f"the true boxes fit no better than any others ({100 * fitted.accuracy:.1f} %, by chance "
+            f"{100 * fitted.chance:.1f} %): does the truth belong to this recording, and is --truth-size right?"
+        )
     with whole(args.output, force=args.force) as file:
         file.write(to_toml({"part_features": fitted.features}).encode())
     if args.plot is not None:
         from replay.fitting.plots import plot
 
         plot(samples, fitted.features, args.plot, force=args.force)
-    common.say(
-        f"{args.output}: fitted on {fitted.groups} pairs of frames; where held out the true candidate scores highest "
-        f"in {100 * fitted.accuracy:.1f} % ({100 * fitted.before:.1f} % with equal weights)"
-    )
+    common.say(f"{args.output}: fitted on {fitted.groups} pairs of frames; {_held_out(fitted)}")
+    if fitted.groups < FEW:
+        common.say(
+            f"{args.output}: fewer than {FEW} pairs of frames say little; give a longer truth, or more recordings"
+        )
     return 0
+
+
+def _held_out(fitted: Fitted) -> str:
+    if fitted.accuracy is None or fitted.before is None:
+        return "nothing could be held out, so how good the fit is is not known"
+    return (
+        f"where held out the true candidate scores highest in {100 * fitted.accuracy:.1f} % "
+        f"({100 * fitted.before:.1f} % with equal weights, {100 * fitted.chance:.1f} % by chance)"
+    )

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from recorders.errors import UsageError
 from recorders.parameters import Config
 from replay.cli import common, diff
+from replay.cli.starts import check_starts, missed
 
 if TYPE_CHECKING:
     from recorders.scene import SceneLog
@@ -63,7 +64,8 @@ def run(args: argparse.Namespace) -> int:
         return _replay(args, args.output)
     with TemporaryDirectory(prefix="scenetrace-") as folder:
         out = args.output or Path(folder) / "replayed.mcap"
-        return _replay(args, out) or _compare(args, out)
+        left_out = _replay(args, out)
+        return _compare(args, out) or left_out
 
 
 def _configured(args: argparse.Namespace) -> tuple[str, Config]:
@@ -113,6 +115,8 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
         end = None if args.end is None else common.parse_time(args.end, scene)
         check_span(args, first, end, scene)
         counts = [c.message_count for c in scene.recorded if c.topic.endswith("/detections")]
+        starts = check_starts(config, scene, counts[0] if counts else None)
+        has_masks = scene.info.has_masks
     options = ReplayOptions(
         tracker=tracker,
         config=config,
@@ -131,7 +135,12 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
         f"{args.output or args.scene}: {done.frames} frames, {done.tracks} tracks, {done.events} events, "
         f"output digest {done.output_digest[:16]}"
     )
-    return 0
+    if not done.tracks and not starts and not has_masks:
+        common.say(f"{args.scene}: no foreground was recorded: without detections there is nothing to track")
+    left_out = missed(starts, done.tracks) if first is None and end is None else ""
+    if left_out:
+        common.say(f"{args.scene}: {left_out}")
+    return 3 if left_out else 0
 
 
 def check_span(args: argparse.Namespace, first: int | None, end: int | None, scene: SceneLog) -> None:

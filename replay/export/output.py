@@ -7,7 +7,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from recorders.errors import UsageError
 from recorders.log.output import PartFile
+
+FIGURES = (".png", ".pdf", ".svg")
+
+
+def check_figure(path: Path) -> None:
+    """Refuse a figure of another kind, before anything is computed or written.
+
+    Raises:
+        UsageError: the name does not end in one of `FIGURES`.
+    """
+    if path.suffix.lower() not in FIGURES:
+        raise UsageError(f"{path}: a figure's name must end in .png, .pdf or .svg")
 
 
 @contextmanager

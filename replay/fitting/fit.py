@@ -34,15 +34,17 @@ class Fitted:
 
     Attributes:
         features: the section ``part_features``.
-        accuracy: share of targets and frames, in parts of the recordings that the models were not fitted on, in
-            which the true candidate scores highest.
+        accuracy: share of targets and frames, in parts of the recordings that neither the models were fitted on nor
+            the weights chosen on, in which the true candidate scores highest; None where nothing could be held out.
         before: the same with equal weights.
-        groups: how many there are.
+        chance: the same of a candidate taken blindly.
+        groups: how many targets and frames there are.
     """
 
     features: PartFeatures
-    accuracy: float
-    before: float
+    accuracy: float | None
+    before: float | None
+    chance: float
     groups: int
 
 
@@ -90,30 +92,60 @@ def fit(samples: Samples) -> Fitted:
     """Fit models and weights.
 
     The weights are those of the highest accuracy over the parts that the models were not fitted on: each fold's
-    candidates are scored by the models of the other folds. They are found one at a time, each tried in tenths while
-    the others stay, features first, then parts, until nothing improves.
+    candidates are scored by the models of the other folds. How good the fit is, is judged apart: fold by fold, with
+    models and weights of the other folds alone.
     """
     scores = np.empty(samples.differences.shape, np.float64)
-    for fold in np.unique(samples.folds).tolist():
+    folds = np.unique(samples.folds).tolist()
+    for fold in folds:
         here = samples.folds == fold
-        other = samples.step_folds != fold
-        other = other if other.any() else ~other
+        other = samples.step_folds != fold if len(folds) > 1 else np.ones(len(samples.steps), bool)
         scores[here] = _tabulated(samples.differences[here], models(samples.steps[other]))
-    firsts = np.flatnonzero(np.diff(samples.groups, prepend=-1))
+    firsts = _firsts(samples.groups)
+    omega, gamma = _weights(scores, firsts)
+    right = _held_out(samples, folds) if len(folds) > 1 else None
+    values: dict[str, Any] = dict(models(samples.steps))
+    values |= {f"omega_{f}": round(float(v / omega.sum()), 4) for f, v in zip(FEATURES, omega, strict=True)}
+    values |= {f"gamma_{j}": round(float(v / gamma.sum()), 4) for j, v in zip(PARTS, gamma, strict=True)}
+    values["fitted_on"] = "; ".join(samples.names)
+    chance = float((1.0 / np.diff(np.append(firsts, len(samples.groups)))).mean())
+    accuracy, before = (None, None) if right is None else right
+    return Fitted(PartFeatures(**values), accuracy, before, chance, len(firsts))
+
+
+def _held_out(samples: Samples, folds: list[int]) -> tuple[float, float]:
+    """Accuracy over all folds, each with the models and weights of the others, and the same with equal weights."""
+    right = equally = 0.0
+    for fold in folds:
+        here, others = samples.folds == fold, samples.folds != fold
+        theirs = models(samples.steps[samples.step_folds != fold])
+        omega, gamma = _weights(_tabulated(samples.differences[others], theirs), _firsts(samples.groups[others]))
+        scores, firsts = _tabulated(samples.differences[here], theirs), _firsts(samples.groups[here])
+        right += len(firsts) * _accuracy(scores, omega, gamma, firsts)[0]
+        equally += len(firsts) * _accuracy(scores, np.ones(len(FEATURES)), np.ones(len(PARTS)), firsts)[0]
+    total = len(_firsts(samples.groups))
+    return right / total, equally / total
+
+
+def _firsts(groups: Ints) -> NDArray[np.intp]:
+    """Rows at which a group begins: its match."""
+    return np.flatnonzero(np.diff(groups, prepend=-1))
+
+
+def _weights(scores: Floats, firsts: NDArray[np.intp]) -> tuple[Floats, Floats]:
+    """Weights of the features (6,) and of the parts (5,) with the highest accuracy.
+
+    They are found one at a time, each tried in tenths while the others stay, features first, then parts, until nothing
+    improves.
+    """
     omega, gamma = np.full(len(FEATURES), 0.5), np.full(len(PARTS), 0.5)
-    before = _accuracy(scores, omega, gamma, firsts)[0]
     for _ in range(PASSES):
         old = (omega.copy(), gamma.copy())
         for weights in (omega, gamma):
             _climb(scores, omega, gamma, weights, firsts)
         if (omega == old[0]).all() and (gamma == old[1]).all():
             break
-    values: dict[str, Any] = dict(models(samples.steps))
-    values |= {f"omega_{f}": round(float(v / omega.sum()), 4) for f, v in zip(FEATURES, omega, strict=True)}
-    values |= {f"gamma_{j}": round(float(v / gamma.sum()), 4) for j, v in zip(PARTS, gamma, strict=True)}
-    values["fitted_on"] = "; ".join(samples.names)
-    accuracy = _accuracy(scores, omega, gamma, firsts)[0]
-    return Fitted(PartFeatures(**values), accuracy, before, len(firsts))
+    return omega, gamma
 
 
 def _tabulated(differences: Ints, words: dict[str, str]) -> Floats:

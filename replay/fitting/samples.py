@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -50,7 +51,7 @@ class Samples:
 
     Attributes:
         steps: (S, 5, 6) in [0, 255]: the same target in frames that follow one another, which the models are fitted to.
-        step_folds: (S,) part of the cross-validation: the recording, or the half of it where there is only one.
+        step_folds: (S,) part of the cross-validation: the recording, or the half of its truth where there is only one.
         differences: (N, 5, 6) of candidates against what was learnt `LATER_S` before, from a place that is not exactly
             known, as after an occlusion: what the weights are fitted to.
         groups: (N,) target and frame that the row belongs to; rows of a group follow one another, the match first.
@@ -86,6 +87,7 @@ def collect(pairs: list[tuple[Path, Path]], truth_size: tuple[int, int] | None =
     rows: list[Ints] = []
     folds: list[int] = []
     names: list[str] = []
+    _all_different([scene for scene, _ in pairs])
     for fold, (scene, truth) in enumerate(pairs):
         found: list[tuple[int, Ints, Ints]] = []
         with SceneLog(scene) as log:
@@ -109,6 +111,20 @@ def collect(pairs: list[tuple[Path, Path]], truth_size: tuple[int, int] | None =
         np.stack(steps), np.array(step_folds, np.int64), np.concatenate(rows), groups, np.array(folds, np.int64),
         tuple(names),
     )  # fmt: skip
+
+
+def _all_different(scenes: list[Path]) -> None:
+    """Refuse a recording that is given twice: what is held out would have been fitted on."""
+    known: dict[str, Path] = {}
+    for path in scenes:
+        try:
+            with path.open("rb") as file:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError as e:
+            raise SceneTraceError(f"{path}: cannot be read: {e.strerror}") from e
+        if digest in known:
+            raise SceneTraceError(f"{path}: the same recording as {known[digest]}; give each once")
+        known[digest] = path
 
 
 @dataclass(frozen=True)
@@ -140,14 +156,14 @@ def _windows(log: SceneLog, table: MotTable) -> Iterator[list[_Seen]]:
     """Every frame from the second on, with those of the `LATER_S` before it, oldest first."""
     frame_s = log.info.frame_ns * 1e-9
     window: deque[_Seen] = deque(maxlen=max(2, round(LATER_S / max(frame_s, 1e-3))) + 1)
-    last = int(table.frames[-1]) + 1 if len(table) else 1
+    span = (int(table.frames[0]), int(table.frames[-1]) + 1) if len(table) else (0, 1)
     for frame in log.frames():
-        window.append(_look(frame, table, frame_s, last))
+        window.append(_look(frame, table, frame_s, span))
         if len(window) > 1:
             yield list(window)
 
 
-def _look(frame: Frame, table: MotTable, frame_s: float, last: int) -> _Seen:
+def _look(frame: Frame, table: MotTable, frame_s: float, span: tuple[int, int]) -> _Seen:
     low, high = np.searchsorted(table.frames, [frame.index, frame.index + 1])
     boxes = table.boxes[low:high]
     ids = table.ids[low:high].tolist()
@@ -168,7 +184,8 @@ def _look(frame: Frame, table: MotTable, frame_s: float, last: int) -> _Seen:
     free = (share * (foot[None, :] >= foot[:, None])).max(axis=1, initial=0.0) <= COVERED
     assert frame.mask is not None
     pixels = Pixels(frame.image, frame.mask, (frame.mask.shape[1], frame.mask.shape[0]))
-    return _Seen(frame.index, ids, boxes, gates, free, pixels, min(frame.index / max(last, 1), 0.999))
+    place = min(max((frame.index - span[0]) / (span[1] - span[0]), 0.0), 0.999)
+    return _Seen(frame.index, ids, boxes, gates, free, pixels, place)
 
 
 def _of_frame(window: list[_Seen]) -> Iterator[tuple[Ints, Ints]]:

@@ -36,7 +36,7 @@ def by_protobuf(tracks, relations, regions, time_ns):
         if track.gate is not UNSET:
             loop(out, corners(track.gate), color, 0.5)
         for name in track.hidden_parts:
-            a, b, c, d = corners(part_box(track.box, name))
+            a, b, c, d = corners(part_box(track, name))
             out.points.add(type=lines, points=points([a, c, b, d]), outline_color=color, thickness=0.5)
         words = [str(track.id)]
         words += [f"{track.mode} {track.confidence:.2f}"] if track.mode != "motion" else []

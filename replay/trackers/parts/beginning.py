@@ -50,7 +50,8 @@ def parse_init(words: str) -> tuple[Start, ...]:
         number, _, box = rest.partition(":")
         try:
             x, y, w, h = (float(v) for v in box.split(","))
-            if kind != "frame" or not number.isdigit() or not all(map(math.isfinite, (x, y, w, h))) or min(w, h) <= 0:
+            digits = number.isascii() and number.isdigit()
+            if kind != "frame" or not digits or not all(map(math.isfinite, (x, y, w, h))) or min(w, h) <= 0:
                 raise ValueError(word)
         except ValueError:
             raise ConfigError(

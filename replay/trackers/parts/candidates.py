@@ -25,8 +25,6 @@ from replay.trackers.tracker import Image
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Rows = NDArray[np.intp]
-CROWD_CHANGE = 0.25
-"""A blob of several detections that is that much larger than a target is not the target alone."""
 STEPS = np.array([0, -1, 1, -2, 2])
 """i of eq. 9 and 10, the plain size first: ties go to it."""
 
@@ -96,7 +94,7 @@ class Candidates:
         direct: (N,) bool: measured as they are, the target is not occluded.
         sources: (N,) row of the observation, -1 for those hung from heads.
         whole: (N,) bool: a blob in which nobody else was found.
-        fitting: (N,) bool: an observation of the target's size, within `CROWD_CHANGE`.
+        fitting: (N,) bool: an observation of the target's size, within the parameter ``crowd_change``.
     """
 
     rows: Rows
@@ -156,7 +154,7 @@ def gather(
     # Where the segmentation itself found several people in a blob, half as much again is too much to be one of them.
     several = np.zeros(len(seen.boxes), bool)
     several[: len(seen.blob_boxes)] = seen.crowd[: len(seen.blob_boxes)]
-    direct = within & ~larger & ~smaller & ~(several[None, :] & (change > 1 + CROWD_CHANGE).any(axis=2))
+    direct = within & ~larger & ~smaller & ~(several[None, :] & (change > 1 + p.crowd_change).any(axis=2))
     anchors = Anchors()
     names = [anchors.at(b[0] + b[2] / 2, b[1], b[3]) for b in seen.boxes.tolist()]
     found: list[tuple[int, list[float], int, int, bool, int]] = []
@@ -184,7 +182,7 @@ def gather(
     alone = np.zeros(len(seen.boxes) + 1, bool)
     alone[: len(seen.blob_boxes)] = ~seen.crowd[: len(seen.blob_boxes)]
     owner, source = np.array(owners, np.intp), np.array(sources, np.intp)
-    fitting = (source >= 0) & (np.abs(change[owner, source] - 1) <= CROWD_CHANGE).all(axis=1)
+    fitting = (source >= 0) & (np.abs(change[owner, source] - 1) <= p.crowd_change).all(axis=1)
     return Candidates(
         rows[np.array(owners, np.intp)],
         np.array(boxes_, np.float64),

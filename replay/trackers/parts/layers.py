@@ -25,10 +25,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-COINCIDE = 0.75
-"""IoU of two targets' boxes from which on one has to give way."""
-WHOLE = 0.9
-"""Share of the least score that suffices for a whole blob of the target's size with no part hidden."""
 TRUNK = 0.6
 """A body hides what is behind this share of its box's width."""
 NEARER = 0.03
@@ -63,7 +59,7 @@ class Match:
     Attributes:
         row: the target.
         candidate: row of the candidate.
-        box: its box, refined where several were near-equal.
+        box: its box.
         score: global score, of `FULL`.
         hidden: (5,) parts that nearer targets cover.
         rival: the target that wanted the same anchor and had to give way, -1 for none.
@@ -149,7 +145,7 @@ class Association:
         wanted = np.where(allowed.any(axis=1), np.argmax(np.where(allowed, value, -1), axis=1), -1)
         while True:
             pairs = assign(-value / FULL, allowed)
-            loser = _coinciding(pairs, best, boxes, value)
+            loser = _coinciding(pairs, best, boxes, value, self._p.coincide)
             if loser is None:
                 break
             allowed[loser] = False
@@ -168,7 +164,7 @@ class Association:
 
         What others have left of a target's parts counts for less there than that nobody else can be that blob.
         """
-        free = (best >= 0) & self._s.candidates.whole[best] & good[best] & (value >= round(WHOLE * self._least))
+        free = (best >= 0) & self._s.candidates.whole[best] & good[best] & (value >= round(self._p.whole * self._least))
         for t, a in pairs:
             free[t] = False
             free[:, a] = False
@@ -181,11 +177,16 @@ class Association:
         return np.asarray((self._s.foreground * ~hidden).sum(axis=1) >= self._p.min_fill * seen.sum(axis=1))
 
     def _prune(self, rows: NDArray[np.intp], best: Ints, value: Ints, boxes: Floats) -> None:
-        """Multiple responses: near-equal candidates nearby are decided by the image of the head (PARTS 4.1)."""
+        """Multiple responses: candidates nearby that are near-equal, or all weak, are decided by the head's image.
+
+        PARTS 4.1. Deviations: candidates are judged by where the head's image is found, but stay where they are: what
+        hangs from the image's own place is worse on TUD-Campus (docs/parts.md). Without an image of the head, or with
+        one that is found nowhere, the best score wins whatever its ratio over the runner-up.
+        """
         assert self._refine is not None
         for t in range(len(rows)):
             top = int(value[t].max(initial=-1))
-            if top < self._least:
+            if top < self._p.weak * self._least:
                 continue
             near = np.flatnonzero(value[t] * self._p.ratio >= top)
             if len(near) < 2:
@@ -203,17 +204,19 @@ class Association:
             off = np.abs(middle - refined[0] - refined[2] / 2) + np.abs(boxes[best[t, near], 1] - refined[1])
             winner = near[int(np.argmin(off))]
             others = near[near != winner]
-            value[t, winner] = top
+            value[t, winner] = max(top, self._least)
             value[t, others] = (value[t, others] / self._p.ratio).astype(np.int64)
 
 
-def _coinciding(pairs: list[tuple[int, int]], best: Ints, boxes: Floats, value: Ints) -> tuple[int, int] | None:
+def _coinciding(
+    pairs: list[tuple[int, int]], best: Ints, boxes: Floats, value: Ints, least: float
+) -> tuple[int, int] | None:
     """The pair that has to give way, None if no two boxes all but coincide."""
     if len(pairs) < 2:
         return None
     placed = boxes[[best[t, a] for t, a in pairs]]
     overlap = np.triu(iou(placed, placed), 1)
-    if float(overlap.max()) < COINCIDE:
+    if float(overlap.max()) < least:
         return None
     i, j = np.unravel_index(int(np.argmax(overlap)), overlap.shape)
     return pairs[int(i)] if value[pairs[int(i)]] < value[pairs[int(j)]] else pairs[int(j)]

@@ -12,6 +12,7 @@ from replay.trackers.parts.features import AREA, DISPLACEMENT, OVERLAP, Measured
 from replay.trackers.parts.heads import CLEAR_PX, HeadDetector
 from replay.trackers.parts.layers import NEARER, Association, Match, Scored, trunks
 from replay.trackers.parts.parameters import PartsParameters
+from replay.trackers.parts.pieces import held_by_pieces
 from replay.trackers.parts.regions import HEAD, PARTS, covered
 from replay.trackers.parts.scoring import FULL, Scorer
 from replay.trackers.parts.targets import TENTATIVE, Targets
@@ -21,21 +22,10 @@ from replay.trackers.tracker import Frame, SceneInfo
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-TEMPLATE_LIMIT = 45
-"""A head's image that differs more than this (of 255) everywhere fits nowhere."""
 LINKED_SHARE = 0.08
 """A blob with this share of a target's box in foreground concerns the target."""
 FAR = 0.8
 """Boxes alone match up to this mean of the way in gates and the overlap that is missing."""
-EMPTY = 3
-"""A part with less foreground than one of so many parts of what it used to have is hidden."""
-STILL = 0.2
-"""Body heights per second up to which a target stands."""
-NEAR = 0.5
-LEFT = 0.03
-"""Foreground that is left of somebody behind something, at least, of their box."""
-ALONE_CHANGE = 0.35
-"""A blob that is that much wider or higher than its lone target is compared part by part first."""
 
 
 class Matching:
@@ -66,7 +56,7 @@ class Matching:
             chosen = np.flatnonzero(rows & free)
             if len(chosen):
                 self._contested(chosen, back=False, notices=notices)
-        self._remains(np.flatnonzero(~tentative & ~lost))
+        self._standing(np.flatnonzero(~tentative & ~lost))
         # The lost one by one, in the order of their birth: each may be another of those who have appeared since.
         for row in np.flatnonzero(~tentative & lost).tolist():
             self._contested(np.array([row], np.intp), back=True, notices=notices)
@@ -98,7 +88,7 @@ class Matching:
             b = int(np.argmax(linked[t]))
             change = blobs[b, 2:] / np.maximum(at[t, 2:], 1.0)
             near = np.abs(blobs[b, :2] + blobs[b, 2:] / 2 - at[t, :2] - at[t, 2:] / 2).max() <= self._gates[rows[t]]
-            fits = change[1] <= 1 + ALONE_CHANGE and change[0] <= 1 + self._p.occlusion
+            fits = change[1] <= 1 + self._p.alone_change and change[0] <= 1 + self._p.occlusion
             fits = fits and bool((change >= 1 - self._p.occlusion).all())
             if tenants[b] != 1 or self._seen.held[b + 1] > 1 or not near or not fits:
                 continue
@@ -121,40 +111,23 @@ class Matching:
         counts = self._pixels.sums(self._pixels.area, np.concatenate([corner, size], axis=2))
         return np.asarray(np.where((size > 0).all(axis=2), counts, 0), np.float64)
 
-    def _remains(self, rows: Rows) -> None:
-        """Targets that stand still behind something that nobody tracks (a sign, a post): pieces are left of them.
-
-        What nobody else explains in such a target's box, grown by `NEAR` of its width, keeps it alive; the box moves
-        just so far that it holds the pieces.
-        """
+    def _standing(self, rows: Rows) -> None:
+        """Targets that stand behind something that nobody tracks: alive, and in their place, while pieces are seen."""
         blobs, area = self._seen.blob_boxes, self._pixels.area
-        if not len(blobs) or area is None:
+        still = self._targets.speeds <= self._p.stands * self._targets.boxes[:, 3]
+        left = [row for row in rows.tolist() if still[row] and not self._targets.items[row].observed]
+        if not left or not len(blobs) or area is None:
             return
-        filled = self._pixels.sums(area, blobs)
-        for row in rows.tolist():
-            item = self._targets.items[row]
-            box = self._expected[row]
-            w, h = box[2:].tolist()
-            if item.observed or self._targets.speeds[row] > STILL * h:
+        filled = self._pixels.sums(area, blobs).astype(np.float64)
+        for row in left:
+            found = held_by_pieces(self._expected[row], blobs, filled, self._taken(), self._p)
+            if found is None:
                 continue
-            taken = self._taken()
-            margin = np.array([-NEAR * w, -NEAR * w, 2 * NEAR * w, 2 * NEAR * w])
-            sizes = blobs[:, 2] * blobs[:, 3]
-            inside = intersection(blobs, (box + margin)[None])[:, 0] >= 0.9 * sizes
-            if len(taken):
-                inside &= intersection(blobs, taken).max(axis=1) < 0.5 * sizes
-            pieces = np.flatnonzero(inside)
-            left = float(filled[pieces].sum())
-            if not LEFT * w * h <= left:
-                continue
-            low = blobs[pieces, :2].min(axis=0)
-            high = (blobs[pieces, :2] + blobs[pieces, 2:]).max(axis=0)
-            at = np.minimum(np.maximum(box[:2], high - box[2:]), np.maximum(low, high - box[2:]))
-            place = np.concatenate([at, box[2:]])
-            blob = int(pieces[np.argmax(filled[pieces])]) + 1
-            m, _ = self._measure(np.array([row]), place[None])
-            self._gone[row] = self._empty(np.array([row]), m)[0]
-            self._observe(row, place, blob, "appearance", round(self._p.match_score * FULL), None)
+            box, piece = found
+            only = np.array([row], np.intp)
+            self._gone[row] = self._empty(only, self._measure(only, box[None])[0])[0]
+            # As sure as the weakest match: that the pieces are this target's is only likely.
+            self._observe(row, box, piece + 1, "appearance", round(self._p.match_score * FULL), None)
 
     def _measure(self, rows: Rows, boxes: Floats) -> tuple[Measured, Floats]:
         """Features of boxes (N, 4) for their targets, and their parts."""
@@ -229,7 +202,7 @@ class Matching:
     def _empty(self, rows: Rows, m: Measured) -> NDArray[np.bool_]:
         """Where a part should be is hardly any foreground: hidden by things that nobody tracks, (N, 5)."""
         known = self._targets.model
-        return np.asarray((m.area * EMPTY < known.area[rows]) & (known.seen[rows] > 0) & bool(m.known[0]))
+        return np.asarray((m.area < self._p.empty * known.area[rows]) & (known.seen[rows] > 0) & bool(m.known[0]))
 
     def _by_place(self, found: Candidates) -> NDArray[np.int64]:
         """Scores where there are boxes alone: 1 where the filters expect the target, the least match far from there."""
@@ -265,7 +238,7 @@ class Matching:
             return None
         alpha = float(targets.alpha[row])
         (tx, ty), away = refine(image, targets.template[row], (x + alpha * w, y), HEAD * h, min(reach, 0.5 * h))
-        return np.array([tx - alpha * w, ty, w, h]) if away <= TEMPLATE_LIMIT else None
+        return np.array([tx - alpha * w, ty, w, h]) if away <= self._p.head_levels else None
 
     def _take(self, match: Match, s: Scored, notices: list[Notice]) -> None:
         """A match becomes an observation; its parts are updated one by one (PARTS 4.2)."""

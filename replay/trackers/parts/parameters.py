@@ -39,6 +39,35 @@ class PartsParameters(Parameters):
         1.06, "the best candidate's score over its runner-up's, else the head's image decides", low=1.0, high=10.0,
         source="PARTS 4",
     )  # fmt: skip
+    weak: float = param(
+        0.8, "candidates that are all weak, down to this share of match_score, are told apart by the head's image, too",
+        low=0.0, high=1.0, source="PARTS 4.1",
+    )  # fmt: skip
+    head_levels: float = param(
+        45.0,
+        "a head's image that differs more than this everywhere fits nowhere",
+        unit="of 255 levels",
+        low=0,
+        high=255,
+    )
+    whole: float = param(
+        0.9, "share of match_score that suffices for a whole blob that can be nobody else", low=0.0, high=1.0
+    )
+    coincide: float = param(0.75, "IoU of two targets' boxes from which on one gives way", low=0.0, high=1.0)
+    alone_change: float = param(
+        0.35, "a blob that much wider or higher than its lone target is compared part by part first", low=0.0, high=5.0
+    )
+    crowd_change: float = param(
+        0.25, "a blob of several detections that much larger than a target is not the target alone", low=0.0, high=5.0
+    )
+    empty: float = param(
+        1 / 3, "a part with less than this share of the foreground that it used to have is hidden", low=0.0, high=1.0
+    )
+    stands: float = param(
+        0.2, "a target up to this speed may stand behind something that nobody tracks", unit="heights/s", low=0, high=10
+    )
+    pieces_near: float = param(0.5, "its pieces lie within its box grown by this", unit="widths", low=0, high=5)
+    pieces_least: float = param(0.03, "they have at least this share of its box in foreground", low=0.0, high=1.0)
     part_score: float = param(0.35, "least score of a part that matches", low=0.0, high=1.0, source="PARTS 4.2")
     hidden_score: float = param(0.4, "what a part that others cover counts for", low=0.0, high=1.0)
     hidden_cover: float = param(0.5, "a part is hidden if nearer targets cover this much of it", low=0.05, high=1.0)

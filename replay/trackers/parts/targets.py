@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -240,8 +239,3 @@ def _target(state: Mapping[str, Any]) -> Target:
     plain["measured"] = None if plain["measured"] is None else tuple(plain["measured"])
     plain["sightings"] = [list(s) for s in plain["sightings"]]
     return Target(**plain)
-
-
-def finite(box: Floats) -> bool:
-    """Whether a box is one."""
-    return all(math.isfinite(v) for v in box.tolist()) and box[2] > 0 and box[3] > 0

@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 from msgspec import UNSET
 
-from reasoning.regions import OUTSIDE, RegionParameters, SceneRegions, default_regions
+from reasoning.geometry import OUTSIDE
+from reasoning.regions import RegionParameters, SceneRegions, default_regions
 from recorders.messages import NO_BLOB, Box, Mode, Notice, Regions
 from recorders.messages import Target as Answer
 from recorders.messages import Targets as Answers
@@ -179,6 +180,7 @@ class PartsTracker:
                     measured=item.measured,
                     signature=signature(targets.model, row) if item.signed else [],
                     gate=gates.get(item.id, UNSET),
+                    centroid=(float(targets.alpha[row]), float(targets.beta[row])),
                 )
             )
         return Answers(frame.index, sorted(out, key=lambda t: t.id), None, notices)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from recorders.messages import Event, Group, Relation, Track
 from replay.draw import DrawOptions, Overlay, draw_frame, label, part_box, track_colour
+from replay.trackers.parts.regions import PARTS, parts_of
 
 
 def track(identity: int = 1, box: tuple[float, float, float, float] = (20, 20, 20, 40), **facts: Any) -> Track:
@@ -74,13 +75,29 @@ def test_other_modes_are_dashed_and_named() -> None:
     assert label(track(7, mode="appearance", grouping=True)) == "7 appearance 0.50 grouping"
 
 
-def test_parts_lie_in_the_box_and_hidden_ones_are_drawn() -> None:
+def test_parts_meet_at_the_centroid_that_the_track_tells() -> None:
     box = (10.0, 20.0, 30.0, 70.0)
-    assert part_box(box, "head") == pytest.approx((10.0, 20.0, 30.0, 10.0))
-    assert part_box(box, "left_torso") == pytest.approx((10.0, 30.0, 15.0, 30.0))
-    assert part_box(box, "right legs") == pytest.approx((25.0, 60.0, 15.0, 30.0))
-    plain, hidden = (draw_frame(ground(), Overlay([track(hidden_parts=p)]), PLAIN) for p in ([], ["head"]))
-    assert not np.array_equal(plain, hidden)
+    upright = track(box=box)
+    assert part_box(upright, "head") == pytest.approx((10.0, 20.0, 30.0, 10.0))
+    assert part_box(upright, "left_torso") == pytest.approx((10.0, 30.0, 15.0, 30.0))
+    assert part_box(upright, "right legs") == pytest.approx((25.0, 60.0, 15.0, 30.0))
+    leaning = track(box=box, centroid=(0.4, 0.25))
+    found = [part_box(leaning, name) for name in PARTS]
+    assert np.array(found) == pytest.approx(parts_of(np.array([box]), np.array([0.4]), np.array([0.25]))[0])
+
+
+def test_the_five_parts_are_drawn_and_hidden_ones_dashed() -> None:
+    body: dict[str, Any] = {"box": (20.0, 20.0, 40.0, 70.0), "centroid": (0.3, 0.4)}
+    whole = draw_frame(ground(), Overlay([track(**body)]), replace(PLAIN, model=True))
+    hidden = draw_frame(ground(), Overlay([track(hidden_parts=["left_legs"], **body)]), PLAIN)
+    # The line between the legs, at x = 32.
+    solid, dashed = ((p[58:86, 31:34] != 0).any(axis=(1, 2)) for p in (whole, hidden))
+    assert solid.all()
+    assert dashed.any()
+    assert not dashed.all()
+    # And that between the halves of the torso above it, which only the whole model draws.
+    assert (whole[34:50, 31:34] != 0).any(axis=(1, 2)).all()
+    assert not hidden[34:50, 31:34].any()
 
 
 def test_a_gate_is_drawn_unless_it_is_left_out() -> None:

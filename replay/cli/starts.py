@@ -1,0 +1,54 @@
+"""``replay --init``: targets started by hand, checked against the recording before and after."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from recorders.errors import UsageError
+from recorders.parameters import Config
+
+if TYPE_CHECKING:
+    from recorders.scene import SceneLog
+
+
+def check_starts(config: Config, scene: SceneLog, frames: int | None) -> int:
+    """Refuse starts that the recording cannot hold.
+
+    Args:
+        config: the configuration; ``parts.init`` holds the starts.
+        scene: the recording.
+        frames: how many frames it has, if known.
+
+    Returns:
+        How many targets are started by hand.
+
+    Raises:
+        UsageError: a start after the last frame, or of a box that is no body in this picture.
+    """
+    from replay.trackers.parts.beginning import parse_init
+    from replay.trackers.parts.parameters import PartsParameters
+
+    parts = config.get("parts")
+    if not isinstance(parts, PartsParameters):
+        return 0
+
+    width, height = scene.info.width, scene.info.height
+    starts = parse_init(parts.init)
+    for start in starts:
+        x, y, w, h = start.box
+        words = f"--init frame:{start.frame}:{x:g},{y:g},{w:g},{h:g}"
+        if frames is not None and start.frame >= frames:
+            raise UsageError(f"{words}: the recording has {frames} frames, 0 to {frames - 1}")
+        if not (0 <= x + w / 2 < width and 0 <= y + h / 2 < height):
+            raise UsageError(f"{words}: its middle lies outside of the picture of {width}x{height} pixels")
+        if w < 2 or h < 4 or w > 2 * width or h > 2 * height:
+            raise UsageError(f"{words}: not the size of anybody in a picture of {width}x{height} pixels")
+    return len(starts)
+
+
+def missed(starts: int, tracks: int) -> str:
+    """What to say of starts that were never found; empty if there is nothing to say."""
+    if tracks >= starts:
+        return ""
+    found = "none" if not tracks else f"{tracks}"
+    return f"{found} of {starts} targets started by hand were found: is somebody in each box in its very frame?"
