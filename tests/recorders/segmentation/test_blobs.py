@@ -85,6 +85,19 @@ def test_the_size_filter_drops_the_small_and_keeps_the_rest_untouched():
     assert np.array_equal(kept[10:30, 20:30], mask[10:30, 20:30])
 
 
+def test_small_pieces_stay_where_most_of_them_was_foreground_before():
+    mask, before = np.zeros((40, 80), np.uint8), np.zeros((40, 80), np.uint8)
+    mask[5:9, 5:9] = mask[5:9, 25:29] = mask[5:9, 45:49] = 255
+    mask[5:6, 65:67] = 255
+    before[4:20, 4:20] = before[4:20, 28:40] = before[4:20, 60:70] = 255
+    # The first lay in foreground, the second by a quarter, the third not at all; the last is too small for a piece.
+    _, _, found = components(mask, 40, before)
+    assert [b.box for b in found] == [(5, 5, 4, 4)]
+    assert components(mask, 40)[2] == []
+    before[:] = 255
+    assert [b.area for b in components(mask, 40, before)[2]] == [16, 16, 16]
+
+
 def test_nothing_gives_nothing():
     kept, labels, found = components(np.zeros((5, 7), np.uint8), 1)
     assert not kept.any()

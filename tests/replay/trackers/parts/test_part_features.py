@@ -128,7 +128,18 @@ def test_models_in_words() -> None:
         Scorer(PartFeatures(hsv="half-normal 0.1; half-normal 0.2"))
 
 
-@pytest.mark.parametrize("wrong", ["frame:0", "0:1,2,3,4", "frame:-1:1,2,3,4", "frame:0:1,2,3", "frame:0:1,2,0,4"])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "frame:0",
+        "0:1,2,3,4",
+        "frame:-1:1,2,3,4",
+        "frame:0:1,2,3",
+        "frame:0:1,2,0,4",
+        "frame:²:1,2,3,4",
+        "frame:٣:1,2,3,4",
+    ],
+)
 def test_what_is_started_by_hand_is_checked(wrong: str) -> None:
     with pytest.raises(ConfigError, match="frame:N:x,y,w,h"):
         parse_init(wrong)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fixtures.logs import write_scene_log
+from fixtures.logs import write_scene_log, write_truth
 from fixtures.scenes import generate
 from reasoning.regions import RegionParameters
 from recorders.messages import Target
@@ -81,19 +81,24 @@ def test_who_stands_behind_has_hidden_parts_and_who_stands_before_has_not(passin
     assert hidden["before"] <= 5
 
 
-def test_gates_are_told_and_grow_while_a_target_is_missed(passing: Path) -> None:
+def test_gates_are_told_and_double_while_a_target_is_missed(passing: Path) -> None:
     answers = forward(passing)
+    most = replay_config("parts")["parts"].gate_most
     sides: dict[int, tuple[bool, float]] = {}
-    grown = 0
+    doubled = 0
     for targets in answers:
         for t in targets:
             assert t.newborn or isinstance(t.gate, tuple)
             if not isinstance(t.gate, tuple):
                 continue
             missed, before = sides.get(t.id, (False, 0.0))
-            grown += missed and t.gate[2] > before
-            sides[t.id] = (not t.observed, t.gate[2])
-    assert grown
+            side = t.gate[2]
+            if missed and side < 2 * most * t.box[3]:
+                # Twice the last one, as the speed that it began with has not changed since.
+                assert side == pytest.approx(2 * before, rel=0.2)
+                doubled += 1
+            sides[t.id] = (not t.observed, side)
+    assert doubled
 
 
 def test_boxes_alone_are_tracked_with_the_features_that_need_no_pixels(tmp_path: Path) -> None:
@@ -123,6 +128,37 @@ def test_a_target_started_by_hand_is_the_only_one_told_of_and_verify_starts_it_a
     assert main(["replay", str(passing), "-o", str(tmp_path / "b.mcap"), "--init", "frame:0:1,2,3,4"]) == 2
 
 
+@pytest.mark.parametrize(
+    ("start", "code", "words"),
+    [
+        ("frame:500:10,10,20,60", 2, "the recording has"),
+        ("frame:5:1000,10,20,60", 2, "outside of the picture"),
+        ("frame:5:100,100,0.1,0.1", 2, "not the size of anybody"),
+        ("frame:5:100,100,5000,5000", 2, "outside of the picture"),
+        ("frame:0:10,4,12,30", 3, "none of 1 targets started by hand were found"),
+    ],
+)
+def test_a_start_that_the_recording_cannot_hold_or_that_finds_nobody_is_said(
+    passing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], start: str, code: int, words: str
+) -> None:
+    out = tmp_path / "a.mcap"
+    assert main(["replay", str(passing), "-o", str(out), "--tracker", "parts", "--init", start]) == code
+    assert words in capsys.readouterr().err
+    assert out.exists() == (code == 3)
+
+
+def test_scores_of_fitted_features_say_what_they_were_fitted_on(
+    passing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = write_truth(generate("pass_by", seed=2, size=SIZE), tmp_path / "gt.txt")
+    for tracker, said in (("parts", True), ("events", False)):
+        out = tmp_path / f"{tracker}.mcap"
+        assert main(["replay", str(passing), "-o", str(out), "--tracker", tracker]) == 0
+        capsys.readouterr()
+        assert main(["eval", str(out), "--truth", str(truth)]) == 0
+        assert ("were fitted on" in capsys.readouterr().err) == said
+
+
 def test_targets_begin_and_stay_in_the_regions_alone_unless_they_were_started_by_hand(tmp_path: Path) -> None:
     """Inset by 0.3 of 240 pixels, the regions are x from 72 to 248, y from 72 to 168."""
     scene = generate("pass_by", seed=2, size=SIZE)
@@ -149,14 +185,25 @@ def test_another_head_detector_can_be_plugged_in(passing: Path) -> None:
         asked.append(height)
         return [Head(float(box[0] + box[2] / 2), float(box[1]), 1.0)]
 
-    forward(passing, find_heads=heads)
+    with_them = forward(passing, find_heads=heads)
     assert asked
     assert all(0 < h < 300 for h in asked)
+    assert with_them != forward(passing, find_heads=lambda *_: [])
+    assert forward(passing, "parts.use_heads=false") == forward(passing, find_heads=lambda *_: [])
 
 
-@pytest.mark.parametrize("switch", ["use_parts", "use_heads", "use_pruning"])
-def test_layers_can_be_switched_off(passing: Path, switch: str) -> None:
-    assert any(forward(passing, f"parts.{switch}=false"))
+def test_without_parts_who_passes_is_followed_by_place_and_size_alone(passing: Path) -> None:
+    with_parts, without = forward(passing), forward(passing, "parts.use_parts=false")
+    assert with_parts != without
+    assert any(t.observed for targets in without for t in targets)
+
+
+def test_without_pruning_the_heads_image_is_never_looked_for(passing: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise AssertionError("the head's image was looked for")
+
+    monkeypatch.setattr("replay.trackers.parts.matching.refine", refuse)
+    assert any(t.observed for targets in forward(passing, "parts.use_pruning=false") for t in targets)
 
 
 def test_by_hand_a_target_is_told_of_as_well_as_if_everybody_were(pets: tuple[Path, MotTable], tmp_path: Path) -> None:
@@ -175,7 +222,7 @@ def test_by_hand_a_target_is_told_of_as_well_as_if_everybody_were(pets: tuple[Pa
 
 @pytest.fixture(scope="module")
 def pets(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, MotTable]:
-    """The first 150 frames of PETS09-S2L1 from pixels, with the truth."""
+    """PETS09-S2L1 from pixels, with the truth."""
     folder = tmp_path_factory.mktemp("pets")
     scene = folder / "scene.mcap"
     record(open_source(real_data / "pets09-s2l1" / "video.avi", fps=7), scene, RecordOptions())
