@@ -5,7 +5,7 @@
 accuracy  PETS09-S2L1 and TUD-Campus from pixels, TUD being among what the shipped features were fitted on
 table     PARTS, Tables 1 and 2, on the ten PETS trajectories that are overlapped longest, started by hand and
           automatically, beside cv2.meanShift, cv2.CamShift and SORT
-layers    the same scores with parts, heads and pruning switched off, one at a time
+layers    the same scores with parts, heads, pruning, pieces and hindsight switched off, one at a time
 crowds    generated crowds of other seeds than those fitted on: hidden parts found, sudden moves survived
 speed     frames/s against a bare OpenCV loop, at 480x360 and 768x576, and the cost of a target
 """
@@ -50,6 +50,8 @@ SWITCHES = {
     "parts off": ("parts.use_parts=false",),
     "heads off": ("parts.use_heads=false",),
     "pruning off": ("parts.use_pruning=false",),
+    "pieces off": ("parts.pieces_least=1",),
+    "hindsight off": ("parts.hindsight=false",),
 }
 
 

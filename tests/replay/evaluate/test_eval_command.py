@@ -120,8 +120,8 @@ def test_plot_is_written_once(
     assert "exists already" in capsys.readouterr().err
     assert main([*words, "--force"]) == 0
     assert plot.read_bytes() == first
-    assert main([*words[:-1], str(tmp_path / "plot.xyz")]) == 1
-    assert "the plot cannot be written" in capsys.readouterr().err
+    assert main([*words[:-1], str(tmp_path / "plot.xyz")]) == 2
+    assert "must end in .png, .pdf or .svg" in capsys.readouterr().err
 
 
 def test_plot_without_matplotlib_says_what_to_install(
