@@ -10,7 +10,17 @@ class SceneTraceError(Exception):
 
 
 class UsageError(SceneTraceError):
-    """The call's words are off (exit code 2)."""
+    """The call's words are off (exit code 2).
+
+    Attributes:
+        headline: what is wrong, in one line.
+        below: lines that stand below it, each as it is (a word of the call, a mark under a place in it).
+    """
+
+    def __init__(self, headline: str, *below: str) -> None:
+        super().__init__("\n".join((headline, *below)))
+        self.headline = headline
+        self.below = below
 
 
 class ConfigError(UsageError):

@@ -126,6 +126,19 @@ def configure(
     return {name: _built(name, cls, chosen[name]) for name, cls in sections.items()}
 
 
+def named(section: str, file: str | Path | None = None, assignments: Iterable[str] = ()) -> list[str]:
+    """The fields of a section that a TOML file or ``section.field=value`` words name, in that order, each once.
+
+    Raises:
+        ConfigError: the file cannot be read.
+    """
+    fields = [] if file is None else list(_read_toml(file).get(section, {}))
+    for word in assignments:
+        at, _, name = word.partition("=")[0].strip().partition(".")
+        fields += [name] if at == section else []
+    return list(dict.fromkeys(fields))
+
+
 def _built(section: str, cls: type[Parameters], values: Mapping[str, Any]) -> Parameters:
     try:
         return cls(**values)

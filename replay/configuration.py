@@ -17,7 +17,7 @@ from reasoning import reasoner
 from reasoning.encounters import EncounterParameters
 from recorders import recording
 from recorders.errors import ConfigError, UsageError
-from recorders.parameters import Config, Parameters, as_plain, configure
+from recorders.parameters import Config, Parameters, as_plain, configure, named
 from recorders.vision import cv2
 from replay import hindsight
 from replay.trackers.catalogue import TRACKER_SECTIONS, TRACKERS
@@ -79,6 +79,17 @@ def encounter_config(file: str | Path | None = None, assignments: Iterable[str] 
     found = configure(ASKING_SECTIONS, file, assignments, others=all_sections())["encounters"]
     assert isinstance(found, EncounterParameters)
     return found
+
+
+def chosen_encounters(file: str | Path | None = None, assignments: Iterable[str] = ()) -> dict[str, float]:
+    """Those parameters of encounters that a file or a ``--set`` names, with their values.
+
+    Raises:
+        UsageError: as `encounter_config`.
+    """
+    words = list(assignments)
+    values = as_plain({"encounters": encounter_config(file, words)})["encounters"]
+    return {name: float(values[name]) for name in named("encounters", file, words)}
 
 
 def all_sections() -> dict[str, type[Parameters]]:

@@ -1,17 +1,15 @@
 """Who was socially together: encounters between two targets, from their boxes alone, in hindsight or live."""
 
-from reasoning.encounters.encounters import (
-    KINDS,
-    Encounter,
-    EncounterParameters,
-    Phase,
-    find_encounters,
-)
+from reasoning.encounters.encounters import Encounter, find_encounters
 from reasoning.encounters.pair import History
+from reasoning.encounters.parameters import EncounterParameters
+from reasoning.encounters.phases import KINDS, SAME_WAY, Abrupt, Phase
 from reasoning.encounters.states import Stretch, near, still
 
 __all__ = [
     "KINDS",
+    "SAME_WAY",
+    "Abrupt",
     "Encounter",
     "EncounterParameters",
     "History",

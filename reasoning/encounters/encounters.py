@@ -12,7 +12,7 @@ The rule, in body sizes (mean diagonal of the two boxes: about a person's height
    one another, so an encounter drifts at most ``drift_sizes_per_s`` (in hindsight; live, nobody can tell yet).
 3. Every encounter is cut into phases: *moving* (both walk, the same way), *contact* (JOINT, or abrupt against one
    another at touching distance, and not moving), *separation* (the last way apart), else *meeting*. Its kind is the
-   phase that lasted longest.
+   phase that lasted longest (`phases`).
 
 Distance with hysteresis and duration are the two cues that carry most (on CAVIAR, never-labelled episodes of nearness
 last 24 frames, labelled ones 190, medians); relative speed is the third. Nothing is learnt but the thresholds.
@@ -22,62 +22,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
-from reasoning.encounters.pair import Bools, Floats, History, Ints, Pair, length, pairs, spans
-from recorders.parameters import Parameters, param
+from reasoning.encounters.pair import Floats, History, Ints, Pair, length, pairs, spans
+from reasoning.encounters.parameters import EncounterParameters
+from reasoning.encounters.phases import KINDS, Abrupt, Phase, abrupt_stretches, cut
 
-KINDS = ("meeting", "moving", "contact", "separation")
 Span = tuple[int, int]
-
-
-@dataclass(frozen=True)
-class EncounterParameters(Parameters):
-    """Thresholds of the encounters. A body size is the mean diagonal of the two boxes."""
-
-    near_sizes: float = param(1.0, "together for sure within this distance", unit="body sizes", low=0.1, high=10)
-    far_sizes: float = param(2.0, "an encounter begins and ends at this distance", unit="body sizes", low=0.1, high=20)
-    pace_sizes_per_s: float = param(
-        0.6, "together for sure up to this relative speed", unit="body sizes/s", low=0.05, high=20
-    )
-    drift_sizes_per_s: float = param(
-        0.3,
-        "mean relative velocity from the first to the last moment together for sure, at most",
-        unit="body sizes/s",
-        low=0.01,
-        high=20,
-    )
-    least_s: float = param(1.5, "least time together for sure", unit="s", low=0.0, high=60)
-    live_s: float = param(0.4, "live, an encounter is announced after this time", unit="s", low=0.0, high=60)
-    gap_s: float = param(1.0, "gaps up to this long are closed", unit="s", low=0.0, high=60)
-    window_s: float = param(0.5, "distances are median filtered over this time", unit="s", low=0.0, high=10)
-    walk_sizes_per_s: float = param(0.15, "who walks is at least this fast", unit="body sizes/s", low=0.0, high=10)
-    touch_sizes: float = param(0.6, "touching distance", unit="body sizes", low=0.05, high=5)
-    abrupt_sizes_per_s: float = param(
-        0.4,
-        "abrupt: relative speed over half a second of two who touch, from here",
-        unit="body sizes/s",
-        low=0.05,
-        high=20,
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.far_sizes < self.near_sizes:
-            object.__setattr__(self, "far_sizes", self.near_sizes)
-
-
-@dataclass(frozen=True)
-class Phase:
-    """A part of an encounter of one kind, frames and seconds, ends included."""
-
-    kind: str
-    start_frame: int
-    end_frame: int
-    start_s: float
-    end_s: float
 
 
 @dataclass(frozen=True)
@@ -93,6 +45,8 @@ class Encounter:
         drift: mean relative velocity from the first to the last of them, body sizes per second.
         sure_frame: the frame at which the evidence sufficed; the onset is back-dated from there.
         phases: the parts, in order, without gaps.
+        all_distance, all_relative_speed: the medians over all of its frames.
+        abrupt: when the two were abrupt against one another (see `phases`).
     """
 
     a: int
@@ -109,6 +63,9 @@ class Encounter:
     drift: float
     sure_frame: int
     phases: tuple[Phase, ...]
+    all_distance: float = 0.0
+    all_relative_speed: float = 0.0
+    abrupt: tuple[Abrupt, ...] = ()
 
 
 def find_encounters(
@@ -202,7 +159,8 @@ def _encounter(
     ids: tuple[int, int], pair: Pair, found: _Evidence, p: EncounterParameters, joint: Sequence[Span]
 ) -> Encounter:
     near, step, (start, end) = found.near, found.step_s, found.span
-    phases = _phases(pair, found.span, int(near[-1]), p, joint)
+    phases = cut(pair, found.span, int(near[-1]), p, joint)
+    whole = slice(start, end + 1)
     seconds = {k: sum(x.end_s - x.start_s + step for x in phases if x.kind == k) for k in KINDS}
     near_s = len(near) * step
     distance, pace = float(np.median(pair.distance[near])), float(np.median(pair.relative_speed[near]))
@@ -215,52 +173,7 @@ def _encounter(
         confidence=round(support * (1 - doubt), 4), near_s=near_s, distance=distance, relative_speed=pace,
         drift=found.drift,
         sure_frame=int(pair.frames[found.proven]), phases=phases,
+        all_distance=float(np.median(pair.distance[whole])),
+        all_relative_speed=float(np.median(pair.relative_speed[whole])),
+        abrupt=abrupt_stretches(pair, found.span, int(near[-1]), p),
     )  # fmt: skip
-
-
-def _phases(pair: Pair, span: Span, last_near: int, p: EncounterParameters, joint: Sequence[Span]) -> tuple[Phase, ...]:
-    start, end = span
-    part = slice(start, end + 1)
-    walking = (pair.speed_a[part] >= p.walk_sizes_per_s) & (pair.speed_b[part] >= p.walk_sizes_per_s)
-    moving = walking & (pair.heading[part] >= 0.5)
-    contact = _contact(pair, part, p, joint, moving)
-    apart = np.zeros(end - start + 1, bool)
-    if pair.distance[end] > p.near_sizes:
-        apart[max(0, last_near + 1 - start) :] = True
-    code = np.where(contact, 2, np.where(apart, 3, np.where(moving, 1, 0)))
-    code = _steady(code, pair.times_s[part], p.window_s)
-    cuts = [0, *(np.flatnonzero(np.diff(code)) + 1).tolist(), len(code)]
-    return tuple(
-        Phase(
-            KINDS[int(code[s])],
-            int(pair.frames[start + s]),
-            int(pair.frames[start + e - 1]),
-            float(pair.times_s[start + s]),
-            float(pair.times_s[start + e - 1]),
-        )
-        for s, e in pairwise(cuts)
-    )
-
-
-def _contact(pair: Pair, part: slice, p: EncounterParameters, joint: Sequence[Span], moving: Bools) -> Bools:
-    """Not walking the same way, and JOINT or abrupt against one another at touching distance; lulls are closed."""
-    times = pair.times_s[part]
-    contact = (pair.distance[part] <= p.touch_sizes) & (pair.agitation[part] >= p.abrupt_sizes_per_s) & ~moving
-    found = spans(contact)
-    for (_, end), (start, _) in pairwise(found):
-        if times[start] - times[end] <= p.gap_s:
-            contact[end:start] = True
-    frames = pair.frames[part]
-    for first, last in joint:
-        contact |= (frames >= first) & (frames <= last) & ~moving
-    return contact
-
-
-def _steady(code: Ints, times_s: Floats, least_s: float) -> Ints:
-    """Phases shorter than ``least_s`` go to the phase before them (the first one to the phase after it)."""
-    out = code.copy()
-    cuts = [0, *(np.flatnonzero(np.diff(out)) + 1).tolist(), len(out)]
-    for s, e in pairwise(cuts):
-        if times_s[e - 1] - times_s[s] < least_s and len(cuts) > 2:
-            out[s:e] = out[s - 1] if s > 0 else out[min(e, len(out) - 1)]
-    return out

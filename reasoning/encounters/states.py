@@ -8,8 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from reasoning.encounters.encounters import EncounterParameters, side_by_side
-from reasoning.encounters.pair import Bools, History, length, running_median, spans, velocity
+from reasoning.encounters.encounters import side_by_side
+from reasoning.encounters.pair import Bools, Floats, History, length, running_median, spans, velocity
+from reasoning.encounters.parameters import EncounterParameters
 
 STILL_SIZES_PER_S = 0.08
 STILL_LEAST_S = 1.0
@@ -17,12 +18,19 @@ STILL_LEAST_S = 1.0
 
 @dataclass(frozen=True)
 class Stretch:
-    """A closed interval in frames and seconds."""
+    """A closed interval in frames and seconds, with what decided about each of its moments.
+
+    Attributes:
+        median, most: of nearness the distance in sizes of the larger one, of standing still the speed in own sizes per
+            second.
+    """
 
     start_frame: int
     end_frame: int
     start_s: float
     end_s: float
+    median: float = 0.0
+    most: float = 0.0
 
 
 def still(history: History, parameters: EncounterParameters | None = None) -> list[Stretch]:
@@ -35,9 +43,11 @@ def still(history: History, parameters: EncounterParameters | None = None) -> li
     size = max(float(np.median(length(history.boxes[:, 2:]))), 1.0)
     feet = np.stack([history.boxes[:, 0] + history.boxes[:, 2] / 2, history.boxes[:, 1] + history.boxes[:, 3]], axis=1)
     steady = np.stack([running_median(feet[:, k], half) for k in (0, 1)], axis=1)
-    slow = length(velocity(steady, history.times_s, half)) <= STILL_SIZES_PER_S * size
+    speed = length(velocity(steady, history.times_s, half)) / size
     gap = np.concatenate([[False], np.diff(history.times_s) > p.gap_s])
-    return [s for s in _stretches(slow, gap, history) if s.end_s - s.start_s >= STILL_LEAST_S]
+    return [
+        s for s in _stretches(speed <= STILL_SIZES_PER_S, gap, history, speed) if s.end_s - s.start_s >= STILL_LEAST_S
+    ]
 
 
 def near(
@@ -65,17 +75,20 @@ def near(
         distance = running_median(length(apart) / size, half)
         gap = np.concatenate([[False], np.diff(times) > p.gap_s])
         pair = History(common, times, box_a)
-        out += [(a, b, s) for s in _stretches(distance <= p.touch_sizes, gap, pair)]
+        out += [(a, b, s) for s in _stretches(distance <= p.touch_sizes, gap, pair, distance)]
     return sorted(out, key=lambda x: (x[2].start_frame, x[0], x[1]))
 
 
-def _stretches(mask: Bools, gap: Bools, history: History) -> list[Stretch]:
-    """Runs of the mask, cut where the target was not seen for a while."""
+def _stretches(mask: Bools, gap: Bools, history: History, values: Floats) -> list[Stretch]:
+    """Runs of the mask, cut where the target was not seen for a while; ``values`` decided about the mask."""
     found = []
     for start, end in spans(mask):
         cuts = [start, *(np.flatnonzero(gap[start + 1 : end + 1]) + start + 1).tolist(), end + 1]
         found += [(s, e - 1) for s, e in pairwise(cuts)]
     return [
-        Stretch(int(history.frames[s]), int(history.frames[e]), float(history.times_s[s]), float(history.times_s[e]))
+        Stretch(
+            int(history.frames[s]), int(history.frames[e]), float(history.times_s[s]), float(history.times_s[e]),
+            median=float(np.median(values[s : e + 1])), most=float(np.max(values[s : e + 1])),
+        )
         for s, e in found
-    ]
+    ]  # fmt: skip

@@ -86,7 +86,6 @@ class Case:
     Attributes:
         inputs: what was opened.
         limits: what one query may take.
-        encounters: the thresholds of encounters in the logs; an index keeps those that it was made with.
     """
 
     def __init__(
@@ -99,6 +98,12 @@ class Case:
     ) -> None:
         """Open and read the inputs.
 
+        Args:
+            inputs: annotated logs, indexes, Parquet folders.
+            limits: what one query may take.
+            log_limits: bounds on what a log may make us allocate.
+            encounters: the thresholds of encounters in logs; an index keeps those that it was made with.
+
         Raises:
             RecordingError: an input is neither log, index nor Parquet folder, or is damaged.
         """
@@ -106,9 +111,8 @@ class Case:
             raise UsageError("no recordings to ask; give annotated logs, an index, or a folder of Parquet")
         self.inputs = [Path(p) for p in inputs]
         self.limits = limits or QueryLimits()
-        self.encounters = encounters or EncounterParameters()
         self._con = duckdb.connect(":memory:", config=locked_down(self.limits))
-        self._sources: list[Callable[[str], str]] = []
+        self._places: list[tuple[Path, Callable[[str], str]]] = []
         self._files: list[Path] = []
         self._begun = False
         self._known: dict[tuple[str, str], str] = {}
@@ -149,8 +153,11 @@ class Case:
         if logs:
             self._read_logs(logs, log_limits, encounters)
         for table in TABLES:
-            parts = " UNION ALL BY NAME ".join(f"SELECT * FROM {place(table)}" for place in self._sources)  # noqa: S608
-            self._con.execute(f"CREATE VIEW {table} AS {parts}")
+            parts = " UNION ALL BY NAME ".join(f"SELECT * FROM {place(table)}" for _, place in self._places)  # noqa: S608
+            try:
+                self._con.execute(f"CREATE VIEW {table} AS {parts}")
+            except duckdb.Error as e:
+                raise RecordingError(f"{table} cannot be read: {_first_line(e)}", self._damaged(table)) from e
         for statement in macro_statements():
             self._con.execute(statement)
         self._con.execute("SET TimeZone = 'UTC'")
@@ -159,8 +166,17 @@ class Case:
         self._con.execute("SET enable_external_access = false")
         self._con.execute("SET lock_configuration = true")
 
+    def _damaged(self, table: str) -> Path:
+        """The input whose table cannot be read, to be named."""
+        for path, place in self._places:
+            try:
+                self._con.execute(f"SELECT * FROM {place(table)} LIMIT 0")  # noqa: S608
+            except duckdb.Error:
+                return path
+        return self.inputs[0]
+
     def _attach(self, path: Path) -> None:
-        name = f"source_{len(self._sources)}"
+        name = f"source_{len(self._places)}"
         try:
             self._con.execute(f"ATTACH {_quoted(path)} AS {name} (READ_ONLY)")
             tables = {row[0] for row in self._con.execute(
@@ -170,7 +186,8 @@ class Case:
             raise RecordingError(f"cannot be opened as an index: {_first_line(e)}", path) from e
         missing = [t for t in TABLES if t not in tables]
         if missing:
-            raise RecordingError(f"no index of scenetrace: it has no table {missing[0]}", path)
+            old = "an index of another version" if "recordings" in tables else "no index of scenetrace"
+            raise RecordingError(f"{old}: it has no table {missing[0]}; make it with `scenetrace index`", path)
         self._add(lambda table: f"{name}.{table}", path)
 
     def _folder(self, path: Path) -> None:
@@ -188,7 +205,7 @@ class Case:
             if (digest, camera) in self._known or name in self._known.values():
                 raise UsageError(f"{path}: recording {name!r} is in another input already; give one of them")
             self._known[digest, camera] = name
-        self._sources.append(place)
+        self._places.append((path, place))
 
     def _read_logs(self, logs: list[Path], limits: Limits, encounters: EncounterParameters | None) -> None:
         self._con.execute(f"CREATE SCHEMA {_LOGS}")
@@ -207,7 +224,7 @@ class Case:
             ):
                 self._known[digest, facts.camera] = facts.recording
         self._con.execute("USE memory.main")
-        self._sources.append(lambda table: f"{_LOGS}.{table}")
+        self._places.append((logs[0], lambda table: f"{_LOGS}.{table}"))
 
     def _insert(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
         insert(self._con, table, rows)

@@ -1,7 +1,8 @@
 """Why: the rule, the measured values with their thresholds and margins, and the chain of states that led there.
 
 An answer row names what it rests on by references: ``event:12``, ``relation:1-2@40`` (the interval of 1 and 2 that
-frame 40 lies in; also ``encounter``, ``phase``, ``near``), ``group:3``, ``track:7@31``, ``zone:4@160``.
+frame 40 lies in; also ``encounter``, ``phase``, ``abrupt``, ``near``), ``group:3``, ``track:7@31``, ``zone:4@160``,
+``still:4@160``. An explanation's own reference names its interval by the first frame, whatever frame was given.
 """
 
 from __future__ import annotations
@@ -12,28 +13,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from reasoning.questions import measured
 from reasoning.questions.case import Case
+from reasoning.questions.measured import Measure, event_measures, measure_line
 from reasoning.questions.values import literal
 from recorders.errors import UsageError
 
 _REFERENCE = re.compile(
     r"(?:event:)?(?P<event>\d{1,10})|group:(?P<group>\d{1,10})"
-    r"|(?P<single>track|zone):(?P<one>\d{1,10})@(?P<at>\d{1,10})"
-    r"|(?P<pair>relation|encounter|phase|near):(?P<a>\d{1,10})-(?P<b>\d{1,10})@(?P<since>\d{1,10})"
+    r"|(?P<single>track|zone|still):(?P<one>\d{1,10})@(?P<at>\d{1,10})"
+    r"|(?P<pair>relation|encounter|phase|near|abrupt):(?P<a>\d{1,10})-(?P<b>\d{1,10})@(?P<since>\d{1,10})"
 )
-_TABLE = {"relation": "relations", "encounter": "encounters", "phase": "phases", "near": "near"}
+_TABLE = {
+    "relation": "relations", "encounter": "encounters", "phase": "phases", "near": "near", "abrupt": "abrupt",
+    "track": "presence", "zone": "zones", "still": "still",
+}  # fmt: skip
 _CHAIN = 14
-
-
-@dataclass(frozen=True)
-class Measure:
-    """A measured value; where a threshold decides, its comparison, the threshold, and by how much it was met."""
-
-    name: str
-    value: Any
-    compare: str = ""
-    threshold: float | None = None
-    margin: float | None = None
 
 
 @dataclass(frozen=True)
@@ -89,23 +84,6 @@ class Explanation:
         return out
 
 
-def measure_line(m: Measure) -> str:
-    """A measure for a person to read: value, threshold, and by how much it was met."""
-    line = f"{m.name} = {_shown(m.value)}"
-    if m.threshold is None:
-        return line
-    verdict = "met by" if (m.margin or 0) >= 0 else "missed by"
-    return f"{line}, wanted {m.compare} {_shown(m.threshold)}: {verdict} {_shown(abs(m.margin or 0))}"
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    if isinstance(value, list):
-        return "[" + ", ".join(_shown(v) for v in value) + "]"
-    return str(value)
-
-
 def explain(case: Case, reference: str, recording: str | None = None) -> Explanation:
     """Explain what a reference names.
 
@@ -147,41 +125,9 @@ def _event(case: Case, number: int, only: str) -> Explanation:
     subjects = list(row["subjects"])
     return Explanation(
         f"event:{number}", row["recording"], row["kind"], row["text"], row["rule"], subjects,
-        row["frame"], row["frame"], row["t"], row["t"], measures(row["kind"], evidence),
+        row["frame"], row["frame"], row["t"], row["t"], event_measures(row["kind"], evidence),
         chain(case, row["recording"], subjects, row["t"], f"event:{number}"), evidence,
     )  # fmt: skip
-
-
-def measures(kind: str, evidence: Mapping[str, Any]) -> list[Measure]:
-    """An event's evidence as measures; thresholds are those that the evidence names and those of SHELLS' cases."""
-    out: list[Measure] = []
-    for name, value in evidence.items():
-        if name.endswith(("_at_most", "_at_least")) or name in ("before", "after", "case"):
-            continue
-        compare, threshold = _threshold(kind, name, evidence)
-        if threshold is None or not _is_number(value):
-            out.append(Measure(name, value))
-        else:
-            margin = value - threshold if compare in (">", ">=") else threshold - value
-            out.append(Measure(name, value, compare, threshold, margin))
-    return out
-
-
-def _threshold(kind: str, name: str, evidence: Mapping[str, Any]) -> tuple[str, float | None]:
-    for end, compare in (("_at_most", "<="), ("_at_least", ">=")):
-        stated = evidence.get(f"{name}{end}")
-        if _is_number(stated):
-            return compare, float(stated or 0)
-    if name == "shell_gap_px":  # two discs meet where the gap between them is at most 0
-        return ("<=", 0.0) if evidence.get("after") != "INDEPENDENT" and "gone" not in evidence else (">", 0.0)
-    if name == "safety_distance" and _is_number(evidence.get("collision_at_most")):
-        limit = float(evidence["collision_at_most"])
-        return (">", limit) if kind == "single" else ("<=", limit)
-    return "", None
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _group(case: Case, label: int, only: str) -> Explanation:
@@ -202,92 +148,74 @@ def _group(case: Case, label: int, only: str) -> Explanation:
     )  # fmt: skip
 
 
+_SINGLE = {
+    "track": ("was present", "EVENTS 2, 3.1: the target's own state"),
+    "zone": ("was in the zone", "EVENTS 3.2: a target's centroid in the zone"),
+    "still": ("stood still", "ours: slower than a small part of its own size per second, for a second and more"),
+}
+
+
 def _single(case: Case, kind: str, track: int, at: int, only: str) -> Explanation:
-    table = "zones" if kind == "zone" else "presence"
-    reference = f"{kind}:{track}@{at}"
     row = _row(
         case,
-        f"SELECT * FROM {table} WHERE track = {track} AND {at} BETWEEN start_frame AND end_frame{only} "  # noqa: S608
+        f"SELECT * FROM {_TABLE[kind]} WHERE track = {track} AND {at} BETWEEN start_frame AND end_frame{only} "  # noqa: S608
         "ORDER BY start_frame DESC",
-        reference,
+        f"{kind}:{track}@{at}",
     )
-    where = f"was in the zone {row['zone']!r}" if kind == "zone" else "was present"
-    bits = case.rows(
-        f"SELECT bit, partners, start_frame, end_frame FROM bits WHERE track = {track} AND "  # noqa: S608
-        f"{at} BETWEEN start_frame AND end_frame AND recording = {literal(row['recording'])} ORDER BY bit"
-    )
-    found = [Measure(f"{bit} in frame {at}", f"with {_listed(p)}, frames {s} to {e}") for bit, p, s, e in bits]
+    text, rule = _SINGLE[kind]
+    where = f" {row['zone']!r}" if kind == "zone" else ""
+    # What a target does in a frame is asked of that frame: `track:7@31` keeps it.
+    reference = f"{kind}:{track}@{at if kind == 'track' else row['start_frame']}"
+    if kind == "still":
+        found = measured.still_measures(row)
+    else:
+        bits = case.rows(
+            f"SELECT bit, partners, start_frame, end_frame FROM bits WHERE track = {track} AND "  # noqa: S608
+            f"{at} BETWEEN start_frame AND end_frame AND recording = {literal(row['recording'])} ORDER BY bit"
+        )
+        found = [Measure(f"{bit} in frame {at}", f"with {_listed(p)}, frames {s} to {e}") for bit, p, s, e in bits]
     return Explanation(
-        reference, row["recording"], kind, f"Target {track} {where}.",
-        "EVENTS 3.2: a target's centroid in the zone" if kind == "zone" else "EVENTS 2, 3.1: the target's own state",
-        [track], row["start_frame"], row["end_frame"], row["start_t"], row["end_t"], found,
+        reference, row["recording"], kind, f"Target {track} {text}{where}.", rule, [track],
+        row["start_frame"], row["end_frame"], row["start_t"], row["end_t"], found,
         chain(case, row["recording"], [track], row["start_t"], reference), {},
     )  # fmt: skip
 
 
 def _pair(case: Case, kind: str, ids: tuple[int, int], since: int, only: str) -> Explanation:
     a, b = ids
-    reference = f"{kind}:{a}-{b}@{since}"
     row = _row(
         case,
         f"SELECT * FROM {_TABLE[kind]} WHERE a = {a} AND b = {b} "  # noqa: S608
         f"AND {since} BETWEEN start_frame AND end_frame{only} ORDER BY start_frame DESC",
-        reference,
+        f"{kind}:{a}-{b}@{since}",
     )
-    name = row["recording"]
-    led = chain(case, name, [a, b], row["start_t"], reference)
-    span = (row["start_frame"], row["end_frame"], row["start_t"], row["end_t"])
-    if kind == "relation":
-        return Explanation(
-            reference, name, row["state"], f"Targets {a} and {b} were in the relation {row['state']}.",
-            "SHELLS 2.3: shells that meet are INTERACTION, with one blob JOINT", [a, b], *span,
-            _began(case, name, ids, row), led, {},
-        )  # fmt: skip
-    if kind == "near":
-        text = f"Targets {a} and {b} stood within touching distance."
-        return Explanation(reference, name, kind, text, "ours: standing points", [a, b], *span, [], led, {})
+    reference = f"{kind}:{a}-{b}@{row['start_frame']}"
+    what, text, rule, found = _told_of_pair(case, kind, row)
     return Explanation(
-        reference, name, f"{kind} ({row['kind']})",
-        f"Targets {a} and {b} were socially together, for the most part: {row['kind']}.",
-        "ours: encounters in hindsight (near, slow against one another, not passing, long enough)", [a, b], *span,
-        _encounter_measures(case, name, ids, span[0]), led, {},
+        reference, row["recording"], what, f"Targets {a} and {b} {text}.", rule, [a, b],
+        row["start_frame"], row["end_frame"], row["start_t"], row["end_t"], found,
+        chain(case, row["recording"], [a, b], row["start_t"], reference), {},
     )  # fmt: skip
 
 
-def _began(case: Case, name: str, ids: tuple[int, int], row: Mapping[str, Any]) -> list[Measure]:
-    """The measures of the event that began a relation's interval."""
-    events = case.rows(
-        "SELECT kind, evidence, event FROM events WHERE kind IN ('interaction_started', 'joined', 'separated') "  # noqa: S608
-        f"AND recording = {literal(name)} AND frame = {row['start_frame']} AND subjects = [{ids[0]}, {ids[1]}]"
-    )
-    if not events:
-        return []
-    kind, evidence, number = events[0]
-    return [Measure("began with", f"event:{number} {kind}"), *measures(kind, json.loads(evidence))]
-
-
-def _encounter_measures(case: Case, name: str, ids: tuple[int, int], frame: int) -> list[Measure]:
-    p = case.encounters
-    rows = case.rows(
-        "SELECT v.distance, v.relative_speed, v.drift, v.near_s, v.sure_frame, e.confidence, e.start_frame "  # noqa: S608
-        "FROM encounter_evidence v JOIN encounters e USING (recording, a, b, start_frame) "
-        f"WHERE recording = {literal(name)} AND a = {ids[0]} AND b = {ids[1]} "
-        f"AND {frame} BETWEEN e.start_frame AND e.end_frame"
-    )
-    if not rows:
-        return []
-    distance, pace, drift, near_s, sure, confidence, start = rows[0]
-    return [
-        Measure("median distance in body sizes", distance, "<=", p.near_sizes, p.near_sizes - distance),
-        Measure("median relative speed in body sizes/s", pace, "<=", p.pace_sizes_per_s, p.pace_sizes_per_s - pace),
-        Measure(
-            "drift past one another in body sizes/s", drift, "<=", p.drift_sizes_per_s, p.drift_sizes_per_s - drift
-        ),
-        Measure("seconds near and slow", near_s, ">=", p.least_s, near_s - p.least_s),
-        Measure("confidence", confidence),
-        Measure("evidence sufficed in frame", sure),
-        Measure("back-dated by frames", sure - start),
-    ]
+def _told_of_pair(case: Case, kind: str, row: Mapping[str, Any]) -> tuple[str, str, str, list[Measure]]:
+    """Kind, what the two did, rule and measures of a row about a pair."""
+    if kind == "relation":
+        rule = "SHELLS 2.3: shells that meet are INTERACTION, with one blob JOINT"
+        return row["state"], f"were in the relation {row['state']}", rule, measured.began_with(case, row)
+    if kind == "near":
+        rule = "ours: standing points, within touching distance"
+        return kind, "stood within touching distance", rule, measured.near_measures(case, row)
+    if kind == "abrupt":
+        text = "were abrupt against one another at touching distance"
+        return kind, text, measured.ABRUPT_RULE, measured.abrupt_measures(case, row)
+    if kind == "phase":
+        text = f"were socially together; this part of it: {row['kind']}"
+        rule = measured.phase_rule(case, row)
+        return f"phase ({row['kind']})", text, rule, measured.phase_measures(case, row)
+    text = f"were socially together, for the most part: {row['kind']}"
+    rule = "ours: encounters in hindsight (near, slow against one another, not passing, long enough)"
+    return f"encounter ({row['kind']})", text, rule, measured.encounter_measures(case, row)
 
 
 def chain(case: Case, recording: str, subjects: Sequence[int], until_t: float, reference: str) -> list[str]:

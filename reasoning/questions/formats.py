@@ -46,7 +46,7 @@ def _json(answer: Answer, out: IO[str]) -> int:
 
 
 def plain(value: Any) -> Any:
-    """A value that JSON can hold: times as ISO 8601, what is not finite as null, what is foreign as text."""
+    """A value that JSON can hold: times as ISO 8601, bytes in hex, what is not finite as null, what is foreign as text."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if value is None or isinstance(value, (bool, int, str)):
@@ -55,9 +55,13 @@ def plain(value: Any) -> Any:
         return [plain(v) for v in value]
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
+    return _plain_text(value)
+
+
+def _plain_text(value: Any) -> str:
     if isinstance(value, (datetime, date, time)):
         return value.isoformat()
-    return str(value)
+    return value.hex() if isinstance(value, (bytes, bytearray)) else str(value)
 
 
 def _csv(answer: Answer, out: IO[str]) -> int:
@@ -73,9 +77,9 @@ def _csv(answer: Answer, out: IO[str]) -> int:
 def _text(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_text(v) for v in value) + "]"
-    return str(value.isoformat()) if isinstance(value, (datetime, date, time)) else str(value)
+    if isinstance(value, (list, tuple, dict)):
+        return json.dumps(plain(value), ensure_ascii=False, allow_nan=False)
+    return _plain_text(value)
 
 
 def _cell(value: Any, decimals: int | None = None) -> str:

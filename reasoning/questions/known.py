@@ -4,11 +4,12 @@ says what there is, so that an empty answer always means that nothing happened.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from reasoning.questions.case import Case
+from reasoning.questions.patterns import Pattern, PatternError
 from reasoning.questions.ready import Options, Question
-from reasoning.questions.values import Recordings, identity, literal
+from reasoning.questions.values import Moment, Recordings, identity, literal
 from recorders.errors import UsageError
 
 _SHOWN = 12
@@ -40,8 +41,28 @@ def check_recording(case: Case, name: str | None) -> None:
         raise UsageError(f"--recording {name}: there is none of that name; there are: {_few(names)}")
 
 
+def check_thresholds(case: Case, chosen: Mapping[str, float]) -> None:
+    """That the encounters of every recording were found with the thresholds that the call asks for.
+
+    Logs are read with them; an index keeps those that it was made with.
+
+    Raises:
+        UsageError: a recording has others; names it, and what to do.
+    """
+    for name, value in chosen.items():
+        wanted = f"name = {literal(name)} AND value <> {float(value)!r}"
+        others = case.rows(
+            f"SELECT recording, value FROM encounter_parameters WHERE {wanted} ORDER BY recording LIMIT 1"  # noqa: S608
+        )
+        for recording, was in others:
+            raise UsageError(
+                f"encounters.{name} = {value:g}: the encounters of {recording!r} in the index were found with {was:g}, "
+                "and it keeps them; make another index with this value, or ask the annotated logs"
+            )
+
+
 def check_words(case: Case, question: Question, words: Sequence[str], options: Options) -> None:
-    """That each target, zone, group or event that a question names is in one of the recordings that it is asked of.
+    """That each target, zone, group, event and moment that a question names is in a recording that it is asked of.
 
     Raises:
         UsageError: it is in none; says which there are.
@@ -50,18 +71,77 @@ def check_words(case: Case, question: Question, words: Sequence[str], options: O
         if kind == "zone" and word == _EVERYWHERE:
             continue
         _check(case, kind, word, options.recordings)
+    check_moment(case, options.at, options.recordings)
+
+
+def check_moment(case: Case, at: Moment | None, recordings: Recordings | None) -> None:
+    """That a moment lies within one of the recordings that are asked.
+
+    Raises:
+        UsageError: it lies in none; says from when to when they go.
+    """
+    if at is None:
+        return
+    only = "true" if recordings is None else recordings.sql()
+    if at.frame is not None:
+        within = f"SELECT 1 FROM frames r WHERE frame = {at.frame} AND {only} LIMIT 1"  # noqa: S608
+    else:
+        # To the millisecond, as times are shown.
+        seconds = at.sql("r")
+        within = (
+            f"SELECT 1 FROM recordings r WHERE {only} AND {seconds} <= r.seconds + 0.0005 AND EXISTS "  # noqa: S608
+            f"(SELECT 1 FROM frames f WHERE f.recording = r.recording AND f.t <= {seconds} + 0.0005) LIMIT 1"
+        )
+    if case.rows(within):
+        return
+    spans = case.rows(
+        "SELECT recording, first_frame, (SELECT min(f.t) FROM frames f WHERE f.recording = r.recording), "  # noqa: S608
+        "(SELECT max(f.frame) FROM frames f WHERE f.recording = r.recording), seconds, "
+        "CAST(wall_time(recording, 0.0) AS VARCHAR), CAST(wall_time(recording, seconds) AS VARCHAR) "
+        f"FROM recordings r WHERE {only} ORDER BY recording LIMIT 4"
+    )
+    told = []
+    for name, first, since, last, until, wall_since, wall_until in spans[:3]:
+        if at.frame is not None:
+            told.append(f"{name} has frames {first} to {last}")
+        elif at.seconds is not None:
+            told.append(f"{name} goes from {since or 0:.3f} to {until:.3f} s")
+        else:
+            told.append(f"{name} goes from {wall_since} to {wall_until} UTC")
+    raise UsageError(f"--at {at.text()}: outside of the recording; {'; '.join(told)}{' ...' if len(spans) > 3 else ''}")
+
+
+def check_pattern(case: Case, pattern: Pattern, recordings: Recordings | None) -> None:
+    """That each target and zone that a pattern names is in one of the recordings that it is asked of.
+
+    Raises:
+        PatternError: it is in none; says which there are, and points at it.
+    """
+    for item in (item for step in pattern.steps for item in step):
+        for term in item.terms:
+            kind, word = ("track", str(term.number)) if term.number is not None else ("zone", term.text)
+            wrong = None if word is None else _missing(case, kind, word, recordings)
+            if wrong is not None:
+                raise PatternError(wrong, pattern.text, term.position)
 
 
 def _check(case: Case, kind: str, word: str, recordings: Recordings | None) -> None:
+    wrong = _missing(case, kind, word, recordings)
+    if wrong is not None:
+        raise UsageError(wrong)
+
+
+def _missing(case: Case, kind: str, word: str, recordings: Recordings | None) -> str | None:
+    """That there is none of that name, and what there is; None if there is one."""
     noun, column, table = _SUBJECTS[kind]
     value = word if kind == "zone" else identity(word.removeprefix(f"{kind}:"))
     only = "true" if recordings is None else recordings.sql()
     if case.rows(f"SELECT 1 FROM {table} WHERE {column} = {literal(value)} AND {only} LIMIT 1"):  # noqa: S608
-        return
+        return None
     found = case.rows(f"SELECT DISTINCT {column} FROM {table} WHERE {only} ORDER BY 1 LIMIT 1000")  # noqa: S608
     there = f"there are {_few([r[0] for r in found])}" if found else _NONE[kind]
     where = "" if recordings is None else f" in {recordings.first}"
-    raise UsageError(f"{noun} {word!r}: there is none{where}; {there}")
+    return f"{noun} {word!r}: there is none{where}; {there}"
 
 
 def _few(names: Sequence[object]) -> str:

@@ -25,6 +25,8 @@ _CONDITIONS: tuple[tuple[str, str], ...] = (
     ("after", "b_end + 1 < a_start"),
 )
 ALLEN = tuple(name for name, _ in _CONDITIONS)
+# The thirteen stand in an order that their inverses reverse.
+INVERSE = dict(zip(ALLEN, reversed(ALLEN), strict=True))
 _ARGUMENTS = "(a_start, a_end, b_start, b_end)"
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from dataclasses import astuple, dataclass, field
+from dataclasses import asdict, astuple, dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from statistics import median_low
@@ -50,6 +50,7 @@ class Facts:
     start_ns: int = 0
     seconds: float = 0.0
     output_digest: str = ""
+    first_frame: int = 0
 
     def row(self) -> Row:
         """The row of ``recordings``."""
@@ -249,6 +250,8 @@ class _Camera:
             raise RecordingError(
                 f"frame {tracks.frame} after frame {self._frame}; frames must rise", self._facts.path, record="tracks"
             )
+        if self._frame < 0:
+            self._facts.first_frame = tracks.frame
         self._frame, self._t = tracks.frame, t
         self._facts.frames += 1
         self._add("frames", tracks.frame, t)
@@ -347,22 +350,19 @@ class _Camera:
         return after[0] if after and interval[1] < self._frame else None
 
     def _find_encounters(self) -> None:
+        for name, value in asdict(self._parameters).items():
+            self._add("encounter_parameters", name, value)
         histories = {track: self._boxes[track].history() for track in sorted(self._boxes)}
         for e in find_encounters(histories, self._parameters, joint=self._joint):
             self._add("encounters", e.a, e.b, e.kind, e.start_frame, e.end_frame, e.start_s, e.end_s, e.confidence)
             for p in e.phases:
-                self._add("phases", e.a, e.b, p.kind, p.start_frame, p.end_frame, p.start_s, p.end_s)
+                self._add("phases", e.a, e.b, *astuple(p))
+            for fierce in e.abrupt:
+                self._add("abrupt", e.a, e.b, *astuple(fierce))
             self._add(
-                "encounter_evidence",
-                e.a,
-                e.b,
-                e.start_frame,
-                e.near_s,
-                e.distance,
-                e.relative_speed,
-                e.sure_frame,
-                e.drift,
-            )
+                "encounter_evidence", e.a, e.b, e.start_frame, e.near_s, e.distance, e.relative_speed, e.sure_frame,
+                e.drift, e.all_distance, e.all_relative_speed,
+            )  # fmt: skip
         for track, history in histories.items():
             for stretch in still(history, self._parameters):
                 self._add("still", track, *astuple(stretch))

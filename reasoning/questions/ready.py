@@ -34,8 +34,8 @@ class Options:
         least_s: shortest stay of loitered.
         within_s: how far back (before), or how close together (left-with).
         gap_s: stays with a gap up to this are one (loitered); contact until so long before leaving (left-with).
-        depth: longest chain of contacts.
-        by: what counts as a contact.
+        depth: longest chain of contacts (3).
+        by: what counts as a contact (relations).
     """
 
     recordings: Recordings | None = None
@@ -43,10 +43,19 @@ class Options:
     least_s: float | None = None
     within_s: float | None = None
     gap_s: float | None = None
-    depth: int = 3
-    by: str = "relations"
+    depth: int | None = None
+    by: str | None = None
 
 
+FLAGS: Mapping[str, str] = {
+    "at": "--at",
+    "least_s": "--min",
+    "within_s": "--within",
+    "gap_s": "--gap",
+    "depth": "--depth",
+    "by": "--by",
+    "recordings": "--recording",
+}
 _KINDS = {"A": "track", "B": "track", "ZONE": "zone", "LABEL": "group", "EVENT": "event"}
 Build = Callable[[Sequence[str], Options], Mapping[str, str]]
 
@@ -62,6 +71,7 @@ class Question:
         template: its SQL, with ``$name`` where values go.
         build: the values.
         nothing: what an empty answer means, and what to ask then.
+        takes: names of the `Options` that it takes besides ``recordings``.
     """
 
     name: str
@@ -70,6 +80,7 @@ class Question:
     template: str
     build: Build
     nothing: str = ""
+    takes: tuple[str, ...] = ()
 
     def _words(self) -> list[str]:
         wanted = self.arguments.split()
@@ -79,7 +90,7 @@ class Question:
         """What an empty answer to these arguments means, and what to ask then."""
         text = self.nothing
         for name, word in zip(self._words(), words, strict=False):
-            text = re.sub(rf"\b{name.strip('[]')}\b", word.replace("\\", ""), text)
+            text = re.sub(rf"\b{name.strip('[]')}\b", word.rpartition(":")[2].replace("\\", ""), text)
         return text
 
     def kinds(self) -> list[str]:
@@ -96,6 +107,10 @@ class Question:
         least = sum(not n.startswith("[") for n in names)
         if not least <= len(words) <= len(names):
             raise UsageError(f"--ask {self.name} {self.arguments}: {len(words)} arguments given; {self.about}")
+        for field, flag in FLAGS.items():
+            if getattr(options, field) is not None and field not in (*self.takes, "recordings"):
+                taken = ", ".join(FLAGS[t] for t in (*self.takes, "recordings"))
+                raise UsageError(f"--ask {self.name} takes no {flag}; it takes: {taken}")
         values = {"only": _only(options), **self.build(words, options)}
         return Template(self.template).substitute(values).strip()
 
@@ -104,27 +119,33 @@ def _only(options: Options) -> str:
     return "" if options.recordings is None else f" AND {options.recordings.sql()}"
 
 
+def _track(word: str) -> int:
+    return identity(word.removeprefix("track:"))
+
+
 def _met(words: Sequence[str], _: Options) -> Mapping[str, str]:
-    a = identity(words[0])
+    a = _track(words[0])
     if len(words) == 1:
         return {"a": str(a), "b": "", "a_too": ""}
-    b = identity(words[1])
+    b = _track(words[1])
+    if a == b:
+        raise UsageError(f"--ask met {a} {b}: two different targets are wanted")
     # A row has a < b: of the two ways round one is empty, and need not be looked for.
     first, second = (f" AND b = {b}", " AND false") if a < b else (" AND false", f" AND a = {b}")
     return {"a": str(a), "b": first, "a_too": second}
 
 
 def _two(words: Sequence[str], _: Options) -> Mapping[str, str]:
-    a, b = identity(words[0]), identity(words[1])
+    a, b = _track(words[0]), _track(words[1])
     if a == b:
-        raise UsageError(f"--ask together {a} {b}: two different tracks are wanted")
+        raise UsageError(f"--ask together {a} {b}: two different targets are wanted")
     return {"a": str(min(a, b)), "b": str(max(a, b))}
 
 
 def _one(words: Sequence[str], options: Options) -> Mapping[str, str]:
     within = 5.0 if options.within_s is None else options.within_s
     gap = 1.0 if options.gap_s is None else options.gap_s
-    return {"a": str(identity(words[0])), "within": repr(within), "gap": repr(gap)}
+    return {"a": str(_track(words[0])), "within": repr(within), "gap": repr(gap)}
 
 
 def _stays(words: Sequence[str]) -> Mapping[str, str]:
@@ -149,7 +170,7 @@ def _nothing(_: Sequence[str], __: Options) -> Mapping[str, str]:
 
 
 def _label(words: Sequence[str], _: Options) -> Mapping[str, str]:
-    return {"label": str(identity(words[0]))}
+    return {"label": str(identity(words[0].removeprefix("group:")))}
 
 
 def _before(words: Sequence[str], options: Options) -> Mapping[str, str]:
@@ -158,18 +179,19 @@ def _before(words: Sequence[str], options: Options) -> Mapping[str, str]:
 
 
 def _contacts(words: Sequence[str], options: Options) -> Mapping[str, str]:
-    if not 1 <= options.depth <= 100:
-        raise UsageError(f"--depth {options.depth}: must be 1 to 100")
-    if options.by not in SOURCES:
-        raise UsageError(f"--by {options.by}: must be one of {', '.join(SOURCES)}")
+    depth, by = 3 if options.depth is None else options.depth, options.by or "relations"
+    if not 1 <= depth <= 100:
+        raise UsageError(f"--depth {depth}: must be 1 to 100")
+    if by not in SOURCES:
+        raise UsageError(f"--by {by}: must be one of {', '.join(SOURCES)}")
     since = "-1e18" if options.at is None else options.at.sql("r")
-    what = "encounter" if options.by == "encounters" else "relation"
+    what = "encounter" if by == "encounters" else "relation"
     return {
-        "a": str(identity(words[0])),
-        "contacts": Template(SOURCES[options.by]).substitute(only=_only(options)).strip(),
+        "a": str(_track(words[0])),
+        "contacts": Template(SOURCES[by]).substitute(only=_only(options)).strip(),
         "since": since,
-        "why": q.GROUP_WHY if options.by == "groups" else Template(q.PAIR_WHY).substitute(what=what),
-        "depth": str(options.depth),
+        "why": q.GROUP_WHY if by == "groups" else Template(q.PAIR_WHY).substitute(what=what),
+        "depth": str(depth),
     }
 
 
@@ -182,21 +204,23 @@ QUESTIONS: Mapping[str, Question] = {
                  "A and B were never near and slow against one another for long; `met A B` shows if they passed"),
         Question("left-with", "A --within 5s", "who left with A, in contact until the first of them left (--gap 1s)",
                  q.LEFT_WITH, _one,
-                 "target A was not seen to leave, or left alone; widen --within and --gap, or ask `timeline A`"),
+                 "target A was not seen to leave, or left alone; widen --within and --gap, or ask `timeline A`",
+                 ("within_s", "gap_s")),
         Question("who-was-in", "ZONE --at T", "who was in a zone at a moment (zone `scene`: anywhere)",
                  q.WHO_WAS_IN, _zone_at,
-                 "nobody was there then (is it within the recording?); `loitered ZONE --min 0s` lists all stays"),
+                 "nobody was there then; `loitered ZONE --min 0s` lists all stays", ("at",)),
         Question("loitered", "ZONE --min 30s", "who stayed in a zone at least so long (gaps up to --gap 2s closed)",
-                 q.LOITERED, _loitered, "nobody stayed so long; lower --min, or raise --gap"),
+                 q.LOITERED, _loitered, "nobody stayed so long; lower --min, or raise --gap", ("least_s", "gap_s")),
         Question("entered-never-left", "", "who came in and was never seen to leave", q.ENTERED_NEVER_LEFT, _nothing,
                  "everybody who came in was seen to leave; who was there from the first frame did not come in"),
         Question("grouping-and-splitting", "", "who joined some while leaving others, with both partner lists",
                  q.GROUPING_AND_SPLITTING, _nothing, "nobody was grouping and splitting in one frame"),
         Question("group-history", "LABEL", "the groups that a group came from and went into", q.GROUP_HISTORY, _label),
         Question("before", "EVENT --within 60s", "who was near the event's subjects before it", q.BEFORE, _before,
-                 "nobody was near the subjects of event EVENT in that time; widen --within"),
+                 "nobody was near the subjects of event EVENT in that time; widen --within", ("within_s",)),
         Question("contacts", "A --depth 3", "chains of contacts from A that respect time", q.CONTACTS, _contacts,
-                 "target A had no contact of that sort (--by relations, joint, encounters, groups)"),
+                 "target A had no contact of that sort (--by relations, joint, encounters, groups)",
+                 ("depth", "by", "at")),
         Question("timeline", "A", "everything about A in order", q.TIMELINE, _one),
     )
 }  # fmt: skip

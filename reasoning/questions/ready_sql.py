@@ -1,4 +1,7 @@
-"""The SQL of the ready questions. ``$only`` narrows to one recording; other ``$names`` are values."""
+"""The SQL of the ready questions. ``$only`` narrows to one recording; other ``$names`` are values.
+
+Times are compared as they are shown, to the millisecond: a row at a limit that it shows itself is in the answer.
+"""
 
 MET = """
 -- intervals of A with one partner that follow one another without a gap are one meeting
@@ -42,7 +45,8 @@ WITH departures AS (
 leaver AS (SELECT * FROM departures WHERE track = $a),
 both_left AS (
   SELECT d.recording, d.track AS other, d.t, d.frame, d.event, l.t AS first_t, least(l.t, d.t) AS until_t
-  FROM leaver l JOIN departures d ON d.recording = l.recording AND d.track <> l.track AND abs(d.t - l.t) <= $within),
+  FROM leaver l JOIN departures d ON d.recording = l.recording AND d.track <> l.track
+    AND round(abs(d.t - l.t), 3) <= $within),
 contact AS (
   SELECT recording, b AS other, start_t, end_t, 'relation' AS what, start_frame FROM relations WHERE a = $a$only
   UNION ALL SELECT recording, a, start_t, end_t, 'relation', start_frame FROM relations WHERE b = $a$only
@@ -53,7 +57,7 @@ contact AS (
 last_contact AS (
   SELECT recording, other, max(c.end_t) AS end_t, max((c.end_t, c.what, c.start_frame)) AS which
   FROM both_left g JOIN contact c USING (recording, other)
-  WHERE c.start_t <= g.until_t AND c.end_t >= g.until_t - $gap GROUP BY recording, other)
+  WHERE c.start_t <= g.until_t AND round(g.until_t - c.end_t, 3) <= $gap GROUP BY recording, other)
 SELECT g.recording, $a AS track, g.other, g.first_t AS track_left_t, g.t AS other_left_t,
   round(g.t - g.first_t, 3) AS seconds_after, c.end_t AS last_contact_t,
   concat_ws(' ', format('{}:{}-{}@{}', c.which[2], least($a, g.other), greatest($a, g.other),
@@ -71,39 +75,45 @@ WHO_WAS_IN = """
 WITH stays AS ($stays$only)
 SELECT s.recording, s.track, s.start_frame AS since_frame, s.end_frame AS until_frame,
   s.start_t AS since_t, s.end_t AS until_t, format('$what:{}@{}', s.track, s.start_frame) AS explain
-FROM stays s WHERE $at BETWEEN s.start_t AND s.end_t ORDER BY s.recording, s.track
+FROM stays s WHERE $at BETWEEN s.start_t - 0.0005 AND s.end_t + 0.0005 ORDER BY s.recording, s.track
 """
 
 LOITERED = """
 WITH stays AS ($stays$only),
 marked AS (
-  SELECT *, start_t > $gap + coalesce(max(end_t) OVER (PARTITION BY recording, track ORDER BY start_frame
-    ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING), -1e18) AS fresh FROM stays),
+  SELECT *, round(start_t - coalesce(max(end_t) OVER (PARTITION BY recording, track ORDER BY start_frame
+    ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING), -1e9), 3) > $gap AS fresh FROM stays),
 numbered AS (
   SELECT *, sum(fresh::INTEGER) OVER (PARTITION BY recording, track ORDER BY start_frame) AS stay FROM marked),
 stay AS (
   SELECT recording, track, min(start_frame) AS start_frame, max(end_frame) AS end_frame, min(start_t) AS start_t,
-    max(end_t) AS end_t FROM numbered GROUP BY recording, track, stay HAVING max(end_t) - min(start_t) >= $least)
+    max(end_t) AS end_t FROM numbered GROUP BY recording, track, stay
+  HAVING round(max(end_t) - min(start_t), 3) >= $least)
 SELECT recording, track, start_frame, end_frame, start_t, end_t, round(end_t - start_t, 3) AS seconds,
   format('$what:{}@{}', track, start_frame) AS explain
 FROM stay ORDER BY recording, start_frame, track
 """
 
 ENTERED_NEVER_LEFT = """
+-- who was there in the first frame did not come in; of who left and came in again the last time counts
 WITH told AS (
   SELECT recording, unnest(subjects) AS track, event, kind, frame, t FROM events
-  WHERE kind IN ('entering', 'entered', 'returned', 'exited')$only),
+  WHERE kind IN ('entering', 'entered', 'exited')$only),
+gone AS (
+  SELECT recording, track, max((frame, event)) AS at FROM told WHERE kind = 'exited' GROUP BY recording, track),
 entered AS (
-  SELECT recording, track, min(frame) AS frame, min(t) AS t, arg_min(event, (frame, event)) AS event FROM told
-  WHERE kind IN ('entering', 'entered') GROUP BY recording, track),
-last_seen AS (
-  SELECT recording, track, max(end_frame) AS frame, max(end_t) AS t FROM presence WHERE true$only
-  GROUP BY recording, track)
+  SELECT t.recording, t.track, min(t.frame) AS frame, min(t.t) AS t, arg_min(t.event, (t.frame, t.event)) AS event,
+    any_value(g.at) AS left_before
+  FROM told t LEFT JOIN gone g USING (recording, track)
+  WHERE t.kind <> 'exited' AND (g.at IS NULL OR (t.frame, t.event) > g.at) GROUP BY t.recording, t.track),
+seen AS (
+  SELECT recording, track, min(start_frame) AS first, max(end_frame) AS frame, max(end_t) AS t FROM presence
+  WHERE true$only GROUP BY recording, track)
 SELECT e.recording, e.track, e.frame AS entered_frame, e.t AS entered_t, s.frame AS last_seen_frame,
   s.t AS last_seen_t, s.t >= r.seconds AS there_at_the_end,
   format('event:{} track:{}@{}', e.event, e.track, s.frame) AS explain
-FROM entered e JOIN last_seen s USING (recording, track) JOIN recordings r USING (recording)
-WHERE NOT EXISTS (FROM told x WHERE x.recording = e.recording AND x.track = e.track AND x.kind = 'exited')
+FROM entered e JOIN seen s USING (recording, track) JOIN recordings r USING (recording)
+WHERE s.first > r.first_frame OR e.left_before IS NOT NULL
 ORDER BY e.recording, e.frame, e.track
 """
 
@@ -144,19 +154,19 @@ WITH event AS (
 near AS (
   SELECT e.*, r.b AS other, r.state AS how, 'relation' AS what, r.start_frame, r.start_t, r.end_t
   FROM event e JOIN relations r ON r.recording = e.recording AND r.a = e.subject
-    AND r.start_t < e.t AND r.end_t >= e.t - $within
+    AND r.start_t < e.t AND round(e.t - r.end_t, 3) <= $within
   UNION ALL
   SELECT e.*, r.a, r.state, 'relation', r.start_frame, r.start_t, r.end_t
   FROM event e JOIN relations r ON r.recording = e.recording AND r.b = e.subject
-    AND r.start_t < e.t AND r.end_t >= e.t - $within
+    AND r.start_t < e.t AND round(e.t - r.end_t, 3) <= $within
   UNION ALL
   SELECT e.*, n.b, 'together: ' || n.kind, 'encounter', n.start_frame, n.start_t, n.end_t
   FROM event e JOIN encounters n ON n.recording = e.recording AND n.a = e.subject
-    AND n.start_t < e.t AND n.end_t >= e.t - $within
+    AND n.start_t < e.t AND round(e.t - n.end_t, 3) <= $within
   UNION ALL
   SELECT e.*, n.a, 'together: ' || n.kind, 'encounter', n.start_frame, n.start_t, n.end_t
   FROM event e JOIN encounters n ON n.recording = e.recording AND n.b = e.subject
-    AND n.start_t < e.t AND n.end_t >= e.t - $within)
+    AND n.start_t < e.t AND round(e.t - n.end_t, 3) <= $within)
 SELECT recording, event, subject, other, how, greatest(start_t, t - $within) AS from_t, least(end_t, t) AS until_t,
   round(t - least(end_t, t), 3) AS seconds_before,
   format('{}:{}-{}@{} event:{}', what, least(subject, other), greatest(subject, other), start_frame, event) AS explain

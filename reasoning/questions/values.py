@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 
 from recorders.errors import UsageError
 
@@ -25,7 +25,7 @@ def duration(text: str) -> float:
     """
     match = _DURATION.fullmatch(text.strip().lower())
     if match is None or match[2] not in ("", *_UNITS):
-        raise UsageError(f"duration {text!r}: must be a number with ms, s, min or h, like 30s")
+        raise UsageError(f"duration {text!r}: must be a number, not negative, with ms, s, min or h, like 30s")
     seconds = float(match[1]) * _UNITS[match[2] or "s"]
     if seconds > 1e9:
         raise UsageError(f"duration {text!r}: must be at most 1e9 s")
@@ -76,6 +76,14 @@ class Moment:
     seconds: float | None = None
     frame: int | None = None
     since_ns: int | None = None
+
+    def text(self) -> str:
+        """As a person would write it."""
+        if self.frame is not None:
+            return f"frame:{self.frame}"
+        if self.seconds is not None:
+            return f"{self.seconds:g}"
+        return f"{datetime.fromtimestamp((self.since_ns or 0) // _NANOS, UTC):%Y-%m-%dT%H:%M:%SZ}"
 
     def sql(self, row: str) -> str:
         """Seconds from the start of the recording that the row (an alias with a ``recording``) belongs to."""

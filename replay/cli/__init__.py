@@ -96,7 +96,9 @@ def main(argv: Sequence[str] | None = None) -> int:  # noqa: PLR0911 - one retur
         sys.stdout.flush()
         return code  # noqa: TRY300 - flushing belongs to the try: a closed pipe shows there
     except UsageError as e:
-        say(f"scenetrace: error: {e}")
+        say(f"scenetrace: error: {e.headline}")
+        for line in e.below:
+            say(line)
         return WRONG_USAGE
     except SceneTraceError as e:
         say(f"scenetrace: error: {e}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from replay.cli.common import command, say
+from replay.cli.common import add_configuration, command, say
 
 EXAMPLE = """\
 scenetrace evidence annotated.mcap --events 12 relation:1-2@40 -o evidence/
@@ -22,15 +22,25 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
                    help="event numbers, or ids of a column `explain`; 12,13 works too")  # fmt: skip
     p.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="the folder")
     p.add_argument("--camera", metavar="NAME", help="which camera, where the log has several")
-    p.add_argument("--force", action="store_true", help="replace an existing folder")
+    p.add_argument("--force", action="store_true", help="replace what an older evidence folder lists in its manifest")
+    add_configuration(p)
     p.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Collect evidence."""
-    from replay.report.evidence import write_evidence
+    from replay.configuration import encounter_config
+    from replay.report.evidence import MANIFEST, write_evidence
+    from replay.sealing.manifest import added_files, read_manifest
 
     references = list(dict.fromkeys(r for word in args.events for r in word.replace(",", " ").split()))
-    found = write_evidence(args.annotated, references, args.output, camera=args.camera, force=args.force)
+    encounters = encounter_config(args.config, args.assignments)
+    found = write_evidence(
+        args.annotated, references, args.output, camera=args.camera, force=args.force, encounters=encounters
+    )
+    manifest = args.output / MANIFEST
+    strangers = added_files(read_manifest(manifest), manifest)
+    if strangers:
+        say(f"{args.output}: {', '.join(strangers[:5])}: was there, is no part of it; `verify` will name it")
     say(f"{args.output}: {len(found)} explained, index.html to read, manifest.json to verify")
     return 0

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from recorders.errors import OutputExistsError
+from recorders.errors import UsageError
 from replay.cli.common import add_configuration, command, say
+
+if TYPE_CHECKING:
+    from reasoning.questions import Case
 
 EXAMPLE = """\
 scenetrace explain annotated.mcap 12
@@ -25,7 +29,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     p.add_argument("--recording", metavar="NAME", help="which recording of an index")
     p.add_argument("--camera", metavar="NAME", help="which camera, where the log has several")
     p.add_argument("--json", action="store_true", help="as JSON")
-    p.add_argument("--force", action="store_true", help="write into an existing folder")
+    p.add_argument("--force", action="store_true", help="write into an older explanation's folder")
     add_configuration(p)
     p.set_defaults(run=run)
 
@@ -36,24 +40,45 @@ def run(args: argparse.Namespace) -> int:
 
     from reasoning.questions import Case
     from reasoning.questions.explain import explain
-    from replay.configuration import encounter_config
+    from reasoning.questions.known import check_recording, check_thresholds
+    from replay.configuration import chosen_encounters, encounter_config
 
-    if args.output is not None and args.output.exists() and not args.force:
-        raise OutputExistsError(args.output)
-    recording = args.recording
+    if args.output is not None:
+        from replay.export.output import check_folder
+        from replay.report.evidence import EXPLANATION
+        from replay.report.pictures import check_log
+
+        check_folder(args.output, EXPLANATION, force=args.force)
+        check_log(args.annotated)
     with Case([args.annotated], encounters=encounter_config(args.config, args.assignments)) as case:
-        if recording is None and args.camera is not None:
-            rows = case.rows("SELECT recording FROM recordings WHERE camera = ?", [args.camera])
-            recording = rows[0][0] if rows else None
+        check_thresholds(case, chosen_encounters(args.config, args.assignments))
+        check_recording(case, args.recording)
+        recording = args.recording if args.camera is None else _of_camera(case, args.camera, args.recording)
         references = [r for word in args.references for r in word.split()]
         found = [explain(case, r, recording) for r in references]
     if args.output is not None:
         from replay.report.evidence import write_explanations
 
-        count = write_explanations(args.annotated, found, args.output, camera=args.camera)
+        count = write_explanations(args.annotated, found, args.output, camera=args.camera, force=args.force)
         say(f"{args.output}: {count} pictures, explanation.txt, explanation.json")
     if args.json:
         print(json.dumps([e.as_json() for e in found], indent=1, ensure_ascii=False))
     else:
         print("\n\n".join("\n".join(e.lines()) for e in found))
     return 0
+
+
+def _of_camera(case: Case, camera: str, recording: str | None) -> str:
+    """The recording of a camera.
+
+    Raises:
+        UsageError: there is none, or there are several.
+    """
+    rows = case.rows("SELECT camera, recording FROM recordings ORDER BY recording")
+    found = [name for seen, name in rows if seen == camera and recording in (None, name)]
+    if not found:
+        there = ", ".join(sorted({seen for seen, name in rows if recording in (None, name)}))
+        raise UsageError(f"--camera {camera}: there is none of that name; there are: {there}")
+    if len(found) > 1:
+        raise UsageError(f"--camera {camera}: of several recordings ({', '.join(found[:5])}); give --recording")
+    return str(found[0])

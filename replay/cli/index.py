@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
 
     from reasoning.questions.index import build_index
     from recorders.errors import UsageError
-    from replay.configuration import encounter_config
+    from replay.configuration import chosen_encounters, encounter_config
 
     encounters = encounter_config(args.config, args.assignments)
     logs: list[Path] = []
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     with progress(len(logs), "logs") as told:
         done = build_index(logs, args.output, keep_going=args.keep_going, encounters=encounters, progress=told)
     for path, why in done.failed:
-        say(f"left out {path}: {why}")
+        say(f"left out {why}" if why.startswith(str(path)) else f"left out {path}: {why}")
     say(f"{args.output}: {len(done.added)} recordings added, {len(done.known)} were there, {len(done.failed)} left out")
     if args.json:
         print(json.dumps({
@@ -56,4 +56,20 @@ def run(args: argparse.Namespace) -> int:
             "known": [str(p) for p in done.known],
             "left_out": [{"path": str(p), "why": why} for p, why in done.failed],
         }))  # fmt: skip
-    return 3 if done.failed else 0
+    other = done.known and _found_otherwise(args.output, chosen_encounters(args.config, args.assignments))
+    return 3 if done.failed or other else 0
+
+
+def _found_otherwise(index: Path, chosen: dict[str, float]) -> bool:
+    """Whether encounters that were there already were found with other thresholds; says so."""
+    from reasoning.questions import Case
+    from reasoning.questions.known import check_thresholds
+    from recorders.errors import UsageError
+
+    with Case([index]) as case:
+        try:
+            check_thresholds(case, chosen)
+        except UsageError as e:
+            say(str(e))
+            return True
+    return False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Callable
@@ -47,22 +48,24 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     p.add_argument("--json", action="store_true", help="the same as --format json")
     p.add_argument("-o", "--output", type=Path, metavar="OUT", help="write there instead of to stdout")
     p.add_argument("--force", action="store_true", help="overwrite OUT")
-    p.add_argument("--show-sql", action="store_true", help="print the question's SQL instead of its answer")
+    p.add_argument("--show-sql", action="store_true", help="print a question's or pattern's SQL instead of its answer")
     asking = p.add_argument_group("options of questions")
     asking.add_argument("--recording", metavar="NAME", help="only this recording")
     asking.add_argument("--at", metavar="T", help="a moment: seconds, frame:N, or RFC 3339")
     asking.add_argument("--min", metavar="TIME", dest="least", help="shortest stay, like 30s")
     asking.add_argument("--within", metavar="TIME", help="how far apart in time, like 60s")
     asking.add_argument("--gap", metavar="TIME", help="gaps in a stay up to this are closed, like 2s")
-    asking.add_argument("--depth", type=int, default=3, metavar="N", help="longest chain of contacts (default 3)")
-    asking.add_argument("--by", default="relations", metavar="WHAT",
-                        help="a contact is: relations, joint, encounters, groups")  # fmt: skip
+    asking.add_argument("--depth", type=int, metavar="N", help="longest chain of contacts (default 3)")
+    asking.add_argument("--by", metavar="WHAT",
+                        help="a contact is: relations (default), joint, encounters, groups")  # fmt: skip
     add_configuration(p)
     limits = p.add_argument_group("limits")
     limits.add_argument("--time-limit", type=float, default=60.0, metavar="S", help="seconds (default 60)")
     limits.add_argument("--memory", type=int, default=2048, metavar="MIB", help="memory in MiB (default 2048)")
     p.set_defaults(run=run)
     _take_words_anywhere(p)
+    # `--within -1s` is a wrong time, which its reader says, and no option that lacks its argument.
+    p._negative_number_matcher = re.compile(r"-\.?\d.*")
 
 
 def _take_words_anywhere(parser: argparse.ArgumentParser) -> None:
@@ -86,13 +89,15 @@ def run(args: argparse.Namespace) -> int:
     """Answer."""
     from reasoning.questions import Case, QueryLimits
     from reasoning.questions.guard import guarded
-    from replay.configuration import encounter_config
+    from reasoning.questions.known import check_thresholds
+    from replay.configuration import chosen_encounters, encounter_config
 
     if _listed(args):
         return 0
     form = _format(args)
+    _check_options(args)
     inputs, query = _split(args)
-    if args.show_sql and args.ask is not None:
+    if args.show_sql:
         print(query)
         return 0
     if not 0 < args.time_limit <= 1e6 or not 16 <= args.memory <= 1_048_576:
@@ -101,10 +106,8 @@ def run(args: argparse.Namespace) -> int:
         raise OutputExistsError(args.output)
     encounters = encounter_config(args.config, args.assignments)
     with Case(inputs, QueryLimits(args.time_limit, args.memory), encounters=encounters) as case:
+        check_thresholds(case, chosen_encounters(args.config, args.assignments))
         make, nothing = _made(case, query, args)
-        if args.show_sql and args.pattern is not None:
-            print(make(None))
-            return 0
         with guarded(case.limits):
             answer = case.sql(query) if args.ask is None and args.pattern is None else case.by_recording(make)
             count = _answer(answer, form, args)
@@ -113,9 +116,25 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _check_options(args: argparse.Namespace) -> None:
+    """That options of questions stand with a question; which of them a ready question takes, it says itself."""
+    if args.ask is not None:
+        return
+    from reasoning.questions.ready import FLAGS
+
+    kind = "SQL" if args.pattern is None else "--pattern"
+    given = {"--show-sql": args.show_sql or None, "--recording": args.recording, "--at": args.at, "--min": args.least,
+             "--within": args.within, "--gap": args.gap, "--depth": args.depth, "--by": args.by}  # fmt: skip
+    taken = ("--show-sql", FLAGS["recordings"]) if args.pattern is not None else ()
+    for flag, value in given.items():
+        if value is not None and flag not in taken:
+            instead = "what it takes stands in it" if args.pattern is None else f"it takes: {', '.join(taken)}"
+            raise UsageError(f"{kind} takes no {flag}; {instead}")
+
+
 def _made(case: Case, query: str, args: argparse.Namespace) -> tuple[Callable[[Recordings | None], str], str]:
     """The question's SQL for given recordings, and what an empty answer means; what it names is there."""
-    from reasoning.questions.known import check_recording, check_words
+    from reasoning.questions.known import check_pattern, check_recording, check_words
     from reasoning.questions.values import only
 
     if args.ask is None and args.pattern is None:
@@ -126,7 +145,7 @@ def _made(case: Case, query: str, args: argparse.Namespace) -> tuple[Callable[[R
         from reasoning.questions.patterns import parse, plan, shipped_or_given
 
         text = shipped_or_given(args.pattern)
-        parse(text)
+        check_pattern(case, parse(text), chosen)
         return lambda some: plan(text, some or chosen), "nothing in these recordings fits the pattern"
     from reasoning.questions.ready import question
 
@@ -180,23 +199,44 @@ def _listed(args: argparse.Namespace) -> bool:
 
 
 def _split(args: argparse.Namespace) -> tuple[list[Path], str]:
-    """The inputs and the SQL; for a ready question the SQL that answers it."""
+    """The inputs and the SQL; for a ready question or a pattern the SQL that answers it."""
     words = list(args.words)
     if args.ask is not None:
         from reasoning.questions.ready import question
 
         query = question(args.ask[0]).sql(args.ask[1:], _options(args))
     elif args.pattern is not None:
-        query = ""
+        from reasoning.questions.patterns import plan
+        from reasoning.questions.values import only
+
+        query = plan(args.pattern, only(args.recording))
     else:
         if not words:
             raise UsageError('give annotated logs and a query: scenetrace query annotated.mcap "SELECT * FROM events"')
         query = words.pop()
-        if not words and Path(query).exists():
+        if not words and _is_there(query):
             raise UsageError(f"{query}: and what is the question? Give SQL, --ask NAME or --pattern PATTERN")
-    if not words and not (args.show_sql and args.ask is not None):
+    if not words and not args.show_sql:
         raise UsageError("no annotated log given; put logs, an index or a Parquet folder before the question")
+    if args.ask is not None or args.pattern is not None:
+        kind = "--ask" if args.ask is not None else "--pattern"
+        sql = next((w for w in words if _looks_like_sql(w) and not _is_there(w)), None)
+        if sql is not None:
+            raise UsageError(f"{kind} and SQL ({sql[:40]!r}): give one of them")
     return [Path(w) for w in words], query
+
+
+def _is_there(word: str) -> bool:
+    """Whether a word is the name of a file or folder; SQL may be longer than any name can be."""
+    try:
+        return Path(word).exists()
+    except OSError:
+        return False
+
+
+def _looks_like_sql(word: str) -> bool:
+    verb, _, rest = word.lstrip(" (\n").partition(" ")
+    return bool(rest) and verb.upper() in ("SELECT", "WITH", "FROM", "DESCRIBE", "SUMMARIZE", "EXPLAIN")
 
 
 def _answer(answer: Answer, form: str, args: argparse.Namespace) -> int | None:

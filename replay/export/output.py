@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from recorders.errors import UsageError
+from recorders.errors import OutputExistsError, UsageError
 from recorders.log.output import PartFile
 
 FIGURES = (".png", ".pdf", ".svg")
@@ -40,21 +40,72 @@ def whole(path: str | Path, *, force: bool) -> Iterator[PartFile]:
         out.discard()
 
 
+def check_folder(path: Path, mark: str | None, *, force: bool) -> None:
+    """That a folder may be written: it is not there, or empty, or was written by us and ``force`` is set.
+
+    Args:
+        path: the folder.
+        mark: a file that every folder of this sort holds; None: any folder will do.
+        force: whether an older one may be written into.
+
+    Raises:
+        OutputExistsError: it holds something, and ``force`` is not set.
+        UsageError: it is no folder, or one of somebody else's.
+    """
+    if path.exists() and not path.is_dir():
+        raise UsageError(f"{path}: is there and no folder; give another name")
+    if not path.is_dir() or not (held := sorted(p.name for p in path.iterdir())):
+        return
+    if not force:
+        raise OutputExistsError(path)
+    if mark is not None and mark not in held:
+        raise UsageError(f"{path}: holds {held[0]!r} and no {mark}, so it is no folder of ours; give another name")
+
+
 @contextmanager
-def whole_folder(path: Path) -> Iterator[Path]:
+def whole_folder(path: Path, mark: str | None, *, force: bool = False, stale: Iterable[str] = ()) -> Iterator[Path]:
     """A folder beside ``path`` to write into: its files get there when the block ends well, and none when it does not.
 
     A folder that is there already keeps its other files.
+
+    Args:
+        path: the folder.
+        mark: a file that every folder of this sort holds; None: any folder will do.
+        force: whether an older one of this sort may be written into.
+        stale: what of an older one goes when its successor comes, relative to ``path``.
+
+    Raises:
+        OutputExistsError, UsageError: as `check_folder`.
     """
+    check_folder(path, mark, force=force)
     part = path.with_name(f"{path.name}.part")
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir(parents=True)
     try:
         yield part
         if path.is_dir():
-            for file in sorted(part.iterdir()):
-                file.replace(path / file.name)
+            _remove(path, stale)
+            _move_into(part, path)
         else:
             part.rename(path)
     finally:
         shutil.rmtree(part, ignore_errors=True)
+
+
+def _move_into(part: Path, path: Path) -> None:
+    for file in sorted(p for p in part.rglob("*") if p.is_file()):
+        place = path / file.relative_to(part)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        file.replace(place)
+
+
+def _remove(path: Path, names: Iterable[str]) -> None:
+    """Remove files below a folder, never one outside of it, and the folders that are empty then."""
+    root = path.resolve()
+    for name in names:
+        file = path / name
+        if not file.parent.resolve().is_relative_to(root) or not (file.is_file() or file.is_symlink()):
+            continue
+        file.unlink()
+        if file.parent.resolve() != root and not any(file.parent.iterdir()):
+            file.parent.rmdir()

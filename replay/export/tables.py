@@ -16,7 +16,7 @@ import msgspec
 from reasoning.questions.reading import read_recordings
 from reasoning.questions.schema import TABLES
 from reasoning.questions.store import reason
-from recorders.errors import OutputExistsError, SceneTraceError, UsageError
+from recorders.errors import SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from replay.export.output import whole, whole_folder
 
@@ -128,9 +128,7 @@ def write_parquet(
         with whole(path, force=force) as file, Spool(log, camera) as spool:
             _copy(spool, table, file.part)
             return {table: spool.rows[table]}
-    if path.is_dir() and any(path.iterdir()) and not force:
-        raise OutputExistsError(path)
-    with Spool(log, camera) as spool, whole_folder(path) as folder:
+    with whole_folder(path, None, force=force) as folder, Spool(log, camera) as spool:
         for name in TABLES:
             _copy(spool, name, folder / f"{name}.parquet")
         return spool.rows

@@ -4,38 +4,49 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from html import escape
 from pathlib import Path
 from typing import Any
 
+from reasoning.encounters import EncounterParameters
 from reasoning.questions import Case
-from reasoning.questions.explain import Explanation, explain, measure_line
+from reasoning.questions.explain import Explanation, explain
+from reasoning.questions.measured import measure_line
 from reasoning.questions.reading import file_digest
-from recorders.errors import OutputExistsError
+from recorders.errors import SceneTraceError
 from recorders.pictures import encode_png
 from replay.annotated import AnnotatedLog
 from replay.draw import DrawOptions
-from replay.export.output import whole_folder
+from replay.export.output import check_folder, whole_folder
 from replay.export.video import VideoOptions, write_video
-from replay.report.pictures import around, chosen_frames, drawn
-from replay.sealing.manifest import seal, write_manifest
+from replay.report.pictures import around, check_log, chosen_frames, drawn
+from replay.sealing.manifest import read_manifest, seal, write_manifest
 
 BEFORE_S = 1.0
 CLIP_S = 3.0
 MANIFEST = "manifest.json"
+EXPLANATION = "explanation.json"
 
 
 def write_explanations(
-    path: str | Path, found: Sequence[Explanation], folder: Path, *, camera: str | None = None
+    path: str | Path,
+    found: Sequence[Explanation],
+    folder: Path,
+    *,
+    camera: str | None = None,
+    force: bool = False,
 ) -> int:
-    """Write explanation.txt, explanation.json and the frames of each explanation; returns the number of pictures."""
+    """Write explanation.txt, explanation.json and the frames of each explanation; returns the number of pictures.
+
+    Raises:
+        OutputExistsError: the folder holds an older one and ``force`` is not set.
+        UsageError: it is a folder of somebody else's.
+    """
     text = "\n\n".join("\n".join(e.lines()) for e in found) + "\n"
-    with whole_folder(folder) as part:
+    with whole_folder(folder, EXPLANATION, force=force) as part:
         (part / "explanation.txt").write_text(text, encoding="utf-8")
-        (part / "explanation.json").write_text(_json([e.as_json() for e in found]), encoding="utf-8")
+        (part / EXPLANATION).write_text(_json([e.as_json() for e in found]), encoding="utf-8")
         with AnnotatedLog(path, camera) as log:
             return sum(len(_frames(log, e, part)) for e in found)
 
@@ -47,20 +58,26 @@ def write_evidence(
     *,
     camera: str | None = None,
     force: bool = False,
+    encounters: EncounterParameters | None = None,
 ) -> list[Explanation]:
     """Write the evidence of events and answer rows into a folder that appears whole.
 
+    An older evidence folder (``force``) loses the files that its manifest lists; strangers' files stay.
+
     Raises:
-        OutputExistsError: it exists and ``force`` is not set.
-        UsageError: a reference names nothing.
+        OutputExistsError: it holds something and ``force`` is not set.
+        UsageError: a reference names nothing, or the folder is somebody else's.
         RecordingError: the log is damaged.
     """
-    with Case([path]) as case, AnnotatedLog(path, camera) as log:
+    check_folder(folder, MANIFEST, force=force)
+    check_log(path)
+    with Case([path], encounters=encounters) as case, AnnotatedLog(path, camera) as log:
         names = case.rows("SELECT recording, camera FROM recordings")
         recording = next((n for n, c in names if c == log.camera), None)
-        found = [explain(case, reference, recording) for reference in references]
+        # Two frames of one interval name the same thing: it is told once.
+        found = list({e.reference: e for e in (explain(case, r, recording) for r in references)}.values())
         facts = _facts(case, log, found)
-        with _whole(folder, force) as part:
+        with whole_folder(folder, MANIFEST, force=force, stale=_sealed(folder)) as part:
             pages = []
             for e in found:
                 place = part / _safe(e.reference)
@@ -74,27 +91,16 @@ def write_evidence(
             _sums(part)
             # The folder alone: the log's own digest stands in the facts, and the folder may travel without it.
             manifest = part / MANIFEST
-            write_manifest(seal(sorted(part.iterdir()), manifest, note=f"evidence from {log.path.name}"), manifest)
+            write_manifest(seal([part], manifest, note=f"evidence from {log.path.name}"), manifest)
     return found
 
 
-@contextmanager
-def _whole(folder: Path, force: bool) -> Iterator[Path]:
-    """A folder that gets its name when the block ends well."""
-    if folder.exists() and not force:
-        raise OutputExistsError(folder)
-    part = folder.with_name(f"{folder.name}.part")
-    if part.exists():
-        shutil.rmtree(part)
-    part.mkdir(parents=True)
+def _sealed(folder: Path) -> list[str]:
+    """What an older manifest in the folder lists: its files go when their successors come."""
     try:
-        yield part
-        if folder.exists():
-            shutil.rmtree(folder)
-        part.rename(folder)
-    finally:
-        if part.exists():
-            shutil.rmtree(part)
+        return [entry.name for entry in read_manifest(folder / MANIFEST).files]
+    except SceneTraceError:
+        return []
 
 
 def _frames(log: AnnotatedLog, e: Explanation, folder: Path, *, bare: bool = False) -> list[Path]:

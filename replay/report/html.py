@@ -12,6 +12,7 @@ from reasoning.questions import Case
 from replay.annotated import AnnotatedLog
 from replay.export.output import whole
 from replay.report.data import ReportOptions, collect
+from replay.report.pictures import check_log
 
 
 def write_report(
@@ -28,6 +29,7 @@ def write_report(
         OutputExistsError: ``out`` exists and ``force`` is not set.
         RecordingError: the log is damaged, or no annotated log.
     """
+    check_log(path)
     with AnnotatedLog(path, camera) as log, whole(out, force=force) as file:
         with Case([path]) as case:
             data = collect(case, log, options or ReportOptions())

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.errors import RecordingError
+from reasoning.questions import Case
+from reasoning.questions.case import kind_of
+from recorders.errors import RecordingError, UsageError
 from recorders.scene import SceneLog
 from replay.annotated import AnnotatedFrame, AnnotatedLog
 from replay.draw import DrawOptions, draw_frame
@@ -16,6 +19,21 @@ from replay.export.video import frame_overlay
 
 Image = NDArray[np.uint8]
 _GROUND = 96
+
+
+def check_log(path: str | Path) -> None:
+    """That pictures can be drawn from a file: that it is no index.
+
+    Raises:
+        UsageError: it is an index; names the logs that it was made of.
+        RecordingError: it cannot be read.
+    """
+    if kind_of(Path(path)) == "log":
+        return
+    with Case([path]) as case:
+        logs = [p for (p,) in case.rows("SELECT DISTINCT path FROM recordings ORDER BY path LIMIT 4")]
+    more = " ..." if len(logs) > 3 else ""
+    raise UsageError(f"{path}: an index has no pictures; give the annotated log itself: {', '.join(logs[:3])}{more}")
 
 
 def chosen_frames(log: AnnotatedLog, wanted: Sequence[int]) -> list[AnnotatedFrame]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from recorders.errors import SceneTraceError
-from replay.sealing.manifest import Entry, file_digest, read_manifest
+from replay.sealing.manifest import Entry, added_files, file_digest, read_manifest
 from replay.sealing.signing import public_key, signature_holds
 
 
@@ -17,7 +17,7 @@ class Finding:
     """One file, or the signature: how it is, and in words where it is not as sealed."""
 
     name: str
-    state: Literal["unaltered", "altered", "missing", "unreadable"]
+    state: Literal["unaltered", "altered", "missing", "unreadable", "added"]
     text: str = ""
 
 
@@ -26,7 +26,8 @@ class CaseVerdict:
     """The verdict on a case.
 
     Attributes:
-        intact: every file is as it was sealed, and the signature, where one was asked for or is there, holds.
+        intact: every file is as it was sealed, none was added to a folder that was sealed as a whole, and the
+            signature, where one was asked for or is there, holds.
         files: by name.
         signature: ``valid``, ``invalid``, ``none``, ``other key``, or ``unchecked`` (no library to check it with).
         key: the signer's public key in hexadecimal, empty without.
@@ -43,7 +44,8 @@ class CaseVerdict:
         """The verdict for a person."""
         bad = [f for f in self.files if f.state != "unaltered"]
         out = [f"{f.state}: {f.name}" + (f" ({f.text})" if f.text else "") for f in bad]
-        out.append(f"{len(self.files) - len(bad)} of {len(self.files)} files are as they were sealed")
+        sealed = sum(f.state != "added" for f in self.files)
+        out.append(f"{len(self.files) - len(bad)} of {sealed} files are as they were sealed")
         said = {
             "none": "not signed: whoever can write the files can write the manifest, too",
             "valid": f"signed with the key {self.key}",
@@ -76,6 +78,7 @@ def check_manifest(
         files.append(_checked(entry, Path(path).parent))
         if progress is not None:
             progress("checking", k)
+    files += [Finding(name, "added", "not there when it was sealed") for name in added_files(manifest, path)]
     signed = manifest.signature
     state = "none"
     if signed is not None:

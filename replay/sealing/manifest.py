@@ -56,12 +56,17 @@ class Signature(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Manifest(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The files by name, and who vouches for them."""
+    """The files by name, and who vouches for them.
+
+    Attributes:
+        folders: those that were sealed as a whole, relative like the files: what else is in them was added later.
+    """
 
     format: Literal["scenetrace manifest"]
     version: Literal[1]
     files: list[Entry]
     note: str = ""
+    folders: list[str] = []
     signature: Signature | None = None
 
     def canonical(self) -> bytes:
@@ -86,7 +91,8 @@ def seal(paths: Iterable[str | Path], out: str | Path, *, note: str = "") -> Man
         RecordingError: a log is damaged: it is not sealed as if it were whole.
     """
     out = Path(out)
-    files = sorted(_files(paths))
+    given = [Path(p) for p in paths]
+    files = sorted(_files(given))
     if not files:
         raise UsageError("nothing to seal: give the case's files")
     for file in files:
@@ -99,7 +105,21 @@ def seal(paths: Iterable[str | Path], out: str | Path, *, note: str = "") -> Man
         msgspec.structs.replace(entry, role="source") if entry.role == "file" and entry.sha256 in known else entry
         for entry, _ in entries.values()
     ]
-    return Manifest(FORMAT, VERSION, sorted(made, key=lambda e: e.name), note)
+    folders = sorted({_relative(p, folder) for p in given if p.is_dir()})
+    return Manifest(FORMAT, VERSION, sorted(made, key=lambda e: e.name), note, folders)
+
+
+def added_files(manifest: Manifest, path: str | Path) -> list[str]:
+    """Files in the folders that were sealed as a whole that the manifest at ``path`` does not list, by name."""
+    path = Path(path)
+    listed = {entry.name for entry in manifest.files}
+    here = path.parent.resolve()
+    found = set()
+    for folder in manifest.folders:
+        for file in (path.parent / folder).rglob("*"):
+            if not file.is_dir() or file.is_symlink():
+                found.add(Path(os.path.relpath(file.parent.resolve() / file.name, here)).as_posix())
+    return sorted(found - listed - {path.name})
 
 
 def write_manifest(manifest: Manifest, out: str | Path, *, force: bool = False) -> None:
@@ -119,6 +139,8 @@ def read_manifest(path: str | Path) -> Manifest:
         RecordingError: it is none.
     """
     path = Path(path)
+    if path.is_dir():
+        raise RecordingError(f"a folder; give the manifest in it, like {path / 'manifest.json'}", path)
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise RecordingError(f"over {_MOST_BYTES} bytes: not a manifest", path)

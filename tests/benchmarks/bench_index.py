@@ -57,7 +57,7 @@ def generate(path: Path, recordings: int, relations: int) -> None:
             con.execute(statement)
         con.execute(
             f"INSERT INTO recordings SELECT {_name('i')}, printf('%064d', i), '', 'camera', 'events', 640, 480, "
-            f"{int(HOUR * FPS)}, i * 3600 * 1000000000, {HOUR}, '' FROM range({recordings}) t(i)"
+            f"{int(HOUR * FPS)}, i * 3600 * 1000000000, {HOUR}, '', 0 FROM range({recordings}) t(i)"
         )
         con.execute(
             f"INSERT INTO presence SELECT {_name('i // 40')}, CAST(i % 40 AS INTEGER), "

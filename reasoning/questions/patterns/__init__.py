@@ -2,8 +2,9 @@
 
 from reasoning.questions.patterns.atoms import ATOMS
 from reasoning.questions.patterns.grammar import Pattern, PatternError, parse
-from reasoning.questions.patterns.plan import compile_pattern, plan, shipped_or_given, symmetric_pairs
+from reasoning.questions.patterns.plan import compile_pattern, plan, shipped_or_given
 from reasoning.questions.patterns.shipped import SHIPPED
+from reasoning.questions.patterns.symmetry import symmetries
 
 __all__ = [
     "ATOMS",
@@ -14,5 +15,5 @@ __all__ = [
     "parse",
     "plan",
     "shipped_or_given",
-    "symmetric_pairs",
+    "symmetries",
 ]

@@ -140,10 +140,13 @@ _STATES: Mapping[str, Atom] = {
     "moving": Atom("two walk together", _pairs("phases", "kind = 'moving'"), _pair("phase")),
     "contact": Atom("two touch, abruptly or JOINT", _pairs("phases", "kind = 'contact'"), _pair("phase")),
     "separation": Atom("two who were together walk apart", _pairs("phases", "kind = 'separation'"), _pair("phase")),
+    "abrupt": Atom(
+        "two touch, abrupt against one another, and do not go through", _pairs("abrupt", "true"), _pair("abrupt")
+    ),
     "near": Atom("two within touching distance", _pairs("near", "true"), _pair("near")),
     "group": Atom("members of one group", _group, "format('group:{}', $n.id)", 1, 4),
     "present": Atom("a target is in the picture", _state("presence"), _one("track"), 1, 1),
-    "still": Atom("a target stands still", _state("still"), _one("track"), 1, 1),
+    "still": Atom("a target stands still", _state("still"), _one("still"), 1, 1),
     "in": Atom("a target is in a zone", _state("zones", zone=True), _one("zone"), 1, 1, zone=True),
     "is_grouping": Atom("grouping (with a partner)", _bit("grouping"), _one("track"), 1, 2, symmetric=False),
     "is_grouped": Atom("grouped (with a partner)", _bit("grouped"), _one("track"), 1, 2, symmetric=False),

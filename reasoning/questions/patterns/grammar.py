@@ -4,10 +4,12 @@
     step     = item { ( "&" | allen ) item }
     item     = [ "!" ] atom [ "{" count [ "," ] "}" ] [ "[" bound { "," bound } "]" ]
     atom     = name "(" [ term { "," term } ] ")"
-    term     = variable | number | "_" | text in quotes
+    term     = variable | number | "_" | name | text in quotes
     bound    = [ "gap" | "lasts" ] ( "<" | "<=" | ">" | ">=" ) time
     allen    = relation { "|" relation }       one of Allen's thirteen
-    time     = number [ "ms" | "s" | "min" | "h" ]
+    time     = number [ "ms" | "s" | "sec" | "m" | "min" | "h" ]
+
+A ``name`` or a text is a zone's.
 
 ``A ; B``: B starts after A has ended. ``A & B``: there is a frame that both (and all before them in the step) share.
 ``A during B``: one of Allen's thirteen relations of A to B. ``!A``: no A between the steps beside it, or, after ``&``,
@@ -19,6 +21,7 @@ from __future__ import annotations
 
 import difflib
 import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Never
@@ -44,8 +47,9 @@ class PatternError(UsageError):
     """
 
     def __init__(self, reason: str, text: str, position: int) -> None:
-        shown = text.replace("\n", " ").replace("\t", " ")
-        super().__init__(f"pattern, character {position + 1}: {reason}\n  {shown}\n  {' ' * position}^")
+        shown = "".join(c if c.isprintable() else " " for c in text)
+        before = "".join("  " if unicodedata.east_asian_width(c) in "WF" else " " for c in shown[:position])
+        super().__init__(f"pattern, character {position + 1}: {reason}", f"  {shown}", f"  {before}^")
         self.reason = reason
         self.position = position
 
@@ -57,6 +61,7 @@ class Term:
     variable: str | None = None
     number: int | None = None
     text: str | None = None
+    position: int = field(default=0, compare=False)
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,7 @@ class Bound:
     what: str
     compare: str
     seconds: float
+    position: int = field(default=0, compare=False)
 
 
 @dataclass(frozen=True)
@@ -261,14 +267,14 @@ class _Parser:
         token = self._take()
         if place is Place.TEXT:
             if token.kind == "text":
-                return Term(text=token.value[1:-1])
+                return Term(text=token.value[1:-1], position=token.position)
             if token.kind == "name":
-                return Term() if token.value == "_" else Term(text=token.value)
+                return Term() if token.value == "_" else Term(text=token.value, position=token.position)
             self._fail("a zone's name is wanted, like bench or 'north door'", token.position)
         if token.kind == "number" and re.fullmatch(r"\d{1,9}", token.value):
-            return Term(number=int(token.value))
+            return Term(number=int(token.value), position=token.position)
         if token.kind == "name" and re.fullmatch(r"_|[a-z][a-z0-9_]*", token.value):
-            return Term() if token.value == "_" else Term(variable=token.value)
+            return Term() if token.value == "_" else Term(variable=token.value, position=token.position)
         return self._fail("a variable (like a), a target's id or '_' is wanted", token.position)
 
     def _repeat(self) -> tuple[int, bool]:
@@ -293,7 +299,7 @@ class _Parser:
         return tuple(out)
 
     def _bound(self, name: str) -> Bound:
-        what = "gap" if ATOMS[name].instant else "lasts"
+        at, what = self._now.position, "gap" if ATOMS[name].instant else "lasts"
         if self._now.kind == "name":
             if self._now.value.lower() not in ("gap", "lasts"):
                 self._fail(f"'gap', 'lasts' or a comparison is wanted, {self._found()}")
@@ -302,7 +308,7 @@ class _Parser:
             what = self._take().value.lower()
         if not self._is("<", "<=", ">", ">="):
             self._fail(f"'<', '<=', '>' or '>=' is wanted, {self._found()}")
-        return Bound(what, self._take().value, self._time())
+        return Bound(what, self._take().value, self._time(), at)
 
     def _time(self) -> float:
         if self._now.kind != "number":
@@ -329,9 +335,24 @@ class _Parser:
             named = [t.variable or t.number for t in item.terms if t.variable is not None or t.number is not None]
             if len(set(named)) < len(named):
                 self._fail("the same target stands twice in one item", item.position)
+        self._check_gaps(pattern)
         for one, two in zip(pattern.steps, pattern.steps[1:], strict=False):
             if one[0].negated and two[0].negated:
                 self._fail("two negated steps beside one another; write them in two patterns", two[0].position)
+
+    def _check_gaps(self, pattern: Pattern) -> None:
+        """That every gap is one between two things."""
+        for k, step in enumerate(pattern.steps):
+            for item in step:
+                gap = next((b for b in item.bounds if b.what == "gap"), None)
+                if gap is None or item.repeated:
+                    continue
+                if item.negated and len(step) > 1:
+                    self._fail("what must not happen during a step has no gap to it", gap.position)
+                if not item.negated and k == 0:
+                    self._fail(f"nothing comes before {item.name}, so there is no gap to bound", gap.position)
+                if not item.negated and k == 1 and pattern.steps[0][0].negated:
+                    self._fail(f"nothing that happens comes before {item.name}: there is no gap to bound", gap.position)
 
 
 def variables_of(items: Sequence[Item]) -> list[str]:

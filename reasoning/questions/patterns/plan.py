@@ -6,10 +6,9 @@ is on the recording and on the variables that two items share, and DuckDB orders
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from reasoning.questions.patterns.atoms import ATOMS
-from reasoning.questions.patterns.grammar import Bound, Item, Pattern, Term, parse, variables_of
+from reasoning.questions.patterns.grammar import Bound, Item, Pattern, Term, parse
+from reasoning.questions.patterns.symmetry import symmetries
 from reasoning.questions.values import Recordings
 
 
@@ -130,8 +129,10 @@ class _Plan:
             )  # fmt: skip
             if previous is not None:
                 self._conditions.append(f"{span[0]} > {previous[1]}")
-                gaps = [b for i in items if not i.repeated for b in i.bounds if b.what == "gap"]
-                self._conditions += [_compared(f"{span[2]} - {previous[3]}", b) for b in gaps]
+                self._conditions += [
+                    _compared(f"{self._names[id(i)]}.st - {previous[3]}", b)
+                    for i in items if not i.repeated for b in i.bounds if b.what == "gap"
+                ]  # fmt: skip
             spans.append(span)
             previous = span
         return spans
@@ -189,34 +190,13 @@ class _Plan:
         return f"NOT EXISTS (SELECT 1 FROM ({self._source(item)}) n WHERE {' AND '.join(conditions)})"  # noqa: S608
 
     def _symmetry(self) -> None:
-        """Where two variables can be swapped without changing the pattern, a match is told once: u < v."""
-        names = list(self._bound)
-        for k, u in enumerate(names):
-            for v in names[k + 1 :]:
-                if _canonical(self._pattern) == _canonical(self._pattern, {u: v, v: u}):
-                    self._conditions.append(f"{self._bound[u]} < {self._bound[v]}")
-
-
-def symmetric_pairs(pattern: Pattern) -> list[tuple[str, str]]:
-    """Pairs of variables that can be swapped without changing what the pattern says."""
-    names = pattern.variables()
-    return [
-        (u, v) for k, u in enumerate(names) for v in names[k + 1 :]
-        if _canonical(pattern) == _canonical(pattern, {u: v, v: u})
-    ]  # fmt: skip
-
-
-def _canonical(pattern: Pattern, swap: dict[str, str] | None = None) -> object:
-    free = dict.fromkeys(variables_of([i for s in pattern.steps for i in s]), "")
-    renamed = {v: (swap or {}).get(v, v) for v in free}
-    return tuple(tuple(_canonical_item(item, renamed) for item in step) for step in pattern.steps)
-
-
-def _canonical_item(item: Item, renamed: dict[str, str]) -> Item:
-    terms = tuple(replace(t, variable=renamed[t.variable]) if t.variable is not None else t for t in item.terms)
-    if ATOMS[item.name].symmetric and not ATOMS[item.name].zone:
-        terms = tuple(sorted(terms, key=lambda t: (t.variable or "", -1 if t.number is None else t.number)))
-    return replace(item, terms=terms)
+        """Where renaming variables does not change the pattern, a match is told once: the least ids first."""
+        conditions: dict[str, None] = {}
+        for renamed in symmetries(self._pattern):
+            # Two variables are never the same target: the first one that moves decides which telling is the least.
+            first = next(v for v in self._bound if renamed[v] != v)
+            conditions[f"{self._bound[first]} < {self._bound[renamed[first]]}"] = None
+        self._conditions += conditions
 
 
 def _in_a_row(rows: str, keys: list[str], item: Item) -> str:
@@ -244,8 +224,8 @@ def _in_a_row(rows: str, keys: list[str], item: Item) -> str:
 
 
 def _compared(value: str, bound: Bound) -> str:
-    # To the microsecond: a difference of two times is off by more than their own last digit.
-    return f"round({value}, 6) {bound.compare} {bound.seconds!r}"
+    # To the millisecond, as times are shown.
+    return f"round({value}, 3) {bound.compare} {bound.seconds!r}"
 
 
 def _least(values: list[str]) -> str:

@@ -57,7 +57,7 @@ def test_chains_equal_a_search_of_every_path(depth: int, since: float | None) ->
             con.execute(statement)
         rows = [(g, a, b, "JOINT", s, e, float(s), float(e)) for g, cs in made.items() for a, b, s, e in cs]
         insert(con, "relations", rows)
-        insert(con, "recordings", [(g, g, "", "camera", "", 1, 1, 1, 0, 30.0, "") for g in made])
+        insert(con, "recordings", [(g, g, "", "camera", "", 1, 1, 1, 0, 30.0, "", 0) for g in made])
         at = None if since is None else Moment(seconds=since)
         query = question("contacts").sql(["0"], Options(depth=depth, at=at))
         found: dict[str, dict[int, tuple[int, int]]] = {g: {} for g in made}

@@ -112,7 +112,7 @@ def _in_a_row(rows: list[Found], item: Item) -> list[Found]:
 
 
 def _holds(bound: Bound, value: float) -> bool:
-    value = round(value, 6)
+    value = round(value, 3)
     return {
         "<": value < bound.seconds, "<=": value <= bound.seconds,
         ">": value > bound.seconds, ">=": value >= bound.seconds,
@@ -199,7 +199,7 @@ def fits(pattern, history, chosen, bound, numbers) -> bool:
         spans.append(span)
         previous = span
     whole = [s for s in spans if s is not None]
-    if pattern.within_s is not None and round((whole[-1][1] - whole[0][0]) / FPS, 6) > pattern.within_s:
+    if pattern.within_s is not None and round((whole[-1][1] - whole[0][0]) / FPS, 3) > pattern.within_s:
         return False
     return not any(
         happens(history, i, k, spans, bound, numbers)

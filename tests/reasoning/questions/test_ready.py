@@ -71,7 +71,19 @@ def test_loitering_closes_gaps(tmp_path: Path, story_type, write_story) -> None:
 
 
 def test_entered_never_left(case: Case) -> None:
-    assert [(r["track"], r["there_at_the_end"]) for r in ask(case, "entered-never-left")] == [(1, True), (4, True)]
+    # Target 1 is there in the first frame: it did not come in. 2 and 3 left.
+    assert [(r["track"], r["there_at_the_end"]) for r in ask(case, "entered-never-left")] == [(4, True)]
+
+
+def test_who_left_and_came_in_again_is_there(tmp_path: Path, story_type, write_story) -> None:
+    here = (9.0, 9.0, 5.0, 9.0)
+    story = story_type(60, {1: (0, 59, here, (0.0, 0.0)), 2: (3, 59, here, (0.0, 0.0)), 3: (3, 59, here, (0.0, 0.0))},
+                       events=[("entering", [1], 0, [], {}), ("exited", [1], 20, [], {}), ("entering", [1], 30, [], {}),
+                               ("entering", [2], 3, [], {}), ("exited", [2], 40, [], {}),
+                               ("entering", [3], 3, [], {})])  # fmt: skip
+    with Case([write_story(story, tmp_path / "again.mcap")]) as c:
+        found = [(r["track"], r["entered_frame"]) for r in ask(c, "entered-never-left")]
+        assert found == [(3, 3), (1, 30)]
 
 
 def test_grouping_and_splitting(case: Case) -> None:
