@@ -46,7 +46,7 @@ def _json(answer: Answer, out: IO[str]) -> int:
 
 
 def plain(value: Any) -> Any:
-    """A value that JSON can hold: times as ISO 8601, bytes in hex, what is not finite as null, what is foreign as text."""
+    """A value that JSON can hold: times as ISO 8601, bytes in hex, not finite as null, foreign things as text."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if value is None or isinstance(value, (bool, int, str)):

@@ -97,6 +97,57 @@ def test_joint_makes_contact() -> None:
     assert [(p.kind, p.start_frame, p.end_frame) for p in found.phases][1] == ("contact", 50, 180)
 
 
+def wrestle(seconds: float, pace: float) -> np.ndarray:
+    """Back and forth by 0.4 body sizes at a speed in body sizes per second."""
+    n = round(seconds * FPS)
+    way = np.cumsum(np.where((np.arange(n) * pace / FPS / 0.4).astype(int) % 2 == 0, 1.0, -1.0)) * pace * SIZE / FPS
+    return np.concatenate([np.zeros(60), way, np.full(60, way[-1])])
+
+
+def test_two_who_wrestle_are_abrupt_and_the_values_are_those_of_the_moments() -> None:
+    way = wrestle(3.0, 0.8)
+    (found,) = find_encounters({1: walk(np.full(len(way), 300.0)), 2: walk(310.0 + way)})
+    (fierce,) = found.abrupt
+    assert abs(fierce.start_frame - 60) <= 25
+    assert abs(fierce.end_frame - 135) <= 25
+    p = EncounterParameters()
+    assert fierce.distance <= p.touch_sizes
+    assert fierce.agitation >= p.abrupt_sizes_per_s
+    assert fierce.through <= 0.5
+    assert fierce.abrupt_s <= fierce.end_s - fierce.start_s + 1 / FPS + 1e-9
+    (contact,) = [x for x in found.phases if x.kind == "contact"]
+    assert (contact.start_frame, contact.end_frame) == (fierce.start_frame, fierce.end_frame)
+
+
+def test_joint_or_passing_by_is_not_abrupt() -> None:
+    """From pixels two are JOINT whenever one hides the other, and one who walks past another is abrupt for a moment."""
+    stand = np.full(200, 300.0)
+    (found,) = find_encounters({1: walk(stand), 2: walk(stand + 40)}, joint={(1, 2): [(50, 180)]})
+    assert [x.kind for x in found.phases].count("contact") == 1
+    assert found.abrupt == ()
+    # Two stand together; then one walks past the other, from touching on one side to touching on the other.
+    step = 0.7 * SIZE / FPS
+    past = np.concatenate([np.full(100, 250.0), np.arange(250.0, 350.0, step), np.full(100, 350.0)])
+    (found,) = find_encounters({1: walk(np.full(len(past), 300.0)), 2: walk(past)})
+    assert [x.kind for x in found.phases].count("contact") == 1, "else the test shows nothing"
+    assert found.abrupt == ()
+
+
+def test_a_phases_values_are_of_its_own_frames() -> None:
+    """They stand close, then one goes: the median distance of each part is its own."""
+    step = 4.0
+    path = np.concatenate([np.full(150, 330.0), np.arange(330.0, 800.0, step)])
+    (found,) = find_encounters({1: walk(np.full(len(path), 300.0)), 2: walk(path)})
+    first, last = found.phases[0], found.phases[-1]
+    assert (first.kind, last.kind) == ("meeting", "separation")
+    assert abs(first.distance - 30 / SIZE) < 0.05
+    assert last.distance > 1.0
+    assert last.end_distance >= last.distance
+    assert first.slower < 0.01
+    assert abs(last.relative_speed - step * FPS / SIZE) < 0.1
+    assert found.distance <= found.all_distance < last.distance
+
+
 def test_a_gap_splits_and_a_short_one_does_not() -> None:
     path = np.full(400, 300.0)
     whole, other = walk(path), walk(path + 40)
@@ -167,6 +218,8 @@ def test_still_and_near() -> None:
     assert abs(stood.end_frame - 175) <= 15
     (close,) = [s for a, b, s in near({1: walk(path), 2: walk(np.full(len(path), 330.0))})]
     assert close.start_frame < 75 < 160 < close.end_frame
+    assert close.median <= close.most <= EncounterParameters().touch_sizes
+    assert stood.most <= 0.08
 
 
 @pytest.fixture(scope="module")

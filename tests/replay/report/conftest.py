@@ -1,4 +1,6 @@
-"""A headless browser driven by the W3C WebDriver protocol over plain HTTP: no package needed, only chromedriver."""
+"""A headless browser driven by the W3C WebDriver protocol over plain HTTP (no package needed, only chromedriver), and a
+small annotated log with pictures, written message by message.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from recorders import channels
+from recorders.log import LogWriter
+from recorders.messages import Detections, Event, Groups, Relation, Relations, Track, Tracks
+from recorders.pictures import encode_jpeg
 
 _READY = "return document.documentElement.dataset.ready === 'true'"
 
@@ -110,3 +118,44 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
             process.wait(timeout=20)
             if process.stdout is not None:
                 process.stdout.close()
+
+
+FRAME_NS = 100_000_000
+
+
+def _track(i: int, n: int) -> Track:
+    return Track(
+        id=i, box=(10.0 + (n if i == 1 else 60 - n), 20.0, 10.0, 30.0), ellipse=None, velocity=(10.0, 0.0),
+        shell_radius=15.0, mode="motion", confidence=1.0, present=True, observed=True, blob=-1, grouping=False,
+        grouped=False, splitting=False, grouping_partners=[], grouped_partners=[], splitting_partners=[], group=None,
+        scene="inside",
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("commands") / "yard.mcap"
+    with LogWriter(path, picture_topics=["/camera/image"]) as out:
+        names = ("image", "detections", "tracks", "relations", "groups", "events")
+        ids = {n: out.channel(channels.topic("camera", n), channels.schema(n), channels.message_encoding(n))
+               for n in names}  # fmt: skip
+        for n in range(50):
+            t = n * FRAME_NS
+            picture = encode_jpeg(np.full((60, 80, 3), 4 * n, np.uint8))
+            related = (
+                [Relation(1, 2, "INTERACTION", 15, 15 * FRAME_NS, False, False, False, 0.2)] if 15 <= n < 40 else []
+            )
+            out.write(ids["image"], channels.compressed_image(picture, "jpeg", t, "camera"), t)
+            out.write(ids["detections"], channels.encode("detections", Detections(n, 80, 60)), t)
+            out.write(ids["tracks"], channels.encode("tracks", Tracks(n, [_track(1, n), _track(2, n)])), t)
+            out.write(ids["relations"], channels.encode("relations", Relations(n, related)), t)
+            out.write(ids["groups"], channels.encode("groups", Groups(n)), t)
+            if n == 15:
+                evidence = {"case": "II", "after": "INTERACTION", "shell_gap_px": -1.5, "safety_distance": 1.25,
+                            "safety_distance_at_most": 1.0}  # fmt: skip
+                event = Event(
+                    1, "interaction_started", [1, 2], n, t, "SHELLS 2.3 case II", evidence, "\x1b[31mThey meet"
+                )
+                out.write(ids["events"], channels.encode("events", event), t)
+        out.metadata("scenetrace", {"tracker": "events", "configuration": '{"a": {"b": 1}}', "output_digest": "abc"})
+    return path
