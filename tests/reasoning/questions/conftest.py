@@ -34,6 +34,7 @@ class Story:
     bits: Sequence[tuple[int, str, list[int], int, int]] = ()
     start_ns: int = 1_700_000_000_000_000_000
     camera: str = "camera"
+    frame_ns: int = FRAME_NS
 
     def _track(self, i: int, n: int) -> Track:
         first, _, (x, y, w, h), (vx, vy) = self.tracks[i]
@@ -51,12 +52,14 @@ class Story:
     def frame(self, n: int) -> list[tuple[str, object]]:
         tracks = [self._track(i, n) for i, (s, e, *_) in sorted(self.tracks.items()) if s <= n <= e]
         relations = [
-            Relation(a, b, state, s, self.start_ns + s * FRAME_NS, False, state == "JOINT", False, 0.5, "SHELLS 2.3 II")
+            Relation(
+                a, b, state, s, self.start_ns + s * self.frame_ns, False, state == "JOINT", False, 0.5, "SHELLS 2.3 II"
+            )
             for a, b, state, s, e in sorted(self.relations)
             if s <= n <= e
         ]
         groups = [
-            Group(g, m, True, s, self.start_ns + s * FRAME_NS, f)
+            Group(g, m, True, s, self.start_ns + s * self.frame_ns, f)
             for g, m, s, e, f in sorted(self.groups)
             if s <= n <= e
         ]
@@ -68,7 +71,7 @@ class Story:
         ]
         for k, (kind, subjects, frame, labels, evidence) in enumerate(self.events, 1):
             if frame == n:
-                time_ns = self.start_ns + n * FRAME_NS
+                time_ns = self.start_ns + n * self.frame_ns
                 out.append(
                     (
                         "events",
@@ -87,7 +90,7 @@ def write(story: Story, path: Path, first: int = 0) -> Path:
         }
         for n in range(first, story.frames):
             for name, message in story.frame(n):
-                log.write(ids[name], channels.encode(name, message), story.start_ns + n * FRAME_NS)
+                log.write(ids[name], channels.encode(name, message), story.start_ns + n * story.frame_ns)
         log.metadata("scenetrace", {"tracker": "events", "output_digest": f"digest-of-{path.stem}"})
     return path
 

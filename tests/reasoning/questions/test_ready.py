@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from reasoning.questions import Case
 from reasoning.questions.explain import explain
+from reasoning.questions.patterns import plan
 from reasoning.questions.ready import QUESTIONS, Options, question
 from reasoning.questions.values import Moment, duration, identity, moment, only
 from recorders.errors import UsageError
@@ -128,8 +130,13 @@ def test_contacts(case: Case) -> None:
 
 def test_timeline(case: Case) -> None:
     rows = ask(case, "timeline", "2")
-    assert [r["start_t"] for r in rows] == sorted(r["start_t"] for r in rows)
-    assert {"present", "INTERACTION", "JOINT", "group 1", "event exited"} <= {r["what"] for r in rows}
+    assert [(r["start_t"], r["what"], r["others"]) for r in rows if not r["what"].startswith("together")] == [
+        (0.4, "present", []), (0.8, "event entered", []), (1.6, "INTERACTION", [1]),
+        (1.6, "event interaction_started", [1]), (4.0, "JOINT", [1]), (4.0, "group 1", [1]),
+        (4.0, "event group_formed", [1]), (4.0, "event joined", [1]), (6.0, "INTERACTION", [1]),
+        (6.0, "event group_ended", [1]), (6.8, "INTERACTION", [3]), (8.04, "group 3", [3, 4]),
+        (8.04, "event group_changed", [3, 4]), (9.64, "event group_ended", [3, 4]), (10.0, "event exited", []),
+    ]  # fmt: skip
 
 
 def test_every_row_can_be_explained(case: Case) -> None:
@@ -144,11 +151,21 @@ def test_every_row_can_be_explained(case: Case) -> None:
         rows = ask(case, name, *words, **options)
         assert rows, name
         for row in rows:
-            for reference in row["explain"].split():
-                found = explain(case, reference)
-                assert found.text
+            told = [explain(case, reference) for reference in row["explain"].split()]
+            assert told
+            for found in told:
                 assert found.rule
+                assert str(found.subjects[0]) in found.text
                 assert found.lines()[0].startswith(found.reference)
+            # They are about this row: its targets, at its time.
+            ids = {row[k] for k in ("track", "other", "subject", "a", "b") if k in row}
+            assert ids <= {i for found in told for i in found.subjects}, (name, row)
+            if "start_frame" in row:
+                assert any(
+                    found.start_frame <= row["end_frame"] and row["start_frame"] <= found.end_frame for found in told
+                )
+            if "start_t" in row and "end_t" in row:
+                assert any(found.start_t <= row["end_t"] and row["start_t"] <= found.end_t for found in told)
 
 
 @pytest.mark.parametrize(
@@ -194,3 +211,54 @@ def test_explain_says_what_it_takes(case: Case) -> None:
         explain(case, "because")
     with pytest.raises(UsageError, match="event:999: there is none"):
         explain(case, "999")
+
+
+SEVENTHS = 142_857_143
+
+
+@pytest.fixture(scope="module")
+def sevenths(tmp_path_factory: pytest.TempPathFactory, story_type, write_story) -> Iterator[Case]:
+    """Seven frames a second, so that no time has few digits: 1 and 2 meet and leave, 2 three frames after 1."""
+    places = {i: (20 if i == 2 else 0, 59, (200.0 * i, 9.0, 5.0, 9.0), (0.0, 0.0)) for i in (1, 2, 3)}
+    story = story_type(
+        60, places,
+        relations=[(1, 2, "INTERACTION", 24, 30)],
+        events=[("exited", [1], 37, [], {}), ("exited", [2], 40, [], {})],
+        zones=[(2, "bench", 21, 24), (2, "bench", 27, 30)], frame_ns=SEVENTHS,
+    )  # fmt: skip
+    with Case([write_story(story, tmp_path_factory.mktemp("ready") / "sevenths.mcap")]) as c:
+        yield c
+
+
+def test_a_limit_that_a_row_shows_itself_lets_it_in(sevenths: Case) -> None:
+    """Times are shown to the millisecond: 3/7 s is 0.429 s, 10/7 s is 1.429 s, 4/7 s is 0.571 s."""
+    assert [r["seconds_after"] for r in ask(sevenths, "left-with", "1", within_s=9.0, gap_s=9.0)] == [0.429]
+    assert len(ask(sevenths, "left-with", "1", within_s=0.429, gap_s=9.0)) == 1
+    assert ask(sevenths, "left-with", "1", within_s=0.428, gap_s=9.0) == []
+    assert len(ask(sevenths, "left-with", "1", within_s=9.0, gap_s=1.0)) == 1
+    assert ask(sevenths, "left-with", "1", within_s=9.0, gap_s=0.999) == []
+
+    assert [r["seconds_before"] for r in ask(sevenths, "before", "2", within_s=9.0)] == [1.429]
+    assert len(ask(sevenths, "before", "2", within_s=1.429)) == len(ask(sevenths, "before", "2", within_s=9.0))
+    assert ask(sevenths, "before", "2", within_s=1.428) == []
+
+    (whole,) = ask(sevenths, "loitered", "bench", least_s=1.0, gap_s=0.429)
+    assert whole["seconds"] == 1.286
+    assert len(ask(sevenths, "loitered", "bench", least_s=1.286, gap_s=0.429)) == 1
+    assert ask(sevenths, "loitered", "bench", least_s=1.287, gap_s=0.429) == []
+    assert ask(sevenths, "loitered", "bench", least_s=1.0, gap_s=0.428) == []
+
+
+def test_a_moment_as_it_is_shown_is_within(sevenths: Case) -> None:
+    """20/7 s is shown as 2.857 s, which is less."""
+    assert [r["track"] for r in ask(sevenths, "who-was-in", "scene", at=moment("2.857"))] == [1, 2, 3]
+    assert [r["track"] for r in ask(sevenths, "who-was-in", "scene", at=moment("2.856"))] == [1, 3]
+    assert [r["track"] for r in ask(sevenths, "who-was-in", "bench", at=moment("4.286"))] == [2]
+    assert ask(sevenths, "who-was-in", "bench", at=moment("4.287")) == []
+
+
+def test_a_pattern_keeps_to_the_millisecond(sevenths: Case) -> None:
+    for limit, count in (("1s", 1), ("0.999s", 0)):
+        assert len(sevenths.rows(plan(f"interaction(1,2) ; exited(1)[<={limit}]"))) == count
+    for limit, count in (("0.857s", 1), ("0.858s", 0)):
+        assert len(sevenths.rows(plan(f"interaction(1,2)[>={limit}]"))) == count
