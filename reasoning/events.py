@@ -9,6 +9,7 @@ anomalies in the order of their causes. Ids count on from 1 in this order.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -109,8 +110,18 @@ _SCENE_TEXT = {
 }
 
 
-def scene(log: EventLog, c: SceneChange, regions_source: str, box: Sequence[float]) -> None:
-    """A scene event (EVENTS 3.2) or an entry into a named zone; ``box``: the target's, its last one if it is gone."""
+def scene(
+    log: EventLog, c: SceneChange, regions_source: str, box: Sequence[float], margins: tuple[float, float]
+) -> None:
+    """A scene event (EVENTS 3.2) or an entry into a named zone.
+
+    Args:
+        log: where it is told.
+        c: the change.
+        regions_source: where the regions are from.
+        box: the target's, its last one if it is gone.
+        margins: how far it lies within the region of interest and beyond region and border, pixels.
+    """
     evidence: dict[str, Any] = {}
     rule = "EVENTS 3.2"
     if c.zone:
@@ -124,6 +135,10 @@ def scene(log: EventLog, c: SceneChange, regions_source: str, box: Sequence[floa
         evidence["reason"] = c.reason
     else:
         evidence |= {"in_roi": PLACES[c.roi], "in_roi_and_border": PLACES[c.area]}
+    if not c.reason and c.kind in ("entered", "returned") and math.isfinite(margins[0]):
+        evidence |= {"within_roi_px": margins[0], "within_roi_px_at_least": 0.0}
+    if not c.reason and c.kind in ("exiting", "exited") and math.isfinite(margins[1]):
+        evidence |= {"beyond_border_px": margins[1], "beyond_border_px_over": 0.0}
     evidence |= {"box": list(box), "regions": regions_source}
     text = _SCENE_TEXT[c.kind].format(i=c.id, z=c.zone, s=seconds(c.lasted_ns))
     log.add(c.kind, [c.id], rule, evidence, text)

@@ -115,6 +115,22 @@ class Area:
             inside |= points_in_polygon(p, edges)
         return inside
 
+    def depth(self, points: ArrayLike) -> Floats:
+        """How far points (N, 2) lie within the area, (N,): the distance to the nearest edge, negative outside.
+
+        Of a point that lies in several of the polygons the distance is to the nearest edge of any of them.
+        """
+        p = np.asarray(points, np.float64).reshape(-1, 1, 2)
+        if not len(self._all):
+            return np.full(len(p), -np.inf)
+        start, way = self._all[:, :2], self._all[:, 2:] - self._all[:, :2]
+        square = (way * way).sum(axis=1)
+        along = ((p - start) * way).sum(axis=2) / np.where(square > 0, square, 1.0)
+        miss = p - start - np.clip(along, 0.0, 1.0)[:, :, None] * way
+        nearest = np.sqrt((miss * miss).sum(axis=2)).min(axis=1)
+        signed: Floats = np.where(self.contains(p[:, 0]), nearest, -nearest)
+        return signed
+
     def covers(self, boxes: Sequence[Box]) -> list[int]:
         """The same as `cover` for boxes as plain numbers; of one upright rectangle, much quicker for a few of them."""
         if self._rectangle is None:

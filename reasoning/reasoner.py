@@ -146,7 +146,7 @@ class Reasoner:
             if (c.kind, c.id) in told:
                 continue
             box = (given if c.id in given else self._last)[c.id].box
-            tell.scene(self._log, c, self._regions.message.source, box)
+            tell.scene(self._log, c, self._regions.message.source, box, self._regions.margins(box))
         changes, shell = self._relate(frame_index, time_ns, rows)
         pairs, wrong = self._interact(frame_index, time_ns, rows, targets)
         self._tell_disputes(rows)

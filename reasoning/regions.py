@@ -126,6 +126,15 @@ class SceneRegions:
         plain = boxes.tolist() if isinstance(boxes, np.ndarray) else boxes
         return Places(self._roi.covers(plain), self._area.covers(plain))
 
+    def margins(self, box: Box) -> tuple[float, float]:
+        """How far a box lies within the ROI, and how far it reaches beyond ROI and border, pixels; by its corners.
+
+        The first is negative where a corner is outside, the second 0 where none is.
+        """
+        x, y, w, h = box
+        corners = [(x, y), (x + w, y), (x, y + h), (x + w, y + h)]
+        return float(self._roi.depth(corners).min()), max(0.0, -float(self._area.depth(corners).min()))
+
     def zones_of(self, boxes: Boxes) -> list[list[str]]:
         """The named zones in which each target of boxes (N, 4) stands."""
         if not self._zones:

@@ -61,7 +61,7 @@ def event_measures(kind: str, evidence: Mapping[str, Any]) -> list[Measure]:
     """An event's evidence as measures; thresholds are those that the evidence names and those of SHELLS' cases."""
     out: list[Measure] = []
     for name, value in evidence.items():
-        if name.endswith(("_at_most", "_at_least", "_over")) or name in ("before", "after", "case"):
+        if name.endswith(("_at_most", "_at_least", "_over", "_under")) or name in ("before", "after", "case"):
             continue
         compare, threshold = _threshold(kind, name, evidence)
         if threshold is None or not _is_number(value):
@@ -73,7 +73,7 @@ def event_measures(kind: str, evidence: Mapping[str, Any]) -> list[Measure]:
 
 
 def _threshold(kind: str, name: str, evidence: Mapping[str, Any]) -> tuple[str, float | None]:
-    for end, compare in (("_at_most", "<="), ("_at_least", ">="), ("_over", ">")):
+    for end, compare in (("_at_most", "<="), ("_at_least", ">="), ("_over", ">"), ("_under", "<")):
         stated = evidence.get(f"{name}{end}")
         if _is_number(stated):
             return compare, float(stated or 0)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 
 import numpy as np
@@ -45,6 +45,7 @@ class _Life:
     last_at: int
     present: bool = False
     mode: str = "motion"
+    why: dict[str, float] = field(default_factory=dict)
 
     def of(self, forward: dict[int, Target]) -> Target | None:
         """What the forward pass said of it in a frame."""
@@ -117,11 +118,16 @@ def _lives(
         first, last = parts[0].first, parts[-1].last
         seconds = (last.time_ns - first.time_ns + scene.frame_ns) * 1e-9
         frames = sum(f.last.at - f.first.at + 1 for f in parts)
-        if not parts[0].told or seconds < p.min_life_s or sum(f.hits for f in parts) < p.min_support * frames:
+        hits = sum(f.hits for f in parts)
+        if not parts[0].told or seconds < p.min_life_s or hits < p.min_support * frames:
             continue
-        if math.fsum(f.sizes for f in parts) < smallest * sum(f.hits for f in parts):
+        if math.fsum(f.sizes for f in parts) < smallest * hits:
             continue
         life = _Life(identity, parts, [followed[k] for k in chain if k in followed], first.at, last.at)
+        life.why = {
+            "life_s": seconds, "life_s_at_least": p.min_life_s,
+            "support": hits / frames, "support_at_least": p.min_support,
+        }  # fmt: skip
         for f in parts:
             f.forget()
         for k in chain:
@@ -284,6 +290,7 @@ class _Writer:
         notices: list[Notice] = []
         if at == life.first_at:
             evidence = {"sightings": sum(f.hits for f in life.fragments), "fragments": [f.id for f in life.fragments]}
+            evidence |= life.why
             notices.append(Notice("track_confirmed", [life.id], f"{_RULE}: the first sighting", evidence))
             life.mode = target.mode
         elif not life.present:
@@ -291,6 +298,7 @@ class _Writer:
         for j, f in zip(life.joins, life.fragments[1:], strict=True):
             if f.first.at == at:
                 costs = {"fragment": j.later, "after": j.earlier, "gap_s": j.gap_s, "cost": j.cost}
+                costs |= {"gap_s_at_most": self._p.join_s, "cost_under": self._p.join_cost}
                 costs |= {"motion": j.motion, "size": j.size}
                 costs |= {} if j.appearance is None else {"appearance": j.appearance}
                 notices.append(Notice("track_recovered", [life.id], f"{_RULE}: fragments joined", costs))

@@ -53,3 +53,25 @@ def test_the_truth_tells_the_story(play, name):
     late = [(t, s) for t, s in zip(told, story, strict=True) if abs(t[0] - s[0]) > TOLERANCE]
     assert late == []
     assert reasoner.counter.forbidden == 0
+
+
+@pytest.mark.parametrize("name", STORIES)
+def test_who_comes_and_goes_is_told_by_how_far(play, name):
+    """Into the region of interest, or beyond the border: the measure that decided, of the box that is told with it."""
+    scene, answers = play(name)
+    reasoner = Reasoner({}, scene.width, scene.height)
+    for targets in answers:
+        for e in reasoner.step(targets.frame, scene.time_ns(targets.frame), targets, scene.truth.regions).events:
+            x, y, w, h = e.evidence.get("box", (0, 0, 0, 0))
+            if e.kind in ("entered", "returned"):
+                (roi,) = scene.truth.regions.roi
+                sides = [x - min(p[0] for p in roi), max(p[0] for p in roi) - x - w,
+                         y - min(p[1] for p in roi), max(p[1] for p in roi) - y - h]  # fmt: skip
+                assert e.evidence["within_roi_px"] == pytest.approx(min(sides))
+                assert e.evidence["within_roi_px"] >= e.evidence["within_roi_px_at_least"] == 0
+            if e.kind == "exiting":
+                (border,) = scene.truth.regions.border
+                sides = [min(p[0] for p in border) - x, x + w - max(p[0] for p in border),
+                         min(p[1] for p in border) - y, y + h - max(p[1] for p in border)]  # fmt: skip
+                assert e.evidence["beyond_border_px"] == pytest.approx(max(sides))
+                assert e.evidence["beyond_border_px"] > e.evidence["beyond_border_px_over"] == 0

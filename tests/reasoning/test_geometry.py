@@ -131,6 +131,17 @@ def test_overlapping_polygons_cover_together():
     assert Area(cross).cover(boxes).tolist() == [WHOLLY, WHOLLY, WHOLLY, PARTLY, OUTSIDE]
 
 
+def test_how_deep_a_point_lies():
+    square = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)]
+    slanted = [(0.0, 0.0), (4.0, -3.0), (7.0, 1.0), (3.0, 4.0)]
+    points = [(5.0, 5.0), (1.0, 5.0), (10.0, 5.0), (13.0, 14.0), (5.0, 12.0)]
+    assert Area([square]).depth(points).tolist() == [5.0, 1.0, 0.0, -5.0, -2.0]
+    # The square is turned by the angle of a 3-4-5 triangle, its side is 5: (3.5, 0.5) is its middle.
+    assert Area([slanted]).depth([(3.5, 0.5), (8.0, -6.0)]).tolist() == pytest.approx([2.5, -5.0])
+    assert Area([square, slanted]).depth([(-3.0, -4.0)]).tolist() == [-5.0]
+    assert Area([]).depth([(1.0, 1.0)]).tolist() == [-math.inf]
+
+
 def test_no_boxes_give_no_answers():
     assert Area([SQUARE]).cover(np.zeros((0, 4))).tolist() == []
     assert Area([LEFT, RIGHT]).contains(np.zeros((0, 2))).tolist() == []

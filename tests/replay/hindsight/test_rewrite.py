@@ -14,6 +14,7 @@ from recorders.messages import GroupTrack, Notice, Target, Targets
 from recorders.parameters import Config, configure
 from recorders.scene import SceneInfo
 from replay.hindsight import SECTIONS, rewrite
+from replay.hindsight.parameters import HindsightParameters
 
 FRAME_NS = 100_000_000
 SCENE = SceneInfo(640, 480, FRAME_NS, False, False)
@@ -71,6 +72,14 @@ def test_fragments_are_joined_and_the_gap_is_filled_on_the_path() -> None:
     assert notice.evidence["after"] == 1
     assert notice.evidence["gap_s"] == pytest.approx(1.3)
     assert notice.evidence["cost"] >= notice.evidence["motion"]
+    # What it was held against stands beside it.
+    p = HindsightParameters()
+    assert notice.evidence["cost"] < notice.evidence["cost_under"] == p.join_cost
+    assert notice.evidence["gap_s"] <= notice.evidence["gap_s_at_most"] == p.join_s
+    [(_, first)] = _notices(out, "track_confirmed")
+    assert first.evidence["life_s"] >= first.evidence["life_s_at_least"] == p.min_life_s
+    assert first.evidence["support"] == pytest.approx(48 / 48)
+    assert first.evidence["support_at_least"] == p.min_support
 
 
 def test_who_left_the_scene_does_not_go_on_as_who_comes_in() -> None:
