@@ -67,7 +67,7 @@ def replay(
         start = run.nearest_checkpoint()
         pictures = [channels.topic(scene.camera, name) for name in channels.PICTURES]
         with LogWriter(out, force=options.force, picture_topics=pictures, limits=options.limits) as log:
-            writer = AnnotatedWriter(log, scene, options)
+            writer = AnnotatedWriter(log, scene, options, digest.START if start is None else start.link)
             for annotated in run.frames(start, writer.keep):
                 writer.write(annotated)
                 if writer.is_past(annotated) and run.may_stop:
@@ -80,9 +80,9 @@ def replay(
 
 
 class AnnotatedWriter:
-    """Writes annotated frames within the options' span."""
+    """Writes annotated frames within the options' span; ``link`` is the output chain's before the first that comes."""
 
-    def __init__(self, log: LogWriter, scene: SceneLog, options: ReplayOptions) -> None:
+    def __init__(self, log: LogWriter, scene: SceneLog, options: ReplayOptions, link: str = digest.START) -> None:
         self._log = log
         self._scene = scene
         self._options = options
@@ -93,7 +93,7 @@ class AnnotatedWriter:
         self._annotated = {n: self._open(n) for n in channels.ANNOTATED if n not in _OPTIONAL}
         self._frames = 0
         self._first_frame: int | None = None
-        self._link_before = digest.START
+        self._link_before = link
         self._link = digest.START
         self._tracks: dict[int, None] = {}
         self._events = 0

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace as changed
 from pathlib import Path
 
 import pytest
@@ -172,6 +173,29 @@ def test_verify_of_a_span_finds_its_scene_beside_it(scene: Path, tmp_path: Path)
     verdict = verify(span, scene)
     assert verdict.identical
     assert verdict.frames == 20
+
+
+@pytest.mark.parametrize("on", [True, False], ids=["hindsight", "forward"])
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_verify_of_a_span_that_was_written_from_a_checkpoint(
+    scene: Path, tmp_path: Path, tracker: str, on: bool
+) -> None:
+    """Its chain goes on from the checkpoint, also where the first frame computed is the first one written."""
+    replay(scene, tmp_path / "whole.mcap", options(tracker, hindsight(tracker, on), checkpoint_ns=400_000_000))
+    with SceneLog(scene) as log:
+        times = list(log.frame_times())
+    for first, end in ((10, 12), (11, 14), (25, 28), (59, 60)):
+        more = {"from_ns": times[first], "to_ns": times[end] if end < FRAMES else None}
+        whole = options(tracker, hindsight(tracker, on), **more)
+        spans = []
+        for name, checkpoints in (("from-0", None), ("from-checkpoint", tmp_path / "whole.mcap")):
+            span = tmp_path / f"{name}-{first}.mcap"
+            replay(scene, span, changed(whole, checkpoints=checkpoints))
+            assert verify_chain(span).identical
+            assert verify(span, scene).identical
+            with LogReader(span) as log:
+                spans.append(log.metadata())
+        assert spans[0] == spans[1]
 
 
 def altered(source: Path, out: Path, change: Callable[[str, int, bytes], bytes]) -> Path:
