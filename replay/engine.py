@@ -6,14 +6,17 @@ time, for notebooks and debuggers; `replay.replaying` adds hindsight and writing
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from numbers import Integral
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from reasoning.reasoner import Reasoner, SceneAnnotation
 from recorders.errors import SceneTraceError, UsageError
@@ -77,6 +80,17 @@ class Step:
     state: bytes | None = None
 
 
+def recorded_now(frame: Frame) -> str:
+    """The digest of what was recorded at the frame's very time."""
+    return digest.recorded_digest(m for m in frame.messages if m.log_time_ns == frame.time_ns)
+
+
+def of_recording(scene: SceneLog, checkpoint: Checkpoint) -> bool:
+    """Whether a checkpoint's last frame is the scene's frame of that time, as it was recorded."""
+    frame = next(scene.frames(checkpoint.time_ns, checkpoint.frame), None)
+    return frame is not None and frame.time_ns == checkpoint.time_ns and recorded_now(frame) == checkpoint.recorded
+
+
 class Forward:
     """A tracker's pass over a scene, in order.
 
@@ -118,7 +132,7 @@ class Forward:
         self.previous_ns = checkpoint.time_ns
         self.next_index = checkpoint.frame + 1
 
-    def steps(self, checkpoint_due: Callable[[int], bool] | None = None) -> Iterator[Step]:
+    def steps(self, checkpoint_due: Callable[[int], bool] | None = None) -> Generator[Step]:
         """Run on to the end of the scene; ``checkpoint_due`` says by log time which steps carry a state."""
         start = None if self.previous_ns is None else self.previous_ns + 1
         with Prefetch() as prefetch:
@@ -217,29 +231,32 @@ class Engine:
         self._keep_every = max(keep_every, 1)
         self._kept: dict[int, bytes] = {}
         self._paused = False
+        self._steps: Generator[Step] | None = None
         self.current: Scene | None = None
         self._begin(None)
 
     def _begin(self, checkpoint: Checkpoint | None) -> None:
-        self._forward = Forward(self.scene, self._factory, self.config)
-        self._reasoner = Reasoner(self.config, self.scene.info.width, self.scene.info.height)
-        self._restored = checkpoint
+        """Go to the start or to a checkpoint; where that fails, the engine is where it was."""
+        forward = Forward(self.scene, self._factory, self.config)
+        reasoner = Reasoner(self.config, self.scene.info.width, self.scene.info.height)
         if checkpoint is not None:
-            self._forward.resume(checkpoint)
+            forward.resume(checkpoint)
             with continuing(checkpoint.frame):
-                self._reasoner.restore(checkpoint.reasoner_state)
-        self._steps = self._forward.steps()
-        self._recorded = "" if checkpoint is None else checkpoint.recorded
+                reasoner.restore(checkpoint.reasoner_state)
+        if self._steps is not None:
+            self._steps.close()
+        self._forward, self._reasoner, self._restored = forward, reasoner, checkpoint
+        self._steps = forward.steps()
+        self.current = None
 
     def step(self) -> Scene | None:
         """The next frame's scene, None after the last."""
-        taken = next(self._steps, None)
+        taken = None if self._steps is None else next(self._steps, None)
         if taken is None:
             return None
         frame = taken.frame
         with continuing(None if self._restored is None else self._restored.frame):
             annotation = self._reasoner.step(frame.index, frame.time_ns, taken.targets, frame.regions)
-        self._recorded = taken.recorded
         self.current = Scene(frame, taken.targets, annotation)
         if frame.index % self._keep_every == 0 and frame.index not in self._kept:
             self._keep(frame.index)
@@ -267,13 +284,14 @@ class Engine:
         """Go somewhere, forwards or backwards; the scene is the same as if reached from 0.
 
         Args:
-            where: a frame's number as an int, or a time in seconds from the recording's start as a float: the last
-                frame at or before it.
+            where: a frame's number as an int, or a time in seconds from the recording's start as a float (numpy's
+                ints and floats as well): the last frame at or before it.
 
         Raises:
             IndexError: there is no such frame.
+            TypeError: ``where`` is no number.
         """
-        frame = self._frame_at(where) if isinstance(where, float) else where
+        frame = self._frame_number(where)
         if frame < 0:
             raise IndexError(f"frame {frame}: frames count from 0")
         here = self._forward.next_index - 1
@@ -281,14 +299,22 @@ class Engine:
             return self.current
         if frame <= here:
             before = max((k for k in self._kept if k < frame), default=None)
-            self._steps.close()  # type: ignore[attr-defined]
             self._begin(None if before is None else _from_state(decode_state(self._kept[before])))
         while (scene := self.step()) is not None:
             if scene.frame.index == frame:
                 return scene
         raise IndexError(f"frame {frame}: the scene ends at frame {self._forward.next_index - 1}")
 
+    def _frame_number(self, where: Any) -> int:
+        if isinstance(where, Integral):
+            return int(where)
+        if isinstance(where, float | np.floating):
+            return self._frame_at(float(where))
+        raise TypeError(f"{where!r}: must be a frame's number as an int, or seconds as a float")
+
     def _frame_at(self, seconds: float) -> int:
+        if not math.isfinite(seconds):
+            raise IndexError(f"{seconds} s: no time of the scene")
         times = self.scene.frame_times()
         first = next(times)
         limit_ns = first + round(seconds * NANOS)
@@ -313,7 +339,7 @@ class Engine:
             "version": FORMAT,
             "frame": self._forward.next_index - 1,
             "time_ns": self._forward.previous_ns,
-            "recorded": self._recorded,
+            "recorded": self._last_recorded(),
             "input_link": self._forward.input_link,
             "link": "",
             "tracker": self.name,
@@ -322,12 +348,17 @@ class Engine:
             "reasoner_state": self._reasoner.state(),
         }
 
+    def _last_recorded(self) -> str:
+        if self.current is not None:
+            return recorded_now(self.current.frame)
+        return "" if self._restored is None else self._restored.recorded
+
     def restore(self, state: dict[str, Any]) -> None:
         """Continue from what `state` gave, in this or in another engine of the same scene and configuration.
 
         Raises:
-            UsageError: it is of another tracker, configuration or version.
-            SceneTraceError: it is damaged.
+            UsageError: it is of another tracker, configuration, version or recording.
+            SceneTraceError: it is damaged. The engine stays where it was, as it does after any of these.
         """
         checkpoint = _from_state(decode_state(encode_state(state)))
         if checkpoint.version != FORMAT:
@@ -337,8 +368,8 @@ class Engine:
                 f"a state of tracker {checkpoint.tracker!r}, for an engine of {self.name!r}: tracker, configuration "
                 "and package versions must be the same"
             )
-        self._steps.close()  # type: ignore[attr-defined]
-        self.current = None
+        if not of_recording(self.scene, checkpoint):
+            raise UsageError(f"a state of another recording than {self.scene.path}")
         self._begin(checkpoint)
 
 

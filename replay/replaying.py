@@ -32,7 +32,7 @@ from replay import checkpoint, digest, hindsight
 from replay.annotate import payloads
 from replay.checkpoint import Checkpoint
 from replay.configuration import DEFAULT_TRACKER, fingerprint, replay_config, tracker_factory, uses_hindsight
-from replay.engine import Extra, Forward, Step, continuing
+from replay.engine import Extra, Forward, Step, continuing, of_recording, recorded_now
 from replay.facts import facts_of, sha256
 from replay.membership import PATCHES, Patches, renamed
 from replay.trackers.tracker import TrackerFactory
@@ -144,11 +144,6 @@ class Spool:
     def targets(self) -> Iterator[Targets]:
         """The trackers' answers from the first frame on."""
         return (self._targets.decode(data).targets for data in self._records())
-
-
-def recorded_now(frame: Frame) -> str:
-    """The digest of what was recorded at the frame's very time."""
-    return digest.recorded_digest(m for m in frame.messages if m.log_time_ns == frame.time_ns)
 
 
 def recorded_targets(path: Path, camera: str, start: Checkpoint, limits: Limits) -> Iterator[tuple[int, Targets]]:
@@ -342,13 +337,7 @@ class Run:
                 f"{options.checkpoints}: its checkpoints were made with another configuration or package "
                 "version; replay without --checkpoints"
             )
-        frame = next(self.scene.frames(best.time_ns, best.frame), None)
-        recorded = (
-            None
-            if frame is None
-            else digest.recorded_digest(m for m in frame.messages if m.log_time_ns == best.time_ns)
-        )
-        if recorded != best.recorded:
+        if not of_recording(self.scene, best):
             raise UsageError(f"{options.checkpoints}: its checkpoints are of another recording than {self.scene.path}")
         return best
 
