@@ -151,6 +151,7 @@ class AnnotatedLog:
         """
         regions: Regions | None = None
         graph: Graph | None = None
+        last: int | None = None
         topics = [topic for topic, name in self._topics.items() if name == "tracks" or name in names]
         for now, group in groupby(self._log.messages(topics), key=lambda m: m.log_time_ns):
             found: dict[str, Any] = {"events": []}
@@ -159,13 +160,21 @@ class AnnotatedLog:
                     limit = self.limits.max_messages_per_frame
                     raise LimitError(f"over {limit} messages at {now} ns (max_messages_per_frame)", self.path)
                 name = self._topics[message.topic]
+                try:
+                    decoded = self._decode(name, message)
+                except LimitError:
+                    raise
+                except RecordingError as e:
+                    place = "the first frame" if last is None else f"the one after frame {last}"
+                    raise RecordingError(f"{e.reason}, at {now} ns: {place}", e.path, record=message.topic) from e
                 if name == "events":
-                    found["events"].append(self._decode(name, message))
+                    found["events"].append(decoded)
                 else:
-                    found[name] = self._decode(name, message)
+                    found[name] = decoded
             regions = found.get("regions", regions)
             graph = found.get("graph", graph)
             if "tracks" in found:
+                last = found["tracks"].frame
                 yield _frame(now, found, regions, graph)
 
     def _decode(self, name: str, message: Message) -> Any:

@@ -14,10 +14,22 @@ from recorders.log import LogReader, Message
 from recorders.messages import Digest
 from replay import digest
 from replay.checkpoint import PREFIX, decode
-from replay.facts import GOLDEN, Facts, extras, facts_of, sha256
+from replay.facts import DIGESTS, GOLDEN, Facts, extras, facts_of, sha256
 
 WHOLE = -1
 RECORDED = "recorded messages"
+
+
+def cut(a: str, b: str) -> tuple[str, str]:
+    """Two digests in 16 characters each; where those are the same, from the place on where they differ.
+
+    >>> cut("0123456789abcdef01", "0123456789abcdef02")
+    ('...1', '...2')
+    """
+    if a[:16] != b[:16] or a == b:
+        return a[:16], b[:16]
+    at = next((k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
+    return f"...{a[at : at + 16]}", f"...{b[at : at + 16]}"
 
 
 @dataclass(frozen=True)
@@ -178,7 +190,8 @@ def verify_chain(
         reasons = [f"the metadata's {name} was altered after the replay" for name in altered]
         found: Difference | None = None
         for name, (then, now) in altered.items():
-            found = found or Difference(WHOLE, "metadata", f"{name}'s digest", then[:16] or "none", now[:16] or "none")
+            field = name if name == DIGESTS else f"{name}'s digest"
+            found = found or Difference(WHOLE, "metadata", field, *cut(then or "none", now or "none"))
         recorded = None if facts.annotations_only else RecordedInput(channels.topic(facts.camera, "detections"))
         link, frames = facts.link_before, 0
         for record in recorded_frames(log, facts.camera, recorded):
@@ -222,13 +235,13 @@ def _wrong(record: FrameRecord, link: str, facts: Facts, frames: int) -> tuple[D
     complete = record.recorded is not None and (frames > 0 or facts.from_ns is None)
     if complete and record.recorded != d.recorded:
         assert record.recorded is not None
-        difference = Difference(d.frame, RECORDED, "digest", d.recorded[:16], record.recorded[:16])
+        difference = Difference(d.frame, RECORDED, "digest", *cut(d.recorded, record.recorded))
         return difference, f"the recorded messages of frame {d.frame} were altered after the replay"
     hashes = digest.channel_digests(record.payloads)
     for name in sorted({*hashes, *d.channels}):
         if hashes.get(name) != d.channels.get(name):
-            then, now = (text[:16] if text else "no message" for text in (d.channels.get(name), hashes.get(name)))
-            difference = Difference(d.frame, name, "digest", then, now)
+            then, now = (found.get(name, "no message") for found in (d.channels, hashes))
+            difference = Difference(d.frame, name, "digest", *cut(then, now))
             return difference, f"the channel {name} was altered after the replay"
     return _wrong_stamp(record) or _wrong_link(record, link)
 
@@ -250,7 +263,7 @@ def _wrong_link(record: FrameRecord, link: str) -> tuple[Difference, str] | None
     d = record.digest
     expected = digest.link(link, d.frame, record.time_ns, d.recorded, d.channels)
     if expected != d.link:
-        difference = Difference(d.frame, "digest", "link", d.link[:16], expected[:16])
+        difference = Difference(d.frame, "digest", "link", *cut(d.link, expected))
         return difference, "the chain is broken: frames were altered, removed or moved after the replay"
     return None
 
@@ -266,7 +279,7 @@ def _wrong_end(facts: Facts, frames: int, link: str) -> tuple[Difference, str] |
             f"{facts.input_frames} frames were replayed and none left out, but {frames} are here: altered",
         )
     if frames and link != facts.output_digest:
-        difference = Difference(WHOLE, "metadata", "output_digest", facts.output_digest[:16], link[:16])
+        difference = Difference(WHOLE, "metadata", "output_digest", *cut(facts.output_digest, link))
         return difference, "the chain does not end in the log's output digest"
     return None
 
@@ -280,7 +293,7 @@ def _wrong_input(facts: Facts, recorded: RecordedInput | None) -> tuple[Differen
         return difference, f"{facts.input_frames} frames were recorded, {recorded.frames} are here"
     link = recorded.final_link()
     if link != facts.input_digest:
-        difference = Difference(WHOLE, RECORDED, "input digest", facts.input_digest[:16], link[:16])
+        difference = Difference(WHOLE, RECORDED, "input digest", *cut(facts.input_digest, link))
         return difference, "recorded messages after the last frame were altered, added or removed after the replay"
     return None
 
@@ -312,7 +325,7 @@ def _wrong_checkpoint(log: LogReader, facts: Facts) -> tuple[Difference, str] | 
             continue
         now, then = sha256(attachment.data), left.pop(attachment.name, "nothing")
         if now != then:
-            difference = Difference(WHOLE, attachment.name, "digest", then[:16], now[:16])
+            difference = Difference(WHOLE, attachment.name, "digest", *cut(then, now))
             return difference, f"the attachment {attachment.name} was altered after the replay"
         time_ns = decode(attachment.data, str(log.path)).time_ns
         if attachment.log_time_ns != time_ns:
@@ -332,5 +345,5 @@ def _wrong_extras(log: LogReader, facts: Facts) -> tuple[Difference, str] | None
     for name in sorted({*facts.extras, *now}):
         a, b = facts.extras.get(name, "nothing"), now.get(name, "nothing")
         if a != b:
-            return Difference(WHOLE, name, "digest", a[:16], b[:16]), f"the {name} was altered after the replay"
+            return Difference(WHOLE, name, "digest", *cut(a, b)), f"the {name} was altered after the replay"
     return None

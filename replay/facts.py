@@ -23,7 +23,7 @@ METADATA = "scenetrace"
 FORMAT_VERSION = "1"
 KIND = "annotated"
 GOLDEN = "scenetrace.golden"
-_DIGESTS = "fact_digests"
+DIGESTS = "fact_digests"
 T = TypeVar("T")
 
 
@@ -39,7 +39,7 @@ def sha256(data: bytes) -> str:
 
 def sealed(facts: Mapping[str, str]) -> dict[str, str]:
     """The facts with a digest of each beside them."""
-    return {**facts, _DIGESTS: canonical({name: sha256(facts[name].encode()) for name in sorted(facts)})}
+    return {**facts, DIGESTS: canonical({name: sha256(facts[name].encode()) for name in sorted(facts)})}
 
 
 def extras(attachments: Iterable[Attachment], records: Iterable[tuple[str, Mapping[str, str]]]) -> dict[str, str]:
@@ -108,10 +108,11 @@ class Facts:
 
     def altered(self) -> dict[str, tuple[str, str]]:
         """The facts that are not what was written: name to the digest then and now, empty for what is not there."""
-        if _DIGESTS not in self.values:
-            return {}
-        then = _json(self.path, self.values, _DIGESTS, dict[str, str])
-        now = {name: sha256(value.encode()) for name, value in self.values.items() if name != _DIGESTS}
+        if DIGESTS not in self.values:
+            # Every replay writes them: without, any fact may have been altered.
+            return {DIGESTS: ("a record", "")}
+        then = _json(self.path, self.values, DIGESTS, dict[str, str])
+        now = {name: sha256(value.encode()) for name, value in self.values.items() if name != DIGESTS}
         names = sorted({*now, *then})
         return {n: (then.get(n, ""), now.get(n, "")) for n in names if now.get(n) != then.get(n)}
 

@@ -23,7 +23,7 @@ from recorders.log import LogReader
 from recorders.messages import Digest
 from recorders.scene import SceneLog
 from replay import checkpoint, digest
-from replay.chain import RECORDED, WHOLE, Difference, FrameRecord, Verification, recorded_frames, verify_chain
+from replay.chain import RECORDED, WHOLE, Difference, FrameRecord, Verification, cut, recorded_frames, verify_chain
 from replay.checkpoint import Checkpoint
 from replay.configuration import machine, opencv_build, package_versions, python_version, recorded_config
 from replay.facts import Facts, build_facts, facts_of
@@ -200,8 +200,7 @@ def _changed_input(scene: SceneLog, log: LogReader, facts: Facts) -> Difference 
         while expected is not None and (not expected.digests or expected.digest.frame < frame.index):
             expected = next(records, None)
         if expected is not None and expected.digest.frame == frame.index and expected.digest.recorded != now:
-            then = expected.digest.recorded
-            return Difference(frame.index, RECORDED, "digest", then[:16], now[:16])
+            return Difference(frame.index, RECORDED, "digest", *cut(expected.digest.recorded, now))
         if count == facts.input_frames and facts.to_ns is not None and link == facts.input_digest:
             return None
     if scene.trailing:
@@ -209,7 +208,7 @@ def _changed_input(scene: SceneLog, log: LogReader, facts: Facts) -> Difference 
     if count < facts.input_frames:
         return Difference(WHOLE, RECORDED, "frames", str(facts.input_frames), str(count))
     if link != facts.input_digest:
-        return Difference(WHOLE, RECORDED, "input digest", facts.input_digest[:16], link[:16])
+        return Difference(WHOLE, RECORDED, "input digest", *cut(facts.input_digest, link))
     return None
 
 
@@ -333,9 +332,9 @@ def _unequal_digests(then: list[Digest], now: Digest, links: bool) -> Difference
     for name in sorted({*then[0].channels, *now.channels}):
         old, new = (digests.get(name, "none") for digests in (then[0].channels, now.channels))
         if old != new:
-            return Difference(now.frame, "digest", name, old[:16], new[:16])
+            return Difference(now.frame, "digest", name, *cut(old, new))
     if links and then[0].link != now.link:
-        return Difference(now.frame, "digest", "link", then[0].link[:16], now.link[:16])
+        return Difference(now.frame, "digest", "link", *cut(then[0].link, now.link))
     return None
 
 

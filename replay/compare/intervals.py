@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 Interval = tuple[int, int]
 
@@ -14,6 +14,21 @@ def extend(spans: list[Interval], frame: int, gap: int = 1) -> None:
         spans[-1] = (spans[-1][0], frame)
     else:
         spans.append((frame, frame))
+
+
+def union(spans: Iterable[Interval]) -> list[Interval]:
+    """Frames of any of them, whatever their order.
+
+    >>> union([(8, 9), (0, 3), (2, 5), (6, 6)])
+    [(0, 6), (8, 9)]
+    """
+    out: list[Interval] = []
+    for first, last in sorted(spans):
+        if out and first <= out[-1][1] + 1:
+            out[-1] = (out[-1][0], max(out[-1][1], last))
+        else:
+            out.append((first, last))
+    return out
 
 
 def intersect(a: Sequence[Interval], b: Sequence[Interval]) -> list[Interval]:

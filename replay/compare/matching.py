@@ -16,7 +16,7 @@ import numpy as np
 
 from recorders.messages import Relation, Track
 from replay.annotated import AnnotatedFrame
-from replay.compare.intervals import Interval, extend
+from replay.compare.intervals import Interval, extend, union
 from replay.trackers.association import assign, iou
 
 MATCH_IOU = 0.5
@@ -68,6 +68,8 @@ class Matching:
         edges: (edge of A, edge of B) to values that differ.
         partner: track of A to track of B; after `finish`.
         back: track of B to track of A; after `finish`.
+        elsewhere_a: track of A to the frames in which it is another one of B than its partner; after `finish`.
+        elsewhere_b: the same for B's tracks.
     """
 
     def __init__(self, tolerance_px: float) -> None:
@@ -78,6 +80,8 @@ class Matching:
         self.edges: dict[tuple[tuple[int, int], tuple[int, int]], dict[str, Change]] = {}
         self.partner: dict[int, int] = {}
         self.back: dict[int, int] = {}
+        self.elsewhere_a: dict[int, list[Interval]] = {}
+        self.elsewhere_b: dict[int, list[Interval]] = {}
         self._runs_of_a: dict[int, list[Run]] = {}
         self._runs_of_b: dict[int, list[Run]] = {}
 
@@ -156,6 +160,15 @@ class Matching:
             by_b.setdefault(b, []).extend(runs)
         self._runs_of_a = {a: _cleaned(found) for a, found in sorted(by_a.items())}
         self._runs_of_b = {b: _cleaned(found) for b, found in sorted(by_b.items())}
+        for sides, elsewhere in ((self._runs_of_a, self.elsewhere_a), (self._runs_of_b, self.elsewhere_b)):
+            for track, own in sides.items():
+                away = [(run.first, run.last) for run in own if self.partner.get(run.a) != run.b]
+                elsewhere[track] = union(away)
+
+    def followed(self, a: int, b: int) -> list[Interval]:
+        """The frames in which a track of A is this track of B, which is not its partner."""
+        runs = {run for side in (self._runs_of_a.get(a, ()), self._runs_of_b.get(b, ())) for run in side}
+        return union(sorted((run.first, run.last) for run in runs if (run.a, run.b) == (a, b)))
 
     def changes(self) -> Iterator[tuple[Run, Run]]:
         """Where a track of A goes on as another one of B, or one of B as another one of A: the runs before and after.
@@ -180,11 +193,18 @@ class Matching:
 
 def _cleaned(runs: list[Run]) -> list[Run]:
     """A track's runs in order, without those that are too short to count beside longer ones, joined where the same."""
-    long = [run for run in runs if run.last - run.first + 1 >= SHORTEST_CHANGE]
+    joined = _joined(runs, SHORTEST_CHANGE)
+    long = [run for run in joined if run.last - run.first + 1 >= SHORTEST_CHANGE]
+    return _joined(long or joined)
+
+
+def _joined(runs: Sequence[Run], gap: float = float("inf")) -> list[Run]:
+    """Runs in order; those of one pair that follow one another, at most ``gap`` frames apart, as one."""
     kept: list[Run] = []
-    for run in sorted(long or runs, key=lambda r: (r.first, r.a, r.b)):
-        if kept and (kept[-1].a, kept[-1].b) == (run.a, run.b):
-            kept[-1] = Run(kept[-1].first, run.last, run.a, run.b)
+    for run in sorted(runs, key=lambda r: (r.first, r.a, r.b)):
+        before = kept[-1] if kept else None
+        if before is not None and (before.a, before.b) == (run.a, run.b) and run.first - before.last <= gap:
+            kept[-1] = Run(before.first, run.last, run.a, run.b)
         else:
             kept.append(run)
     return kept

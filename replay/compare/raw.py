@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby, zip_longest
+from typing import Any
 
 from recorders import channels
-from recorders.errors import LimitError
+from recorders.errors import LimitError, RecordingError
 from recorders.log import LogReader
-from recorders.messages import Digest, Tracks
+from replay.chain import cut
 from replay.verifying import difference_in
 
 RECORDING = "recording"
@@ -60,10 +61,13 @@ class _Frame:
     recorded: list[Recorded]
 
 
-def compare_bytes(a: LogReader, b: LogReader, camera_a: str, camera_b: str, everything: bool = False) -> Raw:
+def compare_bytes(
+    a: LogReader, b: LogReader, camera_a: str, camera_b: str, everything: bool = False, only_shared: bool = False
+) -> Raw:
     """Compare the annotated payloads of two logs, frame by frame.
 
-    With ``everything``, the recorded messages, publish times and sequence numbers are compared, too.
+    With ``everything``, the recorded messages, publish times and sequence numbers are compared, too; with
+    ``only_shared``, frames that only one of them has do not count.
 
     Raises:
         RecordingError: a log is damaged.
@@ -74,7 +78,7 @@ def compare_bytes(a: LogReader, b: LogReader, camera_a: str, camera_b: str, ever
     ours, theirs = left.next(), right.next()
     while ours is not None and theirs is not None:
         if ours.time_ns != theirs.time_ns:
-            out.identical = False
+            out.identical = out.identical and only_shared
             if ours.time_ns < theirs.time_ns:
                 ours = left.next()
             else:
@@ -82,12 +86,12 @@ def compare_bytes(a: LogReader, b: LogReader, camera_a: str, camera_b: str, ever
             continue
         out.frames += 1
         if ours != theirs:
-            _note(out, ours, theirs, a)
+            _note(out, ours, theirs)
         before = ours
         ours, theirs = left.next(), right.next()
         if ours is None and theirs is None and left.trailing != right.trailing:
-            _note_recorded(out, _frame_of(before.payloads, {}, a) + 1, left.trailing, right.trailing)
-    out.identical = out.identical and ours is None and theirs is None
+            _note_recorded(out, _frame_of(before.payloads, {}) + 1, left.trailing, right.trailing)
+    out.identical = out.identical and (out.frames > 0 if only_shared else ours is None and theirs is None)
     return out
 
 
@@ -127,14 +131,14 @@ class _Frames:
                 yield frame
 
 
-def _note(out: Raw, a: _Frame, b: _Frame, log: LogReader) -> None:
+def _note(out: Raw, a: _Frame, b: _Frame) -> None:
     out.identical = False
-    frame = _frame_of(a.payloads, b.payloads, log)
+    frame = _frame_of(a.payloads, b.payloads)
     told = False
     for name in channels.ANNOTATED:
         if a.payloads.get(name) != b.payloads.get(name):
             if name == "digest":
-                told = _note_recording(out, a.payloads, b.payloads, log)
+                told = _note_recording(out, a.payloads, b.payloads)
             pairs = zip_longest(a.payloads.get(name, []), b.payloads.get(name, []))
             x, y = next((x, y) for x, y in pairs if x != y)
             _count(out, name, lambda name=name, x=x, y=y: First(frame, *difference_in(name, x, y)))  # type: ignore[misc]
@@ -172,21 +176,30 @@ def _note_recorded(out: Raw, frame: int, a: Sequence[Recorded], b: Sequence[Reco
     _count(out, RECORDING, lambda: first)
 
 
-def _frame_of(a: Payloads, b: Payloads, log: LogReader) -> int:
-    for payload in (*a.get("tracks", []), *b.get("tracks", [])):
-        found: Tracks = channels.decode("tracks", payload, path=str(log.path))
-        return found.frame
+def _frame_of(a: Payloads, b: Payloads) -> int:
+    """A frame's number, from whichever of its messages can be read: whoever needs the others says what is wrong."""
+    for name in ("tracks", "relations", "groups", "targets", "digest"):
+        for payload in (*a.get(name, []), *b.get(name, [])):
+            found = _readable(name, payload)
+            if found is not None:
+                return int(found.frame)
     return 0
 
 
-def _note_recording(out: Raw, a: Payloads, b: Payloads, log: LogReader) -> bool:
+def _readable(name: str, payload: bytes) -> Any:
+    """A message; None where it is none any more."""
+    try:
+        return channels.decode(name, payload)
+    except RecordingError:
+        return None
+
+
+def _note_recording(out: Raw, a: Payloads, b: Payloads) -> bool:
     """Whether two frames' digests say that their recordings differ."""
-    sides: list[Digest] = [
-        channels.decode("digest", payload, path=str(log.path))
-        for payload in (*a.get("digest", [])[:1], *b.get("digest", [])[:1])
-    ]
+    payloads = (*a.get("digest", [])[:1], *b.get("digest", [])[:1])
+    sides = [d for d in (_readable("digest", payload) for payload in payloads) if d is not None]
     if len(sides) < 2 or sides[0].recorded == sides[1].recorded:
         return False
-    first = First(sides[0].frame, "digest", sides[0].recorded[:16], sides[1].recorded[:16])
+    first = First(sides[0].frame, "digest", *cut(sides[0].recorded, sides[1].recorded))
     _count(out, RECORDING, lambda: first)
     return True

@@ -12,8 +12,8 @@ from replay.annotated import AnnotatedFrame, AnnotatedLog
 from replay.compare.content import Content
 from replay.compare.difference import Comparison, Difference
 from replay.compare.happenings import Happenings
-from replay.compare.intervals import count, intersect, subtract
-from replay.compare.matching import Change, Matching
+from replay.compare.intervals import Interval, count, intersect, subtract
+from replay.compare.matching import Change, Matching, Pair
 from replay.compare.raw import RECORDING, Raw, compare_bytes
 from replay.facts import GOLDEN, Facts, facts_of
 from replay.verifying import both, short
@@ -60,7 +60,7 @@ def compare(
         alike = all(f.whole and not any(name == GOLDEN for name, _ in log.metadata())
                     for f, log in zip(facts, (left, right), strict=True))  # fmt: skip
         everything = alike and options.tolerance_px == 0 and not (options.story or options.only_shared)
-        raw = compare_bytes(left, right, facts[0].camera, facts[1].camera, everything)
+        raw = compare_bytes(left, right, facts[0].camera, facts[1].camera, everything, options.only_shared)
     made = _made(*facts)
     if raw.identical:
         return Comparison(str(a), str(b), True, raw.frames, {}, [], made)
@@ -159,42 +159,43 @@ class _Comparer:
                 yield Difference("frames", change, first, content.seconds(first), [], text, {"frames": n})
 
     def _tracks(self) -> Iterator[Difference]:
-        lying = self._lying()
-        for track, spans in self.a.tracks.items():
-            if track in self.matching.partner:
+        matching = self.matching
+        for track in self.a.tracks:
+            if track in matching.partner:
                 yield from self._matched(track)
             else:
-                yield from self._alone(self.a, track, spans, "vanished", f"track {track} is not in B", lying[0])
-        for track, spans in self.b.tracks.items():
-            if track not in self.matching.back:
-                yield from self._alone(self.b, track, spans, "appeared", f"track {track} of B is not in A", lying[1])
+                here = self._own(self.a, track)
+                yield from self._alone(self.a, track, here, "vanished", f"track {track} is not in B")
+        for track in self.b.tracks:
+            if track not in matching.back:
+                here = self._own(self.b, track)
+                yield from self._alone(self.b, track, here, "appeared", f"track {track} of B is not in A")
+        for (a, b), pair in sorted(matching.pairs.items()):
+            within = [] if matching.partner.get(a) == b else matching.followed(a, b)
+            if within:
+                ours, theirs = (intersect(spans, within) for spans in (self.a.tracks[a], self.b.tracks[b]))
+                yield from self._pair(a, b, pair, ours, theirs)
 
-    def _lying(self) -> tuple[dict[int, int], dict[int, int]]:
-        """In how many frames each track of A, and of B, lies on one of the other log."""
-        a: dict[int, int] = {}
-        b: dict[int, int] = {}
-        for (x, y), pair in self.matching.pairs.items():
-            a[x] = a.get(x, 0) + pair.frames
-            b[y] = b.get(y, 0) + pair.frames
-        return a, b
+    def _own(self, content: Content, track: int) -> list[Interval]:
+        """The frames of both logs in which a track of one is its partner of the other, or nobody of it.
 
-    def _alone(
-        self, content: Content, track: int, spans: list[tuple[int, int]], change: str, text: str, lying: dict[int, int]
-    ) -> Iterator[Difference]:
-        here = intersect(spans, self.shared)
+        Where it is another one, that is told as a change of identity.
+        """
+        matching = self.matching
+        elsewhere = matching.elsewhere_a if content is self.a else matching.elsewhere_b
+        return subtract(intersect(content.tracks.get(track, []), self.shared), elsewhere.get(track, []))
+
+    @staticmethod
+    def _alone(content: Content, track: int, here: list[Interval], change: str, text: str) -> Iterator[Difference]:
         n = count(here)
-        # Where it lies on another log's track most of its time, it is told as a change of identity.
-        if n and lying.get(track, 0) * 2 < n:
+        if n:
             t = content.seconds(here[0][0])
             words = f"{text}: {n} frame{'s' if n > 1 else ''} from {t:.1f} s"
             yield Difference("track", change, here[0][0], t, [track], words, {"frames": n})
 
     def _matched(self, track: int) -> Iterator[Difference]:
         partner = self.matching.partner[track]
-        pair = self.matching.pairs[track, partner]
-        ours, theirs = (
-            intersect(spans, self.shared) for spans in (self.a.tracks[track], self.b.tracks.get(partner, []))
-        )
+        ours, theirs = self._own(self.a, track), self._own(self.b, partner)
         for mine, other, change, name in ((ours, theirs, "vanished", "A"), (theirs, ours, "appeared", "B")):
             alone = subtract(mine, other)
             if alone:
@@ -202,19 +203,26 @@ class _Comparer:
                 t = self.a.seconds(frame)
                 text = f"track {track} is in {n} frame{'s' if n > 1 else ''} of {name} only, first at {t:.1f} s"
                 yield Difference("track", change, frame, t, [track], text, {"frames": n, "partner": partner})
+        yield from self._pair(track, partner, self.matching.pairs[track, partner], ours, theirs)
+
+    def _pair(
+        self, track: int, partner: int, pair: Pair, ours: list[Interval], theirs: list[Interval]
+    ) -> Iterator[Difference]:
+        """How a track of A and the track of B that it is differ while both are there."""
+        name = f"track {track}"
+        if self.matching.partner.get(track) != partner:
+            name += f" (B's track {partner})"
         apart = subtract(intersect(ours, theirs), pair.spans)
         n = pair.far + count(apart)
         if n:
             frame = min([f for f in (pair.first_far, apart[0][0] if apart else -1) if f >= 0])
             t = self.a.seconds(frame)
             far = "without overlap" if apart else f"by up to {pair.largest_px:.3g} px"
-            text = (
-                f"track {track} lies elsewhere in {n} of {pair.frames + count(apart)} frames, {far}, first at {t:.1f} s"
-            )
+            text = f"{name} lies elsewhere in {n} of {pair.frames + count(apart)} frames, {far}, first at {t:.1f} s"
             details = {"frames": n, "largest_px": pair.largest_px, "frames_apart": count(apart), "partner": partner}
             yield Difference("track", "moved", frame, t, [track], text, details)
         if pair.values:
-            yield self._values("track", f"track {track}", [track], pair.values)
+            yield self._values("track", name, [track], pair.values)
 
     def _values(self, what: str, name: str, subjects: list[int], values: dict[str, Change]) -> Difference:
         """One line for all values of a track or relation that differ: the first one with both sides."""

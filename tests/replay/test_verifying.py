@@ -153,13 +153,18 @@ def test_the_scene_beside_is_a_name_never_a_path(folder: Path, tmp_path: Path) -
 
 
 def test_the_command_prints_the_reasons(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    wrong = with_facts(folder / "a.mcap", tmp_path / "b.mcap", configured("shell_model", "k_s", 0.3), reseal=False)
+    wrong = with_facts(folder / "a.mcap", tmp_path / "b.mcap", configured("shell_model", "k_s", 0.3))
     assert main(["verify", str(wrong)]) == 4
     said = capsys.readouterr().out
     assert "shell_radius" in said
     assert main(["verify", str(folder / "a.mcap")]) == 0
     assert "identical: 40 frames" in capsys.readouterr().out
     assert main(["verify", str(wrong), "--quick", "--json"]) == 0
+    capsys.readouterr()
+    wrong = with_facts(folder / "a.mcap", tmp_path / "c.mcap", configured("events", "gate", 1.5), reseal=False)
+    for more in ([], ["--quick"]):
+        assert main(["verify", str(wrong), *more]) == 4, "without the facts' digests any fact may be another one"
+        assert "the metadata's fact_digests was altered after the replay" in capsys.readouterr().out
 
 
 # -- states that come from files -----------------------------------------------------------------------------------
@@ -283,6 +288,49 @@ def test_a_state_goes_to_another_engine_and_to_no_other_tracker(folder: Path) ->
             Engine(scene, config=replay_config("events", assignments=["events.gate=3.5"])).restore(state)
         with pytest.raises(SceneTraceError, match="not a state of an engine"):
             other.restore({"frame": 3})
+
+
+@pytest.mark.parametrize("number", [int, float, np.int64, np.float32, np.float64])
+def test_seek_takes_numbers_of_any_make(folder: Path, number: type) -> None:
+    with SceneLog(folder / "scene.mcap") as scene:
+        found = Engine(scene).seek(number(1))
+        assert found.frame.index == (1 if number in (int, np.int64) else 25)
+
+
+def test_seek_to_no_number_says_so(folder: Path) -> None:
+    with SceneLog(folder / "scene.mcap") as scene:
+        engine = Engine(scene)
+        for wrong in (float("nan"), float("inf"), np.float32("-inf")):
+            with pytest.raises(IndexError, match="no time of the scene"):
+                engine.seek(wrong)
+        with pytest.raises(TypeError, match="'2': must be a frame's number"):
+            engine.seek("2")
+
+
+def test_a_state_of_another_recording_is_refused(folder: Path, tmp_path: Path) -> None:
+    other = generate("pass_by", seed=3, size=(96, 72), frames=FRAMES)
+    write_scene_log(other, tmp_path / "other.mcap", pictures="none")
+    with SceneLog(folder / "scene.mcap") as scene, SceneLog(tmp_path / "other.mcap") as another:
+        engine = Engine(scene)
+        engine.seek(20)
+        with pytest.raises(UsageError, match=r"of another recording than .*other\.mcap"):
+            Engine(another).restore(engine.state())
+
+
+def test_a_restore_that_fails_leaves_the_engine_where_it_was(folder: Path, tmp_path: Path) -> None:
+    with SceneLog(folder / "scene.mcap") as scene:
+        straight = [found.annotation for found in Engine(scene).run()]
+        engine = Engine(scene)
+        state = engine.seek(10) and engine.state()
+        engine.seek(20)
+        for wrong in ({**state, "tracker_state": {}}, {**state, "reasoner_state": {}}, {**state, "recorded": "no"}):
+            with pytest.raises(SceneTraceError):
+                engine.restore(wrong)
+            assert engine.current is not None
+            assert engine.current.frame.index == 20
+        assert engine.step().annotation == straight[21]
+        engine.restore(state)
+        assert engine.step().annotation == straight[11]
 
 
 def test_the_spool_gives_back_what_it_took_in_several_readings_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
