@@ -171,7 +171,7 @@ def decode(name: str, data: bytes, *, path: str = "", limits: Limits = DEFAULT_L
             check_regions(decoded)
         return decoded  # noqa: TRY300 - the checks belong to the decoding
     except (msgspec.MsgspecError, DecodeError, RecursionError, UnicodeDecodeError, ValueError) as e:
-        raise RecordingError(f"not a {name} message: {e}", path, record=name) from e
+        raise RecordingError(f"not {'an' if name[0] in 'aeiou' else 'a'} {name} message: {e}", path, record=name) from e
 
 
 def _check_depth(data: bytes, limit: int) -> None:

@@ -8,6 +8,7 @@ routines, which give the same bits on every machine.
 from __future__ import annotations
 
 import struct
+import zlib
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -115,6 +116,9 @@ def decode_picture(data: bytes, *, gray: bool = False, path: str | Path = "", li
     check_size(header.width, header.height, path, limits)
     if not is_whole(data, header.format):
         raise RecordingError(f"a {header.format} picture that is cut off", path)
+    if header.format == "png":
+        # libpng would find it as well, and say so on stderr in its own words.
+        _check_png(data, path)
     flags = cv2.IMREAD_GRAYSCALE if gray else cv2.IMREAD_COLOR
     try:
         image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -123,6 +127,21 @@ def decode_picture(data: bytes, *, gray: bool = False, path: str | Path = "", li
     if image is None or image.shape[:2] != (header.height, header.width):
         raise RecordingError(f"a damaged {header.format} picture", path)
     return np.asarray(image, np.uint8)
+
+
+def _check_png(data: bytes, path: str | Path) -> None:
+    """Hold the chunks that a PNG cannot do without (upper case) against their CRCs."""
+    at = len(_PNG_SIGNATURE)
+    while at + 12 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        end = at + 8 + length
+        if end + 4 > len(data):
+            raise RecordingError(f"a damaged png picture: its {kind!r} chunk at byte {at} is cut off", path)
+        if kind[:1].isupper() and zlib.crc32(memoryview(data)[at + 4 : end]) != int.from_bytes(data[end : end + 4]):
+            raise RecordingError(f"a damaged png picture: the CRC of its {kind!r} chunk at byte {at} differs", path)
+        if kind == b"IEND":
+            return
+        at = end + 4
 
 
 def is_whole(data: bytes, picture_format: Format) -> bool:

@@ -25,6 +25,7 @@ from recorders.checks import check_detections
 from recorders.errors import OutputExistsError, SceneTraceError, SourceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogWriter
+from recorders.machine import machine, opencv_build, python_version
 from recorders.messages import NO_BLOB, Detections, Regions
 from recorders.parameters import Config, Parameters, as_plain, configure
 from recorders.pictures import Image, VideoEncoder, encode_jpeg, encode_mask, encode_png
@@ -415,6 +416,9 @@ def _known_at_start(source: Source, options: RecordOptions) -> dict[str, str]:
         "camera": options.camera,
         "configuration": _json(as_plain(options.config)),
         "packages": _json(_package_versions()),
+        "python": python_version(),
+        "machine": machine(),
+        "opencv_build": opencv_build(),
         "source": utf8(source.path.name),
         "source_kind": source.name,
         "width": str(source.width),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from reasoning.reasoner import SceneAnnotation
 from recorders import channels
@@ -57,12 +58,16 @@ def _axes(polygons: list[list[tuple[float, float]]]) -> tuple[list[float], list[
     return [x for polygon in polygons for x, _ in polygon], [y for polygon in polygons for _, y in polygon]
 
 
-def check_targets(answer: Targets, frame: int) -> None:
+def check_targets(answer: Any, frame: int) -> None:
     """Hold a tracker to its protocol: finite boxes of positive size, ids that rise within the frame.
 
     Raises:
         SceneTraceError: the answer breaks it; names frame, target and value.
     """
+    if not isinstance(answer, Targets):
+        raise SceneTraceError(
+            f"frame {frame}: the tracker's step() answered {type(answer).__name__}, must be recorders.messages.Targets"
+        )
     if answer.frame != frame:
         raise SceneTraceError(f"the tracker answered for frame {answer.frame} when asked for frame {frame}")
     previous = -1

@@ -13,8 +13,8 @@ from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
 from recorders.messages import Digest
 from replay import digest
-from replay.checkpoint import PREFIX, decode
-from replay.facts import DIGESTS, GOLDEN, Facts, extras, facts_of, sha256
+from replay.checkpoint import MEDIA_TYPE, PREFIX, decode
+from replay.facts import DIGESTS, GOLDEN, AlteredFactsError, Facts, extras, facts_of, sha256
 
 WHOLE = -1
 RECORDED = "recorded messages"
@@ -57,7 +57,7 @@ class Verification:
 
     Attributes:
         identical: nothing differs.
-        frames: annotated frames that were found equal.
+        frames: annotated frames that were found equal, up to the first difference where that has a frame.
         difference: the first thing that differs; where the recording was changed, that change.
         reasons: what is not as it was, each with both values; with `identical`, what changed without effect.
         output_digest: the log's.
@@ -183,7 +183,11 @@ def verify_chain(
         UsageError: a golden file, which has no digests.
     """
     with LogReader(path, limits) as log:
-        facts = facts_of(log)
+        try:
+            facts = facts_of(log)
+        except AlteredFactsError as e:
+            difference = Difference(WHOLE, "metadata", e.fact, "a fact" if e.fact else "one record", "none to be read")
+            return Verification(False, 0, difference, [f"altered after the replay: {e.reason}"])
         if any(name == GOLDEN for name, _ in log.metadata()):
             raise UsageError(f"{path}: a golden file holds no digests to verify; compare it with `scenetrace diff`")
         altered = facts.altered()
@@ -243,7 +247,20 @@ def _wrong(record: FrameRecord, link: str, facts: Facts, frames: int) -> tuple[D
             then, now = (found.get(name, "no message") for found in (d.channels, hashes))
             difference = Difference(d.frame, name, "digest", *cut(then, now))
             return difference, f"the channel {name} was altered after the replay"
-    return _wrong_stamp(record) or _wrong_link(record, link)
+    return _wrong_stamp(record) or _wrong_span(record, facts) or _wrong_link(record, link)
+
+
+def _wrong_span(record: FrameRecord, facts: Facts) -> tuple[Difference, str] | None:
+    """A frame where the log says that it has none."""
+    for name, bound, outside in (
+        ("from_ns", facts.from_ns, facts.from_ns is not None and record.time_ns < facts.from_ns),
+        ("to_ns", facts.to_ns, facts.to_ns is not None and record.time_ns >= facts.to_ns),
+    ):
+        if outside:
+            d = record.digest
+            difference = Difference(d.frame, "metadata", name, str(bound), f"a frame at {record.time_ns}")
+            return difference, f"the metadata's {name} was altered after the replay: frame {d.frame} is outside of it"
+    return None
 
 
 def _wrong_stamp(record: FrameRecord) -> tuple[Difference, str] | None:
@@ -328,9 +345,14 @@ def _wrong_checkpoint(log: LogReader, facts: Facts) -> tuple[Difference, str] | 
             difference = Difference(WHOLE, attachment.name, "digest", *cut(then, now))
             return difference, f"the attachment {attachment.name} was altered after the replay"
         time_ns = decode(attachment.data, str(log.path)).time_ns
-        if attachment.log_time_ns != time_ns:
-            difference = Difference(WHOLE, attachment.name, "log time", str(time_ns), str(attachment.log_time_ns))
-            return difference, f"the attachment {attachment.name} was moved after the replay"
+        for what, wanted, found in (
+            ("log time", time_ns, attachment.log_time_ns),
+            ("create time", 0, attachment.create_time_ns),
+            ("media type", MEDIA_TYPE, attachment.media_type),
+        ):
+            if found != wanted:
+                difference = Difference(WHOLE, attachment.name, what, str(wanted), str(found))
+                return difference, f"the {what} of the attachment {attachment.name} was altered after the replay"
     if left:
         name = min(left)
         return Difference(WHOLE, name, "", "an attachment", "none"), f"the attachment {name} was removed"

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import platform
-import sys
 from collections.abc import Iterable, Mapping
-from functools import cache
+from functools import cache, partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -18,7 +16,6 @@ from reasoning.encounters import EncounterParameters
 from recorders import recording
 from recorders.errors import ConfigError, UsageError
 from recorders.parameters import Config, Parameters, as_plain, configure, named
-from recorders.vision import cv2
 from replay import hindsight
 from replay.trackers.catalogue import TRACKER_SECTIONS, TRACKERS
 from replay.trackers.tracker import TrackerFactory
@@ -38,12 +35,19 @@ DECISIVE_PACKAGES = (
     "scenetrace",
     "scipy",
 )
-_BUILD_FACTS = ("Version control", "CPU/HW features", "Baseline", "JPEG", "PNG", "Intel IPP", "Parallel framework")
 
 
 def tracker_name(tracker: str | TrackerFactory) -> str:
     """A catalogue name as it is; a factory of the caller's own by its class's or function's name."""
-    return tracker if isinstance(tracker, str) else getattr(tracker, "__name__", type(tracker).__name__)
+    if isinstance(tracker, str):
+        return tracker
+    made_of = _unbound(tracker)
+    return str(getattr(made_of, "__name__", type(made_of).__name__))
+
+
+def _unbound(factory: TrackerFactory) -> Any:
+    """What a `functools.partial` calls; any other factory itself."""
+    return factory.func if isinstance(factory, partial) else factory
 
 
 def tracker_factory(tracker: str | TrackerFactory) -> TrackerFactory:
@@ -66,7 +70,11 @@ def sections(tracker: str | TrackerFactory) -> dict[str, type[Parameters]]:
     class); without one it has no parameters.
     """
     factory = tracker_factory(tracker)
-    own = TRACKER_SECTIONS[tracker] if isinstance(tracker, str) else getattr(factory, "SECTIONS", {})
+    own = (
+        TRACKER_SECTIONS[tracker]
+        if isinstance(tracker, str)
+        else getattr(factory, "SECTIONS", None) or getattr(_unbound(factory), "SECTIONS", {})
+    )
     return {**own, **reasoner.SECTIONS, **hindsight.SECTIONS}
 
 
@@ -124,7 +132,9 @@ def recorded_config(tracker: str | TrackerFactory, values: Mapping[str, Mapping[
     now = as_plain(configure(known))
     kept: dict[str, dict[str, Any]] = {name: {} for name in known}
     notes: list[str] = []
-    for section, name in sorted((s, n) for s, fields in values.items() for n in fields):
+    gone = [section for section in sorted(values) if section not in known and len(values[section]) > 1]
+    notes += [f"configuration: the section {s} was there, no parameter of it is read now" for s in gone]
+    for section, name in sorted((s, n) for s, fields in values.items() if s not in gone for n in fields):
         value = values[section][name]
         if section not in known or name not in now[section]:
             notes.append(f"configuration: {section}.{name} was {value!r}, there is no such parameter any more")
@@ -136,25 +146,12 @@ def recorded_config(tracker: str | TrackerFactory, values: Mapping[str, Mapping[
         else:
             kept[section][name] = value
     for section, fields in now.items():
+        if section not in values and len(fields) > 1:
+            notes.append(f"configuration: the section {section} was absent, its parameters have their defaults")
+            continue
         missing = [name for name in fields if name not in values.get(section, {})]
         notes += [f"configuration: {section}.{name} was absent, is {fields[name]!r}" for name in missing]
     return configure(known, values=kept), notes
-
-
-def python_version() -> str:
-    """Interpreter and version: results were found equal over versions, so it is recorded and not part of a
-    fingerprint.
-    """
-    return f"{platform.python_implementation()} {platform.python_version()}"
-
-
-def machine() -> str:
-    """The processor's architecture, and the kernels that numpy picks for it: exp, log and arctan2 differ over them."""
-    # numpy tells it by printing alone (`numpy.show_runtime`); without this module the architecture has to do.
-    numpy_core = sys.modules.get("numpy._core._multiarray_umath")
-    here = getattr(numpy_core, "__cpu_features__", {})
-    kernels = [name for name in getattr(numpy_core, "__cpu_dispatch__", ()) if here.get(name)]
-    return f"{platform.machine()}, numpy with {' '.join(kernels) or 'its baseline alone'}"
 
 
 def package_versions() -> dict[str, str]:
@@ -168,17 +165,6 @@ def _version(name: str) -> str:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
         return "absent"
-
-
-def opencv_build() -> str:
-    """The lines of OpenCV's build information that say which kernels it may pick."""
-    lines = []
-    for line in cv2.getBuildInformation().splitlines():
-        key, _, value = line.strip().partition(":")
-        if key in _BUILD_FACTS and value.strip():
-            lines.append(f"{key}: {' '.join(value.split())}")
-    lines.append(f"IPP in use: {'yes' if cv2.ipp.useIPP() else 'no'}")
-    return "; ".join(lines)
 
 
 def fingerprint(tracker: str, config: Mapping[str, Parameters]) -> str:

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from recorders import channels
 from recorders.errors import RecordingError
 from recorders.log import Attachment, LogReader
 from replay.checkpoint import PREFIX
@@ -53,6 +54,18 @@ def extras(attachments: Iterable[Attachment], records: Iterable[tuple[str, Mappi
         if name != METADATA:
             parts.setdefault(f"metadata record {name}", []).append(sha256(canonical(values).encode()))
     return {name: sha256("".join(digests).encode()) for name, digests in sorted(parts.items())}
+
+
+class AlteredFactsError(RecordingError):
+    """What a log says of its own making is not what any replay writes.
+
+    Attributes:
+        fact: which one, empty for the record as a whole.
+    """
+
+    def __init__(self, reason: str, path: Path, fact: str = "") -> None:
+        super().__init__(reason, path)
+        self.fact = fact
 
 
 @dataclass(frozen=True)
@@ -121,15 +134,22 @@ def facts_of(log: LogReader) -> Facts:
     """What an annotated log says of itself.
 
     Raises:
-        RecordingError: it is not an annotated log, or a fact is missing or not readable; names it.
+        AlteredFactsError: a fact is missing or not readable, or the record is not there once; names it.
+        RecordingError: it is not an annotated log, or one of another format.
     """
     found = [values for name, values in log.metadata() if name == METADATA and values.get("kind") == KIND]
     if len(found) > 1:
-        raise RecordingError(
+        raise AlteredFactsError(
             f"{len(found)} metadata records {METADATA!r} say how it was made, there can be one: altered", log.path
         )
     if found:
         return _parsed(log.path, found[0])
+    if any(channels.split(c.topic)[1] == "digest" for c in log.channels):
+        raise AlteredFactsError(
+            f"the metadata record {METADATA!r}, which every replay writes, is not there: altered, or written by "
+            "another program",
+            log.path,
+        )
     raise RecordingError(
         "not an annotated log (no metadata `scenetrace` of a replay); make one with `scenetrace replay`", log.path
     )
@@ -168,7 +188,9 @@ def _parsed(path: Path, v: dict[str, str]) -> Facts:
 
 def _text(path: Path, values: Mapping[str, str], name: str) -> str:
     if name not in values:
-        raise RecordingError(f"the metadata record lacks {name!r}: written by another program, or altered", path)
+        raise AlteredFactsError(
+            f"the metadata record lacks {name!r}: written by another program, or altered", path, name
+        )
     return values[name]
 
 
@@ -176,7 +198,7 @@ def _number(path: Path, values: Mapping[str, str], name: str) -> int:
     text = _text(path, values, name)
     # int() takes more than what we write, and texts of any length.
     if len(text) > 20 or not text.removeprefix("-").isascii() or not text.removeprefix("-").isdigit():
-        raise RecordingError(f"the metadata's {name} is {text[:40]!r}, not a number: altered", path)
+        raise AlteredFactsError(f"the metadata's {name} is {text[:40]!r}, not a number: altered", path, name)
     return int(text)
 
 
@@ -188,7 +210,7 @@ def _json(path: Path, values: Mapping[str, str], name: str, kind: type[T]) -> T:
     try:
         return msgspec.json.decode(_text(path, values, name).encode(), type=kind)
     except (msgspec.MsgspecError, RecursionError, ValueError) as e:
-        raise RecordingError(f"the metadata's {name} cannot be read: {e}", path) from e
+        raise AlteredFactsError(f"the metadata's {name} cannot be read: {e}: altered", path, name) from e
 
 
 def build_facts(text: str) -> dict[str, str]:

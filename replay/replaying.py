@@ -198,6 +198,7 @@ class Run:
     Attributes:
         input_link: the input chain's link after the last frame read.
         link: the output chain's link after the last frame.
+        resumed: the frame after which a checkpoint was taken up, None from the start.
     """
 
     def __init__(self, scene: SceneLog, options: ReplayOptions, progress: Progress | None = None) -> None:
@@ -213,7 +214,7 @@ class Run:
         self._hindsight = uses_hindsight(options.tracker, options.config)
         self._start_ns: int | None = None
         self._periods = 0
-        self._resumed: int | None = None
+        self.resumed: int | None = None
 
     @property
     def may_stop(self) -> bool:
@@ -275,7 +276,7 @@ class Run:
             with continuing(start.frame):
                 reasoner.restore(start.reasoner_state)
             self.link = start.link
-            self._resumed = start.frame
+            self.resumed = start.frame
             self._checkpoint_due(start.time_ns)
         with ExitStack() as stack:
             spool = stack.enter_context(Spool()) if self._hindsight else None

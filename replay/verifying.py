@@ -20,15 +20,16 @@ from recorders import channels
 from recorders.errors import LimitError, RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
+from recorders.machine import machine, opencv_build, python_version
 from recorders.messages import Digest
 from recorders.scene import SceneLog
 from replay import checkpoint, digest
 from replay.chain import RECORDED, WHOLE, Difference, FrameRecord, Verification, cut, recorded_frames, verify_chain
 from replay.checkpoint import Checkpoint
-from replay.configuration import machine, opencv_build, package_versions, python_version, recorded_config
-from replay.facts import Facts, build_facts, facts_of
+from replay.configuration import package_versions, recorded_config
+from replay.facts import AlteredFactsError, Facts, build_facts, facts_of
 from replay.replaying import Annotated, Progress, ReplayOptions, Run
-from replay.trackers.catalogue import TRACKERS
+from replay.trackers.catalogue import TRACKER_SECTIONS, TRACKERS
 from replay.trackers.tracker import TrackerFactory
 
 # Protobuf messages whose fields say more than their bytes: no pictures.
@@ -73,13 +74,17 @@ def verify(
     """
     chain = verify_chain(path, limits, progress)
     with LogReader(path, limits) as log:
-        facts = facts_of(log)
+        try:
+            facts = facts_of(log)
+        except AlteredFactsError:
+            return chain  # which says so; nothing else is known to replay it by
         if factory is None and facts.tracker not in TRACKERS:
             raise UsageError(
                 f"{path}: was made with the tracker {facts.tracker!r}, which is not one of scenetrace's "
                 f"({', '.join(TRACKERS)}); give it to `replay.verifying.verify(path, factory=...)`"
             )
         config, changes = recorded_config(factory or facts.tracker, facts.configuration)
+        changes = [*_tracker_of_another(facts), *changes]
         options = ReplayOptions(
             tracker=facts.tracker,
             config=config,
@@ -102,7 +107,16 @@ def verify(
     reasons = [*chain.reasons, *changes, *_changed_packages(facts), *stopped]
     if changed is not None and not any("recorded messages" in reason for reason in chain.reasons):
         reasons.insert(0, f"the recording is not the one that was replayed: {changed}")
-    return _verdict(chain, changed, effect, frames, reasons)
+    return _verdict(chain, changed, effect, frames, reasons, facts.first_frame)
+
+
+def _tracker_of_another(facts: Facts) -> list[str]:
+    """That the configuration is another tracker's than the log says."""
+    if facts.tracker not in TRACKER_SECTIONS.get(facts.tracker, ()) or facts.tracker in facts.configuration:
+        return []
+    owners = [name for name in TRACKERS if name in facts.configuration]
+    others = f", it has those of {' and '.join(owners)}" if owners else ""
+    return [f"the tracker is said to be {facts.tracker}, the configuration has none of its parameters{others}: altered"]
 
 
 def _compared(comparing: _Comparing, certain: bool) -> tuple[Difference | None, list[str]]:
@@ -124,7 +138,12 @@ def _reason(error: SceneTraceError) -> str:
 
 
 def _verdict(
-    chain: Verification, changed: Difference | None, effect: Difference | None, frames: int, reasons: list[str]
+    chain: Verification,
+    changed: Difference | None,
+    effect: Difference | None,
+    frames: int,
+    reasons: list[str],
+    first_frame: int,
 ) -> Verification:
     difference = changed or effect or chain.difference
     if changed is not None and chain.difference is not None and WHOLE < chain.difference.frame < changed.frame:
@@ -140,6 +159,9 @@ def _verdict(
             "version, or the tracker is not deterministic"
         ]
     shown = effect if effect is not difference else None
+    if difference is not None and difference.frame != WHOLE:
+        # Frames may be equal behind a difference that has no effect on them.
+        frames = max(0, difference.frame - max(0, first_frame))
     return Verification(difference is None, frames, difference, reasons, chain.output_digest, shown)
 
 

@@ -9,12 +9,13 @@ from pathlib import Path
 from recorders import channels
 from recorders.errors import OutputExistsError, UsageError
 from recorders.log import Attachment, LogWriter, Message
+from recorders.machine import machine, opencv_build, python_version
 from recorders.parameters import as_plain
 from recorders.recording import utf8
 from recorders.scene import SceneLog
 from replay import checkpoint, digest
 from replay.checkpoint import Checkpoint
-from replay.configuration import machine, opencv_build, package_versions, python_version
+from replay.configuration import package_versions
 from replay.facts import FORMAT_VERSION, KIND, METADATA, canonical, extras, sealed, sha256
 from replay.replaying import Annotated, Progress, ReplayOptions, Run
 
@@ -33,6 +34,7 @@ class ReplaySummary:
         events: events in the frames written.
         input_digest: the input chain's last link.
         output_digest: the output chain's last link.
+        resumed: the checkpoint's frame that the replay started after, None from the start.
     """
 
     frames: int
@@ -41,6 +43,7 @@ class ReplaySummary:
     events: int
     input_digest: str
     output_digest: str
+    resumed: int | None = None
 
 
 def replay(
@@ -198,4 +201,5 @@ class AnnotatedWriter:
             "extras": canonical(self._extras),
         }
         self._log.metadata(METADATA, sealed(facts))
-        return ReplaySummary(self._frames, run.computed, len(self._tracks), self._events, run.input_link, self._link)
+        done = self._frames, run.computed, len(self._tracks), self._events
+        return ReplaySummary(*done, run.input_link, self._link, run.resumed)

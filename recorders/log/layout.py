@@ -9,6 +9,8 @@ from recorders.log.blocks import Block
 from recorders.log.model import ChannelInfo, LogHeader, Schema
 from recorders.log.storage import RawRecord, RecordFile
 
+_FAR = 1 << 20
+"""Bytes behind a file's end among which the end is looked for."""
 _RECOVER = "`scenetrace recover` keeps what is whole"
 
 
@@ -121,15 +123,30 @@ def check_start(file: RecordFile) -> RawRecord:
     return raw
 
 
+def _end_before(file: RecordFile) -> int | None:
+    """Where the file ends before its last byte: a footer with the magic bytes behind it, if one is near."""
+    start = max(len(wire.MAGIC), file.size - _FAR)
+    tail = bytes(file.read(start, max(0, file.size - start)))
+    footer = wire.PREFIX.pack(wire.FOOTER, wire.FOOTER_BODY.size)
+    at = tail.rfind(wire.MAGIC)
+    while at >= wire.FOOTER_BYTES:
+        if tail.startswith(footer, at - wire.FOOTER_BYTES):
+            return start + at + len(wire.MAGIC)
+        at = tail.rfind(wire.MAGIC, 0, at)
+    return None
+
+
 def read_footer(file: RecordFile) -> tuple[wire.FooterRecord, int]:
     """The footer and its offset; an error that speaks of a cut file where there is none."""
     offset = file.size - len(wire.MAGIC) - wire.FOOTER_BYTES
     cut = f"the file has no end: it was cut short, or its writer was killed; {_RECOVER}"
-    if offset < len(wire.MAGIC) or file.read(file.size - 8, 8) != wire.MAGIC:
-        raise file.error(cut, file.size)
-    opcode, length = wire.PREFIX.unpack(file.read(offset, wire.PREFIX_BYTES))
+    ends = offset >= len(wire.MAGIC) and file.read(file.size - 8, 8) == wire.MAGIC
+    opcode, length = wire.PREFIX.unpack(file.read(offset, wire.PREFIX_BYTES)) if ends else (0, 0)
     if opcode != wire.FOOTER or length != wire.FOOTER_BODY.size:
-        raise file.error(cut, offset)
+        end = _end_before(file)
+        if end is not None:
+            raise file.error(f"{file.size - end} bytes follow the file's end: they are no part of it; {_RECOVER}", end)
+        raise file.error(cut, offset if ends else file.size)
     footer = wire.FooterRecord(*wire.FOOTER_BODY.unpack(file.read(offset + wire.PREFIX_BYTES, length)))
     if footer.summary_start > offset or footer.summary_offset_start > offset:
         raise file.error("the footer places the summary after itself", offset, "Footer")

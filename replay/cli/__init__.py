@@ -13,7 +13,7 @@ from difflib import get_close_matches
 from typing import NoReturn
 
 from recorders.errors import SceneTraceError, UsageError
-from replay.cli.common import say
+from replay.cli.common import check_outputs, say
 
 # Command, the module that has it, its line in the overview. A module is imported when its command is called.
 COMMANDS: tuple[tuple[str, str, str], ...] = (
@@ -92,6 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:  # noqa: PLR0911 - one retur
             return 0
         if args.command is None:
             raise UsageError("no command given; `scenetrace --help` lists them")
+        check_outputs(args)
         code: int = args.run(args)
         sys.stdout.flush()
         return code  # noqa: TRY300 - flushing belongs to the try: a closed pipe shows there

@@ -45,6 +45,41 @@ def add_configuration(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+_OUTPUTS = {"output": "-o", "plot": "--plot", "html": "--html"}
+
+
+def check_outputs(args: argparse.Namespace) -> None:
+    """Refuse to write over what the same command reads: every output against every other file that was named.
+
+    Without ``--force`` nothing is written over anyway, and a command says that in its own words.
+
+    Raises:
+        UsageError: an output is one of the inputs, or two outputs are one file.
+    """
+    given = vars(args)
+    if not given.get("force", True):
+        return
+    outputs = {name: given[name] for name in _OUTPUTS if isinstance(given.get(name), Path)}
+    for name, out in outputs.items():
+        for other, value in given.items():
+            if other == name:
+                continue
+            for path in value if isinstance(value, list | tuple) else [value]:
+                if isinstance(path, Path | str) and _one_file(out, Path(path)):
+                    what = f"what {_OUTPUTS[other]} is to write" if other in outputs else "read by the same command"
+                    raise UsageError(f"{_OUTPUTS[name]} {out}: is {what}; name another file")
+
+
+def _one_file(a: Path, b: Path) -> bool:
+    try:
+        return a.samefile(b) and not a.is_dir()
+    except OSError:
+        # One that is not there yet can only be another output of the same name.
+        return a.absolute() == b.absolute()
+    except ValueError:
+        return False  # a word that is no path
+
+
 def say(text: str) -> None:
     """A message to the person: on stderr, so that results stay clean."""
     print(shown(text), file=sys.stderr)

@@ -48,11 +48,16 @@ def run(args: argparse.Namespace) -> int:
         raise OutputExistsError(args.html)
     found = compare(args.a, args.b, options)
     if args.html is not None:
-        from replay.compare.page import write_page
-
-        write_page(found, args.html, scene=args.scene, force=args.force)
-        common.say(f"{args.html}: the first differences, side by side")
+        write_html(found, args.html, scene=args.scene, force=args.force)
     return show(found, args.json, args.all)
+
+
+def write_html(found: Comparison, out: Path, *, scene: Path | None, force: bool) -> None:
+    """The page, and what is in it."""
+    from replay.compare.page import write_page
+
+    write_page(found, out, scene=scene, force=force)
+    common.say(f"{out}: " + ("the first differences, side by side" if found.differences else "nothing differs"))
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -8,10 +8,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from recorders.errors import UsageError
+from recorders.errors import OutputExistsError, UsageError
 from recorders.parameters import Config
 from replay.cli import common, diff
 from replay.cli.starts import check_starts, missed
+from replay.counting import number
 
 if TYPE_CHECKING:
     from recorders.scene import SceneLog
@@ -53,6 +54,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     )  # fmt: skip
     diff.add_options(p)
     p.add_argument("--json", action="store_true", help="with --against: the differences as JSON")
+    p.add_argument("--html", type=Path, metavar="OUT", help="with --against: a page with pictures of the first ones")
     p.set_defaults(run=run)
 
 
@@ -60,6 +62,10 @@ def run(args: argparse.Namespace) -> int:
     """Replay."""
     if args.output is None and args.against is None:
         raise UsageError("no output: give -o FILE, or --against LOG to compare alone")
+    if args.against is None and (args.json or args.html is not None):
+        raise UsageError(f"{'--json' if args.json else '--html'} shows what differs: give --against LOG")
+    if args.html is not None and args.html.exists() and not args.force:
+        raise OutputExistsError(args.html)
     if args.against is None:
         return _replay(args, args.output)
     with TemporaryDirectory(prefix="scenetrace-") as folder:
@@ -99,7 +105,10 @@ def _compare(args: argparse.Namespace, out: Path) -> int:
     from replay.compare import compare
 
     options = replace(diff.options_of(args), only_shared=args.start is not None or args.end is not None)
-    return diff.show(replace(compare(args.against, out, options), b=str(args.output or "this replay")), args.json)
+    found = compare(args.against, out, options)
+    if args.html is not None:
+        diff.write_html(found, args.html, scene=args.scene, force=args.force)
+    return diff.show(replace(found, b=str(args.output or "this replay")), args.json)
 
 
 def _replay(args: argparse.Namespace, out: Path) -> int:
@@ -131,10 +140,12 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
     )
     with common.progress(counts[0] if counts else None) as progress:
         done = replay(args.scene, out, options, progress)
-    common.say(
-        f"{args.output or args.scene}: {done.frames} frames, {done.tracks} tracks, {done.events} events, "
-        f"output digest {done.output_digest[:16]}"
-    )
+    if args.checkpoints is not None and done.resumed is None:
+        why = "without --from there is nothing to skip" if first is None else "it holds no checkpoint before --from"
+        common.say(f"--checkpoints {args.checkpoints}: {why}; replayed from the start")
+    made = ((done.frames, "frame"), (done.tracks, "track"), (done.events, "event"))
+    said = ", ".join(number(n, name) for n, name in made)
+    common.say(f"{args.output or args.scene}: {said}, output digest {done.output_digest[:16]}")
     if not done.tracks and not starts and not has_masks:
         common.say(f"{args.scene}: no foreground was recorded: without detections there is nothing to track")
     left_out = missed(starts, done.tracks) if first is None and end is None else ""

@@ -6,9 +6,15 @@ import argparse
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
 from replay.cli import common
+from replay.counting import number
+
+if TYPE_CHECKING:
+    from replay.sealing import CaseVerdict
+    from replay.verifying import Verification
 
 DIFFERS = 4
 
@@ -42,23 +48,27 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("nothing to verify: give an annotated log or --manifest FILE")
     if args.public_key is not None and args.manifest is None:
         raise UsageError("--public-key belongs to --manifest")
-    codes = [] if args.manifest is None else [_manifest(args)]
-    if args.annotated is not None:
-        codes.append(_log(args))
-    return max(codes)
+    case = None if args.manifest is None else _manifest(args)
+    log = None if args.annotated is None else _log(args)
+    if args.json:
+        # One document, whatever was asked for: both verdicts under their names where there are two.
+        plain = [asdict(verdict) for verdict in (case, log) if verdict is not None]
+        print(json.dumps(plain[0] if len(plain) == 1 else {"manifest": plain[0], "log": plain[1]}, indent=2))
+    good = (case is None or case.intact) and (log is None or log.identical)
+    return 0 if good else DIFFERS
 
 
-def _manifest(args: argparse.Namespace) -> int:
+def _manifest(args: argparse.Namespace) -> CaseVerdict:
     from replay.sealing import check_manifest
 
     with common.progress(None, "files") as progress:
         verdict = check_manifest(args.manifest, key=args.public_key, progress=progress)
-    for line in [json.dumps(asdict(verdict), indent=2)] if args.json else map(common.shown, verdict.lines()):
-        print(line)
-    return 0 if verdict.intact else DIFFERS
+    for line in () if args.json else verdict.lines():
+        print(common.shown(line))
+    return verdict
 
 
-def _log(args: argparse.Namespace) -> int:
+def _log(args: argparse.Namespace) -> Verification:
     from replay.verifying import verify, verify_chain
 
     with common.progress(None) as progress:
@@ -67,15 +77,16 @@ def _log(args: argparse.Namespace) -> int:
         else:
             verdict = verify(args.annotated, args.scene, progress=progress)
     if args.json:
-        print(json.dumps(asdict(verdict), indent=2))
-    elif verdict.identical:
-        print(f"identical: {verdict.frames} frames, output digest {verdict.output_digest}")
+        return verdict
+    if verdict.identical:
+        print(f"identical: {number(verdict.frames, 'frame')}, output digest {verdict.output_digest}")
         for reason in verdict.reasons:
             print(common.shown(f"  without effect: {reason}"))
     else:
-        print(common.shown(f"differs after {verdict.frames} equal frames: {verdict.difference}"))
+        equal = number(verdict.frames, "equal frame")
+        print(common.shown(f"differs after {equal}: {verdict.difference}"))
         if verdict.effect is not None:
             print(common.shown(f"  first effect: {verdict.effect}"))
         for reason in verdict.reasons:
             print(common.shown(f"  reason: {reason}"))
-    return 0 if verdict.identical else DIFFERS
+    return verdict

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from replay.counting import number
+
 CHANGES = ("appeared", "vanished", "moved", "changed")
 KINDS = ("recording", "frames", "track", "identity", "event", "relation", "group", "message")
 
@@ -69,18 +71,18 @@ class Comparison:
     def lines(self, limit: int | None = None) -> list[str]:
         """The comparison for a person: one line per difference, then their number."""
         head = [f"made with another {line}" for line in self.made]
+        frames = number(self.frames, "frame")
         if self.identical:
-            return [*head, f"identical: {self.frames} frames"]
+            return [*head, f"identical: {frames}"]
         if self.equal:
-            words = "track numbers, or values within the tolerance, differ"
-            return [*head, f"equal in meaning over {self.frames} frames: {words}"]
+            why = "track numbers, or values within the tolerance, differ"
+            return [*head, f"equal in meaning over {frames}: {why}"]
         shown = self.differences[:limit]
         rows = [f"frame {d.frame:>6} {d.t:>9.2f} s  {d.what:<9} {d.change:<8}  {d.text}" for d in shown]
         if len(shown) < len(self.differences):
             rows.append(f"... and {len(self.differences) - len(shown)} more")
         counts = ", ".join(f"{n} {what}" for what, n in self.counts().items())
-        number = len(self.differences)
-        total = f"{number} difference{'s' if number != 1 else ''} over {self.frames} frames: {counts}"
+        total = f"{number(len(self.differences), 'difference')} over {frames}: {counts}"
         return [*head, *rows, total]
 
     def as_plain(self) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from recorders.scene import SceneLog
 from recorders.vision import cv2
 from replay.annotated import AnnotatedFrame, AnnotatedLog
 from replay.compare.difference import Comparison, Difference
+from replay.counting import number
 from replay.draw import DrawOptions, draw_frame
 from replay.export.output import whole
 from replay.export.video import frame_overlay
@@ -185,7 +186,8 @@ def _page(found: Comparison, moments: Sequence[_Moment]) -> str:
         parts += ["<h2>How B was made otherwise than A</h2><ul>"]
         parts += [*(f"<li>{escape(line)}</li>" for line in found.made), "</ul>"]
     if moments:
-        parts.append(f"<h2>The first {len(moments)} frames in which they differ</h2>")
+        first = "frame" if len(moments) == 1 else f"{len(moments)} frames"
+        parts.append(f"<h2>The first {first} in which they differ</h2>")
         parts += [_moment(moment, a, b) for moment in moments]
     if found.differences:
         parts.append(_table(found.differences))
@@ -193,12 +195,12 @@ def _page(found: Comparison, moments: Sequence[_Moment]) -> str:
 
 
 def _verdict(found: Comparison) -> str:
+    frames = number(found.frames, "frame")
     if found.identical:
-        return f"Identical: {found.frames} frames."
+        return f"Identical: {frames}."
     if found.equal:
-        return f"Equal in meaning over {found.frames} frames; track numbers or values within the tolerance differ."
-    n = len(found.differences)
-    return f"{n} difference{'s' if n != 1 else ''} over {found.frames} frames."
+        return f"Equal in meaning over {frames}; track numbers or values within the tolerance differ."
+    return f"{number(len(found.differences), 'difference')} over {frames}."
 
 
 def _moment(moment: _Moment, a: str, b: str) -> str:

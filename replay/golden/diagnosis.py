@@ -6,6 +6,7 @@ import inspect
 import itertools
 import sys
 from collections import deque
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,12 @@ from recorders.errors import SceneTraceError
 from recorders.log import LogReader
 from replay.compare.raw import compare_bytes
 from replay.facts import facts_of
-from replay.golden.running import Job, NotImportableError
+from replay.golden.running import Job, hash_seed
 from replay.trackers.catalogue import TRACKERS
 
 _PLAIN = (bool, int, float, str, bytes, list, tuple, dict, set, frozenset, deque, itertools.count)
 _MOST = 3
+_SEEDS_TRIED = 8
 Memory = dict[str, str]
 
 
@@ -62,7 +64,7 @@ def same_process(job: Job, folder: Path, first: Path, second: Path, before: Memo
         one, seen = job.elsewhere(folder / "one.mcap", 1, watched=True)
         two, _ = job.elsewhere(folder / "two.mcap", 1)
     except SceneTraceError as e:
-        one, two, seen = "", "", {"clock": {}, "chance": {}}
+        one, two, seen = "", "", {"clock": {}, "calendar": {}, "chance": {}}
         head += f"\n  (In a process of its own it could not be tried: {str(e).splitlines()[0]})"
     if one != two or seen["clock"] or seen["chance"]:
         return f"{head}\n{_asked(seen)}"
@@ -74,18 +76,24 @@ def same_process(job: Job, folder: Path, first: Path, second: Path, before: Memo
     )
 
 
-def other_process(job: Job, folder: Path, here: Path, there: Path) -> str:
-    """Two replays in one process agree, one in another process with another hash seed does not."""
+def other_process(job: Job, folder: Path, here: Path, digests: Mapping[int, str], odd: int) -> str:
+    """Two replays in one process agree, one in another process with another hash seed does not.
+
+    Args:
+        job: what was replayed.
+        folder: the log of the replay with the hash seed N is in it as ``seed-N.mcap``.
+        here: this process's log.
+        digests: hash seed of each other process to its output digest.
+        odd: the seed whose digest is not this process's.
+    """
     head = (
         f"{job.name} is not deterministic: a replay of {job.scene.name} in another process differs.\n"
-        f"  {first_difference(here, there)}"
+        f"  {first_difference(here, seed_log(folder, odd))}"
     )
-    again, seen = job.elsewhere(folder / "again.mcap", 1, watched=True)
-    other, _ = job.elsewhere(folder / "other.mcap", 2)
-    third, _ = job.elsewhere(folder / "third.mcap", 1)
-    if again != third:
+    again, seen = job.elsewhere(folder / "again.mcap", odd, watched=True)
+    if again != digests[odd]:
         return f"{head}\n{_asked(seen)}"
-    if again != other:
+    if _follows_the_seed(job, folder, digests, odd):
         return (
             f"{head}\n  It follows the hash seed (PYTHONHASHSEED): it looks like a loop over a set, or another order "
             "that comes from hashes.\n  Loop over sorted(...), or keep a dict or a list in its place."
@@ -94,6 +102,36 @@ def other_process(job: Job, folder: Path, here: Path, there: Path) -> str:
         f"{head}\n  Other processes agree with one another whatever the hash seed, so it looks like something that was "
         "left behind in this one: a class variable, a cache, a module's variable, or an environment variable.\n"
         "  Keep everything in the instance."
+    )
+
+
+def seed_log(folder: Path, seed: int) -> Path:
+    """Where the replay with a hash seed is written to."""
+    return folder / f"seed-{seed}.mcap"
+
+
+def _follows_the_seed(job: Job, folder: Path, digests: Mapping[int, str], odd: int) -> bool:
+    """Whether processes differ by their hash seeds alone.
+
+    A set of two has but two orders, and half of all seeds share one: so many are tried, this process's own first,
+    which alone tells apart what it has left behind.
+    """
+    if len({*digests.values()}) > 1:
+        return True
+    own = hash_seed()
+    if own is not None:
+        alike, _ = job.elsewhere(folder / "alike.mcap", own)
+        return alike != digests[odd]
+    tried = (seed for seed in range(1, _SEEDS_TRIED + len(digests) + 1) if seed not in digests)
+    return any(job.elsewhere(seed_log(folder, seed), seed)[0] != digests[odd] for seed in tried)
+
+
+def calendar(job: Job, asked: Mapping[str, int]) -> str:
+    """Replays agree today, and the tracker asks what day or second it is."""
+    return (
+        f"{job.name} asks the clock while it replays {job.scene.name}: {_listed(list(asked))}.\n"
+        "  Replays agree now and need not tomorrow. Take the time from the frame: frame.time_ns "
+        "(to measure speed: time.perf_counter())."
     )
 
 
@@ -126,6 +164,3 @@ def _asked(seen: dict[str, Any]) -> str:
 def _listed(words: list[str]) -> str:
     shown = "; ".join(words[:_MOST])
     return shown + (f"; and {len(words) - _MOST} more" if len(words) > _MOST else "")
-
-
-__all__ = ["NotImportableError", "first_difference", "other_process", "restored", "same_process", "shared_state"]

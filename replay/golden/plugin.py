@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from replay.golden.names import Owners
+
 _USED = pytest.StashKey[list[str]]()
+_OWNERS = pytest.StashKey[Owners]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -25,6 +28,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Prepare to count which names are used."""
     config.stash[_USED] = []
+    config.stash[_OWNERS] = Owners()
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Note which tests would name a golden file: two of one name in a folder are told when they run."""
+    users = (item for item in session.items if "golden_scene" in getattr(item, "fixturenames", ()))
+    session.config.stash[_OWNERS].collected((item.path.parent, item.name, item.nodeid) for item in users)
 
 
 @pytest.fixture
@@ -35,15 +45,17 @@ def golden_scene(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[...
     """
     from replay.golden.scene import GoldenError, GoldenScene
 
-    used = request.config.stash[_USED]
+    used, owners = request.config.stash[_USED], request.config.stash[_OWNERS]
+    folder = Path(request.node.path).parent
     scratch = tmp_path / "scenetrace-golden"
     scratch.mkdir()
     golden = GoldenScene(
-        folder=Path(request.node.path).parent,
+        folder=folder,
         name=request.node.name,
         scratch=scratch,
         update=frozenset(request.config.getoption("--scenetrace-update")),
         used=used.append,
+        claim=lambda name, given: owners.claim(folder, name, request.node.nodeid, given),
     )
 
     def run(*args: object, **more: object) -> object:

@@ -77,6 +77,12 @@ class Job:
         return str(answer["digest"]), answer
 
 
+def hash_seed() -> int | None:
+    """The hash seed of this process, None where it was drawn by chance."""
+    seed = os.environ.get("PYTHONHASHSEED", "random")
+    return int(seed) if seed.isdigit() else None
+
+
 class NotImportableError(SceneTraceError):
     """A tracker has no place from which another process could import it."""
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Collection
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from recorders.errors import SceneTraceError
 from recorders.log import LogReader
@@ -14,13 +17,17 @@ from recorders.scene import SceneLog
 from replay.compare import CompareOptions, Comparison, compare
 from replay.facts import facts_of
 from replay.golden import diagnosis
-from replay.golden.running import Job, NotImportableError, Values, configured
+from replay.golden.names import golden_name
+from replay.golden.running import Job, NotImportableError, Values, configured, hash_seed
 from replay.golden.story import write_story
 from replay.trackers.tracker import TrackerFactory
 
 _LINES = 30
-# Another than this process's own, which may have been set from outside.
-HASH_SEED = 2 if os.environ.get("PYTHONHASHSEED") == "1" else 1
+# A set of two has but two orders, and half of all seeds share one: four seeds miss it once in sixteen times, in
+# whatever process a test is run. Trackers of the catalogue are tried over ten seeds by the benchmark of determinism:
+# one is enough for them here.
+_SEEDS_OF_A_USERS_TRACKER = 4
+_SEEDS = (1, 7, 2, 5, 3)
 
 
 class GoldenError(AssertionError):
@@ -36,6 +43,7 @@ class GoldenScene:
         scratch: a folder for the replays.
         update: names of golden files that are to be written anew.
         used: called with every name that is asked for.
+        claim: called with every name and whether the call gave it; says in words that another test has that file.
     """
 
     def __init__(
@@ -45,12 +53,14 @@ class GoldenScene:
         scratch: Path,
         update: Collection[str] = (),
         used: Callable[[str], None] = lambda _: None,
+        claim: Callable[[str, bool], str | None] = lambda _, __: None,
     ) -> None:
         self._folder = folder
-        self._name = re.sub(r"[^A-Za-z0-9_.-]+", "-", name).strip("-")
+        self._name = golden_name(name)
         self._scratch = scratch
         self._update = update
         self._used = used
+        self._claim = claim
         self._taken: list[str] = []
 
     def __call__(
@@ -91,6 +101,9 @@ class GoldenScene:
             raise GoldenError(f"golden_scene was called twice for {chosen!r} in one test: give each call a name=")
         self._taken.append(chosen)
         self._used(chosen)
+        shared = self._claim(chosen, name is not None)
+        if shared is not None:
+            raise GoldenError(shared)
         job = Job(Path(log), tracker, configured(tracker, config))
         scratch = self._scratch / chosen
         scratch.mkdir()
@@ -125,12 +138,8 @@ class GoldenScene:
         if job.run(second) != digest:
             raise GoldenError(diagnosis.same_process(job, scratch, first, second, before, after))
         if other_process:
-            try:
-                there, _ = job.elsewhere(scratch / "there.mcap", HASH_SEED)
-            except NotImportableError:
-                there = digest
-            if there != digest:
-                raise GoldenError(diagnosis.other_process(job, scratch, first, scratch / "there.mcap"))
+            with suppress(NotImportableError):
+                self._elsewhere(job, scratch, first, digest)
         if checkpoint and middle[0] is not None:
             part = scratch / "part.mcap"
             try:
@@ -140,6 +149,32 @@ class GoldenScene:
             if again != digest:
                 raise GoldenError(diagnosis.restored(job, first, part))
         return first
+
+    @staticmethod
+    def _elsewhere(job: Job, scratch: Path, here: Path, digest: str) -> None:
+        """Replay in other processes with other hash seeds, the first one watched.
+
+        Raises:
+            GoldenError: one differs, or the tracker asks what day it is.
+        """
+        own = hash_seed()
+        count = 1 if isinstance(job.tracker, str) else _SEEDS_OF_A_USERS_TRACKER
+        seeds = [seed for seed in _SEEDS if seed != own][:count]
+
+        def there(seed: int, watched: bool = False) -> tuple[str, dict[str, Any]]:
+            return job.elsewhere(diagnosis.seed_log(scratch, seed), seed, watched)
+
+        found, seen = there(seeds[0], watched=True)
+        digests = {seeds[0]: found}
+        if found == digest:
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                answers = pool.map(there, seeds[1:])
+                digests |= dict(zip(seeds[1:], (found for found, _ in answers), strict=True))
+        odd = next((seed for seed, found in digests.items() if found != digest), None)
+        if odd is not None:
+            raise GoldenError(diagnosis.other_process(job, scratch, here, digests, odd))
+        if seen["calendar"]:
+            raise GoldenError(diagnosis.calendar(job, seen["calendar"]))
 
     @staticmethod
     def _differs(job: Job, golden: Path, replayed: Path, found: Comparison, name: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import stat
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -22,6 +23,8 @@ FORMAT: Literal["scenetrace manifest"] = "scenetrace manifest"
 VERSION: Literal[1] = 1
 _MAGIC = b"\x89MCAP0\r\n"
 _BLOCK = 1 << 20
+_MOST_OF_A_KEY = 64 << 10
+_PRIVATE = re.compile(rb"-----BEGIN ([A-Z]+ )?PRIVATE KEY-----")
 _MOST_BYTES = 64 << 20
 _RECORDING = "scenetrace.recording"
 Role = Literal["source", "scene", "annotated", "file"]
@@ -130,6 +133,12 @@ def write_manifest(manifest: Manifest, out: str | Path, *, force: bool = False) 
     """
     with whole(out, force=force) as file:
         file.write(manifest.encode())
+
+
+def private_keys(manifest: Manifest, folder: Path) -> list[str]:
+    """The files of a manifest that are private keys in PEM: they do not belong into a case."""
+    small = [entry.name for entry in manifest.files if entry.role == "file" and entry.bytes <= _MOST_OF_A_KEY]
+    return [name for name in small if _PRIVATE.search((folder / name).read_bytes())]
 
 
 def read_manifest(path: str | Path) -> Manifest:

@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from recorders.errors import OutputExistsError, RecordingError, UsageError
+from recorders.errors import RecordingError, UsageError
 from replay.sealing.manifest import Manifest, Signature
 
 PUBLIC_SUFFIX = ".pub"
@@ -33,7 +33,7 @@ def new_key(path: str | Path) -> Path:
         the public key's file, ``<path>.pub``: the one to hand out.
 
     Raises:
-        OutputExistsError: one of the files exists; a key is never overwritten.
+        RecordingError: one of the files exists; a key is never overwritten.
         UsageError: the package ``cryptography`` is not installed.
     """
     library = _library()
@@ -41,7 +41,7 @@ def new_key(path: str | Path) -> Path:
     private, public = Path(path), Path(f"{path}{PUBLIC_SUFFIX}")
     for file in (private, public):
         if file.exists():
-            raise OutputExistsError(file)
+            raise RecordingError("exists already, and a key is never overwritten; give another name", file)
     key = library.hazmat.primitives.asymmetric.ed25519.Ed25519PrivateKey.generate()
     pem = serialization.Encoding.PEM
     secret = key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())

@@ -14,9 +14,7 @@ Without a name, all of them. --full: whole scenes and the whole of PETS; else th
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -26,42 +24,25 @@ from dataclasses import replace as changed
 from pathlib import Path
 from typing import Any
 
+from trust_common import SECOND, options, table
+from trust_determinism import determinism
+from trust_plants import plants
+
 from fixtures.logs import write_scene_log
-from fixtures.plants import ANNOTATION_PLANTS, RECORDED, RECORDING_PLANTS, Planted
+from fixtures.plants import copy_log
 from fixtures.scenes import SCRIPTS, GeneratedScene, generate
-from recorders.errors import RecordingError
 from recorders.log import LogReader
 from recorders.recording import RecordOptions, record
 from recorders.scene import SceneLog
 from recorders.sources import open_source
 from recorders.vision import cv2
 from replay import checkpoint, digest, replaying, writing
-from replay.compare import Comparison, compare
-from replay.configuration import python_version, replay_config
 from replay.engine import Engine
-from replay.replaying import ReplayOptions
 from replay.trackers.catalogue import TRACKERS
-from replay.verifying import verify, verify_chain
+from replay.verifying import verify_chain
 
 DATA = Path(os.environ.get("SCENETRACE_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
-# From the newest kernels down to SSE3, this build's baseline: whatever else there is has been disabled then. The
-# baseline itself cannot be: OpenCV warns that "code optimizations for this feature are executed unconditionally".
-CPU_LEVELS = (
-    "AVX512-SKX", "AVX512-SKX,AVX2,FP16", "AVX512-SKX,AVX2,FP16,AVX", "AVX512-SKX,AVX2,FP16,AVX,SSE4.2,SSE4.1"
-)  # fmt: skip
-NUMPY_KERNELS = ("X86_V4 AVX512_ICL AVX512_SPR", "X86_V3 X86_V4 AVX512_ICL AVX512_SPR")
-PLACES = (
-    {"TZ": "Asia/Kathmandu", "LC_ALL": "C"},
-    {"TZ": "America/St_Johns", "LC_ALL": "C.UTF-8", "LANG": "tr_TR.UTF-8"},
-)
-KERNELS = ("Haswell", "Nehalem", "Prescott")
 FRAMES, PETS_FRAMES = 120, 60
-SECOND = 1_000_000_000
-
-
-def options(tracker: str, *assignments: str, **more: Any) -> ReplayOptions:
-    config = replay_config(tracker, assignments=assignments)
-    return ReplayOptions(tracker=tracker, config=config, annotations_only=True, force=True, **more)
 
 
 def scenes(folder: Path, full: bool) -> dict[str, Path]:
@@ -86,97 +67,10 @@ def scenes(folder: Path, full: bool) -> dict[str, Path]:
 
 def cut(source: Path, out: Path, frames: int) -> Path:
     """The first frames of a scene log."""
-    from fixtures.plants import copy_log
-
     with SceneLog(source) as scene:
         times = [t for _, t in zip(range(frames), scene.frame_times(), strict=False)]
     copy_log(source, out, lambda m: m.data if m.log_time_ns <= times[-1] else None)
     return out
-
-
-# -- determinism ---------------------------------------------------------------------------------------------------
-
-
-def worker(order: dict[str, Any]) -> None:
-    """Replay every scene with every tracker once, print the digests."""
-    cv2.setNumThreads(order.get("threads", cv2.getNumThreads()))
-
-    def slow(*_: object) -> None:
-        time.sleep(0.002)
-
-    found = {}
-    with tempfile.TemporaryDirectory() as folder:
-        for name, path in order["scenes"].items():
-            for tracker in order["trackers"]:
-                progress = slow if order.get("slow") else None
-                done = writing.replay(Path(path), Path(folder) / "a.mcap", options(tracker), progress)
-                found[f"{name} {tracker}"] = done.output_digest
-    print(json.dumps({"digests": found, "python": python_version(), "kernels": cv2.getCPUFeaturesLine()}))
-
-
-def elsewhere(order: dict[str, Any], env: dict[str, str], python: str = sys.executable) -> dict[str, Any]:
-    """What a worker found; no digests where it failed, which then counts as unequal."""
-    done = subprocess.run(
-        [python, __file__, "--worker", json.dumps(order)],
-        env={**os.environ, **env},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    # A kernel that OpenCV does not know by that name, or that is its baseline, would have stayed on.
-    if done.returncode or "unknown CPU feature" in done.stderr or "baseline CPU feature" in done.stderr:
-        print(f"{python} with {env} failed:\n{done.stderr[-1500:]}", file=sys.stderr)
-        return {"digests": {}, "python": python, "kernels": ""}
-    answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return answer
-
-
-def variants(runs: int, pythons: Sequence[str]) -> Iterator[tuple[str, dict[str, Any], dict[str, str], str]]:
-    """Family, order, environment, interpreter."""
-    me = sys.executable
-    for _ in range(runs):
-        yield "run again", {}, {}, me
-    for seed in range(10):
-        yield "PYTHONHASHSEED 0 to 9", {}, {"PYTHONHASHSEED": str(seed)}, me
-    for n in (1, 2, 4):
-        yield "threads 1, 2, 4", {"threads": n}, {"OPENBLAS_NUM_THREADS": str(n), "OMP_NUM_THREADS": str(n)}, me
-    for kernel in KERNELS:
-        yield f"OPENBLAS_CORETYPE {', '.join(KERNELS)}", {}, {"OPENBLAS_CORETYPE": kernel}, me
-    for level in CPU_LEVELS:
-        yield "OPENCV_CPU_DISABLE down to SSE3", {}, {"OPENCV_CPU_DISABLE": level}, me
-    for kernels in NUMPY_KERNELS:
-        yield "NPY_DISABLE_CPU_FEATURES down to X86_V2", {}, {"NPY_DISABLE_CPU_FEATURES": kernels}, me
-    for place in PLACES:
-        yield "time zone and locale", {}, place, me
-    yield "IPP on", {}, {"SCENETRACE_EXPERIMENT": "ipp"}, me
-    yield "slow (2 ms a frame more)", {"slow": True}, {}, me
-    for python in pythons:
-        yield "", {}, {}, python
-
-
-def determinism(logs: dict[str, Path], trackers: Sequence[str], runs: int, pythons: Sequence[str]) -> bool:
-    order = {"scenes": {n: str(p) for n, p in logs.items()}, "trackers": list(trackers)}
-    first = elsewhere(order, {})["digests"]
-    columns = [f"{name} {tracker}" for name in logs for tracker in trackers]
-    if sorted(first) != sorted(columns):
-        print("the first replay failed: there is nothing to compare with")
-        return False
-    equal: dict[str, dict[str, int]] = {}
-    count: dict[str, int] = {}
-    for family, more, env, python in variants(runs, pythons):
-        answer = elsewhere({**order, **more}, env, python)
-        row_name = family or f"interpreter {answer['python']}"
-        count[row_name] = count.get(row_name, 0) + 1
-        row = equal.setdefault(row_name, dict.fromkeys(columns, 0))
-        for column in columns:
-            row[column] += answer["digests"].get(column) == first[column]
-        kernels = f" ({answer['kernels']})" if "OPENCV_CPU_DISABLE" in env else ""
-        print(f"  {row_name}: {count[row_name]}{kernels}", file=sys.stderr, flush=True)
-    print("\nEqual output digests")
-    table(["", *columns], [[f, *(f"{row[c]}/{count[f]}" for c in columns)] for f, row in equal.items()])
-    for column in columns:
-        print(f"  {column}: {first[column][:16]}")
-    return all(n == count[f] for f, row in equal.items() for n in row.values())
 
 
 # -- time travel ---------------------------------------------------------------------------------------------------
@@ -233,115 +127,14 @@ def spans(log: Path, tracker: str, folder: Path, with_checkpoints: bool) -> tupl
         end = times[k + 1] if k + 1 < len(times) else now + 1
         more = {"checkpoints": whole} if with_checkpoints else {}
         writing.replay(log, folder / "span.mcap", options(tracker, from_ns=now, to_ns=end, **more))
-        failed += annotated(folder / "span.mcap") != annotated(whole, now, end)
+        same = annotated(folder / "span.mcap") == annotated(whole, now, end)
+        failed += not (same and verify_chain(folder / "span.mcap").identical)
     return len(times), failed
 
 
 def annotated(path: Path, first_ns: int = 0, end_ns: int = 1 << 62) -> list[tuple[Any, ...]]:
     with LogReader(path) as log:
         return [(m.topic, m.log_time_ns, m.sequence, m.data) for m in log.messages(None, first_ns, end_ns)]
-
-
-# -- plants --------------------------------------------------------------------------------------------------------
-
-
-def plants(folder: Path, trackers: Sequence[str]) -> bool:
-    scene = write_scene_log(
-        generate("three_way_group", seed=1, size=(160, 120), frames=110), folder / "p.mcap", style="merged",
-        pictures="png",
-    )  # fmt: skip
-    good, found = True, 0
-    for tracker in trackers:
-        rows = planted(scene, folder, tracker)
-        print(f"\nPlanted differences, {tracker}: found at their frame")
-        table(["plant", "frame", "verify", "diff"], rows)
-        good = good and all("NO" not in row for row in rows)
-        found += sum("NO" not in row for row in rows)
-    print(f"\n{found} plants found")
-    for tracker in trackers:
-        pairs, alarms = unchanged(folder, tracker)
-        print(f"False alarms on unchanged pairs, {tracker}: {alarms} of {pairs}")
-        good = good and not alarms
-    return good
-
-
-def planted(scene: Path, folder: Path, tracker: str) -> list[list[str]]:
-    """A row for each plant."""
-    rows = []
-    config = replay_config(tracker)
-    whole = ReplayOptions(tracker=tracker, config=config, checkpoint_ns=SECOND, force=True)
-    original, altered = folder / "pa.mcap", folder / "pb.mcap"
-    writing.replay(scene, original, whole)
-    for name, plant in ANNOTATION_PLANTS.items():
-        what = plant(original, altered)
-        seen = compare(original, altered)
-        rows.append([f"altered afterwards: {name}", *outcome(what, (verify_chain(altered), verify(altered)), seen)])
-    for name, plant in RECORDING_PLANTS.items():
-        what = plant(original, altered)
-        seen = compare(original, altered)
-        rows.append([f"recording in the log: {name}", *outcome(what, (verify_chain(altered), verify(altered)), seen)])
-        what = plant(scene, altered)
-        verdict = verify(original, altered)
-        try:
-            writing.replay(altered, folder / "pc.mcap", whole)
-            again = compare(original, folder / "pc.mcap")
-        except RecordingError as e:
-            again = e
-        rows.append([f"another recording: {name}", *outcome(what, (verdict,), again)])
-    config = replay_config(tracker, assignments=[f"shell_model.k_s={0.2 + 1e-9!r}"])
-    writing.replay(scene, folder / "pc.mcap", changed(whole, config=config))
-    other = compare(original, folder / "pc.mcap")
-    named = other.made == ["parameter: shell_model.k_s = 0.200000001, not 0.2"]
-    first = bool(other.differences) and "shell_radius" in str(other.differences[0].details)
-    rows.append(["another parameter: k_s by 1e-9", "0", "-", "yes" if named and first else "NO"])
-    return rows
-
-
-# What `diff` calls a difference in each channel.
-SHOWN = {
-    "tracks": {"track", "identity"},
-    "relations": {"relation"},
-    "groups": {"group"},
-    "events": {"event"},
-    "graph": {"message"},
-    "annotations": {"message"},
-    "digest": {"message"},
-    RECORDED: {"recording", "frames"},
-}
-
-
-def outcome(planted: Planted, verdicts: Sequence[Any], diff: Comparison | RecordingError) -> list[str]:
-    """Frame, and whether verify and diff name it: the first difference, in the channel that was altered."""
-    place = "-" if planted.frame < 0 else str(planted.frame)
-    right = all(v.difference is not None and v.difference.frame == planted.frame for v in verdicts)
-    if isinstance(diff, RecordingError):
-        seen = f"no replay of it: {diff.reason}"
-    elif planted.frame >= 0:
-        kinds = SHOWN[planted.channel]
-        first = min((d.frame for d in diff.differences if d.what in kinds), default=-1)
-        seen = "yes" if first == planted.frame else "NO"
-    elif planted.channel == "metadata":
-        seen = "yes" if diff.made else "NO"
-    else:
-        seen = "not in what happens" if diff.equal else "NO"
-    return [place, "yes" if right else "NO", seen]
-
-
-def unchanged(folder: Path, tracker: str) -> tuple[int, int]:
-    """Replays of one scene twice, over all scripts until there are 50 pairs."""
-    pairs = alarms = 0
-    while pairs < 50:
-        for name in SCRIPTS:
-            scene = generate(name, seed=pairs, size=(96, 72), frames=25)
-            log = write_scene_log(scene, folder / "u.mcap", style="merged", force=True)
-            for out in ("ua.mcap", "ub.mcap"):
-                writing.replay(log, folder / out, options(tracker))
-            quiet = compare(folder / "ua.mcap", folder / "ub.mcap").identical
-            alarms += not (quiet and verify(folder / "ub.mcap", log).identical)
-            pairs += 1
-            if pairs == 50:
-                break
-    return pairs, alarms
 
 
 # -- cost ----------------------------------------------------------------------------------------------------------
@@ -403,12 +196,6 @@ def cost(logs: dict[str, Path], trackers: Sequence[str], folder: Path) -> bool:
     return good
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    widths = [max(len(str(row[k])) for row in [head, *rows]) for k in range(len(head))]
-    for row in [head, *rows]:
-        print("  " + "  ".join(str(cell).ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
-
-
 PARTS = ("determinism", "travel", "plants", "cost")
 
 
@@ -419,11 +206,7 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=20, help="runs that change nothing; default 20")
     parser.add_argument("--tracker", action="append", choices=list(TRACKERS), help="default: all")
     parser.add_argument("--python", action="append", default=[], help="another interpreter with scenetrace")
-    parser.add_argument("--worker", type=json.loads, help=argparse.SUPPRESS)
     args = parser.parse_args()
-    if args.worker:
-        worker(args.worker)
-        return 0
     for part in args.parts:
         if part not in PARTS:
             parser.error(f"no part {part!r}; there are: {', '.join(PARTS)}")

@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOC = ROOT / "docs" / "golden.md"
 
 
-def run_pytest(folder: Path, *words: str) -> tuple[int, str]:
+def run_pytest(folder: Path, *words: str, hash_seed: str = "5") -> tuple[int, str]:
     # The entry point registers the plugin where the project is installed; a checkout may be older than it.
     plugin = [] if _registered() else ["-p", "replay.golden.plugin"]
     done = subprocess.run(
@@ -28,7 +28,7 @@ def run_pytest(folder: Path, *words: str) -> tuple[int, str]:
         text=True,
         check=False,
         # What follows the hash seed is caught by chance only; here the chance is the same every time.
-        env={**os.environ, "PYTHONHASHSEED": "5"},
+        env={**os.environ, "PYTHONHASHSEED": hash_seed},
     )
     return done.returncode, done.stdout + done.stderr
 
@@ -104,7 +104,25 @@ PLANTED = {
             self.n += 1
             return self.n * 100000 + random.randrange(100000)
         """,
-        ["It looks like chance", "planted_K.py:", "a seed from its parameters"],
+        ["It looks like chance", "planted_K.py:", "calls random.getrandbits()", "a seed from its parameters"],
+    ),
+    "chance by the plainest name": (
+        """
+        def begin(self): self.n = 0
+        def name(self):
+            self.n += 1
+            return self.n * 100000 + int(random.random() * 100000)
+        """,
+        ["It looks like chance", "planted_K.py:", "calls random.random()"],
+    ),
+    "a calendar": (
+        """
+        def begin(self): self.n = 0
+        def name(self):
+            self.n += 1
+            return self.n * 100 + datetime.date.today().day
+        """,
+        ["asks the clock while it replays scene.mcap", "planted_K.py:", "calls datetime.date.today()", "frame.time_ns"],
     ),
     "a set": (
         """
@@ -167,6 +185,7 @@ PLANTED = {
     ),
 }
 TRACKER = """
+import datetime
 import random
 import threading
 import time
@@ -221,7 +240,103 @@ def planted_run(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_planted_nondeterminism_is_caught_with_its_kind(planted_run: str, plant: str) -> None:
     k = list(PLANTED).index(plant)
     said = re.split(r"^_+ test_planted_\d+ _+$", planted_run, flags=re.MULTILINE)[k + 1]
-    assert "Planted is not deterministic" in said or "Planted: a replay that starts from state()" in said
+    heads = ("Planted is not deterministic", "Planted: a replay that starts from state()", "Planted asks the clock")
+    assert any(head in said for head in heads)
     for words in PLANTED[plant][1]:
         assert words.replace("_K", f"_{k}") in said, said
     assert "no golden file" not in said, "what is not deterministic must not become golden"
+
+
+def user_project(folder: Path, body: str, test: str = "golden_scene('scene.mcap', tracker=Planted)") -> Path:
+    """A folder with a scene, a tracker of the user's own and a test of it."""
+    write_scene_log(generate("pass_by", size=(96, 72), frames=12), folder / "scene.mcap", pictures="none")
+    plant = textwrap.indent(textwrap.dedent(body), "    ")
+    (folder / "planted.py").write_text(TRACKER.replace("PLANT", plant))
+    (folder / "test_planted.py").write_text(
+        f"from planted import Planted\n\n\ndef test_planted(golden_scene):\n    {test}\n"
+    )
+    return folder
+
+
+@pytest.mark.parametrize("hash_seed", ["0", "3", "4"])
+def test_the_order_of_a_set_of_two_is_caught_from_wherever_one_starts(tmp_path: Path, hash_seed: str) -> None:
+    """Half of all seeds have one order, half the other: one other process is a coin that falls the wrong way."""
+    folder = user_project(
+        tmp_path,
+        """
+        def begin(self): self.n = 0
+        def name(self):
+            self.n += 1
+            for side in {"left", "right"}:
+                return self.n * 10 + len(side)
+        """,
+    )
+    code, said = run_pytest(folder, hash_seed=hash_seed)
+    assert code == 1
+    assert "It follows the hash seed (PYTHONHASHSEED)" in said, said
+    assert "no golden file" not in said
+
+
+def test_what_the_process_has_left_behind_is_not_taken_for_a_hash_seed(tmp_path: Path) -> None:
+    folder = user_project(
+        tmp_path,
+        """
+        offset = 0
+        def begin(self): self.n = 0
+        def name(self):
+            self.n += 1
+            return self.n * 10 + Planted.offset
+        """,
+        "Planted.offset = 3\n    golden_scene('scene.mcap', tracker=Planted)",
+    )
+    code, said = run_pytest(folder)
+    assert code == 1
+    assert "Other processes agree with one another whatever the hash seed" in said, said
+
+
+def test_a_clock_and_chance_without_an_effect_are_no_fault(tmp_path: Path) -> None:
+    """Speed that is measured, lines that are logged, a generator with a seed: the answers are the same."""
+    folder = user_project(
+        tmp_path,
+        """
+        def begin(self):
+            self.n = 0
+            self.generator = random.Random(7)
+        def name(self):
+            import logging
+            start = time.perf_counter()
+            logging.getLogger("planted").warning("begin")
+            self.n += 1
+            logging.getLogger("planted").warning("took %s s", time.perf_counter() - start)
+            return self.n * 1000 + int(self.generator.random() * 1000)
+        """,
+        "golden_scene('scene.mcap', tracker=Planted, checkpoint=False)",
+    )
+    code, said = run_pytest(folder)
+    assert "there was no golden file, so it was written" in said, said
+    code, said = run_pytest(folder)
+    assert code == 0, said
+
+
+def test_two_tests_of_one_name_are_told(tmp_path: Path) -> None:
+    write_scene_log(generate("pass_by", size=(96, 72), frames=12), tmp_path / "scene.mcap", pictures="none")
+    plain = "golden_scene('scene.mcap', other_process=False, checkpoint=False)\n"
+    named = plain.replace(")", ", name='a')")
+    method = f"    def test_crossing(self, golden_scene):\n        {plain}\n\n"
+    (tmp_path / "test_one.py").write_text(f"class TestX:\n{method}class TestY:\n{method}")
+    functions = [("test_crossing", plain), ("test_named", named), ("test_named_too", named)]
+    (tmp_path / "test_other.py").write_text(
+        "".join(f"def {test}(golden_scene):\n    {call}\n\n" for test, call in functions)
+    )
+    code, said = run_pytest(tmp_path)
+    assert code == 1
+    assert said.count("two tests have one golden file, test_crossing.mcap") == 3, said
+    for words in ("test_one.py::TestX::test_crossing", "test_one.py::TestY::test_crossing", "golden_scene(..., name="):
+        assert words in said
+    assert re.search(
+        r"one golden file, a\.mcap:\n\s*test_other\.py::test_named\n\s*test_other\.py::test_named_too", said
+    )
+    assert not (tmp_path / "test_crossing.mcap").exists()
+    assert (tmp_path / "a.mcap").exists()
+    code, said = run_pytest(tmp_path, "test_one.py::TestX")
+    assert "there was no golden file, so it was written" in said, "alone it has its name for itself"

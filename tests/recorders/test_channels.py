@@ -134,7 +134,7 @@ def test_limits_on_depth_and_number() -> None:
 
 
 def test_a_protobuf_that_is_none() -> None:
-    with pytest.raises(RecordingError, match="not a image message"):
+    with pytest.raises(RecordingError, match="not an image message"):
         channels.decode("image", b"\xff\xff\xff")
 
 

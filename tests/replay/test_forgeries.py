@@ -197,6 +197,13 @@ def _checkpoint_moved(content: Content) -> None:
     content.attachments[-1] = replace(content.attachments[-1], log_time_ns=1)
 
 
+def _checkpoint_field(**change: object) -> Forgery:
+    def forgery(content: Content) -> None:
+        content.attachments[-1] = replace(content.attachments[-1], **change)  # type: ignore[arg-type]
+
+    return forgery
+
+
 def _attachment_added(content: Content) -> None:
     content.attachments.append(Attachment("notes.txt", "text/plain", 0, 0, b"it was the butler"))
 
@@ -258,6 +265,8 @@ FORGERIES: dict[str, Forgery] = {
     "two checkpoints swapped": _checkpoints_swapped,
     "a checkpoint removed": _checkpoint_removed,
     "a checkpoint moved in time": _checkpoint_moved,
+    "a checkpoint of another media type": _checkpoint_field(media_type="text/plain"),
+    "a checkpoint created at another time": _checkpoint_field(create_time_ns=5),
     "an attachment added": _attachment_added,
     "a channel added": _channel_added,
     "another schema of tracks": _schema_altered,
@@ -265,7 +274,7 @@ FORGERIES: dict[str, Forgery] = {
     "detections gone": _detections_gone,
     "everything gone": _everything_gone,
 }
-# Leaves no log to verify: an error.
+# Says nothing that can be replayed or compared by.
 UNREADABLE = {"a second metadata record"}
 # Only a new replay can tell.
 CAREFUL = {"tracks, digests made anew"}
@@ -276,6 +285,8 @@ SAME_STORY = {
     "two checkpoints swapped",
     "a checkpoint removed",
     "a checkpoint moved in time",
+    "a checkpoint of another media type",
+    "a checkpoint created at another time",
     "an attachment added",
     "another schema of tracks",
 }
@@ -311,7 +322,7 @@ def test_every_forgery_is_told(
     if forgery in UNREADABLE:
         for command in (("verify", forged), ("verify", forged, "--quick"), ("diff", original, forged)):
             code, words = said(capsys, *command)
-            assert (code, "altered" in words) == (1, True), words
+            assert (code, "altered" in words) == (4 if command[0] == "verify" else 1, True), words
         return
     code, words = said(capsys, "verify", forged, "--quick")
     assert code == (0 if forgery in CAREFUL else 4), words
@@ -359,6 +370,36 @@ def test_a_copy_is_no_forgery(original: Path, tmp_path: Path, capsys: pytest.Cap
         assert code == 0, words
         assert words.startswith("identical: 40 frames")
         assert "without effect" not in words
+
+
+def test_a_picture_with_a_wrong_bit_is_told_in_our_own_words(
+    original: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def flipped(content: Content) -> None:
+        at = _first(content, "image", 12)
+        m = content.messages[at]
+        content.messages[at] = altered(m, data=m.data[:-200] + bytes([m.data[-200] ^ 1]) + m.data[-199:])
+
+    forged = forge(original, tmp_path / "forged.mcap", flipped)
+    capfd.readouterr()
+    assert main(["verify", str(forged)]) == 4
+    out, err = capfd.readouterr()
+    assert err == ""
+    assert out.startswith("differs after 12 equal frames: frame 12, recorded messages")
+
+
+def test_bytes_behind_the_end_are_told_as_such(
+    original: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    longer = tmp_path / "longer.mcap"
+    whole = original.read_bytes()
+    for behind in (b"x", b"\x00" * 5000, whole[-8:] * 3):
+        longer.write_bytes(whole + behind)
+        code, words = said(capsys, "verify", longer)
+        assert code == 1
+        assert f"at byte {len(whole)}: {len(behind)} bytes follow the file's end" in words
+        assert main(["doctor", str(longer)]) == 1
+        assert "bytes follow the file's end" in capsys.readouterr().out
 
 
 def test_a_cut_file_is_damaged_at_a_byte(original: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import platform
 from pathlib import Path
 
 import pytest
 
+from fixtures.logs import export_video
+from fixtures.scenes import generate
 from recorders.log import LogWriter
 from replay.cli import main
 
@@ -46,3 +49,21 @@ def test_names_that_are_not_utf8_are_recorded_spelt_out(tmp_path: Path, capsys: 
     shown = capsys.readouterr().out
     assert r"source: gate\udcff.txt" in shown
     assert r"scene: scene\udcfe.mcap" in shown
+
+
+def test_a_scene_log_says_what_its_masks_and_detections_depend_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    export_video(generate("pass_by", size=(96, 72), frames=8), tmp_path / "v.avi")
+    assert main(["record", str(tmp_path / "v.avi"), "-o", str(tmp_path / "scene.mcap")]) == 0
+    capsys.readouterr()
+    assert main(["info", str(tmp_path / "scene.mcap")]) == 0
+    said = capsys.readouterr().out
+    for words in (
+        f"python: CPython {platform.python_version()}",
+        f"machine: {platform.machine()}, numpy with ",
+        "opencv_build: Version control",
+        "IPP in use: no",
+        '"numpy":"2',
+    ):
+        assert words in said

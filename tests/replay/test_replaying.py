@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace as changed
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -17,9 +18,10 @@ from recorders import channels
 from recorders.errors import OutputExistsError, RecordingError, SceneTraceError, UsageError
 from recorders.log import LogReader, LogWriter
 from recorders.messages import Target, Targets
-from recorders.scene import SceneLog
+from recorders.scene import Frame, SceneLog
 from replay.checkpoint import PREFIX
 from replay.configuration import replay_config
+from replay.configuration import sections as replay_sections
 from replay.engine import Engine
 from replay.replaying import ReplayOptions
 from replay.trackers.catalogue import TRACKERS
@@ -292,6 +294,46 @@ def test_a_tracker_is_held_to_its_protocol(
     with pytest.raises(SceneTraceError, match=message):
         replay(scene, tmp_path / "a.mcap", options("events", factory=lambda *_: Broken(answer)))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("answer", [None, [], {"frame": 10}], ids=["none", "list", "dict"])
+def test_an_answer_that_is_none_is_told(scene: Path, tmp_path: Path, answer: object) -> None:
+    factory = lambda *_: Broken(lambda _: answer)  # type: ignore[arg-type, return-value]  # noqa: E731
+    with pytest.raises(SceneTraceError, match=r"frame 10: the tracker's step\(\) answered .*, must be .*Targets"):
+        replay(scene, tmp_path / "a.mcap", options("events", factory=factory))
+
+
+class Asking:
+    """A tracker with parameters of its own."""
+
+    SECTIONS = replay_sections("events")
+
+    def __init__(self, scene: object, config: dict[str, object], more: int = 0) -> None:
+        self.asked = config["events"]
+
+    def step(self, frame: Frame) -> Targets:
+        return Targets(frame.index)
+
+    def state(self) -> dict[str, object]:
+        return {"what": object()}
+
+    def restore(self, state: object) -> None:
+        pass
+
+
+def test_how_a_factory_names_its_parameters(scene: Path) -> None:
+    with SceneLog(scene) as log:
+        assert Engine(log, partial(Asking, more=3)).name == "Asking"
+        with pytest.raises(SceneTraceError, match=r"asks for the parameters 'events', .*an attribute SECTIONS"):
+            Engine(log, lambda *given: Asking(*given, more=3))
+        with pytest.raises(SceneTraceError, match=r"the tracker .* lacks step\(\) and state\(\) and restore\(\)"):
+            Engine(log, lambda *_: object())
+
+
+def test_a_state_that_is_not_plain_is_told(scene: Path, tmp_path: Path) -> None:
+    config = replay_config(Asking)
+    with pytest.raises(SceneTraceError, match=r"the tracker's state\(\): .*object"):
+        replay(scene, tmp_path / "a.mcap", ReplayOptions("Asking", config, checkpoint_ns=1, factory=Asking))
 
 
 def test_an_annotated_log_is_replayed_like_its_scene(scene: Path, tmp_path: Path) -> None:

@@ -138,10 +138,84 @@ def test_a_tracker_that_is_not_ours_is_said(folder: Path, tmp_path: Path) -> Non
         (lambda v: {**v, "format_version": "7"}, "annotated log of format '7'"),
     ],
 )
-def test_facts_are_read_strictly(folder: Path, tmp_path: Path, change: Any, words: str) -> None:
+def test_facts_are_read_strictly(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Any, words: str
+) -> None:
     for reseal in (True, False):
-        with pytest.raises(RecordingError, match=words):
-            verify_chain(with_facts(folder / "a.mcap", tmp_path / "b.mcap", change, reseal))
+        altered = with_facts(folder / "a.mcap", tmp_path / "b.mcap", change, reseal)
+        with LogReader(altered) as log, pytest.raises(RecordingError, match=words):
+            facts_of(log)
+        if "format" in words:
+            assert main(["verify", str(altered)]) == 1, "of another version, not altered"
+            continue
+        for more in ([], ["--quick"]):
+            assert main(["verify", str(altered), *more]) == 4
+            said = capsys.readouterr().out
+            assert re.search(f"reason: altered after the replay: .*{words}", said), said
+
+
+def test_a_log_without_the_record_of_its_making_was_altered(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "b.mcap"
+    with LogReader(folder / "a.mcap") as log, LogWriter(out) as writer:
+        ids = {c.id: writer.channel(c.topic, c.schema, c.message_encoding, c.metadata) for c in log.channels}
+        for m in log.messages():
+            writer.write(ids[m.channel.id], m.data, m.log_time_ns, m.publish_time_ns, m.sequence)
+    for more in ([], ["--quick"]):
+        assert main(["verify", str(out), *more]) == 4
+        assert "the metadata record 'scenetrace', which every replay writes, is not there" in capsys.readouterr().out
+    assert main(["verify", str(folder / "scene.mcap")]) == 1, "a scene log was never one"
+
+
+def test_a_tracker_that_the_configuration_does_not_know_is_named(folder: Path, tmp_path: Path) -> None:
+    lie = with_facts(folder / "a.mcap", tmp_path / "b.mcap", lambda v: {**v, "tracker": "shells"})
+    verdict = verify(lie)
+    assert not verdict.identical
+    assert verdict.reasons[0].startswith(
+        "the tracker is said to be shells, the configuration has none of its parameters"
+    )
+    assert verdict.reasons[0].endswith("it has those of events: altered")
+    assert len(verdict.reasons) < 12, verdict.reasons
+
+
+@pytest.mark.parametrize(("fact", "value"), [("from_ns", "400000000"), ("to_ns", "1000000000")])
+def test_frames_outside_of_the_span_that_a_log_names(folder: Path, tmp_path: Path, fact: str, value: str) -> None:
+    verdict = verify_chain(with_facts(folder / "a.mcap", tmp_path / "b.mcap", lambda v: {**v, fact: value}))
+    assert not verdict.identical
+    assert verdict.difference is not None
+    assert (verdict.difference.channel, verdict.difference.field) == ("metadata", fact)
+    assert verdict.difference.frame == verdict.frames == (0 if fact == "from_ns" else 25)
+
+
+def test_two_digests_that_begin_alike_are_shown_where_they_differ(folder: Path, tmp_path: Path) -> None:
+    def change(values: Facts) -> Facts:
+        link = values["output_digest"]
+        return {**values, "output_digest": link[:40] + ("0" if link[40] != "0" else "1") + link[41:]}
+
+    verdict = verify_chain(with_facts(folder / "a.mcap", tmp_path / "b.mcap", change))
+    assert verdict.difference is not None
+    assert verdict.difference.recorded != verdict.difference.replayed
+    assert verdict.difference.recorded.startswith("...")
+
+
+def test_frames_before_a_difference_are_counted(folder: Path, tmp_path: Path) -> None:
+    """Also where nothing differs behind it, and where the replay stops at it."""
+    out = tmp_path / "b.mcap"
+    with LogReader(folder / "a.mcap") as log, LogWriter(out) as writer:
+        ids = {c.id: writer.channel(c.topic, c.schema, c.message_encoding, c.metadata) for c in log.channels}
+        detections = 0
+        for m in log.messages():
+            detections += m.topic.endswith("/detections")
+            later = m.topic.endswith("/detections") and detections == 31
+            writer.write(ids[m.channel.id], m.data, m.log_time_ns, m.publish_time_ns, m.sequence + later)
+        for a in log.attachments():
+            writer.attach(a.name, a.media_type, a.data, a.log_time_ns, a.create_time_ns)
+        for name, values in log.metadata():
+            writer.metadata(name, values)
+    for verdict in (verify(out), verify_chain(out)):
+        assert verdict.difference is not None
+        assert (verdict.frames, verdict.difference.frame) == (30, 30)
 
 
 def test_the_scene_beside_is_a_name_never_a_path(folder: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from fixtures.logs import write_scene_log
 from fixtures.scenes import generate
-from recorders.errors import OutputExistsError, RecordingError, UsageError
+from recorders.errors import RecordingError, UsageError
 from replay.cli import main
 from replay.replaying import ReplayOptions
 from replay.sealing import check_manifest, new_key, read_manifest, seal, sign
@@ -121,8 +121,9 @@ def test_signed(case: Path) -> None:
 def test_keys_are_never_overwritten_and_must_be_keys(case: Path) -> None:
     pytest.importorskip("cryptography")
     new_key(case / "lab.key")
-    with pytest.raises(OutputExistsError):
+    with pytest.raises(RecordingError, match="a key is never overwritten; give another name") as e:
         new_key(case / "lab.key")
+    assert "--force" not in str(e.value), "there is no such way"
     manifest = seal([case / "answers"], case / "case.json")
     for wrong in (case / "lab.key.pub", case / "scene.mcap"):
         with pytest.raises(UsageError, match="must be a private Ed25519 key"):
@@ -180,10 +181,19 @@ def test_the_commands(case: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = [str(case / name) for name in ("scene.mcap", "annotated.mcap", "answers")]
     assert main(["seal", "--new-key", key]) == 0
     assert main(["seal", *files, "-o", out, "--key", key]) == 0
-    assert capsys.readouterr().out.count("\n") == 3
+    said = capsys.readouterr()
+    assert said.out.count("\n") == 3
+    assert "private key" not in said.err.splitlines()[-1]
+    assert main(["seal", str(case), "-o", str(case / "all.json")]) == 0
+    assert "lab.key: is a private key: whoever gets the case can sign in its owner's name" in capsys.readouterr().err
     assert main(["verify", "--manifest", out, "--public-key", key + ".pub"]) == 0
     assert "3 of 3 files are as they were sealed" in capsys.readouterr().out
     assert main(["verify", str(case / "annotated.mcap"), "--manifest", out]) == 0
+    capsys.readouterr()
+    assert main(["verify", str(case / "annotated.mcap"), "--manifest", out, "--json"]) == 0
+    both = json.loads(capsys.readouterr().out)
+    assert both["manifest"]["intact"]
+    assert both["log"]["identical"]
     assert main(["seal", *files, "-o", out]) == 1
     assert main(["seal", str(case / "nothing"), "-o", str(case / "b.json")]) == 2
     assert main(["seal"]) == 2
