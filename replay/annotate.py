@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
 from reasoning.reasoner import SceneAnnotation
 from recorders import channels
-from recorders.errors import SceneTraceError
 from recorders.messages import Regions, Targets
 from replay.annotations import drawing
 
@@ -56,27 +52,3 @@ def _default_regions(regions: Regions) -> str:
 
 def _axes(polygons: list[list[tuple[float, float]]]) -> tuple[list[float], list[float]]:
     return [x for polygon in polygons for x, _ in polygon], [y for polygon in polygons for _, y in polygon]
-
-
-def check_targets(answer: Any, frame: int) -> None:
-    """Hold a tracker to its protocol: finite boxes of positive size, ids that rise within the frame.
-
-    Raises:
-        SceneTraceError: the answer breaks it; names frame, target and value.
-    """
-    if not isinstance(answer, Targets):
-        raise SceneTraceError(
-            f"frame {frame}: the tracker's step() answered {type(answer).__name__}, must be recorders.messages.Targets"
-        )
-    if answer.frame != frame:
-        raise SceneTraceError(f"the tracker answered for frame {answer.frame} when asked for frame {frame}")
-    previous = -1
-    for target in answer.targets:
-        if target.id <= previous:
-            raise SceneTraceError(f"frame {frame}: target {target.id} after {previous}; ids must rise within a frame")
-        previous = target.id
-        x, y, w, h = target.box
-        if not (math.isfinite(x + y + w + h) and w > 0 and h > 0):
-            raise SceneTraceError(f"frame {frame}: target {target.id} has the box {target.box}")
-        if not all(map(math.isfinite, (*target.velocity, target.confidence))):
-            raise SceneTraceError(f"frame {frame}: target {target.id}: velocity or confidence is not finite")

@@ -25,9 +25,9 @@ from recorders.messages import Targets
 from recorders.parameters import Config
 from recorders.scene import Frame, SceneLog
 from replay import digest
-from replay.annotate import check_targets
 from replay.checkpoint import FORMAT, Checkpoint, decode_state, encode_state
 from replay.configuration import DEFAULT_TRACKER, fingerprint, replay_config, tracker_factory, tracker_name
+from replay.protocol import check_targets, made
 from replay.trackers.tracker import Tracker, TrackerFactory
 
 Extra = tuple[tuple[str, bytes], ...]
@@ -103,7 +103,7 @@ class Forward:
 
     def __init__(self, scene: SceneLog, factory: TrackerFactory, config: Config, *, unfinished: bool = False) -> None:
         self.scene = scene
-        self.tracker: Tracker = _made(factory, scene, config)
+        self.tracker: Tracker = made(factory, scene.info, config)
         ready = getattr(self.tracker, "extra_payloads", tuple)
         self._payloads: Callable[[], Extra] = (
             getattr(self.tracker, "unfinished_payloads", ready) if unfinished else ready
@@ -154,30 +154,6 @@ class Forward:
             return encode_state(self.tracker.state())
         except TypeError as e:
             raise SceneTraceError(f"the tracker's state(): {e}; it must be plain data and arrays of numbers") from e
-
-
-def _made(factory: TrackerFactory, scene: SceneLog, config: Config) -> Tracker:
-    """The tracker, held to its protocol.
-
-    Raises:
-        SceneTraceError: it asks for parameters that its factory does not name, or lacks a method.
-    """
-    name = tracker_name(factory)
-    try:
-        tracker = factory(scene.info, config)
-    except KeyError as e:
-        section = e.args[0] if e.args else None
-        if not isinstance(section, str) or section in config:
-            raise
-        raise SceneTraceError(
-            f"the tracker {name} asks for the parameters {section!r}, which its factory does not name: give the class "
-            f"or function an attribute SECTIONS = {{{section!r}: ...}} (a lambda has none; functools.partial keeps it)"
-        ) from e
-    missing = [method for method in ("step", "state", "restore") if not callable(getattr(tracker, method, None))]
-    if missing:
-        words = " and ".join(f"{method}()" for method in missing)
-        raise SceneTraceError(f"the tracker {name} lacks {words}: see replay.trackers.tracker.Tracker")
-    return tracker
 
 
 class Prefetch:

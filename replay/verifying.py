@@ -7,14 +7,9 @@ altered, the recording was, the configuration or a package is another one, or th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
-
-import msgspec
-from google.protobuf.json_format import MessageToDict
 
 from recorders import channels
 from recorders.errors import LimitError, RecordingError, SceneTraceError, UsageError
@@ -31,23 +26,9 @@ from replay.facts import AlteredFactsError, Facts, build_facts, facts_of
 from replay.replaying import Annotated, Progress, ReplayOptions, Run
 from replay.trackers.catalogue import TRACKER_SECTIONS, TRACKERS
 from replay.trackers.tracker import TrackerFactory
+from replay.unequal import difference_in, first_unequal, short
 
-# Protobuf messages whose fields say more than their bytes: no pictures.
-_SMALL = ("annotations", "log")
-
-__all__ = [
-    "Difference",
-    "FrameRecord",
-    "Verification",
-    "both",
-    "difference_in",
-    "facts_of",
-    "first_unequal",
-    "recorded_frames",
-    "short",
-    "verify",
-    "verify_chain",
-]
+__all__ = ["Difference", "FrameRecord", "Verification", "facts_of", "recorded_frames", "verify", "verify_chain"]
 
 
 def verify(
@@ -358,76 +339,3 @@ def _unequal_digests(then: list[Digest], now: Digest, links: bool) -> Difference
     if links and then[0].link != now.link:
         return Difference(now.frame, "digest", "link", *cut(then[0].link, now.link))
     return None
-
-
-def difference_in(name: str, then: bytes | None, now: bytes | None) -> tuple[str, str, str]:
-    """Where two payloads of a channel differ first: place in the message, both values, shortened."""
-    if then is None or now is None:
-        return "message", short(then), short(now)
-    found = None
-    try:
-        if name in channels.JSON_CHANNELS:
-            found = first_unequal(*(msgspec.json.decode(data) for data in (then, now)))
-        elif name in _SMALL:
-            found = first_unequal(*(MessageToDict(channels.decode(name, data)) for data in (then, now)))
-    except (msgspec.MsgspecError, RecursionError, SceneTraceError):
-        pass
-    return found or _unequal_bytes(then, now)
-
-
-def _unequal_bytes(then: bytes, now: bytes) -> tuple[str, str, str]:
-    """Where the bytes of two payloads part that nothing else tells apart."""
-    at = next((k for k, (a, b) in enumerate(zip(then, now, strict=False)) if a != b), min(len(then), len(now)))
-    old, new = (data[at : at + 16].hex() or "the end" for data in (then, now))
-    return f"byte {at} of the message", old, new
-
-
-def first_unequal(a: Any, b: Any, place: str = "") -> tuple[str, str, str] | None:
-    """Where two plain values differ first, in the order of their fields; rows with an id are named by it."""
-    return next(_unequal(a, b, place), None)
-
-
-def _unequal(a: Any, b: Any, place: str) -> Iterator[tuple[str, str, str]]:
-    if isinstance(a, dict) and isinstance(b, dict):
-        for key in [*a, *(k for k in b if k not in a)]:
-            yield from _unequal(a.get(key), b.get(key), f"{place}.{key}" if place else str(key))
-    elif isinstance(a, list) and isinstance(b, list):
-        for k, (x, y) in enumerate(zip_longest(a, b)):
-            yield from _unequal(x, y, f"{place}[{_row_name(x, y, k)}]")
-    elif type(a) is not type(b):
-        yield place, short(a), short(b)
-    elif hasattr(a, "tobytes"):
-        if (a.dtype, a.shape, a.tobytes()) != (b.dtype, b.shape, b.tobytes()):
-            yield place, short(a.tolist()), short(b.tolist())
-    elif a != b:
-        yield place, short(a), short(b)
-
-
-def _row_name(x: Any, y: Any, k: int) -> str:
-    row = x if isinstance(x, dict) else y
-    if isinstance(row, dict) and "id" in row:
-        return f"id {row['id']}"
-    return str(k)
-
-
-def both(a: Any, b: Any) -> tuple[str, str]:
-    """Two unequal values for a line: numbers with as many digits as it takes to tell them apart, at least six."""
-    if isinstance(a, float) and isinstance(b, float):
-        for digits in range(6, 18):
-            x, y = f"{a:.{digits}g}", f"{b:.{digits}g}"
-            if x != y:
-                return x, y
-    if isinstance(a, list | tuple) and isinstance(b, list | tuple) and len(a) == len(b) and len(a) <= 8:
-        pairs = [both(x, y) if x != y else (short(x),) * 2 for x, y in zip(a, b, strict=True)]
-        return short_text(f"({', '.join(p[0] for p in pairs)})"), short_text(f"({', '.join(p[1] for p in pairs)})")
-    return short(a), short(b)
-
-
-def short(value: Any) -> str:
-    """A value in at most 60 characters."""
-    return short_text("nothing" if value is None else repr(value))
-
-
-def short_text(text: str) -> str:
-    """A text cut to 60 characters."""
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -12,7 +12,7 @@ from replay.compare.content import NANOS, Content, Happening, Lasting
 from replay.compare.difference import Difference
 from replay.compare.intervals import Interval, holds, intersect
 from replay.compare.matching import Matching
-from replay.verifying import both
+from replay.unequal import both
 
 Key = tuple[str, tuple[int, ...]]
 _DIGITS = re.compile(r"\d+")

@@ -11,7 +11,7 @@ from recorders import channels
 from recorders.errors import LimitError, RecordingError
 from recorders.log import LogReader
 from replay.chain import cut
-from replay.verifying import difference_in
+from replay.unequal import difference_in
 
 RECORDING = "recording"
 Payloads = dict[str, list[bytes]]

@@ -16,7 +16,7 @@ from replay.compare.intervals import Interval, count, intersect, subtract
 from replay.compare.matching import Change, Matching, Pair
 from replay.compare.raw import RECORDING, Raw, compare_bytes
 from replay.facts import GOLDEN, Facts, facts_of
-from replay.verifying import both, short
+from replay.unequal import both, short
 
 _READ = ("tracks", "relations", "groups", "events")
 # What a difference in a channel shows as; a channel that is not here is told of only where nothing else explains it.
