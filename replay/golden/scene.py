@@ -14,6 +14,7 @@ from recorders.errors import SceneTraceError
 from recorders.log import LogReader
 from recorders.parameters import Config
 from recorders.scene import SceneLog
+from replay.chain import cut
 from replay.compare import CompareOptions, Comparison, compare
 from replay.facts import facts_of
 from replay.golden import diagnosis
@@ -179,10 +180,10 @@ class GoldenScene:
     @staticmethod
     def _differs(job: Job, golden: Path, replayed: Path, found: Comparison, name: str) -> str:
         with LogReader(golden) as a, LogReader(replayed) as b:
-            inputs = facts_of(a).input_digest, facts_of(b).input_digest
-        other = "" if inputs[0] == inputs[1] else (
+            then, now = cut(facts_of(a).input_digest, facts_of(b).input_digest)
+        other = "" if then == now else (
             f"\n{job.scene.name} is not the recording that the golden file was made from "
-            f"(input digest {inputs[0][:16]}, now {inputs[1][:16]})"
+            f"(input digest {then}, now {now})"
         )  # fmt: skip
         return (
             f"{job.name} no longer says of {job.scene.name} what {golden.name} says (A: golden, B: now){other}\n"

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from recorders.errors import SceneTraceError
+from replay.chain import cut
 from replay.sealing.manifest import Entry, added_files, file_digest, read_manifest
 from replay.sealing.signing import public_key, signature_holds
 
@@ -110,4 +111,5 @@ def _checked(entry: Entry, folder: Path) -> Finding:
     if digest == entry.sha256:
         return Finding(entry.name, "unaltered")
     sizes = f"{entry.bytes} bytes, now {size}; " if size != entry.bytes else ""
-    return Finding(entry.name, "altered", f"{sizes}SHA-256 was {entry.sha256[:16]}, is {digest[:16]}")
+    then, now = cut(entry.sha256, digest)
+    return Finding(entry.name, "altered", f"{sizes}SHA-256 was {then}, is {now}")
