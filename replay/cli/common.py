@@ -46,6 +46,8 @@ def add_configuration(parser: argparse.ArgumentParser) -> None:
 
 
 _OUTPUTS = {"output": "-o", "plot": "--plot", "html": "--html"}
+_INPUTS = {"scene": "the recording itself", "source": "the source itself"}
+_READ = "read by the same command"
 
 
 def check_outputs(args: argparse.Namespace) -> None:
@@ -66,7 +68,7 @@ def check_outputs(args: argparse.Namespace) -> None:
                 continue
             for path in value if isinstance(value, list | tuple) else [value]:
                 if isinstance(path, Path | str) and _one_file(out, Path(path)):
-                    what = f"what {_OUTPUTS[other]} is to write" if other in outputs else "read by the same command"
+                    what = f"what {_OUTPUTS[other]} is to write" if other in outputs else _INPUTS.get(other, _READ)
                     raise UsageError(f"{_OUTPUTS[name]} {out}: is {what}; name another file")
 
 
