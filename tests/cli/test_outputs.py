@@ -67,7 +67,7 @@ def test_a_folder_of_evidence_does_not_replace_the_log_in_it(folder: Path, capsy
     for place in (".", "recordings"):
         log = "annotated.mcap" if place == "." else "recordings/before.mcap"
         assert main(["evidence", log, "--events", "12", "-o", place, "--force"]) == 2
-        assert "would be replaced with it" in capsys.readouterr().err
+        assert "no folder of ours" in capsys.readouterr().err
         assert (folder / log).exists()
 
 
