@@ -28,7 +28,12 @@ from replay.hindsight.parameters import HindsightParameters
 from replay.hindsight.smoothing import filtered
 
 _BLOCK = 64
-_LIVELINESS = (0.25, 1.0, 4.0, 16.0, 64.0)
+_CALM = ((1.0, 0.25), (1.0, 1.0), (1.0, 4.0), (1.0, 16.0), (1.0, 64.0))
+"""Times the variances of measurement and acceleration."""
+_LIVELY = ((1.0, 256.0), (1 / 4, 256.0), (1 / 16, 4096.0), (1 / 64, 65536.0))
+"""The same of targets that dash and turn, and of boxes that follow limbs: none of the calm does them justice."""
+_MARGIN = 0.6
+"""By so much likelier (log, by sighting) a place, or a size, has to be under one of those."""
 _RULE = "EVENTS hindsight"
 Floats = NDArray[np.float64]
 Reading = Callable[[], Iterable[Targets]]
@@ -142,6 +147,7 @@ class _Writer:
         self._lives = lives
         self._p = p
         self._times = times
+        self._has_masks = scene.has_masks
         self._frame_s = max(scene.frame_ns * 1e-9, 1e-6)
         self._fill = max(1, math.floor(p.fill_s / self._frame_s + 1e-6))
         self._margin = self._fill + max(8, round(1.0 / self._frame_s))
@@ -168,7 +174,7 @@ class _Writer:
         self._go_on(start, start + len(window))
         rows = self._rows(window, start)
         rows = [r for r in rows if r.at[0] < end and r.at[-1] >= block]
-        values, rates = self._smooth(rows, start, len(window))
+        values, rates, lively = self._smooth(rows, start, len(window))
         known = [{t.id: t for t in answer.targets} for answer in window[block - start : end - start]]
         living = self._living(block, end, {row.life.id for row in rows})
         for at in range(block, end):
@@ -177,7 +183,12 @@ class _Writer:
             for k, row in enumerate(rows):
                 if row.at[0] <= at <= row.at[-1]:
                     seen = row.life.of(forward)
-                    out.append(_target(row, at, seen, values[at - start, k], rates[at - start, k]))
+                    value = values[at - start, k]
+                    if self._has_masks and lively[k] and seen is not None and seen.observed:
+                        # Pixels say where who dashes about is better than any path through them.
+                        x, y, w, h = seen.measured or seen.box
+                        value = np.array([x + w / 2, y + h / 2, w, h])
+                    out.append(_target(row, at, seen, value, rates[at - start, k]))
             out += self._unseen(living, at, forward, {t.id for t in out})
             out.sort(key=lambda t: t.id)
             yield Targets(answer.frame, out, self._groups(answer, out), self._notices(living, answer, at, out))
@@ -236,7 +247,7 @@ class _Writer:
                     row.boxes.append(box)
         return rows
 
-    def _smooth(self, rows: list[_Row], start: int, frames: int) -> tuple[Floats, Floats]:
+    def _smooth(self, rows: list[_Row], start: int, frames: int) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         p = self._p
         measured = np.zeros((frames, len(rows), 4))
         seen = np.zeros((frames, len(rows)), bool)
@@ -248,7 +259,7 @@ class _Writer:
             seen[index, k] = True
             size[k] = np.sqrt(np.maximum(b[:, 2] * b[:, 3], 1.0)).mean()
         if not rows:
-            return measured, measured
+            return measured, measured, np.zeros(0, bool)
         steps = np.diff(np.array(self._times[start : start + frames], np.float64), prepend=0.0) * 1e-9
         noise = np.array([p.place_noise, p.place_noise, p.size_noise, p.size_noise])
         agility = np.array([p.agility, p.agility, p.size_agility, p.size_agility])
@@ -312,22 +323,26 @@ class _Writer:
 
 def _smooth_lively(
     measured: Floats, seen: NDArray[np.bool_], steps: Floats, model: tuple[Floats, Floats, Floats]
-) -> tuple[Floats, Floats]:
-    """Smooth paths (T, N, 4), each as lively or calm as is likeliest of it.
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Smooth paths (T, N, 4), each as lively or calm as is likeliest of it; values, rates, whose places are lively.
 
-    Tried are `_LIVELINESS` times the acceleration's variance, and the likeliest is kept, one for the place and one
-    for the size; of equals the calmer.
+    Tried are `_CALM` and `_LIVELY`, and the likeliest is kept, one for the place and one for the size; of equals the
+    calmer.
     """
     variance, acceleration, rate = model
-    several = len(_LIVELINESS)
+    tried = (*_CALM, *_LIVELY)
+    several = len(tried)
     # Components do not know of one another, so a path's four under every factor are filtered as components of one.
-    measured, variance, rate = (np.concatenate([v] * several, axis=-1) for v in (measured, variance, rate))
-    acceleration = np.concatenate([acceleration * factor for factor in _LIVELINESS], axis=-1)
+    measured, rate = (np.concatenate([v] * several, axis=-1) for v in (measured, rate))
+    variance = np.concatenate([variance * factor for factor, _ in tried], axis=-1)
+    acceleration = np.concatenate([acceleration * factor for _, factor in tried], axis=-1)
     made = filtered(measured, seen, steps, variance, acceleration, rate)
     found = made.likelihood(measured, seen, variance).reshape(-1, several, 4)
-    place, size = found[:, :, :2].sum(axis=2), found[:, :, 2:].sum(axis=2)
-    best = [4 * np.argmax(np.round(v * 2.0**20), axis=1)[:, None] for v in (place, size)]
-    return made.components(np.concatenate([best[0] + [0, 1], best[1] + [2, 3]], axis=1)).smoothed()
+    doubt = seen.sum(axis=0)[:, None] * np.repeat([0.0, 1.0], [len(_CALM), len(_LIVELY)])
+    place = np.argmax(np.round((found[:, :, :2].sum(axis=2) - _MARGIN * doubt) * 2.0**20), axis=1)
+    size = np.argmax(np.round((found[:, :, 2:].sum(axis=2) - _MARGIN * doubt) * 2.0**20), axis=1)
+    chosen = np.concatenate([4 * place[:, None] + [0, 1], 4 * size[:, None] + [2, 3]], axis=1)
+    return *made.components(chosen).smoothed(), place >= len(_CALM)
 
 
 def _target(row: _Row, at: int, forward: Target | None, value: Floats, rate: Floats) -> Target:

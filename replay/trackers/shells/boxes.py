@@ -10,6 +10,9 @@ Equation 9's ``a`` is the filter's own gain here: a detected box's error is know
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +29,9 @@ _GATE = 4.0
 _OVERLAP = 0.2
 """Least IoU of a detection with the box that was predicted."""
 
+_RESIZED = 0.7
+"""Largest change of area (log) of one who is found again where nobody else is."""
+
 
 def match(bodies: Bodies, free: Free, p: ShellsParameters) -> Pairs:
     """(row, detection) pairs: those in sight choose first, then the lost, last the tentative."""
@@ -35,12 +41,19 @@ def match(bodies: Bodies, free: Free, p: ShellsParameters) -> Pairs:
     tentative = [k for k, b in enumerate(items) if b.id == TENTATIVE]
     sure = free.scores >= p.start_score
     out: Pairs = []
-    for who, which in ((followed, sure), (followed, ~sure), (lost, sure), (tentative, sure)):
+    near = partial(_near, p=p)
+    for who, which, choose in (
+        (followed, sure, near),
+        (followed, ~sure, near),
+        (followed, sure, _only),
+        (lost, sure, near),
+        (tentative, sure, near),
+    ):
         done = dict(out)
         stage = [k for k in who if k not in done]
         columns = np.setdiff1d(np.flatnonzero(which), list(done.values()))
         if stage and len(columns):
-            pairs = _near(bodies, np.array(stage, np.intp), free.boxes[columns], p)
+            pairs = choose(bodies, np.array(stage, np.intp), free.boxes[columns])
             out += [(stage[i], int(columns[j])) for i, j in pairs]
     return out
 
@@ -54,6 +67,36 @@ def _near(bodies: Bodies, rows: NDArray[np.intp], boxes: Floats, p: ShellsParame
     overlap = iou(bodies.boxes[rows], boxes)
     allowed = (distance2 <= _GATE * _GATE) & (overlap >= _OVERLAP)
     return assign(1.0 - overlap + distance2 / (_GATE * _GATE), allowed)
+
+
+def learn(bodies: Bodies, taken: Mapping[int, int], free: Free, p: ShellsParameters) -> None:
+    """Learn how the targets move from {detection: row}: of who was in sight, where no other detection is near."""
+    manner = bodies.manner
+    if manner is None or not taken:
+        return
+    columns = sorted(taken)
+    rows = np.array([taken[c] for c in columns], np.intp)
+    near = np.count_nonzero(intersection(free.boxes[columns], free.boxes) > 0, axis=1) > 1
+    steady = np.array([b.id != TENTATIVE and b.mode == "motion" for b in (bodies.items[k] for k in rows)], bool)
+    found = free.boxes[columns]
+    sure = free.scores[columns] >= p.start_score
+    sizes = np.sqrt(np.maximum(found[:, 2] * found[:, 3], 1.0))
+    manner.see(rows, found[:, :2] + found[:, 2:] / 2, sizes, steady & sure & ~near)
+
+
+def _only(bodies: Bodies, rows: NDArray[np.intp], boxes: Floats) -> Pairs:
+    """Pairs within a minimum shell without a rival: no other detection is left in it, and nobody else is about.
+
+    Whoever turns back abruptly is off its prediction, yet nobody else can be there.
+    """
+    bank = bodies.bank
+    away = boxes[:, :2] + boxes[:, 2:] / 2 - bank.value[rows, None, :2]
+    smallest = bodies.radii(0.0)[rows]
+    inside = (away * away).sum(axis=2) <= (smallest * smallest)[:, None]
+    area = bank.value[rows, 2] * bank.value[rows, 3]
+    ratio = np.log(np.maximum(area, 1.0)[:, None] / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0))
+    alone = inside & (inside.sum(axis=1, keepdims=True) == 1) & (inside.sum(axis=0, keepdims=True) == 1)
+    return [(int(i), int(j)) for i, j in np.argwhere(alone & (np.abs(ratio) <= _RESIZED))]
 
 
 def hide(bodies: Bodies, p: ShellsParameters) -> None:

@@ -13,6 +13,7 @@ from recorders.messages import NO_BLOB, Box, Ellipse, Mode
 from recorders.vision import cv2
 from replay.trackers.kalman import KalmanBank
 from replay.trackers.shells.colours import BINS, MEMORY, histogram
+from replay.trackers.shells.liveliness import Liveliness
 from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.tracker import Image
 
@@ -109,9 +110,9 @@ class Bodies:
     """
 
     def __init__(self, parameters: ShellsParameters, has_pixels: bool = True) -> None:
-        agility = parameters.agility if has_pixels else parameters.box_agility
-        self._agility = np.array([agility] * 2 + [0.0] * 2)
-        self._p = parameters
+        self._p = p = parameters
+        self._agility = p.agility if has_pixels else p.box_agility
+        self.manner = Liveliness(p.box_noise, p.box_agility, p.speed) if p.box_lively and not has_pixels else None
         self.bank = KalmanBank(COMPONENTS)
         self.items: list[Body] = []
 
@@ -146,7 +147,11 @@ class Bodies:
         if not self.items or dt <= 0:
             return
         sizes = self.sizes[:, None]
-        self.bank.predict(dt, (sizes * self._agility) ** 2)
+        agility = self._agility
+        if self.manner is not None:
+            self.manner.predict(dt, sizes[:, 0])
+            agility = self.manner.agility
+        self.bank.predict(dt, (sizes * np.array([agility, agility, 0.0, 0.0])) ** 2)
         self.bank.rate[:, 2:] = 0.0
         self.bank.p00[:, 2:] += (sizes * 0.1) ** 2 * dt
 
@@ -167,9 +172,10 @@ class Bodies:
         value[row, 3] += a * (height - value[row, 3])
         self.bank.p00[row, 2:] *= 1 - a
 
-    def correct(self, row: int, box: Box, noise: float) -> None:
-        """Equation 9 with the filter's own gain in place of a: a measured box whose error is known, in sizes."""
+    def correct(self, row: int, box: Box) -> None:
+        """Equation 9 with the filter's own gain in place of a: a measured box whose error is known."""
         x, y, w, h = box
+        noise = self._p.box_noise if self.manner is None else self.manner.noise
         bank, variance = self.bank, max(w * h, 1.0) * noise * noise
         measured = np.array([x + w / 2, y + h / 2, w, h])
         bank.update_row(row, measured, variance)
@@ -181,11 +187,13 @@ class Bodies:
         rate = (size * np.array([self._p.speed] * 2 + [0.0] * 2)) ** 2
         self.bank.add(np.array([[x + w / 2, y + h / 2, w, h]]), (0.1 * size) ** 2, rate[None])
         self.items.append(body)
+        if self.manner is not None:
+            self.manner.start((x + w / 2, y + h / 2), size)
 
     def keep(self, kept: list[int]) -> None:
         """Keep the given rows, in that order."""
         if len(kept) != len(self.items):
-            self.bank.keep(np.array(kept, np.intp))
+            self._keep(np.array(kept, np.intp))
             self.items = [self.items[k] for k in kept]
 
     def exchange(self, a: int, b: int) -> None:
@@ -197,16 +205,24 @@ class Bodies:
             setattr(two, name, mine)
         order = np.arange(len(self.items))
         order[[a, b]] = [b, a]
-        self.bank.keep(order)
+        self._keep(order)
+
+    def _keep(self, rows: Rows) -> None:
+        self.bank.keep(rows)
+        if self.manner is not None:
+            self.manner.keep(rows)
 
     def state(self) -> dict[str, Any]:
         """Plain data for a checkpoint."""
-        return {"bank": self.bank.state(), "items": [_plain(b) for b in self.items]}
+        manner = None if self.manner is None else self.manner.state()
+        return {"bank": self.bank.state(), "items": [_plain(b) for b in self.items], "manner": manner}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` gave."""
         self.bank.restore(state["bank"])
         self.items = [_body(s) for s in state["items"]]
+        if self.manner is not None:
+            self.manner.restore(state["manner"])
 
 
 _OF_THE_PLACE = (

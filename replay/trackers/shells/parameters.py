@@ -38,8 +38,9 @@ class ShellsParameters(Parameters):
         high=10,
     )
     box_agility: float = param(
-        1.0, "standard deviation of the acceleration of such boxes", unit="sizes/s^2", low=0.0, high=1e3
+        1.0, "standard deviation of the acceleration of such boxes, at least", unit="sizes/s^2", low=0.0, high=1e3
     )
+    box_lively: bool = param(True, "and up to 16 times as much, as the recording's own targets turn out to be")
     hidden_cover: float = param(
         0.3, "an unseen object under another's box by this share is behind it", low=0.0, high=1.0
     )

@@ -211,6 +211,7 @@ class ShellsTracker:
     def _follow_boxes(self, frame: Frame, free: Free, radii: Floats) -> dict[int, int]:
         """The same where boxes are all there is; {column: row}."""
         taken = {column: row for row, column in boxes.match(self._bodies, free, self._p)}
+        boxes.learn(self._bodies, taken, free, self._p)
         for column, row in taken.items():
             self._sight(row, frame, free, column)
         boxes.hide(self._bodies, self._p)
@@ -233,7 +234,7 @@ class ShellsTracker:
         body, p = self._bodies.items[row], self._p
         x, y, w, h = free.boxes[column].tolist()
         if frame.mask is None:
-            self._bodies.correct(row, (x, y, w, h), p.box_noise)
+            self._bodies.correct(row, (x, y, w, h))
         else:
             self._bodies.move(row, (x + w / 2, y + h / 2), p.blend)
             self._bodies.resize(row, w, h, p.size_blend)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 import tracemalloc
 from collections.abc import Iterable
 from itertools import pairwise
@@ -154,6 +155,34 @@ def test_noise_is_smoothed_and_speed_comes_with_it() -> None:
     smooth = [abs(f.targets[0].box[0] - (50 + 5.0 * k)) for k, f in enumerate(out)]
     assert sum(smooth) < 0.6 * sum(rough)
     assert out[50].targets[0].velocity[0] == pytest.approx(50.0, abs=8.0)
+
+
+def _dash(k: int) -> float:
+    """There and back at 120 px/s, turning about every 0.8 s."""
+    return 100 + 12 * abs(k % 16 - 8)
+
+
+def test_turns_of_who_dashes_about_are_not_smoothed_away() -> None:
+    rng = random.Random(5)
+    seen = [_dash(k) + rng.uniform(-0.5, 0.5) for k in range(120)]
+    out = _run([Targets(k, [_target(1, k, x)]) for k, x in enumerate(seen)])
+    off = sorted(abs(t.targets[0].box[0] - _dash(t.frame)) for t in out)
+    assert off[60] < 0.8
+    assert off[-1] < 5
+
+
+def test_where_there_are_pixels_who_dashes_about_is_where_they_were_seen() -> None:
+    frames = [Targets(k, [_target(1, k, _dash(k))] if k % 7 else []) for k in range(118)]
+    scene = SceneInfo(640, 480, FRAME_NS, True, True)
+    out = list(rewrite(lambda: iter(frames), scene, [k * FRAME_NS for k in range(118)], _config()))
+    for t in out[1:]:
+        assert t.targets[0].box[0] == pytest.approx(_dash(t.frame), abs=1e-9 if t.frame % 7 else 12)
+    calm = _walk(60, range(20, 20))
+    calm = [
+        replace(t, targets=[replace(x, measured=(x.box[0] + t.frame % 2, *x.box[1:])) for x in t.targets]) for t in calm
+    ]
+    out = list(rewrite(lambda: iter(calm), scene, [k * FRAME_NS for k in range(60)], _config()))
+    assert max(abs(t.targets[0].box[0] - 50.5 - 5 * t.frame) for t in out[10:50]) < 0.3, "noise is smoothed as ever"
 
 
 def test_blocks_do_not_show() -> None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from fixtures.logs import write_scene_log, write_truth
+from fixtures.scenes import SCRIPTS, GeneratedScene
 from recorders.messages import Box, Detections, Target
 from recorders.recording import record
 from recorders.scene import Frame, SceneInfo
@@ -21,14 +24,16 @@ from replay.writing import replay
 FRAME_NS = 100_000_000
 
 
-def play(frames: int, boxes: Callable[[int], Sequence[Box]], score: float = 1.0) -> list[list[Target]]:
+def play(
+    frames: int, boxes: Callable[[int], Sequence[Box]], score: float | Callable[[int], float] = 1.0
+) -> list[list[Target]]:
     """What is said of every frame's boxes at 10 frames/s."""
     info = SceneInfo(400, 200, FRAME_NS, has_images=False, has_masks=False)
     tracker = TRACKERS["shells"](info, replay_config("shells"))
     said = []
     for k in range(frames):
         found = list(boxes(k))
-        seen = Detections(k, 400, 200, found, [score] * len(found))
+        seen = Detections(k, 400, 200, found, [score(k) if callable(score) else score] * len(found))
         said.append(list(tracker.step(Frame(k, FRAME_NS * k, seen)).targets))
     return said
 
@@ -68,7 +73,55 @@ def test_one_missing_detection_does_not_push_a_row_of_neighbours_on() -> None:
 
 
 def test_unsure_detections_start_nobody_but_hold_who_is_known() -> None:
-    assert not any(play(20, lambda _: [(100.0, 60.0, 30.0, 90.0)], score=0.5))
+    def walking(k: int) -> list[Box]:
+        return [(100.0 + 4 * k, 60.0, 30.0, 90.0)]
+
+    assert not any(play(20, walking, score=0.5))
+    said = play(40, walking, score=lambda k: 0.9 if k < 15 else 0.5)
+    assert all(t.observed and t.id == 1 for t in said[39])
+    assert present(said[39])[1] == pytest.approx(115 + 4 * 39, abs=3)
+    unseen = play(40, lambda k: walking(k) if k < 15 else [])
+    assert not present(unseen[39])
+
+
+def dashing(k: int, step: float) -> float:
+    """There and back, turning about at full speed every ten frames."""
+    return step * abs((k % 20) - 10)
+
+
+def test_who_dashes_and_turns_about_is_followed_by_what_was_learnt_of_all() -> None:
+    def boxes(k: int) -> list[Box]:
+        return [(30.0 + dashing(k + 3 * i, 5), 30.0 + 55 * i, 40.0, 18.0) for i in range(3)]
+
+    said = play(90, boxes)
+    last = present(said[89])
+    assert sorted(last) == [1, 2, 3], "nobody was lost on the way and began anew"
+    for i in range(3):
+        assert last[i + 1] == pytest.approx(50 + dashing(89 + 3 * i, 5), abs=4)
+
+
+def test_of_two_shells_that_hold_a_detection_neither_takes_it_off_its_path() -> None:
+    """Who is off the path may be whoever is near: then it is told by the path alone."""
+
+    def boxes(k: int) -> list[Box]:
+        calm: list[Box] = [(60.0 + 3 * k, 60.0, 30.0, 90.0), (105.0 + 3 * k, 60.0, 30.0, 90.0)]
+        return calm if k < 20 else [(82.0 + 3 * k, 124.0, 30.0, 90.0)]
+
+    said = play(23, boxes)
+    assert {t.id: t.observed for t in said[22]} == {1: False, 2: False}
+
+
+@pytest.mark.parametrize(("name", "fps"), [("six_fish", 25), ("three_fish", 12)])
+def test_animals_by_their_boxes_alone(tmp_path: Path, name: str, fps: int) -> None:
+    script = replace(SCRIPTS[name], fps=fps)
+    scene = GeneratedScene(name, script, 77, script.size, 150)
+    write_scene_log(scene, tmp_path / "scene.mcap", pictures="none", masks=False)
+    options = ReplayOptions(tracker="shells", config=replay_config("shells"), annotations_only=True)
+    replay(tmp_path / "scene.mcap", tmp_path / "out.mcap", options)
+    with AnnotatedLog(tmp_path / "out.mcap") as annotated:
+        s = evaluate(read_truth(write_truth(scene, tmp_path / "gt.txt")), read_tracks(annotated).table)
+    assert s.identity.idf1 > 85
+    assert s.clear.switches <= 3
 
 
 @pytest.mark.real
