@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders.messages import NO_BLOB, Box
-from replay.trackers.shells.colours import bins_of, distance, histogram
+from replay.trackers.shells.colours import colours_in, distance
 from replay.trackers.shells.foreground import Foreground
 from replay.trackers.shells.objects import TENTATIVE, Bodies, Body
 from replay.trackers.shells.parameters import ShellsParameters
@@ -133,7 +133,7 @@ def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, 
     lost = [k for k, b in enumerate(bodies.items) if b.id != TENTATIVE and b.lost]
     if not lost:
         return None
-    seen = _colours(bodies.box(row), frame)
+    seen = colours_in(bodies.box(row), frame.image, frame.mask)
     by_id = {b.id: k for k, b in enumerate(bodies.items) if b.id != TENTATIVE}
     here = bodies.bank.value[row]
     best: Known | None = None
@@ -166,16 +166,3 @@ def _off_path(bodies: Bodies, lost: int, new: int, gap: float) -> float:
     miss = bank.value[lost, :2] - back - bank.value[new, :2]
     sigma = size * (_DRIFT + _DRIFT_RATE * gap)
     return 0.5 * float((miss * miss).sum(axis=1).min()) / (sigma * sigma)
-
-
-def _colours(box: Box, frame: Frame) -> Floats | None:
-    image, mask = frame.image, frame.mask
-    if image is None:
-        return None
-    height, width = image.shape[:2]
-    x1, y1 = max(0, round(box[0])), max(0, round(box[1]))
-    x2, y2 = min(width, round(box[0] + box[2])), min(height, round(box[1] + box[3]))
-    if x2 - x1 < 2 or y2 - y1 < 2:
-        return None
-    own = np.ones((y2 - y1, x2 - x1), bool) if mask is None else mask[y1:y2, x1:x2] > 0
-    return histogram(bins_of(image[y1:y2, x1:x2]), own)

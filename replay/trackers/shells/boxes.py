@@ -10,7 +10,7 @@ Equation 9's ``a`` is the filter's own gain here: a detected box's error is know
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
@@ -18,10 +18,13 @@ from numpy.typing import NDArray
 
 from replay.trackers.association import assign, intersection, iou
 from replay.trackers.shells.births import Free
+from replay.trackers.shells.colours import colours_in, distance
 from replay.trackers.shells.objects import TENTATIVE, Bodies
 from replay.trackers.shells.parameters import ShellsParameters
+from replay.trackers.tracker import Image
 
 Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
 Pairs = list[tuple[int, int]]
 
 _GATE = 4.0
@@ -32,8 +35,25 @@ _OVERLAP = 0.2
 _RESIZED = 0.7
 """Largest change of area (log) of one who is found again where nobody else is."""
 
+_STRANGER = 0.4
+"""Distance of colours of two who have nothing to do with one another, usually."""
 
-def match(bodies: Bodies, free: Free, p: ShellsParameters) -> Pairs:
+
+class Looks:
+    """The colours of detections, looked at when somebody asks: of the ellipse within the box, where the body is."""
+
+    def __init__(self, boxes: Floats, picture: Callable[[], Image | None]) -> None:
+        self._boxes, self._picture = boxes, picture
+        self._known: dict[int, Floats | None] = {}
+
+    def of(self, column: int) -> Floats | None:
+        """A detection's histogram; None without pictures, or where hardly a pixel of it is in the picture."""
+        if column not in self._known:
+            self._known[column] = colours_in(self._boxes[column].tolist(), self._picture())
+        return self._known[column]
+
+
+def match(bodies: Bodies, free: Free, looks: Looks, p: ShellsParameters) -> Pairs:
     """(row, detection) pairs: those in sight choose first, then the lost, last the tentative."""
     items = bodies.items
     followed = [k for k, b in enumerate(items) if b.id != TENTATIVE and not b.lost]
@@ -41,7 +61,7 @@ def match(bodies: Bodies, free: Free, p: ShellsParameters) -> Pairs:
     tentative = [k for k, b in enumerate(items) if b.id == TENTATIVE]
     sure = free.scores >= p.start_score
     out: Pairs = []
-    near = partial(_near, p=p)
+    near = partial(_near, looks=looks, p=p)
     for who, which, choose in (
         (followed, sure, near),
         (followed, ~sure, near),
@@ -53,12 +73,12 @@ def match(bodies: Bodies, free: Free, p: ShellsParameters) -> Pairs:
         stage = [k for k in who if k not in done]
         columns = np.setdiff1d(np.flatnonzero(which), list(done.values()))
         if stage and len(columns):
-            pairs = choose(bodies, np.array(stage, np.intp), free.boxes[columns])
+            pairs = choose(bodies, np.array(stage, np.intp), free.boxes[columns], columns)
             out += [(stage[i], int(columns[j])) for i, j in pairs]
     return out
 
 
-def _near(bodies: Bodies, rows: NDArray[np.intp], boxes: Floats, p: ShellsParameters) -> Pairs:
+def _near(bodies: Bodies, rows: Rows, boxes: Floats, columns: Rows, looks: Looks, p: ShellsParameters) -> Pairs:
     """Pairs near the predictions, (index of row, index of box)."""
     bank = bodies.bank
     noise = p.box_noise * np.sqrt(np.maximum(boxes[:, 2] * boxes[:, 3], 1.0))
@@ -66,13 +86,25 @@ def _near(bodies: Bodies, rows: NDArray[np.intp], boxes: Floats, p: ShellsParame
     distance2 = (away * away / (bank.p00[rows, None, :2] + (noise * noise)[None, :, None])).sum(axis=2)
     overlap = iou(bodies.boxes[rows], boxes)
     allowed = (distance2 <= _GATE * _GATE) & (overlap >= _OVERLAP)
-    return assign(1.0 - overlap + distance2 / (_GATE * _GATE), allowed)
+    cost = 1.0 - overlap + distance2 / (_GATE * _GATE)
+    return assign(cost + p.box_colour * _strange(bodies, rows, columns, allowed, looks), allowed)
 
 
-def learn(bodies: Bodies, taken: Mapping[int, int], free: Free, p: ShellsParameters) -> None:
-    """Learn how the targets move from {detection: row}: of who was in sight, where no other detection is near."""
-    manner = bodies.manner
-    if manner is None or not taken:
+def _strange(bodies: Bodies, rows: Rows, columns: Rows, allowed: NDArray[np.bool_], looks: Looks) -> Floats:
+    """Hellinger distances of colours where pairs compete, 0 elsewhere: places decide where they can."""
+    out = np.zeros(allowed.shape)
+    rivals = (allowed.sum(axis=1, keepdims=True) > 1) | (allowed.sum(axis=0, keepdims=True) > 1)
+    for i, j in np.argwhere(allowed & rivals).tolist():
+        mine = bodies.items[rows[i]].colours
+        theirs = None if mine is None else looks.of(int(columns[j]))
+        # Who is not known is as far as strangers usually are, so that it wins nothing by that.
+        out[i, j] = _STRANGER if mine is None or theirs is None else distance(mine, theirs)
+    return out
+
+
+def learn(bodies: Bodies, taken: Mapping[int, int], free: Free, looks: Looks, due: bool, p: ShellsParameters) -> None:
+    """Learn from {detection: row}, where no other detection is near: how who was in sight moves, and its colours."""
+    if not taken:
         return
     columns = sorted(taken)
     rows = np.array([taken[c] for c in columns], np.intp)
@@ -81,10 +113,16 @@ def learn(bodies: Bodies, taken: Mapping[int, int], free: Free, p: ShellsParamet
     found = free.boxes[columns]
     sure = free.scores[columns] >= p.start_score
     sizes = np.sqrt(np.maximum(found[:, 2] * found[:, 3], 1.0))
-    manner.see(rows, found[:, :2] + found[:, 2:] / 2, sizes, steady & sure & ~near)
+    if bodies.manner is not None:
+        bodies.manner.see(rows, found[:, :2] + found[:, 2:] / 2, sizes, steady & sure & ~near)
+    for column, row, telling in zip(columns, rows.tolist(), (steady & sure & ~near).tolist(), strict=True):
+        body = bodies.items[row]
+        seen = looks.of(column) if telling and (due or body.colours is None) else None
+        if seen is not None:
+            body.learn_colours(seen)
 
 
-def _only(bodies: Bodies, rows: NDArray[np.intp], boxes: Floats) -> Pairs:
+def _only(bodies: Bodies, rows: Rows, boxes: Floats, columns: Rows) -> Pairs:  # noqa: ARG001
     """Pairs within a minimum shell without a rival: no other detection is left in it, and nobody else is about.
 
     Whoever turns back abruptly is off its prediction, yet nobody else can be there.

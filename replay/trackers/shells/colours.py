@@ -24,6 +24,8 @@ _SOFT = 0.002
 """Added to every bin, so that a colour never seen is unlikely, not impossible."""
 LIMIT = 2.5
 """Largest log likelihood ratio that one pixel counts."""
+_BODY = 0.9
+"""Half axes of the ellipse that is looked at in a box without a mask, of the box's."""
 MEMORY = 30
 """Updates after which a histogram forgets."""
 
@@ -31,7 +33,7 @@ MEMORY = 30
 def _tables() -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.uint16]]:
     level = np.arange(256)
     luma = level * LUMA // 256
-    # Bins of 4 levels around the middle, wider ones outside.
+    # Bins of 5 levels; the first and the last take everything beyond.
     away = level - 128
     chroma = np.clip(CHROMA // 2 + np.sign(away) * np.minimum(np.abs(away) // 5, CHROMA // 2), 0, CHROMA - 1)
     return tuple(a.astype(np.uint16) for a in (luma * CHROMA * CHROMA, chroma * CHROMA, chroma))  # type: ignore[return-value]
@@ -50,6 +52,26 @@ def histogram(bins: Bins, own: NDArray[np.bool_]) -> Floats:
     """Histogram (BINS,) of the pixels of a mask, of sum 1; all 0 for an empty mask."""
     counts = np.bincount(bins[own], minlength=BINS).astype(np.float64)
     return np.asarray(counts / max(1.0, float(counts.sum())))
+
+
+def colours_in(box: Sequence[float], image: Image | None, mask: Image | None = None) -> Floats | None:
+    """Histogram of the foreground in a box; without a mask of the ellipse in it, where most of a body is.
+
+    None without a picture, or where hardly a pixel of the box is in it.
+    """
+    if image is None:
+        return None
+    height, width = image.shape[:2]
+    x, y, w, h = box
+    x1, y1, x2, y2 = max(0, round(x)), max(0, round(y)), min(width, round(x + w)), min(height, round(y + h))
+    if x2 - x1 < 2 or y2 - y1 < 2:
+        return None
+    if mask is not None:
+        own = mask[y1:y2, x1:x2] > 0
+    else:
+        u, v = (np.arange(x1, x2) + 0.5 - x) / w * 2 - 1, (np.arange(y1, y2) + 0.5 - y) / h * 2 - 1
+        own = (u * u)[None, :] + (v * v)[:, None] <= _BODY * _BODY
+    return histogram(bins_of(image[y1:y2, x1:x2]), own)
 
 
 def tell(tables: Sequence[Floats | None]) -> list[Floats | None]:

@@ -41,6 +41,9 @@ class ShellsParameters(Parameters):
         1.0, "standard deviation of the acceleration of such boxes, at least", unit="sizes/s^2", low=0.0, high=1e3
     )
     box_lively: bool = param(True, "and up to 16 times as much, as the recording's own targets turn out to be")
+    box_colour: float = param(
+        1.0, "cost of entirely different colours, where detections compete and there are pictures", low=0.0, high=10.0
+    )
     hidden_cover: float = param(
         0.3, "an unseen object under another's box by this share is behind it", low=0.0, high=1.0
     )
