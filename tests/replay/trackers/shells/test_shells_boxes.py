@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fixtures.logs import write_scene_log, write_truth
 from fixtures.scenes import SCRIPTS, GeneratedScene
 from recorders.messages import Box, Detections, Target
 from recorders.recording import record
-from recorders.scene import Frame, SceneInfo
+from recorders.scene import Frame, Image, SceneInfo
 from recorders.sources import open_source
 from replay.annotated import AnnotatedLog, read_tracks
 from replay.configuration import replay_config
@@ -122,6 +124,36 @@ def test_animals_by_their_boxes_alone(tmp_path: Path, name: str, fps: int) -> No
         s = evaluate(read_truth(write_truth(scene, tmp_path / "gt.txt")), read_tracks(annotated).table)
     assert s.identity.idf1 > 85
     assert s.clear.switches <= 3
+
+
+def test_colours_in_the_boxes_tell_who_turned_back_and_who_went_past() -> None:
+    """Two walk towards one another and turn back where they meet; by their paths alone they went past one another."""
+
+    def boxes(k: int) -> list[Box]:
+        way = 3.0 * min(k, 60 - k)
+        red, blue = (40.0 + way, 60.0, 30.0, 90.0), (224.0 - way, 60.0, 30.0, 90.0)
+        return [red, blue] if k % 2 else [blue, red]
+
+    def picture(k: int) -> Image:
+        image = np.full((200, 400, 3), 128, np.uint8)
+        for (x, y, w, h), colour in zip(sorted(boxes(k)), ((0, 0, 200), (200, 0, 0)), strict=True):
+            image[int(y) : int(y + h), int(x) : int(x + w)] = colour
+        return image
+
+    def sides(settings: Sequence[str]) -> tuple[list[int], list[int]]:
+        config = replay_config("shells", assignments=settings)
+        tracker = TRACKERS["shells"](SceneInfo(400, 200, FRAME_NS, has_images=True, has_masks=False), config)
+        said = []
+        for k in range(60):
+            seen = Detections(k, 400, 200, boxes(k), [1.0, 1.0])
+            said.append(present(tracker.step(Frame(k, FRAME_NS * k, seen, load_image=partial(picture, k))).targets))
+        return sorted(said[10], key=said[10].__getitem__), sorted(said[58], key=said[58].__getitem__)
+
+    before, after = sides(())
+    assert len(before) == 2
+    assert before == after
+    before, after = sides(("shells.box_colour=0",))
+    assert before != after, "else there was nothing to tell"
 
 
 @pytest.mark.real
