@@ -48,3 +48,22 @@ def assign(cost: Floats, allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
     quantised = np.round(np.clip(cost, -1000.0, 1000.0) / QUANTUM) * QUANTUM
     rows, columns = linear_sum_assignment(np.where(allowed, quantised, FORBIDDEN))
     return [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if allowed[r, c]]
+
+
+def clusters(rows: list[int], linked: NDArray[np.bool_]) -> list[list[int]]:
+    """Rows that have columns of ``linked`` (N, M) in common, directly or through others; by the least of each.
+
+    >>> clusters([0, 1, 2], np.array([[True, False], [False, True], [True, False]]))
+    [[0, 2], [1]]
+    """
+    found: list[tuple[list[int], NDArray[np.bool_]]] = []
+    for i in rows:
+        together, columns = [i], linked[i].copy()
+        rest = []
+        for members, theirs in found:
+            if bool((theirs & columns).any()):
+                together, columns = members + together, theirs | columns
+            else:
+                rest.append((members, theirs))
+        found = [*rest, (together, columns)]
+    return [sorted(members) for members, _ in sorted(found, key=lambda c: min(c[0]))]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from recorders.messages import NO_BLOB, Blob
 from recorders.vision import cv2
+from replay.trackers.association import clusters
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.tracker import Image
 
@@ -335,7 +336,7 @@ def place(
         else:
             searched.append(i)
             tenants_only[i] = bool(tenants[main] == 1 and held[main] <= 1)
-    for rows in _clusters(searched, linked):
+    for rows in clusters(searched, linked):
         blobs = (np.flatnonzero(linked[rows].any(axis=0)) + 1).tolist()
         near = detections[np.isin(detection_blobs, blobs)]
         for i, at in zip(rows, _place_cluster(fg, blobs, rows, expected, near, look, p), strict=True):
@@ -365,21 +366,6 @@ def _fits(expected: Expected, fg: Foreground, p: EventsParameters) -> NDArray[np
     turned = ellipses[None] / np.maximum(expected.axes[:, None], 1.0)
     allowed = allowed[..., ::-1]
     return np.asarray(fits | ((turned <= allowed) & (turned >= 1 / allowed)).all(axis=2))
-
-
-def _clusters(rows: list[int], linked: NDArray[np.bool_]) -> list[list[int]]:
-    """Rows that share blobs, directly or through others, in order."""
-    clusters: list[tuple[list[int], NDArray[np.bool_]]] = []
-    for i in rows:
-        together, blobs = [i], linked[i].copy()
-        rest = []
-        for members, theirs in clusters:
-            if bool((theirs & blobs).any()):
-                together, blobs = members + together, theirs | blobs
-            else:
-                rest.append((members, theirs))
-        clusters = [*rest, (together, blobs)]
-    return [sorted(members) for members, _ in sorted(clusters, key=lambda c: min(c[0]))]
 
 
 def _place_cluster(

@@ -19,6 +19,15 @@ class ShellsParameters(Parameters):
     hindsight: bool = param(True, "join, fill and smooth the tracks after the forward pass")
     membership: bool = param(True, "write each object's pixels to the membership channel")
     blend: float = param(0.8, "a of equation 9: weight of the pixels against the prediction", low=0.01, high=1.0)
+    yielding: float = param(
+        1.0,
+        "how far E[P] yields to the placed mask, and a to the prediction, where an object is half seen; 0: equation 9",
+        low=0.0,
+        high=1.0,
+    )
+    placing: bool = param(
+        True, "objects in shared blobs are placed before pixels are assigned; false: the paper's rule"
+    )
     size_blend: float = param(0.5, "the same for width and height of a lone object", low=0.01, high=1.0)
     prior: float = param(1.0, "weight of the shell's Epanechnikov kernel in the membership", low=0.0, high=10.0)
     colour: float = param(1.0, "weight of the colours in the membership", low=0.0, high=10.0)

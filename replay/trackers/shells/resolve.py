@@ -1,10 +1,10 @@
 """From shells and blobs to each object's place: who is alone, who shares, and pixels only where they are shared.
 
-An object that lies alone over a blob of its own size is measured by the blob. Objects over common blobs form a
-neighbourhood: if each of them fits a blob of its own, blobs are handed out whole; else every foreground pixel in their
-shells is evaluated (`membership`), without any joint object (straight-through). Two objects claim one pixel only where
-it lies in both of their shells, so whoever competes for it is related to the other (case II): restricting equation 7
-to the lists L_i needs no further test.
+An object that lies alone over a blob of its own size is measured by the blob. Objects that are related (SHELLS 2.3,
+resolved on the predicted shells and blobs before anything is looked at) and lie over common blobs form a neighbourhood:
+if each of them fits a blob of its own, blobs are handed out whole; else every foreground pixel in their shells is
+evaluated (`membership`), without any joint object (straight-through). Who is not related to an object, directly or
+through others, is no rival of its (equation 7) and is evaluated without it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from recorders.messages import Box, Ellipse
 from recorders.segmentation.blobs import ellipse_of
-from replay.trackers.association import assign, iou
+from replay.trackers.association import assign, clusters, iou
 from replay.trackers.shells.colours import Bins, bins_of, distance, histogram, tell
 from replay.trackers.shells.depth import Depth
 from replay.trackers.shells.foreground import Cut, Foreground, touches
@@ -111,14 +111,24 @@ class Resolver:
         self.fronts: dict[int, int] = {}
         self.leads: dict[tuple[int, int], float] = {}
         self.free: Bools = np.ones(len(self._fg.boxes), bool)
-        if len(rows) and len(self._fg.boxes):
-            self._resolve(rows)
-
-    def _resolve(self, rows: Rows) -> None:
-        fg, boxes = self._fg, self._boxes[rows]
+        self._rows = rows
+        boxes = self._boxes[rows]
         area = np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)
-        pixels = fg.links(boxes)
-        linked = (pixels > 0) & ((pixels >= _LINK * area[:, None]) | (pixels >= 0.5 * fg.areas))
+        self._pixels = self._fg.links(boxes)
+        self._linked = np.asarray(
+            (self._pixels > 0) & ((self._pixels >= _LINK * area[:, None]) | (self._pixels >= 0.5 * self._fg.areas))
+        )
+
+    def blobs(self) -> dict[int, int]:
+        """The blob (label) that each object lies over by its prediction, by row: B_i of the events' cases."""
+        held = np.where(self._linked, self._pixels, 0.0)
+        return {int(row): int(np.argmax(held[i])) + 1 for i, row in enumerate(self._rows) if self._linked[i].any()}
+
+    def resolve(self) -> None:
+        """Find the objects: `found` and `fronts`. Relations are asked for here, not before."""
+        if not len(self._rows) or not len(self._fg.boxes):
+            return
+        rows, fg, pixels, linked = self._rows, self._fg, self._pixels, self._linked
         self.free = np.asarray(~linked.any(axis=0))
         fits = self._fits(rows)
         tenants = linked.sum(axis=0)
@@ -134,12 +144,21 @@ class Resolver:
             else:
                 shared.append(i)
         hidden = self._hidden(rows, linked, shared)
-        for members in _neighbourhoods(shared, linked):
+        for members in self._neighbourhoods(shared):
             blobs = np.flatnonzero(linked[members].any(axis=0))
             sought = [k for k in hidden if any(self._reappears(rows, k, i) for i in members)]
             hidden = [k for k in hidden if k not in sought]
             everyone = sorted(members + sought)
             self._neighbourhood(rows[everyone], blobs, fits[everyone])
+
+    def _neighbourhoods(self, shared: list[int]) -> list[list[int]]:
+        """Objects over common blobs that are related, directly or through others."""
+        together = []
+        for members in clusters(shared, self._linked):
+            ids = [self._bodies.items[int(self._rows[i])].id for i in members]
+            pairs = np.array([[a == b or self._related(a, b) for b in ids] for a in ids])
+            together += [[members[k] for k in part] for part in clusters(list(range(len(ids))), pairs)]
+        return sorted(together)
 
     def _hidden(self, rows: Rows, linked: Bools, shared: list[int]) -> list[int]:
         """Objects that lie over no blob and were hidden by another when last sought, or meet another now."""
@@ -237,7 +256,8 @@ class Resolver:
             if body.front:
                 reach[k] = max(float(reach[k]), 0.5 * float(radii.max()))
         order = np.argsort([-b.visible for b in items], kind="stable").tolist()
-        who = Claimants(place(who, reach, order, cut, bins, self._p), radii, tells, who.masks)
+        if self._p.placing:
+            who = Claimants(place(who, reach, order, cut, bins, self._p), radii, tells, who.masks)
         members = assign_pixels(who, cut, bins, self._p)
         owner = members.owner
         whole = self._purify(owner, rows, blobs, fits, cut)
@@ -355,13 +375,14 @@ class Resolver:
             mean = (float(means[k, 0]), float(means[k, 1]))
             # E[P] of what is visible, and the placed mask for what is not.
             mx, my = mean[0] - body.centroid[0] * w, mean[1] - body.centroid[1] * h
-            share = max(0.0, (visible - 0.5) * 2) if not math.isnan(mx) else 0.0
+            share = 0.0 if math.isnan(mx) else 1.0 - self._p.yielding * min(1.0, (1.0 - visible) * 2)
             cx = share * mx + (1 - share) * (x + w / 2)
             cy = share * my + (1 - share) * (y + h / 2)
             blob = int(np.argmax(np.bincount(cut.labels[own], minlength=1)))
             covered = any(c > 0.5 for _, c in rivals)
+            weight = 1.0 - self._p.yielding * min(0.75, 1.0 - visible)
             self.found[row] = Found(
-                (cx - w / 2, cy - h / 2, w, h), max(0.25, visible), False, False, blob, visible, count,
+                (cx - w / 2, cy - h / 2, w, h), weight, False, False, blob, visible, count,
                 _ellipse(own, cut), own, cut.left, cut.top, len(rows) == 1,
             )  # fmt: skip
             grown = extent(own, cut)
@@ -372,18 +393,3 @@ class Resolver:
 
 def _ellipse(own: Bools, cut: Cut) -> Ellipse | None:
     return ellipse_of(own.view(np.uint8), float(cut.left), float(cut.top)) if own.any() else None
-
-
-def _neighbourhoods(rows: list[int], linked: Bools) -> list[list[int]]:
-    """Rows that lie over common blobs, directly or through others, in order."""
-    clusters: list[tuple[list[int], Bools]] = []
-    for i in rows:
-        together, blobs = [i], linked[i].copy()
-        rest = []
-        for members, theirs in clusters:
-            if bool((theirs & blobs).any()):
-                together, blobs = members + together, theirs | blobs
-            else:
-                rest.append((members, theirs))
-        clusters = [*rest, (together, blobs)]
-    return [sorted(members) for members, _ in sorted(clusters, key=lambda c: min(c[0]))]

@@ -1,8 +1,9 @@
 """SHELLS: virtual shells, event resolution, pixel membership; straight through, without joint objects.
 
-Per frame: predict; resolve who is alone and who shares (`resolve`), pixels where they are shared (`membership`); move
-every object by equation 9; resolve the relations' cases I to V on the new shells; settle identities after a JOINT
-(`identity`); learn from who is alone. What nobody explains may start new objects.
+Per frame: predict; resolve the relations' cases I to V on the predicted shells and the blobs below them; then who is
+alone and who shares with whom it is related to (`resolve`), pixels where they are shared (`membership`); move every
+object by equation 9; settle identities after a JOINT (`identity`); learn from who is alone. What nobody explains may
+start new objects.
 
 Ties: objects in the order of their birth, detections and blobs in the order of the recording.
 """
@@ -88,7 +89,8 @@ class ShellsTracker:
                 found[taken[column]] = resolver.whole(taken[column], int(free.blobs[column]) - 1)
         notices += self._life.confirm(frame)
         found = self._settle(frame, found, notices)
-        self._relate(frame)
+        if resolver is None:
+            self._relate(frame, [b.blob if b.observed else NO_BLOB for b in self._bodies.items])
         notices += self._tell_depth(resolver, dt)
         self._learn(frame, found)
         self._patches = self._own_pixels(frame, found)
@@ -130,6 +132,9 @@ class ShellsTracker:
         blobs = np.array(frame.detections.blobs or [NO_BLOB] * len(frame.boxes), np.int64)
         seen = Seen(Foreground(mask, frame.detections.components), frame.boxes, blobs, lambda: frame.image)
         resolver = Resolver(seen, self._bodies, rows, radii, self._are_related, self._p)
+        below = resolver.blobs()
+        self._relate(frame, [below.get(k, NO_BLOB) for k in range(len(items))])
+        resolver.resolve()
         self._hide_twins(resolver, dt)
         for row, at in sorted(resolver.found.items()):
             self._observe(row, frame, at, dt)
@@ -266,8 +271,8 @@ class ShellsTracker:
         """(id, row) of the confirmed objects, by id."""
         return sorted((b.id, k) for k, b in enumerate(self._bodies.items) if b.id != TENTATIVE)
 
-    def _relate(self, frame: Frame) -> None:
-        """Event resolution (SHELLS 2.3) on this frame's shells and blobs; pairs that are JOINT come into doubt."""
+    def _relate(self, frame: Frame, blobs: list[int]) -> None:
+        """Event resolution (SHELLS 2.3) on shells and blobs, by row; pairs that are JOINT come into doubt."""
         pairs = self._rows_by_id()
         rows = np.array([k for _, k in pairs], np.intp)
         items = [self._bodies.items[k] for k in rows.tolist()]
@@ -275,8 +280,8 @@ class ShellsTracker:
             [b.id for b in items],
             self._bodies.bank.value[rows, :2],
             self._bodies.radii(self._k_s)[rows],
-            [b.blob if b.observed else NO_BLOB for b in items],
-            [b.observed for b in items],
+            [blobs[k] for k in rows.tolist()],
+            [blobs[k] != NO_BLOB for k in rows.tolist()],
             [not b.lost for b in items],
         )
         self._book.step(frame.index, frame.time_ns, objects)
