@@ -23,6 +23,7 @@ examples:
   scenetrace eval annotated.mcap --truth gt.txt --truth-size 768x576
   scenetrace eval annotated.mcap --truth sequence.xml --json
   scenetrace eval result.txt --truth gt.txt --plot errors.png
+  scenetrace eval result.txt --truth gt.txt --plot both.png --also other.txt
 
 The truth is MOTChallenge text (rows with confidence 0 do not count) or CAVIAR XML. HOTA, CLEAR and identity
 figures are those of TrackEval; shares are in percent. Where the truth was labelled in a picture of another size than
@@ -62,8 +63,12 @@ def add(commands: argparse._SubParsersAction[Any]) -> None:
     parser.add_argument("--iou", type=float, default=0.5, help="overlap from which boxes match (default 0.5)")
     parser.add_argument("--camera", help="which camera, where the log has several")
     parser.add_argument(
-        "--plot", type=Path, metavar="FILE", help="plot errors, MOTA and paths over time (.png .pdf .svg)"
+        "--plot", type=Path, metavar="FILE", help="plot distances, MOTA and paths over time (.png .pdf .svg)"
     )
+    parser.add_argument(
+        "--also", type=Path, action="append", default=[], metavar="ANNOTATED",
+        help="another tracker's result to draw beside it; may be repeated",
+    )  # fmt: skip
     parser.add_argument("--force", action="store_true", help="overwrite an existing plot")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
@@ -96,6 +101,8 @@ def run(args: argparse.Namespace) -> int:
         check_figure(args.plot)
     if args.plot is not None and args.plot.exists() and not args.force:
         raise OutputExistsError(args.plot)
+    if args.also and args.plot is None:
+        raise UsageError("--also draws another result into the plot: say where with --plot")
     result = read_result(args.annotated, args.camera)
     picture = args.size or result.size
     truth = read_truth(args.truth)
@@ -119,7 +126,9 @@ def run(args: argparse.Namespace) -> int:
     if args.plot is not None:
         from replay.evaluate.plots import plot
 
-        plot(truth, table, args.plot, iou=args.iou, frame_s=result.frame_s)
+        also = [(path.stem, _common(args, truth, read_result(path, args.camera))[1]) for path in args.also]
+        name = args.annotated.stem if also else ""
+        plot(truth, table, args.plot, iou=args.iou, frame_s=result.frame_s, name=name, also=also)
     if args.json:
         facts = {"annotated": str(args.annotated), "truth": str(args.truth), "iou": args.iou, "size": picture}
         facts |= {

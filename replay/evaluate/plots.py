@@ -5,6 +5,8 @@ Needs matplotlib (extra ``plot``), which is imported when a plot is asked for.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import numpy as np
 
 from recorders.errors import SceneTraceError
 from replay.evaluate.clear import Matches, match
+from replay.evaluate.identity import identity
 from replay.evaluate.overlap import Overlap, overlap
 from replay.evaluate.trajectories import centre_distance
 from replay.evaluate.truth import FloatArray, IntArray, MotTable
@@ -44,7 +47,39 @@ def mota_over_time(both: Overlap, matches: Matches) -> FloatArray:
     return np.where(total > 0, 100 * good / np.maximum(total, 1), np.nan)
 
 
-def plot(truth: MotTable, result: MotTable, path: str | Path, *, iou: float = 0.5, frame_s: float = 0.0) -> None:
+def own_pairs(both: Overlap, iou: float = 0.5) -> IntArray:
+    """Pairs (indices) of every true identity with the track that has its identity, wherever that track is.
+
+    The track is the one that IDF1 gives to the identity. Once it follows somebody else it is still the same track:
+    that it is far off then is what an error of identity looks like.
+    """
+    n, m = both.shape
+    track = np.full(n, m)
+    given = identity(both, iou).pairs
+    track[given[:, 0]] = given[:, 1]
+    return np.flatnonzero(track[both.true_ids[both.true_row]] == both.result_ids[both.result_row])
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """A result held against the truth."""
+
+    name: str
+    both: Overlap
+    matches: Matches
+    own: IntArray
+
+
+def plot(
+    truth: MotTable,
+    result: MotTable,
+    path: str | Path,
+    *,
+    iou: float = 0.5,
+    frame_s: float = 0.0,
+    name: str = "",
+    also: Sequence[tuple[str, MotTable]] = (),
+) -> None:
     """Write one picture: distances over time, MOTA over time, and the paths of truth and result.
 
     Args:
@@ -53,6 +88,8 @@ def plot(truth: MotTable, result: MotTable, path: str | Path, *, iou: float = 0.
         path: .png, .pdf or .svg.
         iou: overlap of a match.
         frame_s: seconds between frames, 0: the time axes count frames.
+        name: the result's, where others are drawn as well.
+        also: other results of the same truth, and their names.
 
     Raises:
         SceneTraceError: matplotlib is missing, or cannot write this kind of file.
@@ -60,19 +97,24 @@ def plot(truth: MotTable, result: MotTable, path: str | Path, *, iou: float = 0.
     mpl = _matplotlib()
     from matplotlib.figure import Figure
 
-    both = overlap(truth, result)
-    matches = match(both, iou)
+    sides = []
+    for label, table in ((name, result), *also):
+        both = overlap(truth, table)
+        sides.append(_Side(label, both, match(both, iou), own_pairs(both, iou)))
+    both = sides[0].both
     longest = np.argsort(-np.bincount(both.true_ids, minlength=both.shape[0]), kind="stable")[:MOST_TRAJECTORIES]
     shown = np.sort(longest).tolist()
-    rows = -(-len(shown) // 3)
+    rows, above = -(-len(shown) // 3), len(sides)
     with mpl.rc_context(_PAPER):
-        figure = Figure(figsize=(11, 6 + 2.4 * rows), layout="constrained")
-        grid = figure.add_gridspec(2 + rows, 3, height_ratios=[1.3, 0.9, *[1.1] * rows])
+        figure = Figure(figsize=(11, 3.6 + 2.4 * (above + rows)), layout="constrained")
+        ratios = [*[1.3] * above, 0.9, *[1.1] * rows]
+        grid = figure.add_gridspec(above + 1 + rows, 3, height_ratios=ratios)
         step, unit = (frame_s, "s") if frame_s > 0 else (1.0, "frame")
-        _distances(figure.add_subplot(grid[0, :]), both, matches, shown, step, unit)
-        _mota(figure.add_subplot(grid[1, :]), both, matches, step, unit)
+        for k, side in enumerate(sides):
+            _distances(figure.add_subplot(grid[k, :]), side, shown, step, unit)
+        _mota(figure.add_subplot(grid[above, :]), sides, step, unit)
         for k, i in enumerate(shown):
-            _path(figure.add_subplot(grid[2 + k // 3, k % 3]), both, matches, i)
+            _path(figure.add_subplot(grid[above + 1 + k // 3, k % 3]), sides, i)
         try:
             figure.savefig(path, metadata=_metadata(path))
         except (ValueError, OSError) as e:
@@ -89,22 +131,33 @@ def _metadata(path: str | Path) -> dict[str, Any]:
     return kinds.get(Path(path).suffix.lower(), {})
 
 
-def _distances(axes: Any, both: Overlap, matches: Matches, shown: list[int], step: float, unit: str) -> None:
-    true_row = both.true_row[matches.pairs]
-    distance = centre_distance(both, matches.pairs)
+def _distances(axes: Any, side: _Side, shown: list[int], step: float, unit: str) -> None:
+    """Every true identity's distance to its own track; crosses where another track took over what is matched."""
+    both, true_row = side.both, side.both.true_row[side.own]
+    distance = centre_distance(both, side.own)
+    switched = side.matches.pairs[side.matches.switched]
     for k, i in enumerate(shown):
         mine = both.true_ids[true_row] == i
-        if mine.any():
-            frames = both.truth.frames[true_row[mine]]
-            x, y = _broken(frames, frames * step, distance[mine])
-            axes.plot(x, y, "-" if k < COLOURS else ":", lw=1, label=str(int(both.true_names[i])))
-    axes.set(title="Distance of matched centre to truth, by true identity", xlabel=unit, ylabel="px")
+        frames = both.truth.frames[true_row[mine]]
+        x, y = _broken(frames, frames * step, distance[mine])
+        if len(x):
+            (line,) = axes.plot(x, y, "-" if k < COLOURS else ":", lw=1, label=str(int(both.true_names[i])))
+            at = both.truth.frames[both.true_row[switched[both.true_ids[both.true_row[switched]] == i]]]
+            there = np.isin(frames, at)
+            axes.plot(frames[there] * step, distance[mine][there], "x", ms=5, color=line.get_color())
+    of = f": {side.name}" if side.name else ""
+    axes.set(title=f"Distance of each identity's own track to the truth{of} (x: switch)", xlabel=unit, ylabel="px")
     if len(axes.lines):
         axes.legend(ncols=12, fontsize=7, loc="upper right")
 
 
-def _mota(axes: Any, both: Overlap, matches: Matches, step: float, unit: str) -> None:
-    axes.plot(both.frames * step, mota_over_time(both, matches), lw=1.4, color="black", label="MOTA so far")
+def _mota(axes: Any, sides: Sequence[_Side], step: float, unit: str) -> None:
+    for k, side in enumerate(sides):
+        both, matches = side.both, side.matches
+        colour = "black" if k == 0 else f"C{k - 1}"
+        label = f"MOTA so far{f': {side.name}' if side.name else ''}"
+        axes.plot(both.frames * step, mota_over_time(both, matches), lw=1.4, color=colour, label=label)
+    both, matches = sides[0].both, sides[0].matches
     at = both.truth.frames[both.true_row[matches.pairs[matches.switched]]] * step
     for k, x in enumerate(at.tolist()):
         axes.axvline(x, color="tab:red", lw=0.7, alpha=0.6, label="identity switch" if k == 0 else None)
@@ -118,7 +171,8 @@ def _broken(frames: IntArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray,
     return np.insert(x.astype(np.float64), gaps, np.nan), np.insert(y, gaps, np.nan)
 
 
-def _path(axes: Any, both: Overlap, matches: Matches, i: int) -> None:
+def _path(axes: Any, sides: Sequence[_Side], i: int) -> None:
+    both, matches = sides[0].both, sides[0].matches
     mine = matches.pairs[both.true_ids[both.true_row[matches.pairs]] == i]
     own = both.true_ids == i
     truth = both.truth.centres[own]
@@ -131,6 +185,11 @@ def _path(axes: Any, both: Overlap, matches: Matches, i: int) -> None:
         centres = both.result.centres[part]
         x, y = _broken(both.result.frames[part], centres[:, 0], centres[:, 1])
         axes.plot(x, y, "--", lw=1.1, label=f"track {int(both.result_names[r])}")
+    for k, side in enumerate(sides[1:]):
+        theirs = side.both.result_row[side.own[side.both.true_ids[side.both.true_row[side.own]] == i]]
+        centres = side.both.result.centres[theirs]
+        x, y = _broken(side.both.result.frames[theirs], centres[:, 0], centres[:, 1])
+        axes.plot(x, y, ":", lw=1.1, color=f"C{k}", label=side.name)
     axes.set_title(f"Truth {int(both.true_names[i])}: {100 * len(mine) / max(1, len(truth)):.0f} % tracked", fontsize=8)
     axes.invert_yaxis()
     axes.tick_params(labelsize=6)
