@@ -4,7 +4,7 @@
     python tests/benchmarks/bench_shells.py tanks                 the same of other animals and seeds
     python tests/benchmarks/bench_shells.py scores                PETS, TUD and the flies from pixels
     python tests/benchmarks/bench_shells.py pairs                 the ten longest overlaps of PETS
-    python tests/benchmarks/bench_shells.py membership            right pixels in shared blobs, by cue
+    python tests/benchmarks/bench_shells.py membership [--seeds 3] right pixels in shared blobs, by cue
     python tests/benchmarks/bench_shells.py order                 who is in front, against the truth
     python tests/benchmarks/bench_shells.py relations             no direct INDEPENDENT <-> JOINT step
     python tests/benchmarks/bench_shells.py speed [--rounds 3]    against a bare OpenCV loop, 320x240 and 480x360
@@ -27,6 +27,7 @@ from shells_measures import (
     DATA,
     TANKS,
     OrderResult,
+    centre_errors,
     direct_steps,
     follow,
     judge_order,
@@ -165,28 +166,41 @@ def pairs(folder: Path) -> None:
 
 
 CUES: dict[str, tuple[str, ...]] = {
-    "colour, shell and last mask (default)": (),
-    "the paper's: colour and shell": ("shells.shape=0",),
-    "last mask and shell, no colour": ("shells.colour=0",),
+    "as it is": (),
+    "no last mask (shape=0)": ("shells.shape=0",),
+    "the paper's: nor placing, nor yielding": ("shells.shape=0", "shells.placing=false", "shells.yielding=0"),
+    "equation 9 as it stands (yielding=0)": ("shells.yielding=0",),
+    "no colour (colour=0)": ("shells.colour=0",),
     "soft": ("shells.soft=true",),
     "disputed 0.2": ("shells.disputed=0.2",),
 }
 
 
-def membership(folder: Path) -> None:
-    """Share of right pixels in blobs that hold several actors, against the nearest track's centre."""
+def membership(folder: Path, first: int, seeds: int) -> None:
+    """Right pixels in blobs of several actors, their centres' error there, and frames under another identity."""
+    names = ("three_fish", "six_fish", "pass_by", "three_way_group", "full_occlusion", "fight")
+    print("right pixels, % (nearest centre) | median centre error of the occluded, px | another identity, % of frames")
+    print(" " * 40 + "".join(f"{name[:15]:25}" for name in names))
     logs = {}
-    for name in ("three_fish", "six_fish", "pass_by", "three_way_group", "full_occlusion", "fight"):
-        scene = generate(name, seed=1)
-        logs[name] = scene, write_scene_log(scene, folder / f"exact-{name}.mcap", style="merged")
+    for name in names:
+        for seed in range(first, first + seeds):
+            scene = generate(name, seed=seed)
+            logs[name, seed] = scene, write_scene_log(scene, folder / f"exact-{name}-{seed}.mcap", style="merged")
     for label, settings in CUES.items():
-        row = []
-        for scene, log in logs.values():
-            boxes, labels = follow(log, "shells", settings)
-            _, right, near = pixel_accuracy(scene, boxes, labels)
-            row.append(f"{100 * right:5.1f} ({100 * near:4.1f})")
-        print(f"{label:40} " + "  ".join(row), flush=True)
-    print(" " * 41 + "  ".join(f"{name[:12]:12}" for name in logs))
+        cells = []
+        for name in names:
+            shares, errors, others = [], [], []
+            for seed in range(first, first + seeds):
+                scene, log = logs[name, seed]
+                boxes, labels = follow(log, "shells", settings)
+                shares.append(pixel_accuracy(scene, boxes, labels)[1:])
+                found, other = centre_errors(scene, boxes)
+                errors += found
+                others.append(other)
+            right, near = (100 * statistics.mean(s[k] for s in shares) for k in (0, 1))
+            off = statistics.median(errors) if errors else 0.0
+            cells.append(f"{right:4.1f} ({near:4.1f}) {off:4.1f} {100 * statistics.mean(others):4.1f}   ")
+        print(f"{label:40}" + "".join(cells), flush=True)
 
 
 def order(folder: Path, first: int, seeds: int) -> None:
@@ -270,7 +284,7 @@ def main() -> None:
     names = ("fish", "tanks", "scores", "pairs", "membership", "order", "relations", "speed")
     parser.add_argument("tables", nargs="*", choices=[*names, []], default=list(names))
     parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--first", type=int, default=20, help="first seed of `tanks` and `order`")
+    parser.add_argument("--first", type=int, default=20, help="first seed of `tanks`, `membership` and `order`")
     parser.add_argument("--rounds", type=int, default=3)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
@@ -280,7 +294,7 @@ def main() -> None:
             "tanks": lambda: tanks(folder, args.first, args.seeds),
             "scores": lambda: scores(folder),
             "pairs": lambda: pairs(folder),
-            "membership": lambda: membership(folder),
+            "membership": lambda: membership(folder, args.first, args.seeds),
             "order": lambda: order(folder, args.first, args.seeds),
             "relations": lambda: relations(folder),
             "speed": lambda: speed(folder, args.rounds),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from reasoning.regions import RegionParameters
 from reasoning.relations import RelationParameters
 from reasoning.shells import ShellParameters
+from recorders.errors import UsageError
 from recorders.parameters import Config, Parameters
 from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.shells.tracker import ShellsTracker
@@ -19,6 +20,11 @@ def make(scene: SceneInfo, config: Config) -> Tracker:
     shell, relation = config.get("shell_model", ShellParameters()), config.get("relations", RelationParameters())
     assert isinstance(parameters, ShellsParameters)
     assert isinstance(shell, ShellParameters)
+    if shell.outline == "ellipse":
+        raise UsageError(
+            "shell_model.outline = ellipse: the shells tracker's own shells enclose boxes, as pixels that are shared "
+            "have no ellipse yet; leave it at smallest, or use box"
+        )
     regions = config.get("regions", RegionParameters())
     assert isinstance(relation, RelationParameters)
     assert isinstance(regions, RegionParameters)

@@ -46,7 +46,7 @@ class Members:
 
     Attributes:
         owner: (H, W) uint8, 0 for nobody, k + 1 for claimant k.
-        counts: (N,) owned pixels, or sums of shares.
+        counts: (N,) owned pixels, or with ``soft`` sums of shares. The owners are the hard rule's in either case.
         means: (N, 2) E[P_k] in the picture, pixel centres at integers + 0.5; nan without pixels.
     """
 

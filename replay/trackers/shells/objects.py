@@ -37,7 +37,6 @@ class Body:
         area: its typical number of pixels when alone.
         centroid: mean of its pixels from the box's centre, in widths and heights.
         visible: share of its area that was its own in the last frame.
-        free_ns: its colours are not learnt before this time.
         twin_s: for how long its box has all but coincided with that of an object seen better.
         front: the occluder within whose shell it is sought, TENTATIVE for none.
     """
@@ -49,13 +48,11 @@ class Body:
     hits: int = 1
     quality: float = 1.0
     newborn: bool = False
-    split: bool = False
     lost: bool = False
     mode: Mode = "motion"
     confidence: float = 1.0
     colours: Floats | None = None
     updates: int = 0
-    free_ns: int = 0
     mask: Image | None = None
     area: float = 0.0
     centroid: tuple[float, float] = (0.0, 0.0)

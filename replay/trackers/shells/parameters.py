@@ -32,7 +32,7 @@ class ShellsParameters(Parameters):
     prior: float = param(1.0, "weight of the shell's Epanechnikov kernel in the membership", low=0.0, high=10.0)
     colour: float = param(1.0, "weight of the colours in the membership", low=0.0, high=10.0)
     shape: float = param(1.0, "weight of the last mask in the membership; 0 is the paper's rule", low=0.0, high=10.0)
-    soft: bool = param(False, "positions from shares of pixels in place of whole pixels")
+    soft: bool = param(False, "positions and visible areas from shares of pixels in place of whole pixels")
     disputed: float = param(
         0.0, "pixels whose two best owners differ by less (log) belong to nobody", low=0.0, high=10.0
     )

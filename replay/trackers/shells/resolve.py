@@ -23,7 +23,7 @@ from replay.trackers.association import assign, clusters, iou
 from replay.trackers.shells.colours import Bins, bins_of, distance, histogram, tell
 from replay.trackers.shells.depth import Depth
 from replay.trackers.shells.foreground import Cut, Foreground, touches
-from replay.trackers.shells.membership import Claimants, assign_pixels, extent
+from replay.trackers.shells.membership import Claimants, Members, assign_pixels, extent
 from replay.trackers.shells.objects import Bodies, Body
 from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.shells.placing import place
@@ -262,7 +262,7 @@ class Resolver:
         owner = members.owner
         whole = self._purify(owner, rows, blobs, fits, cut)
         self._deny_strangers(items, owner, bins, whole)
-        self._measure(rows, who, owner, members.means, cut, whole)
+        self._measure(rows, who, owner, members, cut, whole)
         self._agree(rows, blobs)
 
     def _with_fragments(self, boxes: Floats, radii: Floats, blobs: Rows) -> Rows:
@@ -347,12 +347,16 @@ class Resolver:
         rows: Rows,
         who: Claimants,
         owner: NDArray[np.uint8],
-        means: Floats,
+        members: Members,
         cut: Cut,
         whole: dict[int, int],
     ) -> None:
         depth = Depth(who, owner, cut)
         counts = np.bincount(owner.ravel(), minlength=len(rows) + 1)[1:].tolist()
+        if self._p.soft:
+            # Whoever was denied its pixels has none to share.
+            counts = [share if own else 0 for share, own in zip(members.counts.tolist(), counts, strict=True)]
+        means = members.means
         ids = [self._bodies.items[int(row)].id for row in rows]
         shares = [c / max(1.0, self._bodies.items[int(r)].area) for c, r in zip(counts, rows, strict=True)]
         for j, k in combinations(range(len(rows)), 2):
@@ -382,7 +386,7 @@ class Resolver:
             covered = any(c > 0.5 for _, c in rivals)
             weight = 1.0 - self._p.yielding * min(0.75, 1.0 - visible)
             self.found[row] = Found(
-                (cx - w / 2, cy - h / 2, w, h), weight, False, False, blob, visible, count,
+                (cx - w / 2, cy - h / 2, w, h), weight, False, False, blob, visible, round(count),
                 _ellipse(own, cut), own, cut.left, cut.top, len(rows) == 1,
             )  # fmt: skip
             grown = extent(own, cut)

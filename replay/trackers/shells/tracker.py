@@ -296,12 +296,13 @@ class ShellsTracker:
         return self._order.step(joint, {} if resolver is None else resolver.leads, dt)
 
     def _learn(self, frame: Frame, found: dict[int, Found]) -> None:
-        """Learn mask, area and colours of who is alone: never in JOINT, nor while identities are in doubt."""
+        """Learn mask, area and colours of who is alone, nothing in JOINT, no colours while identities are in doubt."""
         doubtful = set(self._doubts.alone())
+        joint = {i for e in self._book.edges if e.state == "JOINT" for i in (e.a, e.b)}
         due = frame.index % self._learn_every == 0
         for row, at in sorted(found.items()):
             body = self._bodies.items[row]
-            if not at.alone:
+            if not at.alone or body.id in joint:
                 continue
             body.learn_area(float(at.pixels), 0.3 if body.misfit_s else 0.1)
             if not due and body.mask is not None:
@@ -386,7 +387,6 @@ class ShellsTracker:
                     observed=body.observed,
                     blob=body.blob if body.observed else NO_BLOB,
                     newborn=body.newborn,
-                    born_of_split=body.newborn and body.split,
                     ellipse=body.ellipse,
                     shell_radius=float(radii[row]),
                     measured=body.measured,

@@ -6,15 +6,18 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
 from fixtures.logs import record_scene, write_scene_log
 from fixtures.scenes import generate
+from recorders.errors import UsageError
 from recorders.messages import Detections, Regions
 from recorders.recording import RecordOptions, record
 from recorders.scene import Frame, SceneInfo, SceneLog
+from recorders.segmentation.blobs import components
 from recorders.sources import open_source
 from replay.annotated import AnnotatedLog, read_tracks
 from replay.checkpoint import decode_state, encode_state
@@ -23,6 +26,12 @@ from replay.engine import Forward
 from replay.evaluate import Scores, evaluate, fit_truth, read_truth
 from replay.replaying import ReplayOptions
 from replay.trackers.catalogue import TRACKERS
+from replay.trackers.shells import ShellsParameters, ShellsTracker, make
+from replay.trackers.shells.colours import bins_of
+from replay.trackers.shells.foreground import Foreground
+from replay.trackers.shells.objects import Bodies, Body
+from replay.trackers.shells.resolve import Frame as SeenFrame
+from replay.trackers.shells.resolve import Resolver
 from replay.writing import replay
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
@@ -98,7 +107,75 @@ def test_relations_never_jump(measures: ModuleType, tmp_path: Path) -> None:
     changes, direct = measures.direct_steps(tmp_path / "out.mcap")
     assert changes > 20
     assert direct == 0
-    assert sum(measures.random_steps(seed)[1] for seed in range(200)) == 0
+    steps = [measures.random_steps(seed) for seed in range(200)]
+    assert sum(changes for changes, _ in steps) > 2000
+    assert sum(direct for _, direct in steps) == 0
+
+
+def test_without_interaction_nobody_is_joint(tmp_path: Path) -> None:
+    """Where shells have to meet for a minute before they count, nobody becomes JOINT."""
+    log = write_scene_log(generate("six_fish", seed=5, frames=200), tmp_path / "a.mcap", style="merged")
+
+    def joint(*settings: str) -> int:
+        """The most pairs that are JOINT, in a frame."""
+        with SceneLog(log) as scene:
+            tracker = make(scene.info, replay_config("shells", assignments=settings))
+            assert isinstance(tracker, ShellsTracker)
+            most = 0
+            for frame in scene.frames():
+                tracker.step(frame)
+                state = tracker.state()
+                most = max(most, sum(e[2] == "JOINT" for e in state["book"]["edges"]))
+            return most
+
+    assert joint() > 0
+    assert joint("relations.enter_duration_s=60") == 0
+
+
+@pytest.mark.parametrize("related", [True, False])
+def test_who_is_not_related_is_no_rival(related: bool) -> None:
+    """Two of different colours in one blob: related, each has its own half; else each has all of its shell."""
+    image = np.zeros((60, 100, 3), np.uint8)
+    image[20:40, 20:50], image[20:40, 50:80] = (0, 0, 220), (220, 0, 0)
+    mask = (image.max(axis=2) > 0).astype(np.uint8) * np.uint8(255)
+    p = ShellsParameters()
+    bodies = Bodies(p)
+    for k, x in enumerate((22.0, 48.0)):
+        bodies.start((x, 20.0, 30.0, 20.0), Body(k + 1, 0, 0, 0, area=600.0))
+        own = np.ones((20, 10), bool)
+        bodies.items[k].look(bins_of(image[20:40, 25 + 40 * k : 35 + 40 * k]), own)
+    seen = SeenFrame(
+        Foreground(mask, components(mask, 10.0)[2]), np.zeros((0, 4)), np.zeros(0, np.int64), lambda: image
+    )
+    resolver = Resolver(seen, bodies, np.arange(2), bodies.radii(0.2), lambda a, b: related, p)
+    assert resolver.blobs() == {0: 1, 1: 1}
+    resolver.resolve()
+    own = [resolver.found[k].pixels for k in (0, 1)]
+    assert (sum(own) == 1200) if related else (sum(own) > 1300)
+
+
+def test_nothing_is_learnt_in_joint(tmp_path: Path) -> None:
+    log = write_scene_log(generate("six_fish", seed=5, frames=260), tmp_path / "a.mcap", style="merged")
+    frozen = 0
+    with SceneLog(log) as scene:
+        tracker = make(scene.info, replay_config("shells"))
+        before: dict[int, tuple[Any, ...]] = {}
+        for frame in scene.frames():
+            tracker.step(frame)
+            state = tracker.state()
+            joint = {i for e in state["book"]["edges"] if e[2] == "JOINT" for i in e[:2]}
+            now = {b["id"]: (b["area"], b["updates"]) for b in state["bodies"]["items"] if b["id"]}
+            for i in joint & now.keys() & before.keys():
+                frozen += 1
+                assert now[i] == before[i], (frame.index, i)
+            before = now
+    assert frozen > 50
+
+
+def test_an_outline_that_shells_cannot_have_is_refused() -> None:
+    scene = SceneInfo(100, 100, 40_000_000, True, True)
+    with pytest.raises(UsageError, match="outline = ellipse"):
+        make(scene, replay_config("shells", assignments=["shell_model.outline=ellipse"]))
 
 
 def scored(tmp_path: Path, video: Path, truth: Path, detect: str, size: tuple[int, int] | None = None) -> Scores:
