@@ -173,7 +173,7 @@ class _Camera:
         self._log, self._facts, self._sink, self._limits, self._parameters = log, facts, sink, limits, encounters
         self._rows: dict[str, list[Row]] = {table: [] for table in TABLES}
         self._relations, self._groups, self._presence = Runs(), Runs(), Runs()
-        self._zones, self._bits = Runs(), Runs()
+        self._zones, self._bits, self._hidden = Runs(), Runs(), Runs()
         self._formed: dict[int, tuple[int, ...]] = {}
         self._ended: dict[int, list[tuple[int, str]]] = {}
         self._group_rows: list[tuple[int, tuple[int, ...], Interval]] = []
@@ -274,6 +274,7 @@ class _Camera:
         present: dict[Hashable, Hashable] = {}
         zones: dict[Hashable, Hashable] = {}
         bits: dict[Hashable, Hashable] = {}
+        hidden: dict[Hashable, Hashable] = {}
         for k in tracks.tracks:
             self._add(
                 "tracks", tracks.frame, t, k.id, *k.box, *k.velocity, k.mode, k.confidence,
@@ -283,6 +284,7 @@ class _Camera:
                 continue
             present[k.id] = True
             zones.update({(k.id, zone): True for zone in k.zones})
+            hidden.update({(k.id, part): True for part in k.hidden_parts})
             for bit in BITS:
                 if getattr(k, bit):
                     bits[(k.id, bit)] = tuple(sorted(getattr(k, f"{bit}_partners")))
@@ -294,10 +296,15 @@ class _Camera:
             self._add("presence", key, *interval)
         self._end_zones(self._zones.step(tracks.frame, t, zones))
         self._end_bits(self._bits.step(tracks.frame, t, bits))
+        self._end_hidden(self._hidden.step(tracks.frame, t, hidden))
 
     def _end_zones(self, over: list[tuple[Any, Any, Interval]]) -> None:
         for (track, zone), _, interval in over:
             self._add("zones", track, zone, *interval)
+
+    def _end_hidden(self, over: list[tuple[Any, Any, Interval]]) -> None:
+        for (track, part), _, interval in over:
+            self._add("hidden", track, part, *interval)
 
     def _end_bits(self, over: list[tuple[Any, Any, Interval]]) -> None:
         for (track, bit), partners, interval in over:
@@ -338,6 +345,7 @@ class _Camera:
             self._add("presence", key, *interval)
         self._end_zones(self._zones.close())
         self._end_bits(self._bits.close())
+        self._end_hidden(self._hidden.close())
         self._end_relations(self._relations.close())
         self._end_groups(self._groups.close())
         for label, members, interval in sorted(self._group_rows, key=lambda g: (g[2][0], g[0])):

@@ -169,6 +169,10 @@ def _nothing(_: Sequence[str], __: Options) -> Mapping[str, str]:
     return {}
 
 
+def _anybody(words: Sequence[str], _: Options) -> Mapping[str, str]:
+    return {"whose": f"track = {_track(words[0])}" if words else "true"}
+
+
 def _label(words: Sequence[str], _: Options) -> Mapping[str, str]:
     return {"label": str(identity(words[0].removeprefix("group:")))}
 
@@ -221,6 +225,9 @@ QUESTIONS: Mapping[str, Question] = {
         Question("contacts", "A --depth 3", "chains of contacts from A that respect time", q.CONTACTS, _contacts,
                  "target A had no contact of that sort (--by relations, joint, encounters, groups)",
                  ("depth", "by", "at")),
+        Question("hidden", "[A]", "which parts of A, or of anybody, were hidden when (tracker parts)", q.HIDDEN,
+                 _anybody,
+                 "no part of anybody asked about was hidden, or the tracker knows no parts (replay --tracker parts)"),
         Question("timeline", "A", "everything about A in order", q.TIMELINE, _one),
     )
 }  # fmt: skip

@@ -94,6 +94,12 @@ SELECT recording, track, start_frame, end_frame, start_t, end_t, round(end_t - s
 FROM stay ORDER BY recording, start_frame, track
 """
 
+HIDDEN = """
+SELECT recording, track, part, start_frame, end_frame, start_t, end_t, round(end_t - start_t, 3) AS seconds,
+  format('track:{}@{}', track, start_frame) AS explain
+FROM hidden WHERE $whose$only ORDER BY recording, start_frame, track, part
+"""
+
 ENTERED_NEVER_LEFT = """
 -- who was there in the first frame did not come in; of who left and came in again the last time counts
 WITH told AS (

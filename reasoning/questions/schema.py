@@ -77,6 +77,7 @@ TABLES: Mapping[str, Columns] = {
     "presence": (("recording", "VARCHAR"), ("track", "INTEGER"), *SPAN),
     "bits": (("recording", "VARCHAR"), ("track", "INTEGER"), ("bit", "VARCHAR"), ("partners", "INTEGER[]"), *SPAN),
     "zones": (("recording", "VARCHAR"), ("track", "INTEGER"), ("zone", "VARCHAR"), *SPAN),
+    "hidden": (("recording", "VARCHAR"), ("track", "INTEGER"), ("part", "VARCHAR"), *SPAN),
     "phases": (
         ("recording", "VARCHAR"),
         ("a", "INTEGER"),
@@ -139,6 +140,7 @@ MEANING: Mapping[str, str] = {
     "presence": "one row per unbroken time in which a track was present",
     "bits": "one row per time in which a track was grouping, grouped or splitting with the same partners",
     "zones": "one row per stay of a track in a named zone",
+    "hidden": "one row per time in which a part of a track's body was held to be hidden (tracker parts)",
     "phases": "the parts of each encounter, in order, with medians over their own frames, in body sizes and seconds",
     "abrupt": "one row per time in which a and b, touching, were abrupt against one another and did not go through",
     "still": "one row per time in which a track stood still; speeds in own sizes per second",

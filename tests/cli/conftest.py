@@ -77,6 +77,8 @@ def examples(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("a", "b", "other"):
         shutil.copy(folder / "scene.mcap", folder / f"{name}.mcap")
         shutil.copy(folder / "gt.txt", folder / f"{name}.txt")
+    # Two recordings to fit features on: one may not be given twice.
+    done("record", folder / "img1", "--fps", 2, "--codec", "png", "-o", folder / "b.mcap", "--force")
     if importlib.util.find_spec("cryptography"):
         done("seal", "--new-key", folder / "lab.key")
         sealed = [folder / name for name in ("scene.mcap", "annotated.mcap")]

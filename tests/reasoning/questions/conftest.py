@@ -22,7 +22,8 @@ class Story:
 
     ``tracks``: id to (first, last, box at first, velocity in px per frame); ``relations``: (a, b, state, first, last);
     ``groups``: (label, members, first, last, formed_from); ``events``: (kind, subjects, frame, groups, evidence);
-    ``zones``: (track, zone, first, last); ``bits``: (track, bit, partners, first, last).
+    ``zones``: (track, zone, first, last); ``bits``: (track, bit, partners, first, last);
+    ``hidden``: (track, part, first, last).
     """
 
     frames: int
@@ -32,6 +33,7 @@ class Story:
     events: Sequence[tuple[str, list[int], int, list[int], dict]] = ()
     zones: Sequence[tuple[int, str, int, int]] = ()
     bits: Sequence[tuple[int, str, list[int], int, int]] = ()
+    hidden: Sequence[tuple[int, str, int, int]] = ()
     start_ns: int = 1_700_000_000_000_000_000
     camera: str = "camera"
     frame_ns: int = FRAME_NS
@@ -47,6 +49,7 @@ class Story:
             grouping_partners=bits.get("grouping", []), grouped_partners=bits.get("grouped", []),
             splitting_partners=bits.get("splitting", []), group=label, scene="inside",
             zones=[z for t, z, s, e in self.zones if t == i and s <= n <= e],
+            hidden_parts=[p for t, p, s, e in self.hidden if t == i and s <= n <= e],
         )  # fmt: skip
 
     def frame(self, n: int) -> list[tuple[str, object]]:
@@ -121,6 +124,7 @@ MEETING = Story(
         (2, "grouping", [1], 40, 99), (2, "grouped", [1], 100, 149), (2, "splitting", [1], 150, 179),
         (2, "grouping", [3], 170, 200),
     ],
+    hidden=[(2, "left_legs", 110, 120), (2, "left_legs", 130, 131), (2, "head", 111, 111), (3, "head", 180, 190)],
 )  # fmt: skip
 
 

@@ -54,6 +54,9 @@ def test_rows_are_what_the_log_says(case: Case, meeting_story) -> None:
     assert case.rows("SELECT track, zone, start_frame, end_frame FROM zones ORDER BY 1, 2, 3") == sorted(
         meeting_story.zones
     )
+    assert case.rows("SELECT track, part, start_frame, end_frame FROM hidden ORDER BY 1, 2, 3") == sorted(
+        meeting_story.hidden
+    )
     assert case.rows("SELECT bit, partners, start_frame, end_frame FROM bits ORDER BY start_frame, bit") == [
         ("grouping", [1], 40, 99), ("grouped", [1], 100, 149), ("splitting", [1], 150, 179),
         ("grouping", [3], 170, 200),

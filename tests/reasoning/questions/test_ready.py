@@ -88,6 +88,13 @@ def test_who_left_and_came_in_again_is_there(tmp_path: Path, story_type, write_s
         assert found == [(3, 3), (1, 30)]
 
 
+def test_hidden(case: Case) -> None:
+    hers = [(r["part"], r["start_frame"], r["end_frame"], r["seconds"]) for r in ask(case, "hidden", "2")]
+    assert hers == [("left_legs", 110, 120, 0.4), ("head", 111, 111, 0.0), ("left_legs", 130, 131, 0.04)]
+    assert [r["track"] for r in ask(case, "hidden")] == [2, 2, 2, 3]
+    assert ask(case, "hidden", "1") == []
+
+
 def test_grouping_and_splitting(case: Case) -> None:
     (row,) = ask(case, "grouping-and-splitting")
     assert (row["track"], row["start_frame"], row["end_frame"]) == (2, 170, 179)
@@ -144,7 +151,8 @@ def test_every_row_can_be_explained(case: Case) -> None:
         ("met", ["1"], {}), ("together", ["1", "2"], {}), ("left-with", ["2"], {"within_s": 5.0, "gap_s": 5.0}),
         ("who-was-in", ["bench"], {"at": moment("7")}), ("loitered", ["bench"], {"least_s": 1.0}),
         ("entered-never-left", [], {}), ("grouping-and-splitting", [], {}), ("group-history", ["3"], {}),
-        ("before", ["9"], {}), ("contacts", ["1"], {}), ("timeline", ["2"], {}), ("timeline", ["3"], {}),
+        ("before", ["9"], {}), ("contacts", ["1"], {}), ("hidden", [], {}), ("timeline", ["2"], {}),
+        ("timeline", ["3"], {}),
     ]  # fmt: skip
     assert {name for name, _, _ in asked} == set(QUESTIONS)
     for name, words, options in asked:
