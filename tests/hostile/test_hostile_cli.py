@@ -413,9 +413,18 @@ def test_an_existing_output_is_never_overwritten(folder: Path, fails: Fails, com
         (out / "mine.txt").write_text("precious")
     words = [w.replace("OUT", "there") for w in WRITERS[command]]
     fails(*words, message=f"{out} exists already, not overwriting it; give another name or --force")
+    if command in ("explain", "evidence"):  # its files would stand among somebody else's: refused, with --force too
+        fails(*words, "--force", code=2, message="holds 'mine.txt' and no")
+        assert [p.name for p in out.iterdir()] == ["mine.txt"]
+        (out / "mine.txt").unlink()
+        assert main(words) == 0
+        (out / "mine.txt").write_text("precious")
+        fails(*words, message=f"{out} exists already")
     assert main([*words, "--force"]) == 0
     if out.suffix:
         assert out.read_bytes() != b"precious"
+    else:
+        assert (out / "mine.txt").read_text() == "precious"
 
 
 @pytest.mark.parametrize("command", [c for c in WRITERS if c.startswith("index")])
