@@ -37,8 +37,9 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     )  # fmt: skip
     p.add_argument(
         "--detect", metavar="METHOD",
-        help="motion, threshold or none: how to find what is in the pictures; default motion, with --detections none "
-        "(a method beside --detections gives masks, and each detection the blob that it lies in)",
+        help="motion, density, threshold or none: how to find what is in the pictures; default motion, with "
+        "--detections none (a method beside --detections gives masks, and each detection the blob that it lies in). "
+        "density is the SHELLS paper's own: kernel densities of background and foreground, at about twice the time",
     )  # fmt: skip
     p.add_argument(
         "--fps", metavar="F",

@@ -15,6 +15,16 @@ QUANTUM = 2.0**-20
 FORBIDDEN = 2.0**20
 
 
+def sizes_of(state: Floats) -> Floats:
+    """Square roots of width times height, (N,) pixels, of states (N, 4 or more): centre x and y, width, height."""
+    return np.asarray(np.sqrt(np.maximum(state[:, 2] * state[:, 3], 1.0)))
+
+
+def boxes_of(state: Floats) -> Floats:
+    """The boxes (N, 4): x, y, w, h of such states."""
+    return np.concatenate([state[:, :2] - state[:, 2:4] / 2, state[:, 2:4]], axis=1)
+
+
 def intersection(a: Floats, b: Floats) -> Floats:
     """Pairwise intersection areas of boxes (N, 4) and (M, 4) [x, y, w, h], (N, M) in square pixels."""
     left = np.maximum(a[:, None, 0], b[None, :, 0])

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from recorders.messages import NO_BLOB, Box, Ellipse, Mode
 from replay.trackers.appearance import Colours
+from replay.trackers.association import boxes_of, sizes_of
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.kalman import KalmanBank
 
@@ -116,16 +117,12 @@ class Tracks:
     @property
     def sizes(self) -> Floats:
         """The targets' sizes: square root of width times height, (N,) pixels."""
-        v = self.bank.value
-        return np.sqrt(np.maximum(v[:, 2] * v[:, 3], 1.0))
+        return sizes_of(self.bank.value)
 
     @property
     def boxes(self) -> Floats:
         """Estimated boxes, (N, 4): x, y, w, h in pixels."""
-        v = self.bank.value
-        out = v[:, :4].copy()
-        out[:, :2] -= v[:, 2:4] / 2
-        return out
+        return boxes_of(self.bank.value)
 
     def box(self, row: int) -> Box:
         """The estimated box of one track."""

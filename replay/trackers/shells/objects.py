@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from recorders.messages import NO_BLOB, Box, Ellipse, Mode
 from recorders.vision import cv2
+from replay.trackers.association import boxes_of, sizes_of
 from replay.trackers.kalman import KalmanBank
 from replay.trackers.shells.colours import BINS, MEMORY, histogram
 from replay.trackers.shells.liveliness import Liveliness
@@ -119,14 +120,12 @@ class Bodies:
     @property
     def sizes(self) -> Floats:
         """Square root of width times height, (N,) pixels."""
-        v = self.bank.value
-        return np.sqrt(np.maximum(v[:, 2] * v[:, 3], 1.0))
+        return sizes_of(self.bank.value)
 
     @property
     def boxes(self) -> Floats:
         """Estimated boxes, (N, 4): x, y, w, h in pixels."""
-        v = self.bank.value
-        return np.stack([v[:, 0] - v[:, 2] / 2, v[:, 1] - v[:, 3] / 2, v[:, 2], v[:, 3]], axis=1)
+        return boxes_of(self.bank.value)
 
     def box(self, row: int) -> Box:
         """The estimated box of one object."""
