@@ -199,11 +199,12 @@ def test_pets_from_pixels(real_data: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.real
-def test_two_flies_keep_their_identities(real_data: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "count"), [("two_flies", 2), ("three_flies", 3)])
+def test_flies_keep_their_identities(real_data: Path, tmp_path: Path, name: str, count: int) -> None:
     folder = real_data / "flies"
-    s = scored(tmp_path, folder / "two_flies.mp4", folder / "two_flies.gt.txt", "threshold")
+    s = scored(tmp_path, folder / f"{name}.mp4", folder / f"{name}.gt.txt", "threshold")
     assert s.clear.switches == 0
-    assert s.result_ids == s.true_ids == 2
+    assert s.result_ids == s.true_ids == count
     assert s.identity.idf1 > 90
 
 
