@@ -42,14 +42,16 @@ _STRANGER = 0.4
 class Looks:
     """The colours of detections, looked at when somebody asks: of the ellipse within the box, where the body is."""
 
-    def __init__(self, boxes: Floats, picture: Callable[[], Image | None]) -> None:
+    def __init__(self, boxes: Floats, picture: Callable[[], Image | None] | None) -> None:
         self._boxes, self._picture = boxes, picture
+        self.blind = picture is None
         self._known: dict[int, Floats | None] = {}
 
     def of(self, column: int) -> Floats | None:
         """A detection's histogram; None without pictures, or where hardly a pixel of it is in the picture."""
         if column not in self._known:
-            self._known[column] = colours_in(self._boxes[column].tolist(), self._picture())
+            image = None if self._picture is None else self._picture()
+            self._known[column] = colours_in(self._boxes[column].tolist(), image)
         return self._known[column]
 
 
@@ -61,6 +63,7 @@ def match(bodies: Bodies, free: Free, looks: Looks, p: ShellsParameters) -> Pair
     tentative = [k for k, b in enumerate(items) if b.id == TENTATIVE]
     sure = free.scores >= p.start_score
     out: Pairs = []
+    left = np.ones(len(free.boxes), bool)
     near = partial(_near, looks=looks, p=p)
     for who, which, choose in (
         (followed, sure, near),
@@ -71,10 +74,11 @@ def match(bodies: Bodies, free: Free, looks: Looks, p: ShellsParameters) -> Pair
     ):
         done = dict(out)
         stage = [k for k in who if k not in done]
-        columns = np.setdiff1d(np.flatnonzero(which), list(done.values()))
+        columns = np.flatnonzero(which & left)
         if stage and len(columns):
             pairs = choose(bodies, np.array(stage, np.intp), free.boxes[columns], columns)
             out += [(stage[i], int(columns[j])) for i, j in pairs]
+            left[[column for _, column in out]] = False
     return out
 
 
@@ -93,6 +97,8 @@ def _near(bodies: Bodies, rows: Rows, boxes: Floats, columns: Rows, looks: Looks
 def _strange(bodies: Bodies, rows: Rows, columns: Rows, allowed: NDArray[np.bool_], looks: Looks) -> Floats:
     """Hellinger distances of colours where pairs compete, 0 elsewhere: places decide where they can."""
     out = np.zeros(allowed.shape)
+    if looks.blind:
+        return out
     rivals = (allowed.sum(axis=1, keepdims=True) > 1) | (allowed.sum(axis=0, keepdims=True) > 1)
     for i, j in np.argwhere(allowed & rivals).tolist():
         mine = bodies.items[rows[i]].colours
@@ -115,6 +121,8 @@ def learn(bodies: Bodies, taken: Mapping[int, int], free: Free, looks: Looks, du
     sizes = np.sqrt(np.maximum(found[:, 2] * found[:, 3], 1.0))
     if bodies.manner is not None:
         bodies.manner.see(rows, found[:, :2] + found[:, 2:] / 2, sizes, steady & sure & ~near)
+    if looks.blind:
+        return
     for column, row, telling in zip(columns, rows.tolist(), (steady & sure & ~near).tolist(), strict=True):
         body = bodies.items[row]
         seen = looks.of(column) if telling and (due or body.colours is None) else None

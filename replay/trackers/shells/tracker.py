@@ -215,7 +215,8 @@ class ShellsTracker:
 
     def _follow_boxes(self, frame: Frame, free: Free, radii: Floats) -> dict[int, int]:
         """The same where boxes are all there is; {column: row}."""
-        looks = boxes.Looks(free.boxes, lambda: frame.image if self._p.box_colour > 0 else None)
+        seeing = self._scene.has_images and self._p.box_colour > 0
+        looks = boxes.Looks(free.boxes, (lambda: frame.image) if seeing else None)
         taken = {column: row for row, column in boxes.match(self._bodies, free, looks, self._p)}
         boxes.learn(self._bodies, taken, free, looks, frame.index % self._learn_every == 0, self._p)
         for column, row in taken.items():
