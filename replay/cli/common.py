@@ -48,6 +48,8 @@ def add_configuration(parser: argparse.ArgumentParser) -> None:
 _OUTPUTS = {"output": "-o", "plot": "--plot", "html": "--html"}
 _INPUTS = {"scene": "the recording itself", "source": "the source itself"}
 _READ = "read by the same command"
+_WORDS = ("words", "references")
+"""Arguments that are words, some of which may name files; other words never do."""
 
 
 def check_outputs(args: argparse.Namespace) -> None:
@@ -67,17 +69,18 @@ def check_outputs(args: argparse.Namespace) -> None:
             if other == name:
                 continue
             for path in value if isinstance(value, list | tuple) else [value]:
-                if isinstance(path, Path | str) and _one_file(out, Path(path)):
+                named = isinstance(path, Path) or (other in _WORDS and isinstance(path, str))
+                if named and _one_file(out, Path(path), both_written=other in outputs):
                     what = f"what {_OUTPUTS[other]} is to write" if other in outputs else _INPUTS.get(other, _READ)
                     raise UsageError(f"{_OUTPUTS[name]} {out}: is {what}; name another file")
 
 
-def _one_file(a: Path, b: Path) -> bool:
+def _one_file(a: Path, b: Path, *, both_written: bool) -> bool:
     try:
         return a.samefile(b) and not a.is_dir()
     except OSError:
-        # One that is not there yet can only be another output of the same name.
-        return a.absolute() == b.absolute()
+        # What is not there yet cannot be read, but be written twice.
+        return both_written and a.absolute() == b.absolute()
     except ValueError:
         return False  # a word that is no path
 

@@ -126,8 +126,10 @@ def run(args: argparse.Namespace) -> int:
     if args.plot is not None:
         from replay.evaluate.plots import plot
 
-        also = [(path.stem, _common(args, truth, read_result(path, args.camera))[1]) for path in args.also]
-        name = args.annotated.stem if also else ""
+        names = _told_apart([args.annotated, *args.also])
+        tables = [_common(args, truth, read_result(path, args.camera))[1] for path in args.also]
+        also = list(zip(names[1:], tables, strict=True))
+        name = names[0] if also else ""
         plot(truth, table, args.plot, iou=args.iou, frame_s=result.frame_s, name=name, also=also)
     if args.json:
         facts = {"annotated": str(args.annotated), "truth": str(args.truth), "iou": args.iou, "size": picture}
@@ -140,6 +142,12 @@ def run(args: argparse.Namespace) -> int:
     else:
         show(scores, str(args.annotated))
     return 0
+
+
+def _told_apart(paths: list[Path]) -> list[str]:
+    """Names of results for a legend: the files' names without suffix, or whole paths where those are alike."""
+    stems = [path.stem for path in paths]
+    return stems if len(set(stems)) == len(stems) else [str(path) for path in paths]
 
 
 def _common(args: argparse.Namespace, truth: MotTable, result: Result) -> tuple[MotTable, MotTable]:

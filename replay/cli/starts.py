@@ -38,7 +38,8 @@ def check_starts(config: Config, scene: SceneLog, frames: int | None) -> int:
         x, y, w, h = start.box
         words = f"--init frame:{start.frame}:{x:g},{y:g},{w:g},{h:g}"
         if frames is not None and start.frame >= frames:
-            raise UsageError(f"{words}: the recording has {frames} frames, 0 to {frames - 1}")
+            held = f"frames 0 to {frames - 1}" if frames else "no frames"
+            raise UsageError(f"{words}: the recording has {held}")
         if not (0 <= x + w / 2 < width and 0 <= y + h / 2 < height):
             raise UsageError(f"{words}: its middle lies outside of the picture of {width}x{height} pixels")
         if w < 2 or h < 4 or w > 2 * width or h > 2 * height:

@@ -84,8 +84,10 @@ def whole_folder(path: Path, mark: str | None, *, force: bool = False, stale: It
     try:
         yield part
         if path.is_dir():
-            _remove(path, stale)
+            # What is new comes first: names of what is old are another file's word, and one of them may be no name.
+            new = {file.relative_to(part) for file in part.rglob("*")}
             _move_into(part, path)
+            _remove(path, [name for name in stale if Path(name) not in new])
         else:
             part.rename(path)
     finally:
@@ -104,7 +106,11 @@ def _remove(path: Path, names: Iterable[str]) -> None:
     root = path.resolve()
     for name in names:
         file = path / name
-        if not file.parent.resolve().is_relative_to(root) or not (file.is_file() or file.is_symlink()):
+        try:
+            ours = file.parent.resolve().is_relative_to(root) and (file.is_file() or file.is_symlink())
+        except (OSError, ValueError):
+            continue
+        if not ours:
             continue
         file.unlink()
         if file.parent.resolve() != root and not any(file.parent.iterdir()):

@@ -156,7 +156,9 @@ def _windows(log: SceneLog, table: MotTable) -> Iterator[list[_Seen]]:
     """Every frame from the second on, with those of the `LATER_S` before it, oldest first."""
     frame_s = log.info.frame_ns * 1e-9
     window: deque[_Seen] = deque(maxlen=max(2, round(LATER_S / max(frame_s, 1e-3))) + 1)
-    span = (int(table.frames[0]), int(table.frames[-1]) + 1) if len(table) else (0, 1)
+    # The truth may reach beyond the recording, on either side.
+    shared = table.frames[np.isin(table.frames, [index for index, _ in enumerate(log.frame_times())])]
+    span = (int(shared[0]), int(shared[-1]) + 1) if len(shared) else (0, 1)
     for frame in log.frames():
         window.append(_look(frame, table, frame_s, span))
         if len(window) > 1:

@@ -7,6 +7,7 @@ import os
 import re
 import stat
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -27,6 +28,8 @@ _MOST_OF_A_KEY = 64 << 10
 _PRIVATE = re.compile(rb"-----BEGIN ([A-Z]+ )?PRIVATE KEY-----")
 _MOST_BYTES = 64 << 20
 _RECORDING = "scenetrace.recording"
+MOST_ADDED = 1000
+"""Entries of a sealed folder, besides what was sealed in it, that are looked at."""
 Role = Literal["source", "scene", "annotated", "file"]
 Hex64 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
 
@@ -113,15 +116,27 @@ def seal(paths: Iterable[str | Path], out: str | Path, *, note: str = "") -> Man
 
 
 def added_files(manifest: Manifest, path: str | Path) -> list[str]:
-    """Files in the folders that were sealed as a whole that the manifest at ``path`` does not list, by name."""
+    """Files in the folders that were sealed as a whole that the manifest at ``path`` does not list, by name.
+
+    A manifest is untrusted: folders in which nothing that it lists lies are not looked into, and a folder that has
+    grown by more than `MOST_ADDED` entries is not listed to its end.
+
+    Raises:
+        RecordingError: a folder cannot be one.
+    """
     path = Path(path)
     listed = {entry.name for entry in manifest.files}
     here = path.parent.resolve()
     found = set()
     for folder in manifest.folders:
-        for file in (path.parent / folder).rglob("*"):
-            if not file.is_dir() or file.is_symlink():
-                found.add(Path(os.path.relpath(file.parent.resolve() / file.name, here)).as_posix())
+        if folder != "." and not any(name.startswith(f"{folder}/") for name in listed):
+            continue
+        try:
+            for file in islice((path.parent / folder).rglob("*"), 2 * len(listed) + MOST_ADDED):
+                if not file.is_dir() or file.is_symlink():
+                    found.add(Path(os.path.relpath(file.parent.resolve() / file.name, here)).as_posix())
+        except (OSError, ValueError) as e:
+            raise RecordingError(f"lists a folder that cannot be looked into: {folder[:80]!r}", path) from e
     return sorted(found - listed - {path.name})
 
 

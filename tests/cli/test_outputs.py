@@ -55,6 +55,21 @@ def test_an_input_is_never_overwritten(
     assert {path: path.read_bytes() for path in folder.iterdir() if path.is_file()} == before
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "replay scene.mcap -o events --tracker events --force",
+        "export annotated.mcap --to json -o json --force",
+        "query annotated.mcap --ask entered-never-left --format csv -o csv --force",
+        "index monday.mcap -o index",
+        "explain annotated.mcap event:1 -o explain --force",
+    ],
+)
+def test_a_word_that_is_no_file_is_no_input(folder: Path, words: str) -> None:
+    assert main(words.split()) == 0
+    assert (folder / words.split(" -o ")[1].split(maxsplit=1)[0]).exists()
+
+
 def test_nor_under_another_name(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     os.link(folder / "before.mcap", folder / "hard.html")
     (folder / "soft.html").symlink_to("before.mcap")

@@ -137,11 +137,10 @@ class Association:
                 best[t, c.anchors[k]] = k
         value = np.where(best >= 0, scores[best], -1)
         boxes = c.boxes.copy()
-        if self._refine is not None:
-            self._prune(rows, best, value, boxes)
+        told = np.zeros(value.shape, bool) if self._refine is None else self._prune(rows, best, value, boxes)
         visible = (~hidden * self._scorer.gamma).sum(axis=1) >= self._p.min_visible * int(self._scorer.gamma.sum())
         visible &= self._filled(hidden)
-        allowed = (value >= self._least) & visible[best]
+        allowed = ((value >= self._least) | told) & visible[best]
         wanted = np.where(allowed.any(axis=1), np.argmax(np.where(allowed, value, -1), axis=1), -1)
         while True:
             pairs = assign(-value / FULL, allowed)
@@ -156,7 +155,7 @@ class Association:
             k = int(best[t, a])
             rivals = [u for u in range(len(rows)) if u != t and wanted[u] == a and taker.get(a) == t]
             rival = int(rows[rivals[0]]) if rivals else -1
-            out.append(Match(int(rows[t]), k, boxes[k], int(value[t, a]), hidden[k], rival))
+            out.append(Match(int(rows[t]), k, boxes[k], int(scores[k]), hidden[k], rival))
         return out
 
     def _left(self, pairs: list[tuple[int, int]], best: Ints, value: Ints, good: Bools) -> list[tuple[int, int]]:
@@ -176,14 +175,18 @@ class Association:
         seen = self._s.rectangles[:, :, 2] * self._s.rectangles[:, :, 3] * ~hidden
         return np.asarray((self._s.foreground * ~hidden).sum(axis=1) >= self._p.min_fill * seen.sum(axis=1))
 
-    def _prune(self, rows: NDArray[np.intp], best: Ints, value: Ints, boxes: Floats) -> None:
+    def _prune(self, rows: NDArray[np.intp], best: Ints, value: Ints, boxes: Floats) -> Bools:
         """Multiple responses: candidates nearby that are near-equal, or all weak, are decided by the head's image.
 
         PARTS 4.1. Deviations: candidates are judged by where the head's image is found, but stay where they are: what
         hangs from the image's own place is worse on TUD-Campus (docs/parts.md). Without an image of the head, or with
         one that is found nowhere, the best score wins whatever its ratio over the runner-up.
+
+        Returns:
+            What the head told, (T, A) bool: a match even where its score is weak. ``value`` ranks it first.
         """
         assert self._refine is not None
+        told = np.zeros(value.shape, bool)
         for t in range(len(rows)):
             top = int(value[t].max(initial=-1))
             if top < self._p.weak * self._least:
@@ -204,8 +207,10 @@ class Association:
             off = np.abs(middle - refined[0] - refined[2] / 2) + np.abs(boxes[best[t, near], 1] - refined[1])
             winner = near[int(np.argmin(off))]
             others = near[near != winner]
-            value[t, winner] = max(top, self._least)
+            value[t, winner] = top
+            told[t, winner] = True
             value[t, others] = (value[t, others] / self._p.ratio).astype(np.int64)
+        return told
 
 
 def _coinciding(

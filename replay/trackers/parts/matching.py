@@ -115,7 +115,10 @@ class Matching:
         """Targets that stand behind something that nobody tracks: alive, and in their place, while pieces are seen."""
         blobs, area = self._seen.blob_boxes, self._pixels.area
         still = self._targets.speeds <= self._p.stands * self._targets.boxes[:, 3]
-        left = [row for row in rows.tolist() if still[row] and not self._targets.items[row].observed]
+        items, now = self._targets.items, self._frame.time_ns
+        left = [row for row in rows.tolist() if still[row] and not items[row].observed]
+        # Whatever was left there, a shadow's edge or a thing that was put down, is not somebody for ever.
+        left = [row for row in left if now - items[row].matched_ns <= self._p.pieces_s * 1e9]
         if not left or not len(blobs) or area is None:
             return
         filled = self._pixels.sums(area, blobs).astype(np.float64)
@@ -126,8 +129,10 @@ class Matching:
             box, piece = found
             only = np.array([row], np.intp)
             self._gone[row] = self._empty(only, self._measure(only, box[None])[0])[0]
+            matched_ns = items[row].matched_ns
             # As sure as the weakest match: that the pieces are this target's is only likely.
             self._observe(row, box, piece + 1, "appearance", round(self._p.match_score * FULL), None)
+            items[row].matched_ns = matched_ns
 
     def _measure(self, rows: Rows, boxes: Floats) -> tuple[Measured, Floats]:
         """Features of boxes (N, 4) for their targets, and their parts."""
@@ -276,7 +281,7 @@ class Matching:
         targets.correct(row, box, at, occluded)
         x, y, w, h = box.tolist()
         item.measured = (x, y, w, h)
-        item.seen_ns = self._frame.time_ns
+        item.seen_ns = item.matched_ns = self._frame.time_ns
         item.hits += 1
         value = 1.0 if score is None else min(1.0, score / FULL / 0.7)
         item.quality += (value - item.quality) / min(item.hits, 10)

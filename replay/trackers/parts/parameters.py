@@ -53,7 +53,7 @@ class PartsParameters(Parameters):
     whole: float = param(
         0.9, "share of match_score that suffices for a whole blob that can be nobody else", low=0.0, high=1.0
     )
-    coincide: float = param(0.75, "IoU of two targets' boxes from which on one gives way", low=0.0, high=1.0)
+    coincide: float = param(0.75, "IoU of two targets' boxes from which on one gives way", low=0.05, high=1.0)
     alone_change: float = param(
         0.35, "a blob that much wider or higher than its lone target is compared part by part first", low=0.0, high=5.0
     )
@@ -68,6 +68,7 @@ class PartsParameters(Parameters):
     )
     pieces_near: float = param(0.5, "its pieces lie within its box grown by this", unit="widths", low=0, high=5)
     pieces_least: float = param(0.03, "they have at least this share of its box in foreground", low=0.0, high=1.0)
+    pieces_s: float = param(20.0, "and hold it for so long after its last match", unit="s", low=0.0, high=3600.0)
     part_score: float = param(0.35, "least score of a part that matches", low=0.0, high=1.0, source="PARTS 4.2")
     hidden_score: float = param(0.4, "what a part that others cover counts for", low=0.0, high=1.0)
     hidden_cover: float = param(0.5, "a part is hidden if nearer targets cover this much of it", low=0.05, high=1.0)

@@ -37,6 +37,7 @@ class Target:
         sightings: while tentative, [frame, x, y, w, h] of every observation.
         lost: held, but no longer said to be present.
         manual: started by hand.
+        matched_ns: time of the last observation that was more than pieces of it.
     """
 
     id: int
@@ -57,6 +58,7 @@ class Target:
     now: Mode = "motion"
     score: float | None = None
     learnt_ns: int = -1
+    matched_ns: int = -1
     signed: bool = False
     sightings: list[list[float]] = field(default_factory=list)
 

@@ -115,11 +115,21 @@ def area_of(box: Box, blob: int, frame: Frame) -> float:
 
 @dataclass(frozen=True)
 class Known:
-    """A lost object that is back: its row, its distance of colours, for how long it was unseen."""
+    """A lost object that is back.
+
+    Attributes:
+        row: its row.
+        cost: distance of colours, or from its path where colours are not known.
+        unseen_s: for how long it was unseen.
+        limit: what the cost must not exceed.
+        by_colours: which of the two costs it is.
+    """
 
     row: int
     cost: float
     unseen_s: float
+    limit: float
+    by_colours: bool
 
 
 def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, p: ShellsParameters) -> Known | None:
@@ -143,6 +153,7 @@ def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, 
         ratio = abs(float(np.log(here[2] * here[3] / (bodies.bank.value[k, 2] * bodies.bank.value[k, 3]))))
         if ratio > 1.0 or away <= 0:
             continue
+        by_colours = seen is not None and other.colours is not None
         if seen is None or other.colours is None:
             cost = _off_path(bodies, k, row, (frame.time_ns - other.seen_ns) * 1e-9) + 0.5 * ratio
             limit = p.recover_path
@@ -154,7 +165,7 @@ def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, 
                 continue
             cost, limit = distance(seen, other.colours), p.recover
         if cost <= limit and (best is None or cost < best.cost):
-            best = Known(k, cost, away)
+            best = Known(k, cost, away, limit, by_colours)
     return best
 
 

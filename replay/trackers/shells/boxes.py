@@ -131,7 +131,7 @@ def learn(bodies: Bodies, taken: Mapping[int, int], free: Free, looks: Looks, du
 
 
 def _only(bodies: Bodies, rows: Rows, boxes: Floats, columns: Rows) -> Pairs:  # noqa: ARG001
-    """Pairs within a minimum shell without a rival: no other detection is left in it, and nobody else is about.
+    """Pairs within a minimum shell without a rival: no other detection, and nobody else, is left unmatched in it.
 
     Whoever turns back abruptly is off its prediction, yet nobody else can be there.
     """

@@ -71,7 +71,7 @@ def colours_in(box: Sequence[float], image: Image | None, mask: Image | None = N
     else:
         u, v = (np.arange(x1, x2) + 0.5 - x) / w * 2 - 1, (np.arange(y1, y2) + 0.5 - y) / h * 2 - 1
         own = (u * u)[None, :] + (v * v)[:, None] <= _BODY * _BODY
-    return histogram(bins_of(image[y1:y2, x1:x2]), own)
+    return histogram(bins_of(image[y1:y2, x1:x2]), own) if own.any() else None
 
 
 def tell(tables: Sequence[Floats | None]) -> list[Floats | None]:

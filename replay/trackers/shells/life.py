@@ -83,8 +83,10 @@ class Life:
         old.lost, old.mode, old.hits = False, "motion", old.hits + body.hits
         # The place that it was lost at is of no more use.
         body.observed, body.seen_ns = False, body.seen_ns - round(60 * self._p.keep_s / NS)
-        evidence = {"colour_distance": known.cost, "limit": self._p.recover, "unseen_s": known.unseen_s}
-        rule = "SHELLS 2.3, ours: reappears within reach, of its own colours"
+        what = "colour_distance" if known.by_colours else "path_cost"
+        evidence = {what: known.cost, "limit": known.limit, "unseen_s": known.unseen_s}
+        told = "of its own colours" if known.by_colours else "on its own path"
+        rule = f"SHELLS 2.3, ours: reappears within reach, {told}"
         notices.append(Notice("track_recovered", [old.id], rule, evidence))
         return True
 

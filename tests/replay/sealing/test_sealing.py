@@ -9,6 +9,7 @@ import stat
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from fixtures.logs import write_scene_log
@@ -17,7 +18,7 @@ from recorders.errors import RecordingError, UsageError
 from replay.cli import main
 from replay.replaying import ReplayOptions
 from replay.sealing import check_manifest, new_key, read_manifest, seal, sign
-from replay.sealing.manifest import write_manifest
+from replay.sealing.manifest import added_files, write_manifest
 from replay.writing import replay
 
 
@@ -206,3 +207,32 @@ def test_the_commands(case: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (case / "scene.mcap").write_bytes((case / "scene.mcap").read_bytes()[:-30])
     assert main(["seal", str(case / "scene.mcap"), "-o", str(case / "b.json")]) == 1
     assert "a damaged log is not sealed" in capsys.readouterr().err
+
+
+def test_a_manifest_leads_into_no_folder_of_which_it_lists_nothing(tmp_path: Path) -> None:
+    mine, theirs = tmp_path / "case", tmp_path / "theirs"
+    for folder in (mine, theirs):
+        folder.mkdir()
+        (folder / "a.txt").write_text("a")
+    manifest = mine / "manifest.json"
+    case_manifest = seal([mine], manifest)
+    assert case_manifest.folders == ["."]
+    write_manifest(case_manifest, manifest)
+    assert added_files(case_manifest, manifest) == []
+    (mine / "b.txt").write_text("b")
+    assert added_files(case_manifest, manifest) == ["b.txt"]
+    led_astray = msgspec.structs.replace(
+        case_manifest, folders=["../theirs", str(theirs), "/proc/self/task", "x" * 400]
+    )
+    assert added_files(led_astray, manifest) == []
+
+
+def test_of_a_folder_that_has_grown_without_end_some_files_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.txt").write_text("a")
+    case_manifest = seal([tmp_path], tmp_path / "manifest.json")
+    for k in range(50):
+        (tmp_path / f"{k}.txt").write_text("more")
+    monkeypatch.setattr("replay.sealing.manifest.MOST_ADDED", 10)
+    assert 0 < len(added_files(case_manifest, tmp_path / "manifest.json")) <= 12

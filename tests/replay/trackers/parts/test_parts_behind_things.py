@@ -42,10 +42,9 @@ def picture(k: int | None) -> Picture:
     return out
 
 
-@pytest.fixture(scope="module")
-def followed() -> list[list[Target]]:
+def follow(*assignments: str) -> list[list[Target]]:
     """The answers to frames that are segmented as a recording is."""
-    config = replay_config("parts")
+    config = replay_config("parts", assignments=assignments)
     pictures = [picture(k) for k in range(FRAMES)]
     segmenter = MotionSegmenter(SegmentationParameters(), WIDTH, HEIGHT, FPS)
     segmenter.prepare(iter([*[picture(None)] * 150, *pictures]))
@@ -59,7 +58,8 @@ def followed() -> list[list[Target]]:
     return said
 
 
-def test_who_stands_behind_a_sign_is_observed_there_under_one_id(followed: list[list[Target]]) -> None:
+def test_who_stands_behind_a_sign_is_observed_there_under_one_id() -> None:
+    followed = follow()
     assert {t.id for targets in followed for t in targets} == {1}
     for k in range(10, FRAMES):
         (target,) = followed[k]
@@ -68,6 +68,13 @@ def test_who_stands_behind_a_sign_is_observed_there_under_one_id(followed: list[
     behind = [followed[k][0] for k in STANDS][5:]
     assert sum(t.observed for t in behind) > 0.9 * len(behind)
     assert sum("left_torso" in t.hidden_parts for t in behind) > 0.8 * len(behind)
+
+
+def test_pieces_hold_nobody_for_ever() -> None:
+    seen = [any(t.id == 1 and t.observed for t in targets) for targets in follow("parts.pieces_s=2")]
+    hidden_from = 44
+    assert all(seen[hidden_from : hidden_from + 2 * FPS - 4])
+    assert not any(seen[hidden_from + 2 * FPS + 4 : STANDS.stop])
 
 
 BOX = np.array([100.0, 100.0, 20.0, 60.0])
