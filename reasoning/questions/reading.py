@@ -294,17 +294,14 @@ class _Camera:
             own.boxes.append(k.box)
         for key, _, interval in self._presence.step(tracks.frame, t, present):
             self._add("presence", key, *interval)
-        self._end_zones(self._zones.step(tracks.frame, t, zones))
+        self._end_named("zones", self._zones.step(tracks.frame, t, zones))
         self._end_bits(self._bits.step(tracks.frame, t, bits))
-        self._end_hidden(self._hidden.step(tracks.frame, t, hidden))
+        self._end_named("hidden", self._hidden.step(tracks.frame, t, hidden))
 
-    def _end_zones(self, over: list[tuple[Any, Any, Interval]]) -> None:
-        for (track, zone), _, interval in over:
-            self._add("zones", track, zone, *interval)
-
-    def _end_hidden(self, over: list[tuple[Any, Any, Interval]]) -> None:
-        for (track, part), _, interval in over:
-            self._add("hidden", track, part, *interval)
+    def _end_named(self, table: str, over: list[tuple[Any, Any, Interval]]) -> None:
+        """Intervals of a track and a name: a zone that it was in, a part of it that was hidden."""
+        for (track, name), _, interval in over:
+            self._add(table, track, name, *interval)
 
     def _end_bits(self, over: list[tuple[Any, Any, Interval]]) -> None:
         for (track, bit), partners, interval in over:
@@ -343,9 +340,9 @@ class _Camera:
         self._facts.seconds = self._t
         for key, _, interval in self._presence.close():
             self._add("presence", key, *interval)
-        self._end_zones(self._zones.close())
+        self._end_named("zones", self._zones.close())
         self._end_bits(self._bits.close())
-        self._end_hidden(self._hidden.close())
+        self._end_named("hidden", self._hidden.close())
         self._end_relations(self._relations.close())
         self._end_groups(self._groups.close())
         for label, members, interval in sorted(self._group_rows, key=lambda g: (g[2][0], g[0])):

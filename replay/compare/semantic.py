@@ -15,6 +15,7 @@ from replay.compare.happenings import Happenings
 from replay.compare.intervals import Interval, count, intersect, subtract
 from replay.compare.matching import Change, Matching, Pair
 from replay.compare.raw import RECORDING, Raw, compare_bytes
+from replay.counting import number
 from replay.facts import GOLDEN, Facts, facts_of
 from replay.unequal import both, short
 
@@ -190,7 +191,7 @@ class _Comparer:
         n = count(here)
         if n:
             t = content.seconds(here[0][0])
-            words = f"{text}: {n} frame{'s' if n > 1 else ''} from {t:.1f} s"
+            words = f"{text}: {number(n, 'frame')} from {t:.1f} s"
             yield Difference("track", change, here[0][0], t, [track], words, {"frames": n})
 
     def _matched(self, track: int) -> Iterator[Difference]:
@@ -201,7 +202,7 @@ class _Comparer:
             if alone:
                 n, frame = count(alone), alone[0][0]
                 t = self.a.seconds(frame)
-                text = f"track {track} is in {n} frame{'s' if n > 1 else ''} of {name} only, first at {t:.1f} s"
+                text = f"track {track} is in {number(n, 'frame')} of {name} only, first at {t:.1f} s"
                 yield Difference("track", change, frame, t, [track], text, {"frames": n, "partner": partner})
         yield from self._pair(track, partner, self.matching.pairs[track, partner], ours, theirs)
 
@@ -231,9 +232,7 @@ class _Comparer:
         others = f", and {len(values) - 1} more values" if len(values) > 1 else ""
         frames = max(change.frames for change in values.values())
         old, new = both(first.a, first.b)
-        text = (
-            f"{name} has {field} {new}, not {old}, at {t:.1f} s{others}; in {frames} frame{'s' if frames > 1 else ''}"
-        )
+        text = f"{name} has {field} {new}, not {old}, at {t:.1f} s{others}; in {number(frames, 'frame')}"
         details = {
             n: {"frames": c.frames, "first": c.first, "a": short(c.a), "b": short(c.b)} for n, c in values.items()
         }
@@ -261,7 +260,7 @@ class _Comparer:
         first = self.raw.channels.get(RECORDING)
         if first is not None:
             n = first.frames
-            where = f"the recorded messages differ in {n} frame{'s' if n > 1 else ''}"
+            where = f"the recorded messages differ in {number(n, 'frame')}"
             text = f"{where}: another recording, or an altered one ({first.field}: {first.b}, not {first.a})"
             details = {"frames": n, "a": first.a, "b": first.b}
             place = self.a.place(first.frame)
@@ -281,6 +280,6 @@ class _Comparer:
             if name == RECORDING or (kinds & set(shown_as) if shown_as else covered):
                 continue
             n, t = first.frames, self.a.seconds(place)
-            text = f"channel {name}: {first.field} {first.b}, not {first.a}; in {n} frame{'s' if n > 1 else ''}"
+            text = f"channel {name}: {first.field} {first.b}, not {first.a}; in {number(n, 'frame')}"
             details = {"channel": name, "field": first.field, "a": first.a, "b": first.b, "frames": n}
             yield Difference("message", "changed", place, t, [], text, details)

@@ -97,13 +97,14 @@ def fit(samples: Samples) -> Fitted:
     """
     scores = np.empty(samples.differences.shape, np.float64)
     folds = np.unique(samples.folds).tolist()
+    theirs: dict[int, dict[str, str]] = {}
     for fold in folds:
         here = samples.folds == fold
-        other = samples.step_folds != fold if len(folds) > 1 else np.ones(len(samples.steps), bool)
-        scores[here] = _tabulated(samples.differences[here], models(samples.steps[other]))
+        theirs[fold] = models(samples.steps[samples.step_folds != fold] if len(folds) > 1 else samples.steps)
+        scores[here] = _tabulated(samples.differences[here], theirs[fold])
     firsts = _firsts(samples.groups)
     omega, gamma = _weights(scores, firsts)
-    right = _held_out(samples, folds) if len(folds) > 1 else None
+    right = _held_out(samples, theirs, scores) if len(folds) > 1 else None
     values: dict[str, Any] = dict(models(samples.steps))
     values |= {f"omega_{f}": round(float(v / omega.sum()), 4) for f, v in zip(FEATURES, omega, strict=True)}
     values |= {f"gamma_{j}": round(float(v / gamma.sum()), 4) for j, v in zip(PARTS, gamma, strict=True)}
@@ -113,16 +114,21 @@ def fit(samples: Samples) -> Fitted:
     return Fitted(PartFeatures(**values), accuracy, before, chance, len(firsts))
 
 
-def _held_out(samples: Samples, folds: list[int]) -> tuple[float, float]:
-    """Accuracy over all folds, each with the models and weights of the others, and the same with equal weights."""
+def _held_out(samples: Samples, theirs: dict[int, dict[str, str]], scores: Floats) -> tuple[float, float]:
+    """Accuracy over all folds, each with the models and weights of the others, and the same with equal weights.
+
+    Args:
+        samples: the samples.
+        theirs: for each fold the models of the others.
+        scores: (N, 5, 6) every candidate's under the models of the folds that it is not in.
+    """
     right = equally = 0.0
-    for fold in folds:
+    for fold, words in theirs.items():
         here, others = samples.folds == fold, samples.folds != fold
-        theirs = models(samples.steps[samples.step_folds != fold])
-        omega, gamma = _weights(_tabulated(samples.differences[others], theirs), _firsts(samples.groups[others]))
-        scores, firsts = _tabulated(samples.differences[here], theirs), _firsts(samples.groups[here])
-        right += len(firsts) * _accuracy(scores, omega, gamma, firsts)[0]
-        equally += len(firsts) * _accuracy(scores, np.ones(len(FEATURES)), np.ones(len(PARTS)), firsts)[0]
+        omega, gamma = _weights(_tabulated(samples.differences[others], words), _firsts(samples.groups[others]))
+        firsts = _firsts(samples.groups[here])
+        right += len(firsts) * _accuracy(scores[here], omega, gamma, firsts)[0]
+        equally += len(firsts) * _accuracy(scores[here], np.ones(len(FEATURES)), np.ones(len(PARTS)), firsts)[0]
     total = len(_firsts(samples.groups))
     return right / total, equally / total
 

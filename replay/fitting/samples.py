@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from recorders.errors import SceneTraceError
 from recorders.scene import Frame, SceneLog
 from replay.evaluate.truth import MotTable, fit_truth, read_truth
+from replay.sealing.manifest import file_digest
 from replay.trackers.association import intersection
 from replay.trackers.parts.features import ONE, Measured, PartsModel, Pixels, differences, measure
 from replay.trackers.parts.parameters import PartsParameters
@@ -117,11 +117,7 @@ def _all_different(scenes: list[Path]) -> None:
     """Refuse a recording that is given twice: what is held out would have been fitted on."""
     known: dict[str, Path] = {}
     for path in scenes:
-        try:
-            with path.open("rb") as file:
-                digest = hashlib.file_digest(file, "sha256").hexdigest()
-        except OSError as e:
-            raise SceneTraceError(f"{path}: cannot be read: {e.strerror}") from e
+        _, digest = file_digest(path)
         if digest in known:
             raise SceneTraceError(f"{path}: the same recording as {known[digest]}; give each once")
         known[digest] = path

@@ -16,7 +16,7 @@ FORBIDDEN = 2.0**20
 
 
 def sizes_of(state: Floats) -> Floats:
-    """Square roots of width times height, (N,) pixels, of states (N, 4 or more): centre x and y, width, height."""
+    """Square roots of width times height, (N,) pixels, of states or boxes (N, 4 or more): x, y, width, height."""
     return np.asarray(np.sqrt(np.maximum(state[:, 2] * state[:, 3], 1.0)))
 
 

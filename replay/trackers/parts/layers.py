@@ -136,7 +136,7 @@ class Association:
             if t is not None and (best[t, c.anchors[k]] < 0 or scores[k] > scores[best[t, c.anchors[k]]]):
                 best[t, c.anchors[k]] = k
         value = np.where(best >= 0, scores[best], -1)
-        boxes = c.boxes.copy()
+        boxes = c.boxes
         told = np.zeros(value.shape, bool) if self._refine is None else self._prune(rows, best, value, boxes)
         visible = (~hidden * self._scorer.gamma).sum(axis=1) >= self._p.min_visible * int(self._scorer.gamma.sum())
         visible &= self._filled(hidden)

@@ -93,6 +93,7 @@ class Matching:
             if tenants[b] != 1 or self._seen.held[b + 1] > 1 or not near or not fits:
                 continue
             row = int(rows[t])
+            self._targets.items[row].matched_ns = self._frame.time_ns
             self._observe(row, blobs[b], b + 1, "motion", None, tuple(self._seen.centroids[b].tolist()))
             item = self._targets.items[row]
             if (self._frame.time_ns - item.learnt_ns) * 1e-9 >= self._p.learn_s or item.learnt_ns < 0:
@@ -129,10 +130,8 @@ class Matching:
             box, piece = found
             only = np.array([row], np.intp)
             self._gone[row] = self._empty(only, self._measure(only, box[None])[0])[0]
-            matched_ns = items[row].matched_ns
             # As sure as the weakest match: that the pieces are this target's is only likely.
             self._observe(row, box, piece + 1, "appearance", round(self._p.match_score * FULL), None)
-            items[row].matched_ns = matched_ns
 
     def _measure(self, rows: Rows, boxes: Floats) -> tuple[Measured, Floats]:
         """Features of boxes (N, 4) for their targets, and their parts."""
@@ -255,6 +254,7 @@ class Matching:
         if direct and source >= 0 and not np.isnan(self._seen.centroids[source]).any():
             centroid = tuple(self._seen.centroids[source].tolist())
         mode: Mode = "motion" if direct else "appearance"
+        targets.items[row].matched_ns = self._frame.time_ns
         self._observe(row, match.box, blob, mode, match.score, centroid)
         matched = (s.parts[k] >= round(self._p.part_score * FULL)) & ~match.hidden
         # By things that nobody tracks: where a part should be there is hardly any foreground.
@@ -281,7 +281,7 @@ class Matching:
         targets.correct(row, box, at, occluded)
         x, y, w, h = box.tolist()
         item.measured = (x, y, w, h)
-        item.seen_ns = item.matched_ns = self._frame.time_ns
+        item.seen_ns = self._frame.time_ns
         item.hits += 1
         value = 1.0 if score is None else min(1.0, score / FULL / 0.7)
         item.quality += (value - item.quality) / min(item.hits, 10)

@@ -125,11 +125,10 @@ class Targets:
         b = self.boxes
         return np.stack([b[:, 0] + (b[:, 2] - w) / 2, b[:, 1] + b[:, 3] - h, w, h], axis=1)
 
-    def onward(self) -> Floats:
-        """Where the targets are if they went on at KF1's speed since they were last seen, (N, 4)."""
-        out = self.boxes.copy()
-        out[:, :2] = self.motion.value - out[:, 2:] / 2
-        return out
+    def onward(self, row: int) -> Floats:
+        """Where a target is if it went on at KF1's speed since it was last seen, (4,)."""
+        size = self.boxes[row, 2:]
+        return np.concatenate([self.motion.value[row] - size / 2, size])
 
     def gates(self, dt: float) -> Floats:
         """Half sides of the gates, (N,) pixels: by speed, doubled for every frame missed."""

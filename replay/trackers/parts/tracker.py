@@ -108,7 +108,6 @@ class PartsTracker:
         kept = []
         p = self._p
         places = self._regions.area_cover(self._targets.boxes)
-        onward = self._regions.area_cover(self._targets.onward())
         for row, item in enumerate(self._targets.items):
             unseen = (frame.time_ns - item.seen_ns) * NS
             if not item.observed:
@@ -138,7 +137,7 @@ class PartsTracker:
             box = self._targets.boxes[row].tolist()
             evidence = {"unseen_s": unseen, "confidence": item.confidence, "box": box}
             # The place stays where the target was last seen: only the speed says that it went on, out of the scene.
-            evidence["left_scene"] = onward[row] == OUTSIDE
+            evidence["left_scene"] = self._regions.area_cover(self._targets.onward(row)[None])[0] == OUTSIDE
             told.append(Notice("track_removed", [item.id], why, evidence))
         self._targets.keep(kept)
 

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from replay.trackers.association import assign, intersection, iou
+from replay.trackers.association import assign, intersection, iou, sizes_of
 from replay.trackers.shells.births import Free
 from replay.trackers.shells.colours import colours_in, distance
 from replay.trackers.shells.objects import TENTATIVE, Bodies
@@ -85,7 +85,7 @@ def match(bodies: Bodies, free: Free, looks: Looks, p: ShellsParameters) -> Pair
 def _near(bodies: Bodies, rows: Rows, boxes: Floats, columns: Rows, looks: Looks, p: ShellsParameters) -> Pairs:
     """Pairs near the predictions, (index of row, index of box)."""
     bank = bodies.bank
-    noise = p.box_noise * np.sqrt(np.maximum(boxes[:, 2] * boxes[:, 3], 1.0))
+    noise = p.box_noise * sizes_of(boxes)
     away = boxes[:, :2] + boxes[:, 2:] / 2 - bank.value[rows, None, :2]
     distance2 = (away * away / (bank.p00[rows, None, :2] + (noise * noise)[None, :, None])).sum(axis=2)
     overlap = iou(bodies.boxes[rows], boxes)
@@ -118,9 +118,8 @@ def learn(bodies: Bodies, taken: Mapping[int, int], free: Free, looks: Looks, du
     steady = np.array([b.id != TENTATIVE and b.mode == "motion" for b in (bodies.items[k] for k in rows)], bool)
     found = free.boxes[columns]
     sure = free.scores[columns] >= p.start_score
-    sizes = np.sqrt(np.maximum(found[:, 2] * found[:, 3], 1.0))
     if bodies.manner is not None:
-        bodies.manner.see(rows, found[:, :2] + found[:, 2:] / 2, sizes, steady & sure & ~near)
+        bodies.manner.see(rows, found[:, :2] + found[:, 2:] / 2, sizes_of(found), steady & sure & ~near)
     if looks.blind:
         return
     for column, row, telling in zip(columns, rows.tolist(), (steady & sure & ~near).tolist(), strict=True):
