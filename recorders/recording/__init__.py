@@ -1,0 +1,8 @@
+"""A source of frames into a scene log: `record`."""
+
+from recorders.recording.options import SECTIONS, RecordOptions
+from recorders.recording.recording import InterruptedRecordingError, record
+from recorders.recording.stages import with_blobs
+from recorders.recording.writing import RecordSummary, utf8
+
+__all__ = ["SECTIONS", "InterruptedRecordingError", "RecordOptions", "RecordSummary", "record", "utf8", "with_blobs"]

@@ -1,0 +1,69 @@
+"""How to record, and what is decided where an option is left open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal, get_args
+
+from recorders import channels
+from recorders.errors import UsageError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.parameters import Config, Parameters, configure
+from recorders.segmentation import SEGMENTERS, SegmentationParameters
+from recorders.sources import Source
+
+Codec = Literal["jpeg", "png", "h264", "none"]
+CODECS: tuple[str, ...] = get_args(Codec)
+NO_DETECTION = "none"
+SECTIONS: dict[str, type[Parameters]] = {"segmentation": SegmentationParameters}
+
+
+@dataclass(frozen=True)
+class RecordOptions:
+    """How to record.
+
+    Attributes:
+        camera: the camera's name, the first part of every topic.
+        start_ns: the first frame's log time in ns; 0 where the capture's time is not known.
+        codec: how pictures are stored; None keeps JPEG and PNG bytes as they are and stores video as JPEG. Pictures
+            that are in the wanted format already are stored byte for byte.
+        detect: a name of `SEGMENTERS` or ``none``; None: ``motion`` where there are pictures without detections.
+        regions: a file of regions, see `recorders.sources.regions`.
+        config: the parameters of `SECTIONS`.
+        force: replace an existing output.
+        limits: what the source may make us allocate.
+    """
+
+    camera: str = channels.DEFAULT_CAMERA
+    start_ns: int = 0
+    codec: str | None = None
+    detect: str | None = None
+    regions: str | Path | None = None
+    config: Config = field(default_factory=lambda: configure(SECTIONS))
+    force: bool = False
+    limits: Limits = DEFAULT_LIMITS
+
+
+def decided(source: Source, options: RecordOptions) -> RecordOptions:
+    """The options with nothing left open.
+
+    Raises:
+        UsageError: they do not fit the source.
+    """
+    channels.topic(options.camera, "image")
+    detect, codec = options.detect, options.codec
+    names = [*SEGMENTERS, NO_DETECTION]
+    if detect is not None and detect not in names:
+        raise UsageError(f"--detect {detect}: must be one of {', '.join(names)}")
+    if codec is not None and codec not in CODECS:
+        raise UsageError(f"--codec {codec}: must be one of {', '.join(CODECS)}")
+    if not source.has_images:
+        if detect not in (None, NO_DETECTION):
+            raise UsageError(f"--detect {detect} needs pictures; {source.path} ({source.name}) has none")
+        if codec not in (None, "none"):
+            raise UsageError(f"--codec {codec} needs pictures; {source.path} ({source.name}) has none")
+        return replace(options, detect=NO_DETECTION, codec="none")
+    if detect is None:
+        detect = NO_DETECTION if source.has_detections else "motion"
+    return replace(options, detect=detect)

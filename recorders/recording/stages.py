@@ -1,0 +1,134 @@
+"""From a source's frames to bytes, in order: decoding, segmentation and encoding run side by side."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Generator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass
+from fractions import Fraction
+
+import msgspec
+import numpy as np
+
+from recorders.errors import SceneTraceError
+from recorders.messages import NO_BLOB, Detections
+from recorders.pictures import Image, VideoEncoder, encode_jpeg, encode_mask, encode_png
+from recorders.recording.options import RecordOptions
+from recorders.segmentation import Segmented, Segmenter, SegmenterInParts
+from recorders.sources import Source, SourceFrame
+from recorders.sources.ahead import read_ahead
+from recorders.sources.source import NANOS
+from recorders.vision import cv2
+
+_DEPTH = 4
+_DEPTH_WITHOUT_PICTURES = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Encoded:
+    """One frame as it will be written."""
+
+    index: int
+    time_ns: int
+    picture: tuple[bytes, str] | None
+    mask: bytes | None
+    detections: Detections
+
+
+def encoded(source: Source, segmenter: Segmenter | None, options: RecordOptions) -> Generator[Encoded]:
+    """The source's frames, segmented and encoded, in order."""
+    encoder = _PictureEncoder(source, options.codec)
+    waiting: deque[Future[Encoded]] = deque()
+    decode = segmenter is not None or encoder.decodes
+    depth = _DEPTH if source.has_images else _DEPTH_WITHOUT_PICTURES
+    failures: list[SceneTraceError] = []
+    ahead = _until_failure(read_ahead(source.frames(), depth, decode), failures)
+    # One worker each: what detects and what encodes take the frames in their order.
+    detecting, encoding = ThreadPoolExecutor(1, "scenetrace-detect"), ThreadPoolExecutor(1, "scenetrace-encode")
+    try:
+        with closing(ahead) as frames:
+            for frame in frames:
+                mask, detect = _segment(frame, segmenter, source)
+                found = detect if segmenter is None else detecting.submit(detect).result
+                waiting.append(encoding.submit(encoder.encode, frame, mask, found))
+                if len(waiting) > _DEPTH:
+                    yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        detecting.shutdown(cancel_futures=True)
+        encoding.shutdown(cancel_futures=True)
+    if failures:
+        raise failures[0]
+
+
+def _until_failure(frames: Generator[SourceFrame], failures: list[SceneTraceError]) -> Generator[SourceFrame]:
+    """The frames up to where the source breaks, so that those before it are still recorded."""
+    with closing(frames):
+        try:
+            yield from frames
+        except SceneTraceError as e:
+            failures.append(e)
+
+
+def _segment(
+    frame: SourceFrame, segmenter: Segmenter | None, source: Source
+) -> tuple[Image | None, Callable[[], Detections]]:
+    """The frame's mask, and what gives its detections."""
+    given = frame.detections
+    if segmenter is None:
+        return None, lambda: given or Detections(frame.index, source.width, source.height)
+    assert frame.image is not None
+    if isinstance(segmenter, SegmenterInParts):
+        mask, detect = segmenter.begin(frame.index, frame.image)
+    else:
+        whole = segmenter.segment(frame.index, frame.image)
+        mask, detect = whole.mask, lambda: whole.detections
+    return mask, detect if given is None else lambda: with_blobs(given, Segmented(mask, detect()))
+
+
+def with_blobs(given: Detections, found: Segmented) -> Detections:
+    """Given detections with the blobs of a segmented frame: each has the blob that fills most of its box.
+
+    Equal shares: the blob with the smaller id. `NO_BLOB` where no foreground lies in the box.
+    """
+    count, labels = cv2.connectedComponents(found.mask, connectivity=8)
+    height, width = labels.shape
+    blobs = []
+    for x, y, w, h in given.boxes:
+        left, top = max(0, round(x)), max(0, round(y))
+        right, bottom = max(left, min(width, round(x + w))), max(top, min(height, round(y + h)))
+        areas = np.bincount(labels[top:bottom, left:right].ravel(), minlength=count + 1)
+        areas[0] = 0
+        best = int(areas.argmax())
+        blobs.append(best if areas[best] else NO_BLOB)
+    return msgspec.structs.replace(given, blobs=blobs, components=found.detections.components)
+
+
+class _PictureEncoder:
+    """Pictures and masks to bytes, one after the other (H.264 builds on the picture before)."""
+
+    def __init__(self, source: Source, codec: str | None) -> None:
+        self._codec = codec
+        self.decodes = codec == "h264" or (codec != "none" and source.has_images and not source.stills)
+        self._video = None
+        if codec == "h264":
+            self._video = VideoEncoder(source.width, source.height, Fraction(NANOS, source.frame_ns))
+
+    def encode(self, frame: SourceFrame, mask: Image | None, found: Callable[[], Detections]) -> Encoded:
+        """One frame's bytes."""
+        bits = None if mask is None else encode_mask(mask)
+        return Encoded(frame.index, frame.time_ns, self._picture(frame), bits, found())
+
+    def _picture(self, frame: SourceFrame) -> tuple[bytes, str] | None:
+        if self._codec == "none":
+            return None
+        if frame.encoded is not None and frame.format is not None and self._codec in (None, frame.format):
+            return frame.encoded, frame.format
+        image = frame.image
+        assert image is not None
+        if self._video is not None:
+            return self._video.encode(image), "h264"
+        return (encode_png(image), "png") if self._codec == "png" else (encode_jpeg(image), "jpeg")
