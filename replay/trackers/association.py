@@ -41,6 +41,15 @@ def iou(a: Floats, b: Floats) -> Floats:
     return np.asarray(inside / np.maximum(union, 1e-12))
 
 
+def iou_of_pairs(a: Floats, b: Floats) -> Floats:
+    """Intersection over union of boxes (N, 4) and (N, 4), one by one, (N,) in [0, 1]."""
+    low, high = np.maximum(a[:, :2], b[:, :2]), np.minimum(a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:])
+    size = np.maximum(high - low, 0.0)
+    inside = size[:, 0] * size[:, 1]
+    union = a[:, 2] * a[:, 3] + b[:, 2] * b[:, 3] - inside
+    return np.asarray(inside / np.maximum(union, 1e-12))
+
+
 def assign(cost: Floats, allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Match rows to columns: as many allowed pairs as possible, of least total cost, by the module's tie rule.
 

@@ -9,14 +9,16 @@ too, which the paper, without them, has to find by heads alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recorders.messages import NO_BLOB, Detections
-from replay.trackers.association import iou
+from replay.trackers.association import iou_of_pairs
 from replay.trackers.parts.heads import HeadDetector
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.regions import hung
@@ -51,6 +53,13 @@ class Observed:
     held: Ints
     blob_boxes: Floats
 
+    @cached_property
+    def named(self) -> tuple[Anchors, Ints]:
+        """The observations' anchors, and which one is whose, (K,)."""
+        anchors = Anchors()
+        names = [anchors.at(x + w / 2, y, h) for x, y, w, h in self.boxes.tolist()]
+        return anchors, np.array(names, np.int64)
+
 
 def observe(d: Detections) -> Observed:
     """Blobs and detections of a frame; a detection that is alone in its blob and covers it is left out for the blob."""
@@ -62,13 +71,11 @@ def observe(d: Detections) -> Observed:
     scores = np.array(d.scores if d.scores else [1.0] * n, np.float64)
     held = np.bincount(np.clip(blobs, 0, m), minlength=m + 1)
     own = np.zeros(m)
-    kept = []
-    for k in range(n):
-        b = int(blobs[k])
-        if 0 < b <= m and held[b] == 1 and iou(boxes[k : k + 1], blob_boxes[b - 1 : b])[0, 0] > 0.5:
-            own[b - 1] = scores[k]
-        else:
-            kept.append(k)
+    alone = (blobs > 0) & (blobs <= m)
+    lone = np.flatnonzero(alone)[held[blobs[alone]] == 1]
+    lone = lone[iou_of_pairs(boxes[lone], blob_boxes[blobs[lone] - 1]) > 0.5]
+    own[blobs[lone] - 1] = scores[lone]
+    kept = np.setdiff1d(np.arange(n), lone, assume_unique=True)
     centroids = np.array([(c.ellipse.x, c.ellipse.y) for c in d.components], np.float64).reshape(-1, 2)
     ids = np.array([c.id for c in d.components], np.int64)
     return Observed(
@@ -107,20 +114,41 @@ class Candidates:
     fitting: NDArray[np.bool_]
     count: int
 
+    def kept(self, keep: NDArray[np.bool_] | Rows) -> Candidates:
+        """Some of them, in the order of ``keep`` if that is rows; the anchors stay."""
+        return Candidates(
+            self.rows[keep], self.boxes[keep], self.anchors[keep], self.blobs[keep], self.direct[keep],
+            self.sources[keep], self.whole[keep], self.fitting[keep], self.count,
+        )  # fmt: skip
+
+    def beside(self, other: Candidates) -> Candidates:
+        """These and others, by target; of each these first."""
+        both: dict[str, Any] = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in _BY_CANDIDATE}
+        together = Candidates(**both, count=self.count)
+        return together.kept(np.argsort(together.rows, kind="stable"))
+
+
+_BY_CANDIDATE = ("rows", "boxes", "anchors", "blobs", "direct", "sources", "whole", "fitting")
+
 
 class Anchors:
     """Places that one target at most may take; places close to one another are one anchor."""
 
-    def __init__(self) -> None:
-        self._tops: list[tuple[float, float]] = []
+    def __init__(self, tops: Iterable[tuple[float, float]] = ()) -> None:
+        self._tops = list(tops)
 
     def __len__(self) -> int:
         return len(self._tops)
 
+    def copy(self) -> Anchors:
+        """The same anchors, to which others can be added."""
+        return Anchors(self._tops)
+
     def at(self, x: float, y: float, height: float) -> int:
         """The anchor at a head's top; ``height`` of the body says how close is close."""
+        close = 0.12 * height
         for k, (ax, ay) in enumerate(self._tops):
-            if abs(x - ax) <= 0.12 * height and abs(y - ay) <= 0.12 * height:
+            if abs(x - ax) <= close and abs(y - ay) <= close:
                 return k
         self._tops.append((x, y))
         return len(self._tops) - 1
@@ -152,56 +180,68 @@ def gather(
     larger = np.asarray((change > 1 + p.occlusion).any(axis=2))
     smaller = np.asarray((change < 1 - p.occlusion).any(axis=2))
     # Where the segmentation itself found several people in a blob, half as much again is too much to be one of them.
+    m = len(seen.blob_boxes)
     several = np.zeros(len(seen.boxes), bool)
-    several[: len(seen.blob_boxes)] = seen.crowd[: len(seen.blob_boxes)]
+    several[:m] = seen.crowd[:m]
     direct = within & ~larger & ~smaller & ~(several[None, :] & (change > 1 + p.crowd_change).any(axis=2))
-    anchors = Anchors()
-    names = [anchors.at(b[0] + b[2] / 2, b[1], b[3]) for b in seen.boxes.tolist()]
-    found: list[tuple[int, list[float], int, int, bool, int]] = []
-    for t in range(len(rows)):
-        for k in np.flatnonzero(direct[t]).tolist():
-            found.append((t, seen.boxes[k].tolist(), names[k], int(seen.blobs[k]), True, k))
-        for b, box in enumerate(seen.blob_boxes):
-            if not _meets(expected[t], box, float(gates[t])):
-                continue
-            crowd = larger[t, b] or seen.crowd[b]
-            if not crowd and not (smaller[t, b] and within[t, b]):
-                continue
-            steps = STEPS if crowd else STEPS[:1]
-            for x, y in heads.of(b, box, float(expected[t, 3])):
-                sizes = expected[t, 2:][None] * (1 + p.size_step * steps)[:, None]
-                boxes = hung(np.array([[x, y]] * len(steps)), sizes, np.full(len(steps), alpha[t]))
-                middle = boxes[0, :2] + boxes[0, 2:] / 2
-                if (np.abs(middle - at[t]) <= gates[t]).all():
-                    name = anchors.at(x, y, float(expected[t, 3]))
-                    found += [(t, hang, name, b + 1, False, -1) for hang in boxes.tolist()]
-    if not found:
-        none, no = np.zeros(0, np.int64), np.zeros(0, bool)
-        return Candidates(none.astype(np.intp), np.zeros((0, 4)), none, none, no, none, no, no, 0)
-    owners, boxes_, names_, blobs, are_direct, sources = zip(*found, strict=True)
-    alone = np.zeros(len(seen.boxes) + 1, bool)
-    alone[: len(seen.blob_boxes)] = ~seen.crowd[: len(seen.blob_boxes)]
-    owner, source = np.array(owners, np.intp), np.array(sources, np.intp)
-    fitting = (source >= 0) & (np.abs(change[owner, source] - 1) <= p.crowd_change).all(axis=1)
+    owner, source = np.nonzero(direct)
+    crowd = larger[:, :m] | seen.crowd[None, :m]
+    sizes = np.where(crowd, len(STEPS), smaller[:, :m] & within[:, :m]) * _meeting(expected, seen.blob_boxes, gates)
+    known, names = seen.named
+    anchors = known.copy()
+    fitting = np.asarray((np.abs(change[owner, source] - 1) <= p.crowd_change).all(axis=1))
+    measured = Candidates(
+        owner, seen.boxes[source], names[source], seen.blobs[source], np.ones(len(owner), bool), source,
+        (source < m) & ~several[source], fitting, len(anchors),
+    )  # fmt: skip
+    hanging = _from_heads(seen, sizes, expected, alpha, gates, heads, anchors, p)
+    found = measured if hanging is None else measured.beside(hanging)
+    return replace(found, rows=rows[found.rows], count=len(anchors))
+
+
+def _from_heads(
+    seen: Observed,
+    sizes: Ints,
+    expected: Floats,
+    alpha: Floats,
+    gates: Floats,
+    heads: Heads,
+    anchors: Anchors,
+    p: PartsParameters,
+) -> Candidates | None:
+    """Candidates that hang from the heads in blobs, in so many ``sizes`` (T, M) of each target and blob, or none."""
+    places: list[tuple[int, int, float, float]] = []
+    for t, b in np.argwhere(sizes).tolist():
+        places += [(t, b, x, y) for x, y in heads.of(b, seen.blob_boxes[b], float(expected[t, 3]))]
+    if not places:
+        return None
+    owners, blobs, x, y = zip(*places, strict=True)
+    owner, blob = np.array(owners, np.intp), np.array(blobs, np.intp)
+    top, size = np.stack([np.array(x), np.array(y)], axis=1), expected[owner, 2:]
+    plain = hung(top, size, alpha[owner])
+    middle, at = plain[:, :2] + plain[:, 2:] / 2, expected[owner, :2] + expected[owner, 2:] / 2
+    near = np.flatnonzero((np.abs(middle - at) <= gates[owner][:, None]).all(axis=1))
+    if not len(near):
+        return None
+    tall = expected[owner[near], 3].tolist()
+    names = [anchors.at(ax, ay, h) for (ax, ay), h in zip(top[near].tolist(), tall, strict=True)]
+    times = sizes[owner[near], blob[near]]
+    each = np.repeat(near, times)
+    # The plain size first, alone or followed by the four others.
+    step = STEPS[np.concatenate([np.arange(n) for n in times.tolist()])]
+    n, no = len(each), np.zeros(len(each), bool)
+    boxes = hung(top[each], size[each] * (1 + p.size_step * step)[:, None], alpha[owner[each]])
     return Candidates(
-        rows[np.array(owners, np.intp)],
-        np.array(boxes_, np.float64),
-        np.array(names_, np.int64),
-        np.array(blobs, np.int64),
-        np.array(are_direct, bool),
-        np.array(sources, np.int64),
-        alone[np.array(sources, np.intp)],
-        fitting,
-        len(anchors),
+        owner[each], boxes, np.repeat(np.array(names, np.int64), times), blob[each] + 1, no, np.full(n, -1), no, no, 0
     )
 
 
-def _meets(expected: Floats, blob: Floats, gate: float) -> bool:
-    """Whether a blob reaches into a target's box, grown by its gate."""
-    x, y, w, h = expected.tolist()
-    bx, by, bw, bh = blob.tolist()
-    across = min(x + w + gate, bx + bw) > max(x - gate, bx)
-    return bool(across and min(y + h + gate, by + bh) > max(y - gate, by))
+def _meeting(expected: Floats, blobs: Floats, gates: Floats) -> NDArray[np.bool_]:
+    """Whether blobs (M, 4) reach into targets' boxes (T, 4), grown by their gates (T,): (T, M)."""
+    reach = gates[:, None]
+    low, high = expected[:, :2] - reach, expected[:, :2] + expected[:, 2:] + reach
+    end = np.minimum(high[:, None], (blobs[:, :2] + blobs[:, 2:])[None])
+    return np.asarray((end > np.maximum(low[:, None], blobs[None, :, :2])).all(axis=2))
 
 
 class Heads:

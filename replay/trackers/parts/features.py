@@ -18,6 +18,7 @@ from replay.trackers.parts.regions import PARTS
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Rows = NDArray[np.intp]
 Bytes = NDArray[np.uint8]
 
 FEATURES = ("area", "perimeter", "hsv", "xyz", "displacement", "overlap")
@@ -39,22 +40,37 @@ MIN_SAMPLES = 0.15
 """Least share of a part's places that are foreground, for its colours to be known."""
 
 
-def _places() -> tuple[Floats, Floats, Ints]:
-    """Places in their parts, x and y in [0, 1], and the part of each: (S,), (S,), (S,)."""
-    x, y, part = [], [], []
-    for j, (rows, columns) in enumerate(SAMPLES):
-        across, down = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
-        x.append(across.ravel())
-        y.append(down.ravel())
-        part.append(np.full(rows * columns, j))
-    return np.concatenate(x), np.concatenate(y), np.concatenate(part).astype(np.int64)
+def _places() -> tuple[Floats, Floats, Rows, Rows, Rows]:
+    """Places in their parts: x of each column and y of each row of the parts' grids, in [0, 1], the parts one after
+    the other; and of every place its column, its row and its part, (S,) each.
+    """
+    x = np.concatenate([(np.arange(columns) + 0.5) / columns for _, columns in SAMPLES])
+    y = np.concatenate([(np.arange(rows) + 0.5) / rows for rows, _ in SAMPLES])
+    column, row, part = np.array(
+        [
+            (sum(c for _, c in SAMPLES[:j]) + k % columns, sum(r for r, _ in SAMPLES[:j]) + k // columns, j)
+            for j, (rows, columns) in enumerate(SAMPLES)
+            for k in range(rows * columns)
+        ],
+        np.intp,
+    ).T.copy()
+    return x, y, column, row, part
 
 
-_X, _Y, _PART = _places()
+def _bin_tables() -> tuple[Bytes, Bytes]:
+    """Bins of 8-bit H, S, V and X, Y, Z, each channel's from where its histogram starts among a part's: (256, 1, 3)."""
+    level = np.arange(256)
+    hue, plain = np.minimum(level // 15, NO_HUE - 1), level * BINS // 256
+    hsv, xyz = np.stack([hue, plain, plain], axis=1), np.stack([plain] * 3, axis=1)
+    starts = BINS * np.arange(CHANNELS)
+    return (hsv + starts[:3]).astype(np.uint8)[:, None], (xyz + starts[3:]).astype(np.uint8)[:, None]
+
+
+_X, _Y, _COLUMN, _ROW, _PART = _places()
+_OF_COLUMN = np.repeat(np.arange(len(PARTS)), [columns for _, columns in SAMPLES])
+_OF_ROW = np.repeat(np.arange(len(PARTS)), [rows for rows, _ in SAMPLES])
 _COUNTS = np.array([r * c for r, c in SAMPLES], np.int64)
-_STARTS = np.concatenate([[0], np.cumsum(_COUNTS)[:-1]])
-_LEVELS = (np.arange(256) * BINS // 256).astype(np.int64)
-_HUES = np.minimum(np.arange(256) // 15, NO_HUE - 1).astype(np.int64)
+_HSV_BINS, _XYZ_BINS = _bin_tables()
 
 
 class Pixels:
@@ -69,6 +85,7 @@ class Pixels:
     def __init__(self, image: Bytes | None, mask: Bytes | None, size: tuple[int, int]) -> None:
         self.image, self.mask = image, mask
         self.width, self.height = size
+        self._ends = np.array([*size, *size], np.float64)
         self.area: NDArray[np.int32] | None = None
         self.edge: NDArray[np.int32] | None = None
         if mask is not None:
@@ -79,19 +96,44 @@ class Pixels:
 
     def sums(self, integral: NDArray[np.int32], boxes: Floats) -> Ints:
         """Counts within boxes (..., 4) of the picture, (...,)."""
-        x1 = np.clip(np.rint(boxes[..., 0]), 0, self.width).astype(np.int64)
-        y1 = np.clip(np.rint(boxes[..., 1]), 0, self.height).astype(np.int64)
-        x2 = np.clip(np.rint(boxes[..., 0] + boxes[..., 2]), 0, self.width).astype(np.int64)
-        y2 = np.clip(np.rint(boxes[..., 1] + boxes[..., 3]), 0, self.height).astype(np.int64)
-        flat, pitch = integral.ravel(), self.width + 1
-        y1, y2 = y1 * pitch, y2 * pitch
-        return np.asarray(flat[y2 + x2] - flat[y1 + x2] - flat[y2 + x1] + flat[y1 + x1], np.int64)
+        return _between(integral, self._corners(boxes))
 
-    def fill(self, boxes: Floats) -> Floats:
-        """Share of boxes (N, 4) that is foreground, (N,)."""
-        if self.area is None:
-            return np.ones(len(boxes))
-        return self.sums(self.area, boxes) / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)
+    def counts(self, boxes: Floats) -> tuple[Ints, Ints] | None:
+        """Foreground and contour pixels within boxes (..., 4), (...,) each; None without a mask."""
+        if self.area is None or self.edge is None:
+            return None
+        corners = self._corners(boxes)
+        return _between(self.area, corners), _between(self.edge, corners)
+
+    def shares(self, rest: Bytes, boxes: Floats) -> Floats:
+        """Share of the foreground within boxes (N, 4) that another mask, with less foreground, has too, (N,)."""
+        assert self.area is not None
+        ends = self._ends_of(boxes)
+        left = [np.count_nonzero(rest[y1:y2, x1:x2]) for x1, y1, x2, y2 in ends.tolist()]
+        return np.asarray(left / np.maximum(self.sums(self.area, boxes), 1))
+
+    def _ends_of(self, boxes: Floats) -> Rows:
+        """Left, top, right and bottom of boxes (..., 4) in whole pixels within the picture."""
+        ends = boxes.copy()
+        ends[..., 2:] += boxes[..., :2]
+        np.rint(ends, out=ends)
+        np.maximum(ends, 0.0, out=ends)
+        np.minimum(ends, self._ends, out=ends)
+        return ends.astype(np.intp)
+
+    def _corners(self, boxes: Floats) -> tuple[Rows, Rows, Rows, Rows]:
+        """Where the boxes' corners lie in the flat integral image: lower right, upper right, lower left, upper left."""
+        at = self._ends_of(boxes)
+        at[..., 1::2] *= self.width + 1
+        x1, y1, x2, y2 = at[..., 0], at[..., 1], at[..., 2], at[..., 3]
+        return y2 + x2, y1 + x2, y2 + x1, y1 + x1
+
+
+def _between(integral: NDArray[np.int32], corners: tuple[Rows, Rows, Rows, Rows]) -> Ints:
+    """Counts within boxes of these corners."""
+    flat = integral.ravel()
+    lower_right, upper_right, lower_left, upper_left = (flat.take(at) for at in corners)
+    return np.asarray(lower_right - upper_right - lower_left + upper_left, np.int64)
 
 
 @dataclass(frozen=True)
@@ -99,17 +141,21 @@ class Measured:
     """Features of N candidates, each measured for one target.
 
     Attributes:
-        area: (N, 5) foreground pixels of each part over the area of the target's part, in 1 / `ONE`.
+        foreground: (N, 5) foreground pixels of each part.
+        area: (N, 5) the same over the area of the target's part, in 1 / `ONE`.
         perimeter: (N, 5) contour pixels over the perimeter of the target's part, in 1 / `ONE`.
         colours: (N, 5, CHANNELS, BINS) histograms of sum `MASS`, all 0 where too little foreground was seen.
+        coloured: (N, 5) bool: foreground enough was seen.
         displacement: (N, 5) way of the part's centre from where it was, over the gate's half side, in 1 / `ONE`.
         overlap: (N, 5) share of the part's last rectangle that the new one covers, in 1 / `ONE`.
         known: (6,) bool, which of `FEATURES` were measured at all.
     """
 
+    foreground: Ints
     area: Ints
     perimeter: Ints
     colours: Ints
+    coloured: NDArray[np.bool_]
     displacement: Ints
     overlap: Ints
     known: NDArray[np.bool_]
@@ -126,61 +172,73 @@ def measure(pixels: Pixels, parts: Floats, expected: Floats, before: Floats, gat
         gate: (N,) half side of its gate, pixels.
     """
     n = len(parts)
-    known = np.array([pixels.area is not None] * 2 + [pixels.image is not None] * 2 + [True] * 2)
-    area = perimeter = np.zeros((n, len(PARTS)), np.int64)
-    if pixels.area is not None and pixels.edge is not None:
+    counts = pixels.counts(parts)
+    known = np.array([counts is not None] * 2 + [pixels.image is not None] * 2 + [True] * 2)
+    foreground = area = perimeter = np.zeros((n, len(PARTS)), np.int64)
+    if counts is not None:
         w, h = expected[:, :, 2], expected[:, :, 3]
-        area = pixels.sums(pixels.area, parts) * ONE // np.maximum(np.rint(w * h), 1).astype(np.int64)
-        around = np.maximum(np.rint(2 * (w + h)), 1).astype(np.int64)
-        perimeter = pixels.sums(pixels.edge, parts) * ONE // around
-    colours = np.zeros((n, len(PARTS), CHANNELS, BINS), np.int64)
+        foreground = counts[0]
+        area = foreground * ONE // np.maximum(np.rint(w * h), 1).astype(np.int64)
+        perimeter = counts[1] * ONE // np.maximum(np.rint(2 * (w + h)), 1).astype(np.int64)
     if pixels.image is not None and n:
-        colours = _colours(pixels, parts)
-    return Measured(area, perimeter, colours, _displacement(parts, before, gate), _overlap(parts, before), known)
+        colours, coloured = _colours(pixels, parts)
+    else:
+        colours, coloured = np.zeros((n, len(PARTS), CHANNELS, BINS), np.int64), np.zeros((n, len(PARTS)), bool)
+    displacement, overlap = _displacement(parts, before, gate), _overlap(parts, before)
+    return Measured(foreground, area, perimeter, colours, coloured, displacement, overlap, known)
 
 
-def _colours(pixels: Pixels, parts: Floats) -> Ints:
-    """Normalised histograms of the parts' foreground colours."""
+def _colours(pixels: Pixels, parts: Floats) -> tuple[Ints, NDArray[np.bool_]]:
+    """Normalised histograms of the parts' foreground colours, and which parts have foreground enough."""
     image, n = pixels.image, len(parts)
     assert image is not None
-    p = parts[:, _PART, :]
-    x = np.floor(p[:, :, 0] + _X * p[:, :, 2]).astype(np.int64)
-    y = np.floor(p[:, :, 1] + _Y * p[:, :, 3]).astype(np.int64)
-    seen = (x >= 0) & (x < pixels.width) & (y >= 0) & (y < pixels.height)
-    flat = np.where(seen, y * pixels.width + x, 0)
-    if pixels.mask is not None:
-        seen &= pixels.mask.ravel()[flat] > 0
-    rows, places = np.nonzero(seen)
-    bgr = image.reshape(-1, 3)[flat[rows, places]][None]
-    bins = bins_of(bgr)
-    cell = rows * len(PARTS) + _PART[places]
-    index = (cell[:, None] * CHANNELS + np.arange(CHANNELS)) * BINS + bins
-    counts = np.bincount(index.ravel(), minlength=n * len(PARTS) * CHANNELS * BINS)
-    counts = counts.reshape(n, len(PARTS), CHANNELS, BINS)
+    flat, seen = _sampled(pixels, parts)
+    places = np.flatnonzero(seen)
+    size = CHANNELS * BINS
+    cell = (size * (np.arange(n)[:, None] * len(PARTS) + _PART)).ravel()[places]
+    index = _cells_of(image.reshape(-1, 3).take(flat.ravel()[places], axis=0), cell)
+    counts = np.bincount(index.ravel(), minlength=n * len(PARTS) * size).reshape(n, len(PARTS), CHANNELS, BINS)
     total = counts[:, :, 0, :].sum(axis=2)
     enough = total >= MIN_SAMPLES * _COUNTS
-    scaled = counts * MASS // np.maximum(total, 1)[:, :, None, None]
-    return np.asarray(scaled * enough[:, :, None, None], np.int64)
+    # Floor division, quicker: a quotient of such small whole numbers is never rounded up to a whole one.
+    share = counts.astype(np.float32)
+    share *= MASS
+    share /= np.where(enough, total, np.inf).astype(np.float32)[:, :, None, None]
+    return share.astype(np.int64), enough
 
 
-def bins_of(bgr: Bytes) -> Ints:
-    """Bins of pixels (1, P, 3) uint8 BGR in H, S, V, X, Y, Z, (P, CHANNELS)."""
-    if not bgr.size:
-        return np.zeros((0, CHANNELS), np.int64)
-    hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)[0]
-    xyz = cv2.cvtColor(bgr, cv2.COLOR_BGR2XYZ)[0]
-    out = np.empty((len(hsv), CHANNELS), np.int64)
-    out[:, 0] = np.where((hsv[:, 1] < _GREY) | (hsv[:, 2] < _DARK), NO_HUE, _HUES[hsv[:, 0]])
-    out[:, 1] = _LEVELS[hsv[:, 1]]
-    out[:, 2] = _LEVELS[hsv[:, 2]]
-    out[:, 3:] = _LEVELS[xyz]
+def _sampled(pixels: Pixels, parts: Floats) -> tuple[Rows, NDArray[np.bool_]]:
+    """The flat pixel index of every place in every part, (N, S), and whether it is foreground of the picture."""
+    x = np.floor(parts[:, _OF_COLUMN, 0] + _X * parts[:, _OF_COLUMN, 2]).astype(np.intp)
+    y = np.floor(parts[:, _OF_ROW, 1] + _Y * parts[:, _OF_ROW, 3]).astype(np.intp)
+    # Outside of the picture a place counts as background, wherever its index then leads.
+    across, down = (x >= 0) & (x < pixels.width), (y >= 0) & (y < pixels.height)
+    x, y = np.where(across, x, 0), np.where(down, y, 0) * pixels.width
+    flat = y[:, _ROW] + x[:, _COLUMN]
+    seen = np.ones(flat.shape, bool) if pixels.mask is None else pixels.mask.ravel().take(flat) > 0
+    if not (across.all() and down.all()):
+        seen &= down[:, _ROW] & across[:, _COLUMN]
+    return flat, seen
+
+
+def _cells_of(bgr: Bytes, part: Rows) -> Rows:
+    """Where pixels (P, 3) uint8 BGR count in H, S, V, X, Y, Z, (CHANNELS, P), given where their parts start (P,)."""
+    out = np.empty((CHANNELS, len(bgr)), np.intp)
+    if not len(bgr):
+        return out
+    hsv, xyz = cv2.cvtColor(bgr[None], cv2.COLOR_BGR2HSV), cv2.cvtColor(bgr[None], cv2.COLOR_BGR2XYZ)
+    np.add(cv2.LUT(hsv, _HSV_BINS)[0].T, part, out=out[:3])
+    np.add(cv2.LUT(xyz, _XYZ_BINS)[0].T, part, out=out[3:])
+    saturation, value = hsv[0, :, 1], hsv[0, :, 2]
+    no_hue = np.flatnonzero((saturation < _GREY) | (value < _DARK))
+    out[0, no_hue] = part[no_hue] + NO_HUE
     return out
 
 
 def _displacement(parts: Floats, before: Floats, gate: Floats) -> Ints:
-    dx = parts[:, :, 0] + parts[:, :, 2] / 2 - before[:, :, 0] - before[:, :, 2] / 2
-    dy = parts[:, :, 1] + parts[:, :, 3] / 2 - before[:, :, 1] - before[:, :, 3] / 2
-    way = np.sqrt(dx * dx + dy * dy) / np.maximum(gate, 1e-9)[:, None]
+    off = parts[..., :2] + parts[..., 2:] / 2 - before[..., :2] - before[..., 2:] / 2
+    off *= off
+    way = np.sqrt(off[..., 0] + off[..., 1]) / np.maximum(gate, 1e-9)[:, None]
     return np.asarray(np.rint(np.minimum(way, 4.0) * ONE), np.int64)
 
 
@@ -214,7 +272,7 @@ class PartsModel:
         area, perimeter, overlap, seen = np.zeros((4, n, k), np.int64)
         return cls(area, perimeter, overlap, np.zeros((n, k, CHANNELS, BINS), np.int64), seen)
 
-    def take(self, rows: NDArray[np.intp]) -> PartsModel:
+    def take(self, rows: Rows) -> PartsModel:
         """The models of some rows, in that order."""
         return PartsModel(
             self.area[rows], self.perimeter[rows], self.overlap[rows], self.colours[rows], self.seen[rows]
@@ -225,23 +283,31 @@ class PartsModel:
         for name in ("area", "perimeter", "overlap", "colours", "seen"):
             setattr(self, name, np.concatenate([getattr(self, name), getattr(other, name)]))
 
-    def learn(self, row: int, m: Measured, k: int, weight: Ints) -> None:
-        """Blend candidate k into a target's parts (PARTS 4.2): weights (5,) in 1 / `ONE`, 0 leaves a part as it is.
+    def learn(self, rows: Rows | int, m: Measured, k: Rows | int, weight: Ints) -> None:
+        """Blend candidates into targets' parts (PARTS 4.2).
 
         A part that was never learnt takes the measured values as they are.
+
+        Args:
+            rows: (M,) different targets, or one.
+            m: the measured candidates.
+            k: (M,) rows of ``m``, or one.
+            weight: (M, 5), or (5,), in 1 / `ONE`; 0 leaves a part as it is.
         """
-        w = np.where((self.seen[row] == 0) & (weight > 0), ONE, weight)
+        learnt = weight > 0
+        w = np.where((self.seen[rows] == 0) & learnt, ONE, weight)
         for name in ("area", "perimeter", "overlap"):
-            now = getattr(self, name)
-            now[row] += (getattr(m, name)[k] - now[row]) * w // ONE
-        seen = m.colours[k].sum(axis=(1, 2)) > 0
-        fresh = seen & (self.colours[row].sum(axis=(1, 2)) == 0)
-        cw = np.where(fresh & (weight > 0), ONE, w) * seen
-        self.colours[row] += (m.colours[k] - self.colours[row]) * cw[:, None, None] // ONE
-        self.seen[row] += weight > 0
+            table = getattr(self, name)
+            now = table[rows]
+            table[rows] = now + (getattr(m, name)[k] - now) * w // ONE
+        now, seen = self.colours[rows], m.coloured[k]
+        fresh = seen & (now.max(axis=(-2, -1)) == 0)
+        cw = np.where(fresh & learnt, ONE, w) * seen
+        self.colours[rows] = now + (m.colours[k] - now) * cw[..., None, None] // ONE
+        self.seen[rows] += learnt
 
 
-def differences(model: PartsModel, rows: NDArray[np.intp], m: Measured) -> Ints:
+def differences(model: PartsModel, rows: Rows, m: Measured) -> Ints:
     """d_ij = |f_ij - F_ij| (eq. 11) of N candidates, (N, 5, 6) in [0, `FURTHEST`]; ``rows`` are their targets.
 
     Colours differ by half the sum of absolute differences of their histograms, the mean over the three channels; those
@@ -250,10 +316,10 @@ def differences(model: PartsModel, rows: NDArray[np.intp], m: Measured) -> Ints:
     out = np.empty((len(rows), len(PARTS), len(FEATURES)), np.int64)
     out[:, :, AREA] = np.abs(m.area - model.area[rows])
     out[:, :, PERIMETER] = np.abs(m.perimeter - model.perimeter[rows])
-    apart = np.abs(m.colours - model.colours[rows]).sum(axis=3)
-    unseen = ~m.colours.any(axis=(2, 3))
-    out[:, :, HSV] = np.where(unseen, FURTHEST, apart[:, :, :3].sum(axis=2) * ONE // (6 * MASS))
-    out[:, :, XYZ] = np.where(unseen, FURTHEST, apart[:, :, 3:].sum(axis=2) * ONE // (6 * MASS))
+    apart = m.colours - model.colours[rows]
+    np.abs(apart, out=apart)
+    apart = apart.reshape(len(rows), len(PARTS), 2, -1).sum(axis=3)
+    out[:, :, HSV : XYZ + 1] = np.where(m.coloured[:, :, None], apart * ONE // (6 * MASS), FURTHEST)
     out[:, :, DISPLACEMENT] = m.displacement
     out[:, :, OVERLAP] = np.abs(m.overlap - model.overlap[rows])
     return np.minimum(out, FURTHEST)

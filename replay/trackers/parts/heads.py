@@ -18,7 +18,6 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from recorders.vision import cv2
@@ -167,23 +166,24 @@ def tops(part: Bytes, height: float) -> list[Head]:
         foreground.
     """
     rows = len(part)
-    first = np.where(part.any(axis=0), np.argmax(part, axis=0), rows).astype(np.int64)
+    first = np.argmax(part, axis=0)
+    first[(first == 0) & (part[0] == 0)] = rows
     reach = max(1, round(0.5 * _HEAD_W * height))
-    padded = np.pad(first, reach, constant_values=rows)
-    lowest = sliding_window_view(padded, 2 * reach + 1).min(axis=1)
-    peak = (first == lowest) & (first < rows)
+    around = np.ones((1, 2 * reach + 1), np.uint8)
+    lowest = cv2.erode(first.astype(np.float32)[None], around, borderType=cv2.BORDER_CONSTANT, borderValue=float(rows))
+    peak = np.zeros(len(first) + 2, np.int8)
+    peak[1:-1] = (first == lowest[0]) & (first < rows)
+    turns = np.diff(peak)
+    start, end = np.flatnonzero(turns > 0), np.flatnonzero(turns < 0)
+    # A plateau is one top, at its middle; a very long one is no head.
+    short = end - start <= 4 * reach
+    x, y = (start[short] + end[short]) / 2, first[start[short]].astype(np.float64)
+    if not len(x):
+        return []
     total = np.asarray(cv2.integral(part, sdepth=cv2.CV_32S), np.int32)
-    out: list[Head] = []
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], peak.view(np.int8), [0]])))
-    for start, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        # A plateau is one top, at its middle; a very long one is no head.
-        if end - start > 4 * reach:
-            continue
-        x, y = (start + end) / 2, float(first[start])
-        score = float(_occupancy(total, np.array([x]), np.array([y]), height)[0])
-        if score >= _MIN_OCCUPANCY:
-            out.append(Head(x, y, score))
-    return out
+    scores = _occupancy(total, x, y, height)
+    found = zip(x.tolist(), y.tolist(), scores.tolist(), strict=True)
+    return [Head(*head) for head in found if head[2] >= _MIN_OCCUPANCY]
 
 
 def coloured(image: Bytes, part: Bytes, height: float) -> list[Head]:
@@ -219,12 +219,13 @@ def _occupancy(total: NDArray[np.int32], x: Floats, y: Floats, height: float) ->
     w, h = _HEAD_W * height, _HEAD_H * height
     rows, columns = total.shape[0] - 1, total.shape[1] - 1
     wide, low, high = (_ELLIPSE[:, k, None] for k in range(3))
-    x1 = np.minimum(np.maximum(np.rint(x - wide * w / 2), 0), columns).astype(np.int64)
-    x2 = np.minimum(np.maximum(np.rint(x + wide * w / 2), 0), columns).astype(np.int64)
-    y1 = np.minimum(np.maximum(np.rint(y + low * h), 0), rows).astype(np.int64) * (columns + 1)
-    y2 = np.minimum(np.maximum(np.rint(y + high * h), 0), rows).astype(np.int64) * (columns + 1)
+    half = wide * w / 2
+    across = np.rint(np.stack([x - half, x + half]))
+    down = np.rint(np.stack([y + low * h, y + high * h]))
+    x1, x2 = np.minimum(np.maximum(across, 0), columns).astype(np.intp)
+    y1, y2 = np.minimum(np.maximum(down, 0), rows).astype(np.intp) * (columns + 1)
     flat = total.ravel()
-    count = (flat[y2 + x2] - flat[y1 + x2] - flat[y2 + x1] + flat[y1 + x1]).sum(axis=0)
+    count = (flat.take(y2 + x2) - flat.take(y1 + x2) - flat.take(y2 + x1) + flat.take(y1 + x1)).sum(axis=0)
     area = float((wide * (high - low)).sum()) * w * h
     return np.asarray(np.minimum(count / max(area, 1.0), 1.0))
 

@@ -104,15 +104,15 @@ class Association:
         if not len(rows) or not len(self._s.candidates.rows):
             return []
         where = {int(r): b for r, b in zip(rows, boxes, strict=True)}
-        matches: list[Match] = []
-        for _ in range(2):
-            hidden = self._hidden(where, taken)
-            # What things in the scene hide is not there to be compared either.
-            gone = self._s.empty & self._s.candidates.fitting[:, None]
-            scores = self._scorer.whole(self._s.parts, hidden | gone, self._hidden_score)
-            matches = self._assign(rows, scores, hidden)
-            where = {**where, **{m.row: m.box for m in matches}}
-        return matches
+        # What things in the scene hide is not there to be compared either.
+        gone = self._s.empty & self._s.candidates.fitting[:, None]
+        hidden = self._hidden(where, taken)
+        matches = self._assign(rows, self._scorer.whole(self._s.parts, hidden | gone, self._hidden_score), hidden)
+        before, hidden = hidden, self._hidden({**where, **{m.row: m.box for m in matches}}, taken)
+        if np.array_equal(before, hidden):
+            # The second time would be as the first.
+            return matches
+        return self._assign(rows, self._scorer.whole(self._s.parts, hidden | gone, self._hidden_score), hidden)
 
     def _hidden(self, where: dict[int, Floats], taken: Floats) -> Bools:
         """Which parts of each candidate nearer targets cover."""
@@ -129,12 +129,7 @@ class Association:
 
     def _assign(self, rows: NDArray[np.intp], scores: Ints, hidden: Bools) -> list[Match]:
         c = self._s.candidates
-        order = {int(r): t for t, r in enumerate(rows)}
-        best = np.full((len(rows), c.count), -1, np.int64)
-        for k in range(len(c.rows)):
-            t = order.get(int(c.rows[k]))
-            if t is not None and (best[t, c.anchors[k]] < 0 or scores[k] > scores[best[t, c.anchors[k]]]):
-                best[t, c.anchors[k]] = k
+        best = self._best(rows, scores)
         value = np.where(best >= 0, scores[best], -1)
         boxes = c.boxes
         told = np.zeros(value.shape, bool) if self._refine is None else self._prune(rows, best, value, boxes)
@@ -157,6 +152,18 @@ class Association:
             rival = int(rows[rivals[0]]) if rivals else -1
             out.append(Match(int(rows[t]), k, boxes[k], int(scores[k]), hidden[k], rival))
         return out
+
+    def _best(self, rows: NDArray[np.intp], scores: Ints) -> Ints:
+        """Every target's best candidate at every anchor, of equals the first, (T, A); -1 where it has none."""
+        c = self._s.candidates
+        order = {r: t for t, r in enumerate(rows.tolist())}
+        best = [[-1] * c.count for _ in order]
+        value = scores.tolist()
+        for k, (row, anchor) in enumerate(zip(c.rows.tolist(), c.anchors.tolist(), strict=True)):
+            mine = best[order[row]]
+            if mine[anchor] < 0 or value[k] > value[mine[anchor]]:
+                mine[anchor] = k
+        return np.array(best, np.int64)
 
     def _left(self, pairs: list[tuple[int, int]], best: Ints, value: Ints, good: Bools) -> list[tuple[int, int]]:
         """Targets that found nothing, and whole blobs of their size that nobody took and no other of them may take.
@@ -187,13 +194,11 @@ class Association:
         """
         assert self._refine is not None
         told = np.zeros(value.shape, bool)
-        for t in range(len(rows)):
-            top = int(value[t].max(initial=-1))
-            if top < self._p.weak * self._least:
-                continue
+        tops = value.max(axis=1)
+        doubtful = (value * self._p.ratio >= tops[:, None]).sum(axis=1) >= 2
+        for t in np.flatnonzero(doubtful & (tops >= self._p.weak * self._least)).tolist():
+            top = int(tops[t])
             near = np.flatnonzero(value[t] * self._p.ratio >= top)
-            if len(near) < 2:
-                continue
             first = near[int(np.argmax(value[t, near]))]
             box = boxes[best[t, first]]
             away = np.abs(boxes[best[t, near], :2] - box[:2]).max(axis=1)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders.messages import Box, Mode, Notice
-from replay.trackers.association import intersection, iou
+from replay.trackers.association import intersection, iou, iou_of_pairs
 from replay.trackers.parts.candidates import Candidates, Heads, Observed, gather
 from replay.trackers.parts.features import AREA, DISPLACEMENT, OVERLAP, Measured, Pixels, differences, measure
 from replay.trackers.parts.heads import CLEAR_PX, HeadDetector
@@ -82,25 +82,30 @@ class Matching:
             return
         at = self._expected[rows]
         linked = self._links(at, blobs) >= LINKED_SHARE * np.maximum(at[:, 2] * at[:, 3], 1.0)[:, None]
-        tenants = linked.sum(axis=0)
-        due: list[tuple[int, int]] = []
-        for t in np.flatnonzero(linked.sum(axis=1) == 1).tolist():
-            b = int(np.argmax(linked[t]))
-            change = blobs[b, 2:] / np.maximum(at[t, 2:], 1.0)
-            near = np.abs(blobs[b, :2] + blobs[b, 2:] / 2 - at[t, :2] - at[t, 2:] / 2).max() <= self._gates[rows[t]]
-            fits = change[1] <= 1 + self._p.alone_change and change[0] <= 1 + self._p.occlusion
-            fits = fits and bool((change >= 1 - self._p.occlusion).all())
-            if tenants[b] != 1 or self._seen.held[b + 1] > 1 or not near or not fits:
-                continue
-            row = int(rows[t])
-            self._targets.items[row].matched_ns = self._frame.time_ns
-            self._observe(row, blobs[b], b + 1, "motion", None, tuple(self._seen.centroids[b].tolist()))
+        lone = np.flatnonzero(linked.sum(axis=1) == 1)
+        theirs = np.argmax(linked[lone], axis=1)
+        box, expected = blobs[theirs], at[lone]
+        change = box[:, 2:] / np.maximum(expected[:, 2:], 1.0)
+        away = np.abs(box[:, :2] + box[:, 2:] / 2 - expected[:, :2] - expected[:, 2:] / 2).max(axis=1)
+        fits = (change[:, 1] <= 1 + self._p.alone_change) & (change[:, 0] <= 1 + self._p.occlusion)
+        fits &= (change >= 1 - self._p.occlusion).all(axis=1) & (away <= self._gates[rows[lone]])
+        fits &= (linked.sum(axis=0)[theirs] == 1) & (self._seen.held[theirs + 1] <= 1)
+        found, theirs = rows[lone[fits]], theirs[fits]
+        if not len(found):
+            return
+        self._observe(
+            found, blobs[theirs], theirs + 1, ["motion"] * len(found), [None] * len(found), self._seen.centroids[theirs]
+        )
+        now = self._frame.time_ns
+        due = []
+        for k, row in enumerate(found.tolist()):
             item = self._targets.items[row]
-            if (self._frame.time_ns - item.learnt_ns) * 1e-9 >= self._p.learn_s or item.learnt_ns < 0:
-                item.learnt_ns = self._frame.time_ns
-                due.append((row, b))
+            item.matched_ns = now
+            if (now - item.learnt_ns) * 1e-9 >= self._p.learn_s or item.learnt_ns < 0:
+                item.learnt_ns = now
+                due.append(k)
         if due:
-            self._learn(due)
+            self._learn(found[due], blobs[theirs[due]])
 
     def _links(self, boxes: Floats, blobs: Floats) -> Floats:
         """Foreground pixels of each blob's box within each box, (N, M)."""
@@ -131,25 +136,24 @@ class Matching:
             only = np.array([row], np.intp)
             self._gone[row] = self._empty(only, self._measure(only, box[None])[0])[0]
             # As sure as the weakest match: that the pieces are this target's is only likely.
-            self._observe(row, box, piece + 1, "appearance", round(self._p.match_score * FULL), None)
+            least = round(self._p.match_score * FULL)
+            self._observe(only, box[None], np.array([piece + 1]), ["appearance"], [least], np.full((1, 2), np.nan))
 
     def _measure(self, rows: Rows, boxes: Floats) -> tuple[Measured, Floats]:
         """Features of boxes (N, 4) for their targets, and their parts."""
         self._image()
-        parts = self._targets.parts(rows, boxes)
-        before = self._targets.parts(rows, self._before[rows])
-        expected = self._targets.parts(rows, self._expected[rows])
+        places = np.concatenate([boxes, self._before[rows], self._expected[rows]])
+        every = self._targets.parts(np.concatenate([rows, rows, rows]), places)
+        parts, before, expected = every.reshape(3, len(rows), *every.shape[1:])
         return measure(self._pixels, parts, expected, before, np.maximum(self._gates[rows], 1.0)), parts
 
-    def _learn(self, due: list[tuple[int, int]]) -> None:
-        rows = np.array([r for r, _ in due], np.intp)
-        boxes = self._seen.blob_boxes[[b for _, b in due]]
+    def _learn(self, rows: Rows, boxes: Floats) -> None:
         m, _ = self._measure(rows, boxes)
         scores = self._scorer.parts(differences(self._targets.model, rows, m), m.known)
-        for k, row in enumerate(rows.tolist()):
-            # A part that does not match is learnt too, slowly: nobody else is there whom it might belong to.
-            least = np.maximum(scores[k], round(0.3 * FULL))
-            self._targets.learn(row, m, k, least, np.ones(len(PARTS), bool))
+        # A part that does not match is learnt too, slowly: nobody else is there whom it might belong to.
+        least = np.maximum(scores, round(0.3 * FULL))
+        self._targets.learn(rows, m, np.arange(len(rows)), least, np.ones(least.shape, bool))
+        for row in rows.tolist():
             self._targets.items[row].signed = True
         self._learn_heads(rows, boxes)
 
@@ -162,8 +166,8 @@ class Matching:
         self._image()
         parts = targets.parts(rows, targets.boxes[rows])
         m = measure(self._pixels, parts, parts, parts, np.maximum(targets.boxes[rows, 3], 1.0))
-        for k, row in enumerate(rows.tolist()):
-            targets.learn(row, m, k, np.full(len(PARTS), FULL), np.ones(len(PARTS), bool))
+        everything = np.ones((len(rows), len(PARTS)), bool)
+        targets.learn(rows, m, np.arange(len(rows)), FULL * everything, everything)
         self._learn_heads(rows, targets.boxes[rows])
 
     def _learn_heads(self, rows: Rows, boxes: Floats) -> None:
@@ -195,13 +199,12 @@ class Matching:
         scores = self._scorer.parts(differences(targets.model, found.rows, m), known)
         if not m.known[:DISPLACEMENT].any():
             scores[:] = self._by_place(found)[:, None]
-        area = self._pixels.area
-        filled = parts[..., 2] * parts[..., 3] if area is None else self._pixels.sums(area, parts).astype(np.float64)
+        filled = m.foreground.astype(np.float64) if m.known[AREA] else parts[..., 2] * parts[..., 3]
         scored = Scored(found, m, scores, parts, filled, self._empty(found.rows, m))
         pruner = self._refine if self._p.use_pruning and self._scene.has_images else None
         matches = Association(scored, self._scorer, self._p, pruner).solve(rows, self._expected[rows], taken)
-        for match in matches:
-            self._take(match, scored, notices)
+        if matches:
+            self._take(matches, scored, notices)
 
     def _empty(self, rows: Rows, m: Measured) -> NDArray[np.bool_]:
         """Where a part should be is hardly any foreground: hidden by things that nobody tracks, (N, 5)."""
@@ -214,7 +217,7 @@ class Matching:
         expected[:, :2] = self._targets.motion.value[found.rows] - expected[:, 2:] / 2
         off = found.boxes[:, :2] + found.boxes[:, 2:] / 2 - self._targets.motion.value[found.rows]
         far = np.minimum(np.sqrt((off * off).sum(axis=1)) / np.maximum(self._gates[found.rows], 1.0), 1.0)
-        apart = 1.0 - np.array([iou(a[None], b[None])[0, 0] for a, b in zip(expected, found.boxes, strict=True)])
+        apart = 1.0 - iou_of_pairs(expected, found.boxes)
         worst = (1 - self._p.match_score) / FAR
         return np.asarray(np.rint(FULL * (1 - worst * (far + apart) / 2)), np.int64)
 
@@ -226,11 +229,7 @@ class Matching:
         """The candidates that nobody has taken."""
         if not len(taken) or not len(found.rows):
             return found
-        keep = np.flatnonzero(iou(found.boxes, taken).max(axis=1) < 0.6)
-        return Candidates(
-            found.rows[keep], found.boxes[keep], found.anchors[keep], found.blobs[keep], found.direct[keep],
-            found.sources[keep], found.whole[keep], found.fitting[keep], found.count,
-        )  # fmt: skip
+        return found.kept(iou(found.boxes, taken).max(axis=1) < 0.6)
 
     def _refine(self, row: int, box: Floats, reach: float) -> Floats | None:
         """The box with the head where its image fits best."""
@@ -244,27 +243,30 @@ class Matching:
         (tx, ty), away = refine(image, targets.template[row], (x + alpha * w, y), HEAD * h, min(reach, 0.5 * h))
         return np.array([tx - alpha * w, ty, w, h]) if away <= self._p.head_levels else None
 
-    def _take(self, match: Match, s: Scored, notices: list[Notice]) -> None:
-        """A match becomes an observation; its parts are updated one by one (PARTS 4.2)."""
-        targets, k, row = self._targets, match.candidate, match.row
-        direct = bool(s.candidates.direct[k]) and not match.hidden.any()
-        blob = int(s.candidates.blobs[k])
-        source = int(s.candidates.sources[k])
-        centroid = None
-        if direct and source >= 0 and not np.isnan(self._seen.centroids[source]).any():
-            centroid = tuple(self._seen.centroids[source].tolist())
-        mode: Mode = "motion" if direct else "appearance"
-        targets.items[row].matched_ns = self._frame.time_ns
-        self._observe(row, match.box, blob, mode, match.score, centroid)
-        matched = (s.parts[k] >= round(self._p.part_score * FULL)) & ~match.hidden
+    def _take(self, matches: list[Match], s: Scored, notices: list[Notice]) -> None:
+        """Matches become observations; the targets' parts are updated one by one (PARTS 4.2)."""
+        targets, c = self._targets, s.candidates
+        rows, k = np.array([m.row for m in matches], np.intp), np.array([m.candidate for m in matches], np.intp)
+        hidden = np.array([m.hidden for m in matches])
+        direct = c.direct[k] & ~hidden.any(axis=1)
+        centroids = np.where((direct & (c.sources[k] >= 0))[:, None], self._seen.centroids[c.sources[k]], np.nan)
+        modes: list[Mode] = ["motion" if d else "appearance" for d in direct.tolist()]
+        boxes = np.array([m.box for m in matches])
+        self._observe(rows, boxes, c.blobs[k], modes, [m.score for m in matches], centroids)
+        like = s.parts[k] >= round(self._p.part_score * FULL)
+        matched = like & ~hidden
+        targets.learn(rows, s.measured, k, s.parts[k], matched)
         # By things that nobody tracks: where a part should be there is hardly any foreground.
-        self._gone[row] = s.empty[k] & (s.parts[k] < round(self._p.part_score * FULL))
-        targets.learn(row, s.measured, k, s.parts[k], matched)
-        targets.items[row].signed = bool(matched[1:].any())
-        if match.rival >= 0:
-            rival, mine = targets.items[match.rival], targets.items[row]
-            if rival.told and mine.told:
-                self._tell_conflict(mine.id, rival.id, match, notices)
+        gone = s.empty[k] & ~like
+        signed = matched[:, 1:].any(axis=1).tolist()
+        for n, match in enumerate(matches):
+            mine = targets.items[match.row]
+            mine.matched_ns, mine.signed = self._frame.time_ns, signed[n]
+            self._gone[match.row] = gone[n]
+            if match.rival >= 0:
+                rival = targets.items[match.rival]
+                if rival.told and mine.told:
+                    self._tell_conflict(mine.id, rival.id, match, notices)
 
     def _tell_conflict(self, mine: int, rival: int, match: Match, notices: list[Notice]) -> None:
         evidence = {"score": match.score / FULL, "gave_way": rival}
@@ -272,25 +274,31 @@ class Matching:
         notices.append(Notice("disagreement", [mine, rival], "PARTS 4: joint assignment", evidence, text))
 
     def _observe(
-        self, row: int, box: Floats, blob: int, mode: Mode, score: int | None, centroid: tuple[float, ...] | None
+        self,
+        rows: Rows,
+        boxes: Floats,
+        blobs: NDArray[np.int64],
+        modes: list[Mode],
+        scores: list[int | None] | list[int] | list[None],
+        centroids: Floats,
     ) -> None:
+        """Different targets (M,) were seen in boxes (M, 4) of blobs (M,); centroids (M, 2) are nan where unknown."""
         targets = self._targets
-        item = targets.items[row]
-        occluded = mode != "motion"
-        at = None if centroid is None else (centroid[0], centroid[1])
-        targets.correct(row, box, at, occluded)
-        x, y, w, h = box.tolist()
-        item.measured = (x, y, w, h)
-        item.seen_ns = self._frame.time_ns
-        item.hits += 1
-        value = 1.0 if score is None else min(1.0, score / FULL / 0.7)
-        item.quality += (value - item.quality) / min(item.hits, 10)
-        item.score = None if score is None else score / FULL
-        item.observed = True
-        item.now = mode
-        item.blob = blob
-        if item.id == TENTATIVE:
-            item.sightings.append([float(self._frame.index), x, y, w, h])
+        targets.correct(rows, boxes, centroids, np.array([mode != "motion" for mode in modes], bool))
+        seen = zip(rows.tolist(), boxes.tolist(), blobs.tolist(), modes, scores, strict=True)
+        for row, (x, y, w, h), blob, mode, score in seen:
+            item = targets.items[row]
+            item.measured = (x, y, w, h)
+            item.seen_ns = self._frame.time_ns
+            item.hits += 1
+            value = 1.0 if score is None else min(1.0, score / FULL / 0.7)
+            item.quality += (value - item.quality) / min(item.hits, 10)
+            item.score = None if score is None else score / FULL
+            item.observed = True
+            item.now = mode
+            item.blob = blob
+            if item.id == TENTATIVE:
+                item.sightings.append([float(self._frame.index), x, y, w, h])
 
     def _hide(self) -> None:
         """Which parts are hidden now that everybody has a place: those that nearer targets cover, and those gone.
@@ -324,8 +332,4 @@ class Matching:
         for x, y, w, h in taken.tolist():
             x1, y1 = max(0, round(x - 0.1 * w)), max(0, round(y - 0.05 * h))
             rest[y1 : max(0, round(y + 1.05 * h)), x1 : max(0, round(x + 1.1 * w))] = 0
-        assert self._pixels.area is not None
-        left = Pixels(None, rest, (self._scene.width, self._scene.height))
-        assert left.area is not None
-        total = self._pixels.sums(self._pixels.area, boxes)
-        return np.asarray(left.sums(left.area, boxes) / np.maximum(total, 1))
+        return self._pixels.shares(rest, boxes)

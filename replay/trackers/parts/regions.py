@@ -19,6 +19,9 @@ HEAD = 1.0 / 7.0
 ALPHA, BETA = 0.5, 0.42
 """Usual places of the centroid, before a target's own are known."""
 
+_RECTANGLES = np.array([[0, 3, 2, 4], [0, 4, 1, 5], [1, 4, 2, 5], [0, 5, 1, 6], [1, 5, 2, 6]])
+"""Left, top, right and bottom of each part among the edges: left, x_c, right, then top, shoulders, y_c, foot."""
+
 
 def alpha_of(boxes: Floats, x_c: Floats) -> Floats:
     """Where x_c lies: alpha = (x_c - x_tl) / w, eq. 1, kept in the box's middle half; (N, 4), (N,) -> (N,)."""
@@ -40,21 +43,12 @@ def parts_of(boxes: Floats, alpha: Floats, beta: Floats) -> Floats:
         beta: (N,) and down the body, of the height below the head.
     """
     x, y, w, h = boxes.T
-    x_c, shoulders = x + alpha * w, y + HEAD * h
-    y_c = shoulders + beta * (h - HEAD * h)
-    foot = y + h
-    out = np.empty((len(boxes), 5, 4))
-    left, right = (x, x_c), (x_c, x + w)
-    for j, ((x1, x2), (y1, y2)) in enumerate(
-        (
-            ((x, x + w), (y, shoulders)),
-            (left, (shoulders, y_c)),
-            (right, (shoulders, y_c)),
-            (left, (y_c, foot)),
-            (right, (y_c, foot)),
-        )
-    ):
-        out[:, j, 0], out[:, j, 1], out[:, j, 2], out[:, j, 3] = x1, y1, x2 - x1, y2 - y1
+    edges = np.empty((len(boxes), 7))
+    edges[:, 0], edges[:, 1], edges[:, 2] = x, x + alpha * w, x + w
+    shoulders = edges[:, 4] = y + HEAD * h
+    edges[:, 3], edges[:, 5], edges[:, 6] = y, shoulders + beta * (h - HEAD * h), y + h
+    out = edges[:, _RECTANGLES]
+    out[:, :, 2:] -= out[:, :, :2]
     return out
 
 

@@ -23,6 +23,8 @@ Ints = NDArray[np.int64]
 
 FULL = 1000
 """The score of a perfect match."""
+_TABLES = ONE * np.arange(len(PARTS) * len(FEATURES)).reshape(len(PARTS), len(FEATURES))
+"""Where each part's and feature's table starts among all of them."""
 _SHAPES = {"half-normal": 1, "mixture": 3}
 
 
@@ -172,6 +174,7 @@ class Scorer:
             where = f"part_features.{feature}"
             for j, words in enumerate(split_models(getattr(p, feature), where)):
                 self.tables[i, j] = tabulated(words, at, where)
+        self._by_part = np.ascontiguousarray(self.tables.transpose(1, 0, 2)).ravel()
         self.omega = _weights([getattr(p, f"omega_{f}") for f in FEATURES], "omega")
         self.gamma = _weights([getattr(p, f"gamma_{j}") for j in PARTS], "gamma")
 
@@ -182,8 +185,7 @@ class Scorer:
             differences: (N, 5, 6) as `features.differences` gives them.
             known: (6,) features that were measured; the others' weights fall to these.
         """
-        i, j = np.arange(len(FEATURES))[None, None, :], np.arange(len(PARTS))[None, :, None]
-        scores = self.tables[i, j, differences]
+        scores = self._by_part.take(differences + _TABLES)
         omega = self.omega * known
         return np.asarray((scores * omega).sum(axis=2) // max(1, int(omega.sum())))
 

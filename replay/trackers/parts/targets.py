@@ -18,6 +18,7 @@ from replay.trackers.parts.template import SIDE
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
+Rows = NDArray[np.intp]
 TENTATIVE = -1
 BYSTANDERS = 1 << 30
 """First identity of those who are followed, but not told of, because targets are started by hand."""
@@ -136,7 +137,7 @@ class Targets:
         half = np.maximum(p.gate_sizes * h, p.gate_speeds * self.speeds * dt)
         return np.asarray(np.minimum(half * 2.0 ** np.minimum(self.misses, 8), p.gate_most * h))
 
-    def lean(self, rows: NDArray[np.intp], sizes: Floats, spread: float) -> None:
+    def lean(self, rows: Rows, sizes: Floats, spread: float) -> None:
         """Let predicted sizes lean towards those that are usual at their places, (M, 2) width and height."""
         usual = sizes[:, ::-1]
         self.size.update(rows, usual, (spread * usual[:, :1]) ** 2)
@@ -157,39 +158,46 @@ class Targets:
         self.has_template = np.append(self.has_template, False)
         self.items.append(target)
 
-    def correct(self, row: int, box: Floats, centroid: tuple[float, float] | None, occluded: bool) -> None:
-        """Update the global model (PARTS 4.2): replaced if unoccluded, else averaged over time.
+    def correct(self, rows: Rows, boxes: Floats, centroids: Floats, occluded: NDArray[np.bool_]) -> None:
+        """Update the global models (PARTS 4.2): replaced if unoccluded, else averaged over time.
 
         The average over a sliding window is the filters' own: KF1's for the place, KF2's for the size; what is averaged
         is where the target is relative to its path, so that it does not lag behind.
+
+        Args:
+            rows: (M,) different targets.
+            boxes: (M, 4) where they were seen.
+            centroids: (M, 2) of what was seen, nan where it is not known.
+            occluded: (M,) bool.
         """
         p = self._p
-        x, y, w, h = box.tolist()
-        at = np.array([row])
-        k = 4.0 if occluded else 1.0
-        self.size.update(at, np.array([[h, w]]), k * k * k * (h * p.size_noise) ** 2)
-        if centroid is not None and not occluded:
-            gain = 1.0 / p.centroid_frames
-            self.alpha[row] += gain * (float(alpha_of(box[None], np.array([centroid[0]]))[0]) - self.alpha[row])
-            self.beta[row] += gain * (float(beta_of(box[None], np.array([centroid[1]]))[0]) - self.beta[row])
-        place = np.array([[x + w / 2, y + h / 2]])
-        self.motion.update(at, place, k * (h * p.place_noise) ** 2)
-        if occluded:
-            x_c, y_c = self.motion.value[row].tolist()
-            hh, ww = self.size.value[row].tolist()
-            self.boxes[row] = (x_c - ww / 2, y_c - hh / 2, ww, hh)
-        else:
-            self.boxes[row] = box
-        self.misses[row] = 0
+        h = boxes[:, 3]
+        k = np.where(occluded, 4.0, 1.0)
+        self.size.update(rows, boxes[:, :1:-1], (k * k * k * (h * p.size_noise) ** 2)[:, None])
+        free = np.flatnonzero(~occluded & ~np.isnan(centroids).any(axis=1))
+        if len(free):
+            at, gain = rows[free], 1.0 / p.centroid_frames
+            self.alpha[at] += gain * (alpha_of(boxes[free], centroids[free, 0]) - self.alpha[at])
+            self.beta[at] += gain * (beta_of(boxes[free], centroids[free, 1]) - self.beta[at])
+        self.motion.update(rows, boxes[:, :2] + boxes[:, 2:] / 2, (k * (h * p.place_noise) ** 2)[:, None])
+        self.boxes[rows] = boxes
+        hidden = rows[occluded]
+        if len(hidden):
+            size = self.size.value[hidden, ::-1]
+            self.boxes[hidden] = np.concatenate([self.motion.value[hidden] - size / 2, size], axis=1)
+        self.misses[rows] = 0
 
-    def parts(self, rows: NDArray[np.intp], boxes: Floats) -> Floats:
+    def parts(self, rows: Rows, boxes: Floats) -> Floats:
         """Parts (N, 5, 4) of boxes (N, 4), split where the targets of these rows usually have their centroids."""
         return parts_of(boxes, self.alpha[rows], self.beta[rows])
 
-    def learn(self, row: int, m: Measured, k: int, scores: NDArray[np.int64], matched: NDArray[np.bool_]) -> None:
-        """Blend matched parts into the model with weights that grow with their scores (5,) of 1000."""
+    def learn(self, rows: Rows, m: Measured, k: Rows, scores: NDArray[np.int64], matched: NDArray[np.bool_]) -> None:
+        """Blend matched parts of candidates k (M,) into the models of different targets (M,).
+
+        Weights grow with the parts' scores (M, 5), of 1000.
+        """
         most = round(self._p.learn_most * ONE)
-        self.model.learn(row, m, k, np.where(matched, scores * most // 1000, 0))
+        self.model.learn(rows, m, k, np.where(matched, scores * most // 1000, 0))
 
     def keep(self, kept: list[int]) -> None:
         """Keep the given rows, in that order."""
