@@ -34,6 +34,7 @@ DUCKDB_MAGIC = b"DUCK"
 PART_PREFIX = "part-"
 _LOGS = "logs"
 _FETCH = 2_000
+_MOST_FETCH = 16_000
 _ALLOWED = ("SELECT", "EXPLAIN")
 _FIRST_ROWS = 400_000
 _MOST_ROWS = 4_000_000
@@ -56,6 +57,10 @@ class QueryLimits:
 
 class QueryError(SceneTraceError):
     """A query was refused, is wrong, or went over a limit."""
+
+
+class QueryMemoryError(QueryError):
+    """A query needs more memory than it may take."""
 
 
 def locked_down(limits: QueryLimits) -> dict[str, str | bool | int | float | list[str]]:
@@ -251,23 +256,38 @@ class Case:
             self._begun = True
             return self._con.execute(query, parameters or None)
 
-    def by_recording(self, make: Callable[[Recordings | None], str]) -> Answer:
+    def by_recording(
+        self, make: Callable[[Recordings | None], str], chosen: Recordings | None = None, *, keeps_few: bool = False
+    ) -> Answer:
         """Ask what is a question to each recording on its own, some recordings at a time, in the order of their names.
 
         Nothing that happens in one recording meets another's ids, so the answer is that of the whole question; but it
         needs the memory of a few recordings, and its first rows come while the rest is not yet read.
 
+        A question that keeps few of the rows that it looks through is asked of all recordings at once: one plan and
+        one pass instead of many. If that takes too much memory all the same, some at a time.
+
         Args:
             make: the SQL for the recordings that it is given (None: all).
+            chosen: the recordings to ask, all at once (None: all there are).
+            keeps_few: see above.
 
         Raises:
             QueryError: as `sql`.
         """
+        if chosen is not None:
+            return self.sql(make(chosen))
         whole = make(None)
+        deadline = time.monotonic() + self.limits.seconds
+        if keeps_few:
+            try:
+                cursor = self._started(whole, (), deadline)
+                return _answer(cursor, self._rows(cursor, deadline))
+            except QueryMemoryError:
+                pass
         spans = self._spans(whole)
         if len(spans) < 2:
             return self.sql(whole)
-        deadline = time.monotonic() + self.limits.seconds
         first = self._started(make(spans[0]), (), deadline)
 
         def rows() -> Iterator[tuple[Any, ...]]:
@@ -297,12 +317,14 @@ class Case:
         return list(self.sql(query, parameters).rows)
 
     def _rows(self, cursor: duckdb.DuckDBPyConnection, deadline: float) -> Iterator[tuple[Any, ...]]:
+        size = _FETCH
         while True:
             with self._guarded(deadline):
-                batch = cursor.fetchmany(_FETCH)
+                batch = cursor.fetchmany(size)
             if not batch:
                 return
             yield from batch
+            size = min(2 * size, _MOST_FETCH)
 
     def _check(self, query: str) -> None:
         try:
@@ -339,7 +361,7 @@ class Case:
                 raise
             raise QueryError(f"SQL: stopped after {self.limits.seconds:g} s (--time-limit)") from e
         except (duckdb.OutOfMemoryException, MemoryError) as e:
-            raise QueryError(f"SQL: needs more than {self.limits.memory_mib} MiB of memory (--memory)") from e
+            raise QueryMemoryError(f"SQL: needs more than {self.limits.memory_mib} MiB of memory (--memory)") from e
         except duckdb.PermissionException as e:
             raise QueryError(f"SQL: refused, a query may read the tables and nothing else: {_first_line(e)}") from e
         except (duckdb.Error, RuntimeError) as e:

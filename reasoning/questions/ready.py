@@ -72,6 +72,7 @@ class Question:
         build: the values.
         nothing: what an empty answer means, and what to ask then.
         takes: names of the `Options` that it takes besides ``recordings``.
+        few_from: with so many arguments or more it keeps few of the rows that it looks through (None: never).
     """
 
     name: str
@@ -81,6 +82,7 @@ class Question:
     build: Build
     nothing: str = ""
     takes: tuple[str, ...] = ()
+    few_from: int | None = None
 
     def _words(self) -> list[str]:
         wanted = self.arguments.split()
@@ -96,6 +98,10 @@ class Question:
     def kinds(self) -> list[str]:
         """What each argument is: track, zone, group or event."""
         return [_KINDS[w.strip("[]")] for w in self._words()]
+
+    def keeps_few(self, words: Sequence[str]) -> bool:
+        """Whether the question to all recordings is best asked of all at once (`Case.by_recording`)."""
+        return self.few_from is not None and len(words) >= self.few_from
 
     def sql(self, words: Sequence[str], options: Options) -> str:
         """The SQL for these arguments.
@@ -203,25 +209,28 @@ QUESTIONS: Mapping[str, Question] = {
     x.name: x
     for x in (
         Question("met", "A [B]", "whom A met (whose shells touched A's), when, and how long", q.MET, _met,
-                 "target A's shell never touched such a shell; `timeline A` shows all there is of it"),
+                 "target A's shell never touched such a shell; `timeline A` shows all there is of it", few_from=2),
         Question("together", "A B", "when A and B were socially together, in hindsight", q.TOGETHER, _two,
-                 "A and B were never near and slow against one another for long; `met A B` shows if they passed"),
+                 "A and B were never near and slow against one another for long; `met A B` shows if they passed",
+                 few_from=2),
         Question("left-with", "A --within 5s", "who left with A, in contact until the first of them left (--gap 1s)",
                  q.LEFT_WITH, _one,
                  "target A was not seen to leave, or left alone; widen --within and --gap, or ask `timeline A`",
-                 ("within_s", "gap_s")),
+                 ("within_s", "gap_s"), few_from=1),
         Question("who-was-in", "ZONE --at T", "who was in a zone at a moment (zone `scene`: anywhere)",
                  q.WHO_WAS_IN, _zone_at,
-                 "nobody was there then; `loitered ZONE --min 0s` lists all stays", ("at",)),
+                 "nobody was there then; `loitered ZONE --min 0s` lists all stays", ("at",), few_from=1),
         Question("loitered", "ZONE --min 30s", "who stayed in a zone at least so long (gaps up to --gap 2s closed)",
                  q.LOITERED, _loitered, "nobody stayed so long; lower --min, or raise --gap", ("least_s", "gap_s")),
         Question("entered-never-left", "", "who came in and was never seen to leave", q.ENTERED_NEVER_LEFT, _nothing,
-                 "everybody who came in was seen to leave; who was there from the first frame did not come in"),
+                 "everybody who came in was seen to leave; who was there from the first frame did not come in",
+                 few_from=0),
         Question("grouping-and-splitting", "", "who joined some while leaving others, with both partner lists",
-                 q.GROUPING_AND_SPLITTING, _nothing, "nobody was grouping and splitting in one frame"),
-        Question("group-history", "LABEL", "the groups that a group came from and went into", q.GROUP_HISTORY, _label),
+                 q.GROUPING_AND_SPLITTING, _nothing, "nobody was grouping and splitting in one frame", few_from=0),
+        Question("group-history", "LABEL", "the groups that a group came from and went into", q.GROUP_HISTORY, _label,
+                 few_from=1),
         Question("before", "EVENT --within 60s", "who was near the event's subjects before it", q.BEFORE, _before,
-                 "nobody was near the subjects of event EVENT in that time; widen --within", ("within_s",)),
+                 "nobody was near the subjects of event EVENT in that time; widen --within", ("within_s",), few_from=1),
         Question("contacts", "A --depth 3", "chains of contacts from A that respect time", q.CONTACTS, _contacts,
                  "target A had no contact of that sort (--by relations, joint, encounters, groups)",
                  ("depth", "by", "at")),

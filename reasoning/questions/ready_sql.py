@@ -19,7 +19,7 @@ numbered AS (
 SELECT recording, $a AS track, other, min(start_frame) AS start_frame, max(end_frame) AS end_frame,
   min(start_t) AS start_t, max(end_t) AS end_t, round(max(end_t) - min(start_t), 3) AS seconds,
   round(coalesce(sum(end_t - start_t) FILTER (state = 'JOINT'), 0), 3) AS joint_s,
-  format('relation:{}-{}@{}', least($a, other), greatest($a, other), min(start_frame)) AS explain
+  concat('relation:', least($a, other), '-', greatest($a, other), '@', min(start_frame)) AS explain
 FROM numbered GROUP BY recording, other, meeting ORDER BY recording, start_frame, other
 """
 
@@ -90,7 +90,7 @@ stay AS (
     max(end_t) AS end_t FROM numbered GROUP BY recording, track, stay
   HAVING round(max(end_t) - min(start_t), 3) >= $least)
 SELECT recording, track, start_frame, end_frame, start_t, end_t, round(end_t - start_t, 3) AS seconds,
-  format('$what:{}@{}', track, start_frame) AS explain
+  concat('$what:', track, '@', start_frame) AS explain
 FROM stay ORDER BY recording, start_frame, track
 """
 
@@ -151,28 +151,24 @@ family AS (
 SELECT f.recording, CASE WHEN f.generation < 0 THEN 'ancestor' WHEN f.generation > 0 THEN 'descendant'
   ELSE 'itself' END AS is, f.generation, f.group_id, g.members, g.start_frame, g.end_frame, g.start_t, g.end_t,
   g.formed_from, g.ended_by, format('group:{}', f.group_id) AS explain
-FROM family f JOIN groups g USING (recording, group_id) ORDER BY f.recording, f.generation, g.start_frame, f.group_id
+FROM family f JOIN groups g USING (recording, group_id)
+-- labels rise with time: a family's lie close together, and no others need be looked through
+WHERE g.group_id BETWEEN (SELECT min(group_id) FROM family) AND (SELECT max(group_id) FROM family)
+ORDER BY f.recording, f.generation, g.start_frame, f.group_id
 """
 
 BEFORE = """
 WITH event AS (
   SELECT recording, event, t, frame, unnest(subjects) AS subject FROM events WHERE event = $event$only),
+pairs AS (
+  SELECT recording, a, b, state AS how, 'relation' AS what, start_frame, start_t, end_t FROM relations WHERE true$only
+  UNION ALL
+  SELECT recording, a, b, 'together: ' || kind, 'encounter', start_frame, start_t, end_t FROM encounters
+  WHERE true$only),
 near AS (
-  SELECT e.*, r.b AS other, r.state AS how, 'relation' AS what, r.start_frame, r.start_t, r.end_t
-  FROM event e JOIN relations r ON r.recording = e.recording AND r.a = e.subject
-    AND r.start_t < e.t AND round(e.t - r.end_t, 3) <= $within
-  UNION ALL
-  SELECT e.*, r.a, r.state, 'relation', r.start_frame, r.start_t, r.end_t
-  FROM event e JOIN relations r ON r.recording = e.recording AND r.b = e.subject
-    AND r.start_t < e.t AND round(e.t - r.end_t, 3) <= $within
-  UNION ALL
-  SELECT e.*, n.b, 'together: ' || n.kind, 'encounter', n.start_frame, n.start_t, n.end_t
-  FROM event e JOIN encounters n ON n.recording = e.recording AND n.a = e.subject
-    AND n.start_t < e.t AND round(e.t - n.end_t, 3) <= $within
-  UNION ALL
-  SELECT e.*, n.a, 'together: ' || n.kind, 'encounter', n.start_frame, n.start_t, n.end_t
-  FROM event e JOIN encounters n ON n.recording = e.recording AND n.b = e.subject
-    AND n.start_t < e.t AND round(e.t - n.end_t, 3) <= $within)
+  SELECT e.*, if(p.a = e.subject, p.b, p.a) AS other, p.how, p.what, p.start_frame, p.start_t, p.end_t
+  FROM event e JOIN pairs p ON p.recording = e.recording AND e.subject IN (p.a, p.b)
+    AND p.start_t < e.t AND round(e.t - p.end_t, 3) <= $within)
 SELECT recording, event, subject, other, how, greatest(start_t, t - $within) AS from_t, least(end_t, t) AS until_t,
   round(t - least(end_t, t), 3) AS seconds_before,
   format('{}:{}-{}@{} event:{}', what, least(subject, other), greatest(subject, other), start_frame, event) AS explain
@@ -197,14 +193,24 @@ CONTACTS = """
 -- a contact passes on only what came before its end; per target the earliest arrival over at most so many contacts
 -- giver, taker, who: a target of a recording as one number, the recording's number * 2^32 + the track's id
 WITH RECURSIVE numbered AS MATERIALIZED (
-  SELECT recording, row_number() OVER (ORDER BY recording) * 4294967296 AS base FROM recordings WHERE true$only),
+  SELECT recording, row_number() OVER (ORDER BY recording) * 4294967296 AS base, CAST($since AS DOUBLE) AS since
+  FROM recordings r WHERE true$only),
 pairs AS MATERIALIZED (
   SELECT base + a AS a, base + b AS b, start_t, end_t, id FROM ($contacts) JOIN numbered USING (recording)),
+-- whom A met has it from A then: to them no contact that begins later passes it on first
+by_then AS MATERIALIZED (
+  SELECT who, min(t) AS t FROM (
+    SELECT base + $a AS who, CAST('-Infinity' AS DOUBLE) AS t FROM numbered
+    UNION ALL SELECT b, greatest(start_t, since) FROM pairs JOIN numbered ON a = base + $a WHERE end_t >= since
+    UNION ALL SELECT a, greatest(start_t, since) FROM pairs JOIN numbered ON b = base + $a WHERE end_t >= since)
+  GROUP BY who),
 contact AS MATERIALIZED (
-  SELECT a AS giver, b AS taker, start_t, end_t, id FROM pairs
-  UNION ALL SELECT b, a, start_t, end_t, id FROM pairs),
+  SELECT a AS giver, b AS taker, start_t, end_t, id FROM pairs LEFT JOIN by_then ON who = b
+  WHERE t IS NULL OR start_t <= t
+  UNION ALL SELECT b, a, start_t, end_t, id FROM pairs LEFT JOIN by_then ON who = a
+  WHERE t IS NULL OR start_t <= t),
 reached(who, t, contacts, via, ids) USING KEY (who) AS (
-  SELECT base + $a, CAST($since AS DOUBLE), 0, CAST([] AS INTEGER[]), CAST([] AS BIGINT[]) FROM numbered r
+  SELECT base + $a, since, 0, CAST([] AS INTEGER[]), CAST([] AS BIGINT[]) FROM numbered
   UNION (
     SELECT n.taker, min(greatest(s.t, n.first_t)), any_value(s.contacts) + 1,
       arg_min(list_append(s.via, CAST(n.giver % 4294967296 AS INTEGER)), (greatest(s.t, n.first_t), n.giver)),
@@ -235,17 +241,17 @@ WITH told AS (
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'in ' || zone, [], '',
     format('zone:{}@{}', track, start_frame) FROM zones WHERE track = $a$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, state, [b], '',
-    format('relation:{}-{}@{}', a, b, start_frame) FROM relations WHERE a = $a$only
+    concat('relation:', a, '-', b, '@', start_frame) FROM relations WHERE a = $a$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, state, [a], '',
-    format('relation:{}-{}@{}', a, b, start_frame) FROM relations WHERE b = $a$only
+    concat('relation:', a, '-', b, '@', start_frame) FROM relations WHERE b = $a$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'group ' || group_id,
     list_filter(members, lambda x: x <> $a), coalesce(ended_by, ''), format('group:{}', group_id)
     FROM groups WHERE list_contains(members, $a)$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'together: ' || kind, [b],
-    format('confidence {}', confidence), format('encounter:{}-{}@{}', a, b, start_frame)
+    format('confidence {}', confidence), concat('encounter:', a, '-', b, '@', start_frame)
     FROM encounters WHERE a = $a$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'together: ' || kind, [a],
-    format('confidence {}', confidence), format('encounter:{}-{}@{}', a, b, start_frame)
+    format('confidence {}', confidence), concat('encounter:', a, '-', b, '@', start_frame)
     FROM encounters WHERE b = $a$only
   UNION ALL SELECT recording, t, t, frame, 'event ' || kind, list_filter(subjects, lambda x: x <> $a), text,
     format('event:{}', event) FROM events WHERE list_contains(subjects, $a)$only)

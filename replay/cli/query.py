@@ -107,9 +107,9 @@ def run(args: argparse.Namespace) -> int:
     encounters = encounter_config(args.config, args.assignments)
     with Case(inputs, QueryLimits(args.time_limit, args.memory), encounters=encounters) as case:
         check_thresholds(case, chosen_encounters(args.config, args.assignments))
-        make, nothing = _made(case, query, args)
+        ask, nothing = _made(case, query, args)
         with guarded(case.limits):
-            answer = case.sql(query) if args.ask is None and args.pattern is None else case.by_recording(make)
+            answer = ask()
             count = _answer(answer, form, args)
         if count == 0 and nothing:
             say(f"no rows: {nothing}")
@@ -132,13 +132,13 @@ def _check_options(args: argparse.Namespace) -> None:
             raise UsageError(f"{kind} takes no {flag}; {instead}")
 
 
-def _made(case: Case, query: str, args: argparse.Namespace) -> tuple[Callable[[Recordings | None], str], str]:
-    """The question's SQL for given recordings, and what an empty answer means; what it names is there."""
+def _made(case: Case, query: str, args: argparse.Namespace) -> tuple[Callable[[], Answer], str]:
+    """What asks the question, and what an empty answer means; what it names is there."""
     from reasoning.questions.known import check_pattern, check_recording, check_words
     from reasoning.questions.values import only
 
     if args.ask is None and args.pattern is None:
-        return lambda _: query, ""
+        return lambda: case.sql(query), ""
     check_recording(case, args.recording)
     chosen = only(args.recording)
     if args.pattern is not None:
@@ -146,14 +146,17 @@ def _made(case: Case, query: str, args: argparse.Namespace) -> tuple[Callable[[R
 
         text = shipped_or_given(args.pattern)
         check_pattern(case, parse(text), chosen)
-        return lambda some: plan(text, some or chosen), "nothing in these recordings fits the pattern"
+        nothing = "nothing in these recordings fits the pattern"
+        return lambda: case.by_recording(lambda some: plan(text, some), chosen), nothing
     from reasoning.questions.ready import question
 
-    asked, options = question(args.ask[0]), _options(args)
-    check_words(case, asked, args.ask[1:], options)
-    return lambda some: asked.sql(args.ask[1:], replace(options, recordings=some or chosen)), asked.why_empty(
-        args.ask[1:]
-    )
+    asked, words, options = question(args.ask[0]), args.ask[1:], _options(args)
+    check_words(case, asked, words, options)
+
+    def make(some: Recordings | None) -> str:
+        return asked.sql(words, replace(options, recordings=some))
+
+    return lambda: case.by_recording(make, chosen, keeps_few=asked.keeps_few(words)), asked.why_empty(words)
 
 
 def _options(args: argparse.Namespace) -> Options:

@@ -76,9 +76,35 @@ def test_each_question_is_answered_alike_by_logs_database_and_parquet(
     for inputs in (logs, indexes[:1], indexes[1:]):
         with Case(inputs) as c:
             answers.append((c.by_recording(make).columns, list(c.by_recording(make).rows)))
-            assert answers[-1][1] == c.rows(make(None))
+            assert answers[-1][1] == c.rows(make(None)) == list(c.by_recording(make, keeps_few=True).rows)
+            alone = Recordings("rec2", "rec3")
+            assert list(c.by_recording(make, alone).rows) == [r for r in answers[-1][1] if r[0] in ("rec2", "rec3")]
     assert answers[0] == answers[1] == answers[2]
     assert bool(answers[0][1]) == (name != "left-with")  # nobody leaves with another here
+
+
+def test_a_question_that_takes_too_much_memory_at_once_is_asked_by_and_by(
+    logs: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(case_module, "_FIRST_ROWS", 10)
+    few = "SELECT recording, count(*) FROM frames"
+
+    def make(some: Recordings | None) -> str:
+        where, large = ("true", 10**8) if some is None else (some.sql(), 1)
+        numbers = f"(SELECT list(range) AS all_of_them FROM range({large}))"
+        return f"{few}, {numbers} WHERE len(all_of_them) > 0 AND {where} GROUP BY recording ORDER BY recording"
+
+    with Case(logs, QueryLimits(memory_mib=128)) as c:
+        assert list(c.by_recording(make, keeps_few=True).rows) == c.rows(f"{few} GROUP BY recording ORDER BY recording")
+        with pytest.raises(QueryError, match="128 MiB"):
+            c.rows(make(None))
+
+
+def test_a_pair_stands_together_in_an_index(indexes: list[Path]) -> None:
+    for index in indexes:
+        with Case([index]) as c:
+            rows = c.rows("SELECT recording, a, b, start_frame FROM relations WHERE recording = 'rec1'")
+            assert rows == sorted(rows)
 
 
 def test_a_time_limit_is_that_of_the_whole_answer(logs: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -132,9 +132,7 @@ def _track(i: int, n: int) -> Track:
     )  # fmt: skip
 
 
-@pytest.fixture(scope="session")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("commands") / "yard.mcap"
+def _write_yard(path: Path, output_digest: str = "abc") -> Path:
     with LogWriter(path, picture_topics=["/camera/image"]) as out:
         names = ("image", "detections", "tracks", "relations", "groups", "events")
         ids = {n: out.channel(channels.topic("camera", n), channels.schema(n), channels.message_encoding(n))
@@ -157,5 +155,18 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
                     1, "interaction_started", [1, 2], n, t, "SHELLS 2.3 case II", evidence, "\x1b[31mThey meet"
                 )
                 out.write(ids["events"], channels.encode("events", event), t)
-        out.metadata("scenetrace", {"tracker": "events", "configuration": '{"a": {"b": 1}}', "output_digest": "abc"})
+        out.metadata(
+            "scenetrace", {"tracker": "events", "configuration": '{"a": {"b": 1}}', "output_digest": output_digest}
+        )
     return path
+
+
+@pytest.fixture(scope="session")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return _write_yard(tmp_path_factory.mktemp("commands") / "yard.mcap")
+
+
+@pytest.fixture
+def other_log(tmp_path: Path) -> Path:
+    """The same scene as another recording."""
+    return _write_yard(tmp_path / "garden.mcap", "def")

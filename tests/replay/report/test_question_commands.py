@@ -15,6 +15,7 @@ from pathlib import Path
 import duckdb
 import pytest
 
+from reasoning.questions import case as case_module
 from replay.cli import main
 
 
@@ -67,6 +68,19 @@ def test_asking(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert len(capsys.readouterr().out.splitlines()) == 3
     assert main(["query", str(log), "--pattern", "interaction(a,b)[>1s]", "--format", "csv"]) == 0
     assert "relation:1-2@15" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "question", [["--ask", "timeline", "1"], ["--pattern", "interaction(a,b)"], ["--ask", "met", "1", "2"]]
+)
+def test_one_recording_alone_is_asked_also_where_many_are_asked_by_and_by(
+    log: Path, other_log: Path, question: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(case_module, "_FIRST_ROWS", 1)
+    assert main(["query", str(log), str(other_log), "--json", *question]) == 0
+    assert {row["recording"] for row in json.loads(capsys.readouterr().out)} == {"yard", "garden"}
+    assert main(["query", str(log), str(other_log), "--json", "--recording", "yard", *question]) == 0
+    assert {row["recording"] for row in json.loads(capsys.readouterr().out)} == {"yard"}
 
 
 @pytest.mark.parametrize(
