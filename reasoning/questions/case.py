@@ -206,10 +206,12 @@ class Case:
             rows = self._con.execute(f"SELECT digest, camera, recording FROM {place('recordings')}").fetchall()  # noqa: S608
         except duckdb.Error as e:
             raise RecordingError(f"cannot be read as an index: {_first_line(e)}", path) from e
+        names = set(self._known.values())
         for digest, camera, name in rows:
-            if (digest, camera) in self._known or name in self._known.values():
+            if (digest, camera) in self._known or name in names:
                 raise UsageError(f"{path}: recording {name!r} is in another input already; give one of them")
             self._known[digest, camera] = name
+            names.add(name)
         self._places.append((path, place))
 
     def _read_logs(self, logs: list[Path], limits: Limits, encounters: EncounterParameters | None) -> None:

@@ -17,6 +17,7 @@ FORMATS = ("table", "json", "csv", "parquet")
 _MEASURED = 1_000
 _WIDEST = 80
 _MILLI = 3
+_CSV_ITSELF = (str, int, float, type(None))  # written by csv as `_text` would; no bool, which is an int
 
 
 def write(answer: Answer, form: str, out: IO[str]) -> int:
@@ -69,7 +70,7 @@ def _csv(answer: Answer, out: IO[str]) -> int:
     writer.writerow(answer.columns)
     count = 0
     for row in answer.rows:
-        writer.writerow(["" if v is None else _text(v) for v in row])
+        writer.writerow([v if type(v) in _CSV_ITSELF else _text(v) for v in row])
         count += 1
     return count
 

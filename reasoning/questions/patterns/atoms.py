@@ -34,6 +34,7 @@ class Atom:
         symmetric: the order of its targets does not matter.
         instant: it is a moment, not an interval.
         source: SQL from the number of targets and the zone's name (None: any).
+        one_way: of two targets whose order does not matter: SQL as ``source`` gives it, but with x0 < x1 alone.
         reference: SQL of the id that explains a row, with ``$n`` for the row's name.
     """
 
@@ -45,6 +46,7 @@ class Atom:
     zone: bool = False
     symmetric: bool = True
     instant: bool = False
+    one_way: str | None = None
 
     @property
     def least(self) -> int:
@@ -66,15 +68,13 @@ class Atom:
         return f"{targets} target{'s' if targets != '1' else ''}{' and a zone' if self.zone else ''}"
 
 
-def _pairs(table: str, condition: str) -> Callable[[int, str | None], str]:
-    def source(_: int, __: str | None) -> str:
-        both = [
-            f"SELECT recording, {x} AS x0, {y} AS x1, {_SPAN} FROM {table} WHERE {condition}"  # noqa: S608
-            for x, y in (("a", "b"), ("b", "a"))
-        ]
-        return " UNION ALL ".join(both)
-
-    return source
+def _pairs(about: str, table: str, condition: str, what: str) -> Atom:
+    one_way, other_way = (
+        f"SELECT recording, {x} AS x0, {y} AS x1, {_SPAN} FROM {table} WHERE {condition}"  # noqa: S608
+        for x, y in (("a", "b"), ("b", "a"))
+    )
+    reference = f"format('{what}:{{}}-{{}}@{{}}', least($n.x0, $n.x1), greatest($n.x0, $n.x1), $n.s)"
+    return Atom(about, lambda _, __: f"{one_way} UNION ALL {other_way}", reference, one_way=one_way)
 
 
 def _state(table: str, zone: bool = False) -> Callable[[int, str | None], str]:
@@ -123,27 +123,21 @@ def _bit(bit: str) -> Callable[[int, str | None], str]:
     return source
 
 
-def _pair(what: str) -> str:
-    return f"format('{what}:{{}}-{{}}@{{}}', least($n.x0, $n.x1), greatest($n.x0, $n.x1), $n.s)"
-
-
 def _one(what: str) -> str:
     return f"format('{what}:{{}}@{{}}', $n.x0, $n.s)"
 
 
 _STATES: Mapping[str, Atom] = {
-    "interaction": Atom("INTERACTION of two (SHELLS)", _pairs("relations", "state = 'INTERACTION'"), _pair("relation")),
-    "joint": Atom("JOINT of two (SHELLS)", _pairs("relations", "state = 'JOINT'"), _pair("relation")),
-    "related": Atom("INTERACTION or JOINT", _pairs("relations", "true"), _pair("relation")),
-    "together": Atom("an encounter of two, in hindsight", _pairs("encounters", "true"), _pair("encounter")),
-    "meeting": Atom("two stand together", _pairs("phases", "kind = 'meeting'"), _pair("phase")),
-    "moving": Atom("two walk together", _pairs("phases", "kind = 'moving'"), _pair("phase")),
-    "contact": Atom("two touch, abruptly or JOINT", _pairs("phases", "kind = 'contact'"), _pair("phase")),
-    "separation": Atom("two who were together walk apart", _pairs("phases", "kind = 'separation'"), _pair("phase")),
-    "abrupt": Atom(
-        "two touch, abrupt against one another, and do not go through", _pairs("abrupt", "true"), _pair("abrupt")
-    ),
-    "near": Atom("two within touching distance", _pairs("near", "true"), _pair("near")),
+    "interaction": _pairs("INTERACTION of two (SHELLS)", "relations", "state = 'INTERACTION'", "relation"),
+    "joint": _pairs("JOINT of two (SHELLS)", "relations", "state = 'JOINT'", "relation"),
+    "related": _pairs("INTERACTION or JOINT", "relations", "true", "relation"),
+    "together": _pairs("an encounter of two, in hindsight", "encounters", "true", "encounter"),
+    "meeting": _pairs("two stand together", "phases", "kind = 'meeting'", "phase"),
+    "moving": _pairs("two walk together", "phases", "kind = 'moving'", "phase"),
+    "contact": _pairs("two touch, abruptly or JOINT", "phases", "kind = 'contact'", "phase"),
+    "separation": _pairs("two who were together walk apart", "phases", "kind = 'separation'", "phase"),
+    "abrupt": _pairs("two touch, abrupt against one another, and do not go through", "abrupt", "true", "abrupt"),
+    "near": _pairs("two within touching distance", "near", "true", "near"),
     "group": Atom("members of one group", _group, "format('group:{}', $n.id)", 1, 4),
     "present": Atom("a target is in the picture", _state("presence"), _one("track"), 1, 1),
     "still": Atom("a target stands still", _state("still"), _one("still"), 1, 1),

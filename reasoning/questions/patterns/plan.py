@@ -1,13 +1,16 @@
 """A pattern as one SELECT: its items' intervals, joined on recording and shared variables, ordered in time.
 
 Every item that is wanted becomes a common table; negated items become NOT EXISTS. No product of tracks is made: a join
-is on the recording and on the variables that two items share, and DuckDB orders the joins.
+is on the recording and on the variables that two items share, and DuckDB orders the joins. Items of one pair that
+follow one another closely are joined before it matters which of the two is which (`pairs`): one table ``p0`` of them,
+both ways round, with a column for each item.
 """
 
 from __future__ import annotations
 
 from reasoning.questions.patterns.atoms import ATOMS
 from reasoning.questions.patterns.grammar import Bound, Item, Pattern, Term, parse
+from reasoning.questions.patterns.pairs import one_way_groups
 from reasoning.questions.patterns.symmetry import symmetries
 from reasoning.questions.values import Recordings
 
@@ -43,6 +46,9 @@ class _Plan:
         self._recordings = recordings
         self._tables: list[str] = []
         self._conditions: list[str] = []
+        self._groups = {id(item): k for k, group in enumerate(one_way_groups(pattern)) for item in group}
+        self._joined: dict[int, list[str]] = {k: [] for k in self._groups.values()}
+        self._from: list[str] = []
         self._names: dict[int, str] = {}
         self._references: list[str] = []
         self._bound: dict[str, str] = {}
@@ -52,22 +58,47 @@ class _Plan:
                     self._add(item)
 
     def _add(self, item: Item) -> None:
-        name = f"i{len(self._names)}"
+        own = f"i{len(self._names)}"
+        group = self._groups.get(id(item))
+        table = own if group is None else f"p{group}"
+        name = own if group is None else f"{table}.{own}"
         self._names[id(item)] = name
-        self._tables.append(f"{name} AS (\n  {self._source(item)})")
+        self._tables.append(f"{own} AS (\n  {self._source(item)})")
         self._references.append(f"{name}.ref" if item.repeated else ATOMS[item.name].reference.replace("$n", name))
-        if name != "i0":
-            self._conditions.append(f"{name}.recording = i0.recording")
+        if table in self._from:
+            return  # joined with the others of its pair
+        self._from.append(table)
+        if table != self._from[0]:
+            self._conditions.append(f"{table}.recording = {self._from[0]}.recording")
         for k, term in enumerate(item.terms):
             if term.variable is None:
                 continue
-            column = f"{name}.x{k}"
+            column = f"{table}.x{k}"
             if term.variable in self._bound:
                 self._conditions.append(f"{column} = {self._bound[term.variable]}")
             else:
                 self._conditions += [f"{column} <> {other}" for other in self._bound.values()]
                 self._conditions += [f"{column} <> {n}" for n in self._numbers()]
                 self._bound[term.variable] = column
+
+    def _require(self, condition: str, *items: Item) -> None:
+        """A condition on the times of some items: if they are all of one pair's, it is met where those are joined."""
+        groups = {self._groups.get(id(i)) for i in items}
+        group = groups.pop()
+        if groups or group is None:
+            self._conditions.append(condition)
+        else:
+            self._joined[group].append(condition.replace(f"p{group}.", ""))
+
+    def _pair(self, group: int) -> str:
+        """The table of a pair's items: both ways round, a column for each item."""
+        first, *others = names = [n.partition(".")[2] for n in self._names.values() if n.startswith(f"p{group}.")]
+        same = [f"{n}.{c} = {first}.{c}" for n in others for c in ("recording", "x0", "x1")]
+        return (
+            f"p{group} AS (\n  SELECT {first}.recording, unnest([{first}.x0, {first}.x1]) AS x0, "  # noqa: S608
+            f"unnest([{first}.x1, {first}.x0]) AS x1, {', '.join(names)}\n  FROM {', '.join(names)}\n  "
+            f"WHERE {' AND '.join([*same, *self._joined[group]])})"
+        )
 
     def _numbers(self) -> list[int]:
         """Ids that the pattern names: no variable stands for them."""
@@ -80,12 +111,14 @@ class _Plan:
         wanted += [_compared("et - st", b) for b in item.bounds if b.what == "lasts"]
         if self._recordings is not None:
             wanted.append(self._recordings.sql())
-        rows = f"SELECT * FROM ({ATOMS[item.name].source(len(targets), zone)})"  # noqa: S608 - made of checked parts
+        atom = ATOMS[item.name]
+        one_way = atom.one_way if id(item) in self._groups else None
+        rows = f"SELECT * FROM ({one_way or atom.source(len(targets), zone)})"  # noqa: S608 - made of checked parts
         if wanted:
             rows += f" WHERE {' AND '.join(wanted)}"
         if not item.repeated:
             return rows
-        rows = f"SELECT *, {ATOMS[item.name].reference.replace('$n', 'r')} AS ref FROM ({rows}) r"  # noqa: S608
+        rows = f"SELECT *, {atom.reference.replace('$n', 'r')} AS ref FROM ({rows}) r"  # noqa: S608
         return _in_a_row(rows, [f"x{k}" for k in range(len(targets))], item)
 
     @staticmethod
@@ -108,14 +141,16 @@ class _Plan:
         conditions = "\n  AND ".join(self._conditions) or "true"
         order = ", ".join(["1", *(_quoted(v) for v in self._bound), "step_frames", "explain"])
         return (
-            "WITH " + ",\n".join(self._tables) + "\nSELECT DISTINCT i0.recording, " + ",\n  ".join(columns)
-            + "\nFROM " + ", ".join(wanted) + "\nWHERE " + conditions + f"\nORDER BY {order}"
+            "WITH " + ",\n".join(self._tables + [self._pair(k) for k in self._joined])
+            + f"\nSELECT DISTINCT {self._from[0]}.recording, " + ",\n  ".join(columns)
+            + "\nFROM " + ", ".join(self._from) + "\nWHERE " + conditions + f"\nORDER BY {order}"
         )  # fmt: skip
 
     def _steps(self) -> list[tuple[str, str, str, str] | None]:
         """Each step's span (s, e, st, et) as SQL, None for a negated one; adds what orders items and steps."""
         spans: list[tuple[str, str, str, str] | None] = []
         previous: tuple[str, str, str, str] | None = None
+        before: list[Item] = []
         for step in self._pattern.steps:
             items = [i for i in step if not i.negated]
             if not items:
@@ -128,13 +163,12 @@ class _Plan:
                 _least([f"{n}.st" for n in names]), _greatest([f"{n}.et" for n in names]),
             )  # fmt: skip
             if previous is not None:
-                self._conditions.append(f"{span[0]} > {previous[1]}")
-                self._conditions += [
-                    _compared(f"{self._names[id(i)]}.st - {previous[3]}", b)
-                    for i in items if not i.repeated for b in i.bounds if b.what == "gap"
-                ]  # fmt: skip
+                self._require(f"{span[0]} > {previous[1]}", *before, *items)
+                for i in (i for i in items if not i.repeated):
+                    for b in (b for b in i.bounds if b.what == "gap"):
+                        self._require(_compared(f"{self._names[id(i)]}.st - {previous[3]}", b), *before, i)
             spans.append(span)
-            previous = span
+            previous, before = span, items
         return spans
 
     def _within_step(self, items: list[Item]) -> None:
@@ -143,11 +177,11 @@ class _Plan:
             if item.link == ("&",):
                 for other in items[:k]:
                     n = self._names[id(other)]
-                    self._conditions.append(f"{n}.s <= {name}.e AND {name}.s <= {n}.e")
+                    self._require(f"{n}.s <= {name}.e AND {name}.s <= {n}.e", other, item)
             else:
                 n = self._names[id(items[k - 1])]
                 either = " OR ".join(f"allen_{r}({n}.s, {n}.e, {name}.s, {name}.e)" for r in item.link)
-                self._conditions.append(f"({either})")
+                self._require(f"({either})", items[k - 1], item)
 
     def _absences(self, spans: list[tuple[str, str, str, str] | None]) -> None:
         for k, step in enumerate(self._pattern.steps):
@@ -176,7 +210,7 @@ class _Plan:
         return window
 
     def _none(self, item: Item, window: list[str]) -> str:
-        conditions = ["n.recording = i0.recording", *window]
+        conditions = [f"n.recording = {self._from[0]}.recording", *window]
         free: dict[str, str] = {}
         for k, term in enumerate(item.terms):
             if term.variable is None:

@@ -59,6 +59,15 @@ SAME: dict[str, tuple[str, ...]] = {
     "in(a,door) & in(b,door) ; exited(c)[<1s] & !related(a,b)": ("bac",),
     "joint(a,b) ; exited(a)[<1s] & in(c,door)[gap<3s]": (),
     "in(a,door) ; exited(b)[gap>0.5s] ; !joint(a,b)": (),
+    # of one pair, soon after one another
+    "interaction(a,b) ; joint(a,b)[gap<1s] ; exited(a)[<2s]": (),
+    "interaction(a,b) ; joint(b,a)[gap<=0.5s] ; !together(b,c)": (),
+    "interaction(a,b) ; joint(a,b)[gap<1s] within 2s": ("ba",),
+    "related(a,b) & together(b,a) & in(b,door)": (),
+    "related(a,b){2} ; related(a,b)[gap<1s]": ("ba",),
+    "in(a,door) & !present(b) ; joint(a,b) & together(a,b)": (),
+    "related(1,b) ; joint(1,b)[gap<1s] & !in(b,door)": (),
+    "together(a,b) & joint(a,b) ; related(a,c) & !joint(b,c)": (),
 }
 PATTERNS = tuple(SAME)
 
