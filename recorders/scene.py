@@ -20,9 +20,9 @@ from recorders import channels
 from recorders.errors import LimitError, RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import ChannelInfo, LogReader, Message
+from recorders.masks import Labels, RecordedMask, label_blobs
 from recorders.messages import NO_BLOB, Detections, Regions
 from recorders.pictures import VideoDecoder, decode_picture
-from recorders.vision import cv2
 
 Image = NDArray[np.uint8]
 _SAMPLED_FRAMES = 64
@@ -69,6 +69,7 @@ class Frame:
         load_image: Callable[[], Image] | None = None,
         load_mask: Callable[[], Image] | None = None,
         messages: tuple[Message, ...] = (),
+        load_labels: Callable[[], Labels] | None = None,
     ) -> None:
         self.index = index
         self.time_ns = time_ns
@@ -77,6 +78,7 @@ class Frame:
         self.messages = messages
         self._load_image = load_image
         self._load_mask = load_mask
+        self._load_labels = load_labels
         self._ahead: list[str] = []
 
     def prefetch(self, submit: Callable[[Callable[[], Image]], Future[Image]], like: Frame) -> None:
@@ -101,6 +103,16 @@ class Frame:
     def mask(self) -> Image | None:
         """The foreground mask, (height, width) uint8, 0 or 255, or None. Never write into it."""
         return None if self._load_mask is None else self._load_mask()
+
+    @cached_property
+    def labels(self) -> Labels | None:
+        """The mask's blobs, (height, width) uint16, component k of the detections as k + 1; None without a mask.
+
+        Never write into it.
+        """
+        if self.mask is None:
+            return None
+        return label_blobs(self.mask)[1] if self._load_labels is None else self._load_labels()
 
     @cached_property
     def boxes(self) -> NDArray[np.float64]:
@@ -220,8 +232,9 @@ class SceneLog:
                 continue
             if isinstance(detections, Detections):
                 self._check(detections, now, masked is not None)
-            mask = None if masked is None else self._mask_loader(masked, detections)
-            yield Frame(index, now, detections, regions, image, mask, tuple(pending))
+            mask = None if masked is None else self._mask(masked, detections)
+            load_mask, load_labels = (None, None) if mask is None else (mask.load, mask.labels)
+            yield Frame(index, now, detections, regions, image, load_mask, tuple(pending), load_labels)
             pending = []
             index += 1
         self.trailing = tuple(pending)
@@ -255,23 +268,17 @@ class SceneLog:
     def _decode(self, name: str, message: Message) -> Any:
         return channels.decode(name, message.data, path=str(self.path), limits=self.limits)
 
-    def _mask_loader(self, message: Message, detections: Detections | Callable[[], Detections]) -> Callable[[], Image]:
-        def load() -> Image:
-            blobs = len((detections if isinstance(detections, Detections) else detections()).components)
-            picture = self._decode("foreground", message)
-            mask = decode_picture(picture.data, gray=True, path=self.path, limits=self.limits)
-            self.sized(mask, "foreground", message)
-            # Whoever counts pixels by blob relies on it: blob k is component k of this mask.
-            found = cv2.connectedComponents(mask, connectivity=8, ltype=cv2.CV_32S)[0] - 1
-            if found != blobs:
-                raise RecordingError(
-                    f"the foreground at {message.log_time_ns} ns has {found} components, its detections list {blobs}",
-                    self.path,
-                    record=message.topic,
-                )
-            return mask
+    def _mask(self, message: Message, detections: Detections | Callable[[], Detections]) -> RecordedMask:
+        def picture() -> Image:
+            data = self._decode("foreground", message).data
+            return self.sized(
+                decode_picture(data, gray=True, path=self.path, limits=self.limits), "foreground", message
+            )
 
-        return load
+        def count() -> int:
+            return len((detections if isinstance(detections, Detections) else detections()).components)
+
+        return RecordedMask(picture, count, message, self.path)
 
     def _video_at(self, start_ns: int | None) -> _Video:
         """A decoder that has, where the reading starts inside a group of pictures, that group's packets."""

@@ -7,6 +7,7 @@ time, for notebooks and debuggers; `replay.replaying` adds hindsight and writing
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -33,6 +34,8 @@ from replay.trackers.tracker import Tracker, TrackerFactory
 Extra = tuple[tuple[str, bytes], ...]
 NANOS = 1_000_000_000
 _MOST_KEPT = 64
+_AHEAD = 4
+"""Frames that are made ready before they are tracked: what tracking takes differs from frame to frame."""
 _WORTH_A_THREAD = 16 << 10
 """Bytes that take longer to hash than to hand to another thread."""
 
@@ -173,19 +176,34 @@ class Prefetch:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def ahead(self, frames: Iterator[Frame]) -> Iterator[tuple[Frame, Callable[[], str]]]:
-        """The same frames, each with what gives its `recorded_digest`, the next one being made ready meanwhile."""
-        previous: Frame | None = None
-        current = next(frames, None)
-        while current is not None:
-            hashed = self._hash(current.messages)
-            following = next(frames, None)
-            if previous is not None:
+        """The same frames, each with what gives its `recorded_digest`, the next few being made ready meanwhile.
+
+        What goes wrong in reading ahead is raised once the frames before it have been given out.
+        """
+        waiting: deque[tuple[Frame, Callable[[], str]]] = deque()
+        tracked: Frame | None = None
+        failed: Exception | None = None
+        ended = False
+        while True:
+            while not ended and len(waiting) < _AHEAD:
+                try:
+                    frame = next(frames, None)
+                except Exception as e:
+                    frame, failed = None, e
+                if frame is None:
+                    ended = True
+                else:
+                    waiting.append((frame, self._hash(frame.messages)))
+            if not waiting:
+                break
+            if tracked is not None:
                 # One worker takes them in order, which video packets need.
-                for frame in (current, following):
-                    if frame is not None:
-                        frame.prefetch(self._pool.submit, like=previous)
-            yield current, hashed
-            previous, current = current, following
+                for frame, _ in waiting:
+                    frame.prefetch(self._pool.submit, like=tracked)
+            tracked, hashed = waiting.popleft()
+            yield tracked, hashed
+        if failed is not None:
+            raise failed
 
     def _hash(self, messages: tuple[Message, ...]) -> Callable[[], str]:
         if sum(len(m.data) for m in messages) < _WORTH_A_THREAD:

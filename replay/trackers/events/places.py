@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from recorders.masks import Labels, label_blobs
 from recorders.messages import NO_BLOB, Blob
 from recorders.vision import cv2
 from replay.trackers.association import clusters
@@ -107,7 +108,9 @@ class Place:
 class Foreground:
     """One frame's foreground and what explains it."""
 
-    def __init__(self, mask: Image, components: Sequence[Blob], p: EventsParameters) -> None:
+    def __init__(
+        self, mask: Image, components: Sequence[Blob], p: EventsParameters, labels: Labels | None = None
+    ) -> None:
         self._p = p
         self.mask = mask
         self.components = components
@@ -115,14 +118,13 @@ class Foreground:
         self.areas = np.array([c.area for c in components], np.float64)
         self.unit = mask & np.uint8(1)
         self.integral = Integral(self.unit)
-        self._labels: NDArray[np.uint16] | None = None
+        self._labels = labels
 
     @property
-    def labels(self) -> NDArray[np.uint16]:
+    def labels(self) -> Labels:
         """The blobs' labels, (H, W) uint16."""
         if self._labels is None:
-            labels = cv2.connectedComponents(self.mask, connectivity=8, ltype=cv2.CV_16U)[1]
-            self._labels = np.asarray(labels, np.uint16)
+            self._labels = label_blobs(self.mask)[1]
         return self._labels
 
     def links(self, boxes: Floats) -> Floats:

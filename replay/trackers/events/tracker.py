@@ -104,7 +104,7 @@ class EventsTracker:
 
     def _explain(self, frame: Frame, mask: NDArray[np.uint8], seen: Seen, dt: float) -> Seen:
         """Let the confirmed targets explain the foreground; what is left over are the detections of others."""
-        fg = Foreground(mask, frame.detections.components, self._p)
+        fg = Foreground(mask, frame.detections.components, self._p, frame.labels)
         items, bank = self._tracks.items, self._tracks.bank
         rows = [k for k, t in enumerate(items) if t.id != TENTATIVE and not t.lost]
         doubt = np.sqrt(bank.p00[rows])

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recorders.masks import Labels, label_blobs
 from recorders.messages import Blob
-from recorders.vision import cv2
 from replay.trackers.association import intersection
 from replay.trackers.tracker import Image
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Labels = NDArray[np.uint16]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,19 +38,18 @@ class Cut:
 class Foreground:
     """Blobs by row; blob k's label is k + 1."""
 
-    def __init__(self, mask: Image, components: Sequence[Blob]) -> None:
+    def __init__(self, mask: Image, components: Sequence[Blob], labels: Labels | None = None) -> None:
         self.mask = mask
         self.components = components
         self.boxes: Floats = np.array([c.box for c in components], np.float64).reshape(-1, 4)
         self.areas: Floats = np.array([c.area for c in components], np.float64)
-        self._labels: Labels | None = None
+        self._labels = labels
 
     @property
     def labels(self) -> Labels:
         """The blobs' labels, (H, W) uint16: those of ``cv2.connectedComponents(mask, connectivity=8)``."""
         if self._labels is None:
-            found = cv2.connectedComponents(self.mask, connectivity=8, ltype=cv2.CV_16U)[1]
-            self._labels = np.asarray(found, np.uint16)
+            self._labels = label_blobs(self.mask)[1]
         return self._labels
 
     def links(self, boxes: Floats) -> Floats:
