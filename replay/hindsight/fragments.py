@@ -6,6 +6,7 @@ import math
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from operator import add
 
 from recorders.messages import Box, Notice, Targets
 
@@ -128,7 +129,7 @@ class Fragment:
         if not self.signature:
             self.signature = array("d", [0.0]) * len(signature)
         if len(signature) == len(self.signature):
-            self.signature = array("d", [a + b for a, b in zip(self.signature, signature, strict=True)])
+            self.signature = array("d", map(add, self.signature, signature))
             self.signatures += 1
 
 

@@ -340,7 +340,7 @@ def place(
             tenants_only[i] = bool(tenants[main] == 1 and held[main] <= 1)
     for rows in clusters(searched, linked):
         blobs = (np.flatnonzero(linked[rows].any(axis=0)) + 1).tolist()
-        near = detections[np.isin(detection_blobs, blobs)]
+        near = detections[(detection_blobs[:, None] == np.array(blobs)).any(axis=1)]
         for i, at in zip(rows, _place_cluster(fg, blobs, rows, expected, near, look, p), strict=True):
             company = bool((tenants[linked[i]] > 1).any())
             out[i] = replace(at, company=company, tenant=tenants_only[i])

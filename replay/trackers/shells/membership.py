@@ -87,15 +87,17 @@ def score(k: int, who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParamete
     dy, dx = np.arange(y1, y2) + 0.5 - cy, np.arange(x1, x2) + 0.5 - cx
     far = (dy * dy)[:, None] + dx * dx
     square = max(r * r, 1.0)
-    i, j = np.nonzero((far < square) & cut.own[y1:y2, x1:x2])
+    within = np.flatnonzero((far < square) & cut.own[y1:y2, x1:x2])
+    i = within // max(1, x2 - x1)
+    j = within - i * (x2 - x1)
     at = (i + y1) * width + (j + x1)
-    total = p.prior * np.log(np.maximum(1.0 - far[i, j] / square, 1e-3))
+    total = p.prior * np.log(np.maximum(1.0 - far.take(within) / square, 1e-3))
     table = who.tells[k]
     if table is not None and bins is not None:
         total += p.colour * table[bins.ravel()[at]]
     if p.shape > 0:
-        rows = np.clip(cells(y - cut.top, h, y1, y2), -1, GRID) + 1
-        columns = np.clip(cells(x - cut.left, w, x1, x2), -1, GRID) + 1
+        rows = np.minimum(np.maximum(cells(y - cut.top, h, y1, y2), -1), GRID) + 1
+        columns = np.minimum(np.maximum(cells(x - cut.left, w, x1, x2), -1), GRID) + 1
         total += p.shape * _shape(who.masks[k]).ravel()[rows[i] * (GRID + 2) + columns[j]]
     return total, at
 
@@ -142,8 +144,10 @@ def assign_pixels(who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParamete
 
 def moments(owner: NDArray[np.uint8], n: int, cut: Cut) -> tuple[Floats, Floats]:
     """Pixels (n,) and means (n, 2) of owners 1 to n."""
-    ys, xs = np.nonzero(owner)
-    who = owner[ys, xs]
+    at = np.flatnonzero(owner)
+    ys = at // owner.shape[1]
+    xs = at - ys * owner.shape[1]
+    who = owner.take(at)
     counts = np.bincount(who, minlength=n + 1)[1:].astype(np.float64)
     total = np.stack([np.bincount(who, v, minlength=n + 1)[1:] for v in (xs, ys)], axis=1)
     with np.errstate(invalid="ignore"):

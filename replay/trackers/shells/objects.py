@@ -153,13 +153,11 @@ class Bodies:
 
     def move(self, row: int, place: tuple[float, float], a: float) -> None:
         """Position update (SHELLS, equation 9): C = a E[P] + (1 - a) prediction, and the speed that follows from it."""
-        rows = np.array([row])
-        p00 = self.bank.p00[rows].copy()
-        variance = p00 * ((1 - a) / a)
-        variance[:, 2:] = 1e12
-        measured = self.bank.value[rows].copy()
-        measured[0, :2] = place
-        self.bank.update(rows, measured, variance)
+        variance = self.bank.p00[row] * ((1 - a) / a)
+        variance[2:] = 1e12
+        measured = self.bank.value[row].copy()
+        measured[:2] = place
+        self.bank.update_row(row, measured, variance)
 
     def resize(self, row: int, width: float, height: float, a: float) -> None:
         """The same blend for width and height."""

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from recorders.vision import cv2
@@ -112,7 +111,10 @@ def _piece(who: Claimants, k: int, cut: Cut, step: int) -> _Piece:
 
 def _units(values: Floats) -> Bytes:
     """Whole units of log likelihood, what is negative as 0."""
-    return np.rint(np.clip(values * (1 / _UNIT), 0.0, 255.0)).astype(np.uint8)
+    units = np.asarray(values * (1 / _UNIT))
+    np.maximum(units, 0.0, out=units)
+    np.minimum(units, 255.0, out=units)
+    return np.rint(units, out=units).astype(np.uint8)
 
 
 def _span(who: Claimants, k: int, reach: Floats, step: int, sweep: int) -> tuple[int, int]:
@@ -148,9 +150,10 @@ def _move(piece: _Piece, free: Bytes, empty: Bytes, span: tuple[int, int], doubt
     if bottom < top or right < left:
         return
     area = (slice(top, bottom + rows), slice(left, right + columns))
-    windows = _windows(free[area], (rows, columns), stride)
-    explained = _sums(np.maximum(windows, piece.need) - piece.need)
-    empties = _sums(_windows(empty[area], (rows, columns), stride) & piece.gap)
+    # In C order, as `_sums` wants them: the windows' own order in memory is another.
+    windows = np.maximum(_windows(free[area], (rows, columns), stride), piece.need, order="C")
+    explained = _sums(np.subtract(windows, piece.need, out=windows))
+    empties = _sums(np.bitwise_and(_windows(empty[area], (rows, columns), stride), piece.gap, order="C"))
     total = explained - p.gap_cost * empties
     y = top + np.arange(total.shape[0]) * stride - piece.home[0]
     x = left + np.arange(total.shape[1]) * stride - piece.home[1]
@@ -164,12 +167,13 @@ def _windows(cells: Bytes, shape: tuple[int, int], stride: int) -> Bytes:
     """All windows of a shape at every ``stride``-th place, (I, J, h, w), a view."""
     height, width = cells.shape
     count = ((height - shape[0]) // stride + 1, (width - shape[1]) // stride + 1)
+    cells = np.ascontiguousarray(cells)
     down, right = cells.strides
-    return as_strided(cells, (*count, *shape), (down * stride, right * stride, down, right), writeable=False)
+    return np.ndarray((*count, *shape), np.uint8, cells, 0, (down * stride, right * stride, down, right))
 
 
 def _sums(windows: Bytes) -> Floats:
     """Sums over windows (I, J, h, w) of whole units, (I, J), in log likelihoods."""
     i, j, h, w = windows.shape
-    total = cv2.reduce(np.ascontiguousarray(windows).reshape(i * j, h * w), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)
+    total = cv2.reduce(windows.reshape(i * j, h * w), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)
     return np.asarray(total, np.float64).reshape(i, j) * _UNIT

@@ -272,7 +272,7 @@ class Resolver:
         away = centre[:, None] - (fg.boxes[:, :2] + fg.boxes[:, 2:] / 2)[None]
         inside = (away[..., 0] ** 2 + away[..., 1] ** 2 <= (radii * radii)[:, None]).any(axis=0) & self.free
         inside &= fg.areas < _MINOR * min(1e9, float((boxes[:, 2] * boxes[:, 3]).min()))
-        return np.union1d(blobs, np.flatnonzero(inside))
+        return np.union1d(blobs, np.flatnonzero(inside)) if inside.any() else blobs
 
     def _bins(self, cut: Cut) -> Bins | None:
         image = self._frame.image()
@@ -311,7 +311,7 @@ class Resolver:
         A detection that has its blob for itself is but the blob again, and tells nothing of bodies in it.
         """
         blob_of = self._frame.detection_blobs
-        inside = np.flatnonzero(np.isin(blob_of, blobs + 1))
+        inside = np.flatnonzero((blob_of[:, None] == blobs + 1).any(axis=1))
         mine = [int(r) for r in rows if int(r) in self.found]
         if len(inside) != len(mine) or not mine:
             return

@@ -110,17 +110,17 @@ class ShellsTracker:
         if model is None:
             return
         bank = self._bodies.bank
-        for row, body in enumerate(self._bodies.items):
-            if body.alone and body.observed:
-                continue
-            foot = bank.value[row, 1] + bank.value[row, 3] / 2
-            height = float(model.heights(np.array([foot]))[0])
-            expected = np.array([model.aspect * height, height])
-            noise = (self._p.body_spread * height) ** 2
-            gain = bank.p00[row, 2:] / (bank.p00[row, 2:] + noise)
-            bank.value[row, 2:] += gain * (expected - bank.value[row, 2:])
-            bank.p00[row, 2:] *= 1 - gain
-            bank.value[row, 1] = foot - bank.value[row, 3] / 2
+        rows = np.array([k for k, b in enumerate(self._bodies.items) if not (b.alone and b.observed)], np.intp)
+        if not len(rows):
+            return
+        foot = bank.value[rows, 1] + bank.value[rows, 3] / 2
+        height = model.heights(foot)
+        expected = np.stack([model.aspect * height, height], axis=1)
+        noise = ((self._p.body_spread * height) ** 2)[:, None]
+        gain = bank.p00[rows, 2:] / (bank.p00[rows, 2:] + noise)
+        bank.value[rows, 2:] += gain * (expected - bank.value[rows, 2:])
+        bank.p00[rows, 2:] *= 1 - gain
+        bank.value[rows, 1] = foot - bank.value[rows, 3] / 2
 
     def _resolve(self, frame: Frame, radii: Floats, dt: float) -> Resolver | None:
         """Find the confirmed objects in the foreground; None where there is none."""
