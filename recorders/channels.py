@@ -199,8 +199,11 @@ def compressed_image(data: bytes, picture_format: str, time_ns: int, camera: str
     return bytes(image.SerializeToString(deterministic=True))
 
 
+_LEVELS = dict(Log.Level.items())
+
+
 def log_line(text: str, time_ns: int, name: str, level: str = "INFO") -> bytes:
     """The payload of a foxglove.Log."""
-    line = Log(level=Log.Level.Value(level), message=text, name=name)
+    line = Log(level=_LEVELS[level], message=text, name=name)
     _stamp(line, time_ns)
     return bytes(line.SerializeToString(deterministic=True))

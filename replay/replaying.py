@@ -10,7 +10,9 @@ from __future__ import annotations
 import os
 import tempfile
 from array import array
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import groupby, islice
@@ -39,6 +41,7 @@ from replay.trackers.tracker import TrackerFactory
 
 Progress = Callable[[str, int], None]
 _BLOCK = 1 << 20
+_AHEAD = 4
 
 
 @dataclass(frozen=True)
@@ -192,6 +195,19 @@ def _under_final_ids(kept: SpoolEntry, names: Mapping[int, int]) -> Extra:
     return tuple(finished)
 
 
+def _painted(
+    pool: ThreadPoolExecutor, entries: Iterator[SpoolEntry], names: Mapping[int, int]
+) -> Iterator[tuple[SpoolEntry, Callable[[], Extra]]]:
+    """The entries in order, each with what gives `_under_final_ids`: label images are painted a few frames ahead."""
+    waiting: deque[tuple[SpoolEntry, Callable[[], Extra]]] = deque()
+    for kept in entries:
+        made = pool.submit(_under_final_ids, kept, names).result if kept.extra else tuple
+        waiting.append((kept, made))
+        if len(waiting) > _AHEAD:
+            yield waiting.popleft()
+    yield from waiting
+
+
 class Run:
     """The replay of one scene: iterate `frames` for the annotated frames in order.
 
@@ -259,10 +275,12 @@ class Run:
         rewritten = hindsight.rewrite(spool.targets, self.scene.info, times, self.options.config, names)
         frames = self.scene.frames(start_ns, first, again=True)
         seen = islice(rewritten, first, None)
-        for frame, kept, targets in zip(frames, spool.entries(first), seen, strict=True):
-            yield Step(
-                frame, targets, _under_final_ids(kept, names), kept.recorded, kept.input_link, kept.targets, kept.state
-            )
+        with ThreadPoolExecutor(max_workers=1, thread_name_prefix="paint") as pool:
+            # The first rewritten frame comes first: with it the names are known.
+            for targets, frame, (kept, extra) in zip(
+                seen, frames, _painted(pool, spool.entries(first), names), strict=True
+            ):
+                yield Step(frame, targets, extra(), kept.recorded, kept.input_link, kept.targets, kept.state)
 
     # -- reasoning and writing -------------------------------------------------------------------------------------
 

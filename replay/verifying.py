@@ -18,6 +18,7 @@ from recorders.log import LogReader
 from recorders.machine import machine, opencv_build, python_version
 from recorders.messages import Digest
 from recorders.scene import SceneLog
+from recorders.vision import opencv_threads
 from replay import checkpoint, digest
 from replay.chain import RECORDED, WHOLE, Difference, FrameRecord, Verification, cut, recorded_frames, verify_chain
 from replay.checkpoint import Checkpoint
@@ -75,7 +76,7 @@ def verify(
             limits=limits,
         )
         try:
-            with SceneLog(_scene_of(Path(path), facts, scene), facts.camera, limits) as source:
+            with opencv_threads(1), SceneLog(_scene_of(Path(path), facts, scene), facts.camera, limits) as source:
                 changed = _changed_input(source, log, facts)
                 comparing = _Comparing(Run(source, options, progress), log, facts, links=changed is None)
                 effect, stopped = _compared(comparing, certain=changed is None and chain.identical)

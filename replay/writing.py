@@ -13,6 +13,7 @@ from recorders.machine import machine, opencv_build, python_version
 from recorders.parameters import as_plain
 from recorders.recording import utf8
 from recorders.scene import SceneLog
+from recorders.vision import opencv_threads
 from replay import checkpoint, digest
 from replay.checkpoint import Checkpoint
 from replay.configuration import package_versions
@@ -65,7 +66,8 @@ def replay(
         raise OutputExistsError(out)
     if out.exists() and Path(scene_path).exists() and out.samefile(scene_path):
         raise UsageError(f"{out}: is the recording itself; write the annotated log to another file")
-    with SceneLog(scene_path, options.camera, options.limits) as scene:
+    # Decoding, painting and writing go on side by side: threads of OpenCV's own would only take turns with them.
+    with opencv_threads(1), SceneLog(scene_path, options.camera, options.limits) as scene:
         run = Run(scene, options, progress)
         start = run.nearest_checkpoint()
         pictures = [channels.topic(scene.camera, name) for name in channels.PICTURES]

@@ -17,13 +17,13 @@ class TooLargeError(Exception):
     """The data unpacks to more than was declared: (declared size)."""
 
 
-def compress(compression: str, data: bytes | bytearray) -> bytes:
-    """Pack ``data``; the same bytes and the same library version give the same result."""
+def compress(compression: str, data: bytes | bytearray) -> bytes | bytearray:
+    """Pack ``data``; the same bytes and the same library version give the same result; ``data`` itself without."""
     if compression == "zstd":
         return zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(data)
     if compression == "lz4":
         return bytes(lz4.frame.compress(bytes(data)))
-    return bytes(data)
+    return data
 
 
 def decompress(compression: str, data: bytes, declared: int) -> bytes:

@@ -6,7 +6,9 @@ import struct
 import sys
 import zlib
 from array import array
+from collections import deque
 from collections.abc import Collection, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
@@ -26,6 +28,7 @@ FLUSH_INTERVAL_NS = 1_000_000_000
 
 _HEAD = wire.MESSAGE_HEAD
 _NEVER = 1 << 65
+_MOST_PENDING = 1
 
 
 class _Chunk:
@@ -40,11 +43,14 @@ class _Chunk:
         self.start_ns = _NEVER
         self.end_ns = 0
 
-    def clear(self) -> None:
-        self.data = bytearray()
-        self.entries = {}
-        self.start_ns = _NEVER
-        self.end_ns = 0
+    def taken(self) -> _Chunk:
+        """What was filled in, as a chunk of its own; this one begins anew."""
+        filled = _Chunk(self.compression)
+        for name in ("data", "entries", "start_ns", "end_ns"):
+            mine, fresh = getattr(self, name), getattr(filled, name)
+            setattr(filled, name, mine)
+            setattr(self, name, fresh)
+        return filled
 
 
 class _Channel:
@@ -68,11 +74,13 @@ class LogWriter:
     time changes (or when it reaches four times ``chunk_bytes`` and 1 MiB), so this holds whatever the chunk size.
 
     A chunk goes to the file when it holds ``chunk_bytes`` or spans ``flush_interval_ns`` of log time: what a killed
-    process leaves in ``<path>.part`` lacks no more than that (see `recorders.log.recovery`).
+    process leaves in ``<path>.part`` lacks no more than that (see `recorders.log.recovery`). It is packed and written
+    by a thread of its own, in order, while the next one is filled.
 
     Raises:
         OutputExistsError: ``path`` exists and ``force`` was not given.
-        RecordingError: the file cannot be written (a full disk, a closed writer), or a value does not fit MCAP.
+        RecordingError: the file cannot be written (a full disk, a closed writer), or a value does not fit MCAP; what
+            goes wrong with a chunk is raised by one of the next calls, `close` at the latest.
         LimitError: more than ``limits`` allows, so that nothing is written that could not be read again.
     """
 
@@ -113,6 +121,8 @@ class LogWriter:
         self._offset = 0
         self._crc = 0
         self._file = PartFile(path, force=force, suffix=part_suffix)
+        self._storing = ThreadPoolExecutor(max_workers=1, thread_name_prefix="store")
+        self._pending: deque[Future[None]] = deque()
         self._put(wire.MAGIC)
         self._put_checked(encoding.record(wire.HEADER, encoding.text(profile), encoding.text(LIBRARY)))
 
@@ -210,6 +220,7 @@ class LogWriter:
     def attach(self, name: str, media_type: str, data: bytes, log_time_ns: int = 0, create_time_ns: int = 0) -> None:
         """Keep a file inside the log."""
         self._check_limit(len(data), "max_attachment_bytes", "the attachment's size", name)
+        self._settle(0)
         head = struct.pack("<QQ", log_time_ns, create_time_ns) + encoding.text(name) + encoding.text(media_type)
         head += wire.U64.pack(len(data))
         crc = zlib.crc32(data, zlib.crc32(head))
@@ -225,6 +236,7 @@ class LogWriter:
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Add a metadata record; its keys are written sorted."""
         encoded = encoding.record(wire.METADATA, encoding.text(name), encoding.texts(values))
+        self._settle(0)
         self._summary.metadata.append(wire.MetadataIndexRecord(self._offset, len(encoded), name))
         self._put_checked(encoded)
 
@@ -234,6 +246,7 @@ class LogWriter:
             return
         try:
             self._flush()
+            self._settle(0)
             data_end = encoding.record(wire.DATA_END, wire.U32.pack(self._crc))
             counts = {k: channel.count for k, channel in enumerate(self._channels, 1) if channel.count}
             tail = self._summary.encode(self._offset + len(data_end), counts)
@@ -241,12 +254,14 @@ class LogWriter:
             self._put(tail)
             self._put(wire.MAGIC)
             self._file.finish()
+            self._storing.shutdown()
         except BaseException:
             self.abort()
             raise
 
     def abort(self) -> None:
         """Give up: remove the part file, or with ``keep_part`` leave in it every chunk that was written."""
+        self._storing.shutdown(cancel_futures=not self._keep_part)
         self._file.discard(keep=self._keep_part)
 
     def _new_time(self, log_time_ns: int) -> None:
@@ -265,6 +280,18 @@ class LogWriter:
     def _flush_chunk(self, chunk: _Chunk) -> None:
         if not chunk.data:
             return
+        self._settle(_MOST_PENDING)
+        if not self._file.is_open:
+            raise RecordingError("is closed already", self.path)
+        self._pending.append(self._storing.submit(self._store, chunk.taken()))
+
+    def _settle(self, most: int) -> None:
+        """Wait until no more than so many chunks are on their way; raises what went wrong with one."""
+        while len(self._pending) > most:
+            self._pending.popleft().result()
+
+    def _store(self, chunk: _Chunk) -> None:
+        """Pack a chunk and write it."""
         start, end = (chunk.start_ns, chunk.end_ns) if chunk.entries else (0, 0)
         packed = compress(chunk.compression, chunk.data)
         head = wire.CHUNK_HEAD.pack(start, end, len(chunk.data), zlib.crc32(chunk.data))
@@ -283,9 +310,9 @@ class LogWriter:
             start, end, offset, wire.PREFIX_BYTES + length, places, index_length, chunk.compression, len(packed),
             len(chunk.data),
         )  # fmt: skip
-        self._put(b"".join((wire.PREFIX.pack(wire.CHUNK, length), head, packed, *indexes)))
+        for piece in (wire.PREFIX.pack(wire.CHUNK, length) + head, packed, b"".join(indexes)):
+            self._put(piece)
         self._summary.add_chunk(entry)
-        chunk.clear()
 
     def _put(self, data: bytes | bytearray) -> None:
         self._file.write(data)

@@ -115,7 +115,8 @@ class Fragment:
         if not len(self.head) or (time_ns - self.head.first_ns <= ENDS_S * 1e9 and len(self.head) < _MOST_ENDS):
             self.head.add(at, time_ns, box)
         self.tail.add(at, time_ns, box)
-        self.tail.drop(max(0, len(self.tail) - _MOST_ENDS))
+        if len(self.tail) > _MOST_ENDS:
+            self.tail.drop(len(self.tail) - _MOST_ENDS)
         while time_ns - self.tail.first_ns > ENDS_S * 1e9:
             self.tail.drop(1)
 
