@@ -123,6 +123,7 @@ class LogWriter:
         self._file = PartFile(path, force=force, suffix=part_suffix)
         self._storing = ThreadPoolExecutor(max_workers=1, thread_name_prefix="store")
         self._pending: deque[Future[None]] = deque()
+        self._cut_off = False
         self._put(wire.MAGIC)
         self._put_checked(encoding.record(wire.HEADER, encoding.text(profile), encoding.text(LIBRARY)))
 
@@ -291,7 +292,10 @@ class LogWriter:
             self._pending.popleft().result()
 
     def _store(self, chunk: _Chunk) -> None:
-        """Pack a chunk and write it."""
+        """Pack a chunk and write it; nothing goes behind one that was cut off."""
+        if self._cut_off:
+            return
+        self._cut_off = True
         start, end = (chunk.start_ns, chunk.end_ns) if chunk.entries else (0, 0)
         packed = compress(chunk.compression, chunk.data)
         head = wire.CHUNK_HEAD.pack(start, end, len(chunk.data), zlib.crc32(chunk.data))
@@ -313,6 +317,7 @@ class LogWriter:
         for piece in (wire.PREFIX.pack(wire.CHUNK, length) + head, packed, b"".join(indexes)):
             self._put(piece)
         self._summary.add_chunk(entry)
+        self._cut_off = False
 
     def _put(self, data: bytes | bytearray) -> None:
         self._file.write(data)

@@ -13,6 +13,7 @@ from recorders import channels
 from recorders.errors import LimitError, RecordingError
 from recorders.limits import Limits
 from recorders.log import LogWriter
+from recorders.masks import label_blobs
 from recorders.messages import Blob, Detections, Ellipse
 from recorders.pictures import VideoDecoder, VideoEncoder, encode_mask
 from recorders.scene import LAST_NS, SceneLog
@@ -73,6 +74,32 @@ def test_a_mask_of_other_components_than_the_detections_list(tmp_path: Path, lis
         frame = next(scene.frames())
         with pytest.raises(RecordingError, match=f"has 2 components, its detections list {listed}"):
             _ = frame.mask
+
+
+def test_a_frames_labels_are_the_components_of_its_mask(tmp_path: Path) -> None:
+    pixels = np.zeros((24, 32), np.uint8)
+    pixels[2:6, 2:6] = pixels[10:14, 2:6] = 255
+    components = [Blob(k, (2.0, 8.0 * k - 6, 4.0, 4.0), 16, Ellipse(4.0, 8.0 * k - 4, 4.0, 4.0, 0.0)) for k in (1, 2)]
+
+    def put(log: LogWriter, ids: dict[str, int]) -> None:
+        log.write(ids["foreground"], channels.compressed_image(encode_mask(pixels), "png", 0, "camera"), 0)
+        log.write(ids["detections"], channels.encode("detections", Detections(0, 32, 24, components=components)), 0)
+        log.write(ids["detections"], detections(1), FRAME_NS)
+
+    with SceneLog(write(tmp_path / "s.mcap", put)) as scene:
+        first, second = scene.frames()
+        assert first.labels is not None
+        assert first.labels[3, 3] == 1
+        assert first.labels[11, 3] == 2
+        assert np.count_nonzero(first.labels) == 32
+        assert second.labels is None
+
+
+@pytest.mark.parametrize("side", [511, 513])
+def test_blobs_beyond_16_bits_are_counted(side: int) -> None:
+    mask = np.zeros((side, side), np.uint8)
+    mask[::2, ::2] = 255
+    assert label_blobs(mask)[0] == ((side + 1) // 2) ** 2
 
 
 def test_times_are_signed_64_bit_numbers(tmp_path: Path) -> None:
