@@ -9,7 +9,7 @@ too, which the paper, without them, has to find by heads alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -75,7 +75,9 @@ def observe(d: Detections) -> Observed:
     lone = np.flatnonzero(alone)[held[blobs[alone]] == 1]
     lone = lone[iou_of_pairs(boxes[lone], blob_boxes[blobs[lone] - 1]) > 0.5]
     own[blobs[lone] - 1] = scores[lone]
-    kept = np.setdiff1d(np.arange(n), lone, assume_unique=True)
+    rest = np.ones(n, bool)
+    rest[lone] = False
+    kept = np.flatnonzero(rest)
     centroids = np.array([(c.ellipse.x, c.ellipse.y) for c in d.components], np.float64).reshape(-1, 2)
     ids = np.array([c.id for c in d.components], np.int64)
     return Observed(
@@ -102,6 +104,7 @@ class Candidates:
         sources: (N,) row of the observation, -1 for those hung from heads.
         whole: (N,) bool: a blob in which nobody else was found.
         fitting: (N,) bool: an observation of the target's size, within the parameter ``crowd_change``.
+        stage: (N,) which targets are associated together; rising.
     """
 
     rows: Rows
@@ -112,13 +115,15 @@ class Candidates:
     sources: Ints
     whole: NDArray[np.bool_]
     fitting: NDArray[np.bool_]
+    stage: Rows
     count: int
 
-    def kept(self, keep: NDArray[np.bool_] | Rows) -> Candidates:
-        """Some of them, in the order of ``keep`` if that is rows; the anchors stay."""
+    def kept(self, keep: NDArray[np.bool_] | Rows | slice, count: int | None = None) -> Candidates:
+        """Some of them, in the order of ``keep`` if that is rows, of ``count`` anchors (default: as many as before)."""
         return Candidates(
             self.rows[keep], self.boxes[keep], self.anchors[keep], self.blobs[keep], self.direct[keep],
-            self.sources[keep], self.whole[keep], self.fitting[keep], self.count,
+            self.sources[keep], self.whole[keep], self.fitting[keep], self.stage[keep],
+            self.count if count is None else count,
         )  # fmt: skip
 
     def beside(self, other: Candidates) -> Candidates:
@@ -128,7 +133,7 @@ class Candidates:
         return together.kept(np.argsort(together.rows, kind="stable"))
 
 
-_BY_CANDIDATE = ("rows", "boxes", "anchors", "blobs", "direct", "sources", "whole", "fitting")
+_BY_CANDIDATE = ("rows", "boxes", "anchors", "blobs", "direct", "sources", "whole", "fitting", "stage")
 
 
 class Anchors:
@@ -154,28 +159,39 @@ class Anchors:
         return len(self._tops) - 1
 
 
+@dataclass(frozen=True)
+class Expected:
+    """Where T targets are looked for.
+
+    Attributes:
+        boxes: (T, 4) of predicted size at their last places.
+        alpha: (T,) where their centroids lie across.
+        gates: (T,) half sides of their gates.
+    """
+
+    boxes: Floats
+    alpha: Floats
+    gates: Floats
+
+
 def gather(
-    seen: Observed,
-    rows: Rows,
-    expected: Floats,
-    alpha: Floats,
-    gates: Floats,
-    heads: Heads,
-    p: PartsParameters,
-) -> Candidates:
+    seen: Observed, stages: Sequence[Rows], at: Expected, heads: Heads, p: PartsParameters
+) -> tuple[Candidates, list[int]]:
     """All candidates of some targets.
 
     Args:
         seen: the frame's observations.
-        rows: (T,) the targets.
-        expected: (T, 4) boxes of predicted size at their last places.
-        alpha: (T,) where their centroids lie across.
-        gates: (T,) half sides of their gates.
+        stages: the targets, T in all; those of a stage are associated together and have their anchors in common.
+        at: where they are looked for.
         heads: the frame's heads.
         p: the parameters.
+
+    Returns:
+        The candidates, and how many anchors each stage has.
     """
-    centres, at = seen.boxes[:, :2] + seen.boxes[:, 2:] / 2, expected[:, :2] + expected[:, 2:] / 2
-    within = np.asarray((np.abs(centres[None] - at[:, None]) <= gates[:, None, None]).all(axis=2))
+    expected, gates = at.boxes, at.gates
+    centres, middle = seen.boxes[:, :2] + seen.boxes[:, 2:] / 2, expected[:, :2] + expected[:, 2:] / 2
+    within = np.asarray((np.abs(centres[None] - middle[:, None]) <= gates[:, None, None]).all(axis=2))
     change = seen.boxes[None, :, 2:] / np.maximum(expected[:, None, 2:], 1.0)
     larger = np.asarray((change > 1 + p.occlusion).any(axis=2))
     smaller = np.asarray((change < 1 - p.occlusion).any(axis=2))
@@ -188,28 +204,29 @@ def gather(
     crowd = larger[:, :m] | seen.crowd[None, :m]
     sizes = np.where(crowd, len(STEPS), smaller[:, :m] & within[:, :m]) * _meeting(expected, seen.blob_boxes, gates)
     known, names = seen.named
-    anchors = known.copy()
+    anchors = [known.copy() for _ in stages]
+    stage = np.repeat(np.arange(len(stages)), [len(s) for s in stages])
     fitting = np.asarray((np.abs(change[owner, source] - 1) <= p.crowd_change).all(axis=1))
     measured = Candidates(
         owner, seen.boxes[source], names[source], seen.blobs[source], np.ones(len(owner), bool), source,
-        (source < m) & ~several[source], fitting, len(anchors),
+        (source < m) & ~several[source], fitting, stage[owner], 0,
     )  # fmt: skip
-    hanging = _from_heads(seen, sizes, expected, alpha, gates, heads, anchors, p)
+    hanging = _from_heads(seen, sizes, stage, at, heads, anchors, p)
     found = measured if hanging is None else measured.beside(hanging)
-    return replace(found, rows=rows[found.rows], count=len(anchors))
+    return replace(found, rows=np.concatenate(stages)[found.rows]), [len(a) for a in anchors]
 
 
 def _from_heads(
     seen: Observed,
     sizes: Ints,
-    expected: Floats,
-    alpha: Floats,
-    gates: Floats,
+    stage: Rows,
+    at: Expected,
     heads: Heads,
-    anchors: Anchors,
+    anchors: Sequence[Anchors],
     p: PartsParameters,
 ) -> Candidates | None:
     """Candidates that hang from the heads in blobs, in so many ``sizes`` (T, M) of each target and blob, or none."""
+    expected = at.boxes
     places: list[tuple[int, int, float, float]] = []
     for t, b in np.argwhere(sizes).tolist():
         places += [(t, b, x, y) for x, y in heads.of(b, seen.blob_boxes[b], float(expected[t, 3]))]
@@ -218,22 +235,24 @@ def _from_heads(
     owners, blobs, x, y = zip(*places, strict=True)
     owner, blob = np.array(owners, np.intp), np.array(blobs, np.intp)
     top, size = np.stack([np.array(x), np.array(y)], axis=1), expected[owner, 2:]
-    plain = hung(top, size, alpha[owner])
-    middle, at = plain[:, :2] + plain[:, 2:] / 2, expected[owner, :2] + expected[owner, 2:] / 2
-    near = np.flatnonzero((np.abs(middle - at) <= gates[owner][:, None]).all(axis=1))
+    plain = hung(top, size, at.alpha[owner])
+    middle, last = plain[:, :2] + plain[:, 2:] / 2, expected[owner, :2] + expected[owner, 2:] / 2
+    near = np.flatnonzero((np.abs(middle - last) <= at.gates[owner][:, None]).all(axis=1))
     if not len(near):
         return None
-    tall = expected[owner[near], 3].tolist()
-    names = [anchors.at(ax, ay, h) for (ax, ay), h in zip(top[near].tolist(), tall, strict=True)]
-    times = sizes[owner[near], blob[near]]
+    who = owner[near]
+    found = zip(stage[who].tolist(), top[near].tolist(), expected[who, 3].tolist(), strict=True)
+    names = [anchors[k].at(tx, ty, height) for k, (tx, ty), height in found]
+    times = sizes[who, blob[near]]
     each = np.repeat(near, times)
     # The plain size first, alone or followed by the four others.
     step = STEPS[np.concatenate([np.arange(n) for n in times.tolist()])]
     n, no = len(each), np.zeros(len(each), bool)
-    boxes = hung(top[each], size[each] * (1 + p.size_step * step)[:, None], alpha[owner[each]])
+    boxes = hung(top[each], size[each] * (1 + p.size_step * step)[:, None], at.alpha[owner[each]])
     return Candidates(
-        owner[each], boxes, np.repeat(np.array(names, np.int64), times), blob[each] + 1, no, np.full(n, -1), no, no, 0
-    )
+        owner[each], boxes, np.repeat(np.array(names, np.int64), times), blob[each] + 1, no, np.full(n, -1), no, no,
+        stage[owner[each]], 0,
+    )  # fmt: skip
 
 
 def _meeting(expected: Floats, blobs: Floats, gates: Floats) -> NDArray[np.bool_]:

@@ -73,6 +73,18 @@ _COUNTS = np.array([r * c for r, c in SAMPLES], np.int64)
 _HSV_BINS, _XYZ_BINS = _bin_tables()
 
 
+class Room:
+    """Arrays of a picture's size, (width, height), that are used again from frame to frame.
+
+    Fresh ones are had from the system page by page, which takes longer than to fill them.
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        width, height = size
+        self.ones, self.spare = np.empty((2, height, width), np.uint8)
+        self.area, self.edge = np.empty((2, height + 1, width + 1), np.int32)
+
+
 class Pixels:
     """One frame's pixels, prepared for counting.
 
@@ -80,19 +92,29 @@ class Pixels:
         image: (H, W, 3) uint8 BGR, or None.
         mask: (H, W) uint8, 0 or 255, or None: everything counts as foreground, area and perimeter are not known.
         size: (width, height).
+        room: what is counted in; whoever gives the same for the next frame is through with this one.
     """
 
-    def __init__(self, image: Bytes | None, mask: Bytes | None, size: tuple[int, int]) -> None:
+    def __init__(
+        self, image: Bytes | None, mask: Bytes | None, size: tuple[int, int], room: Room | None = None
+    ) -> None:
         self.image, self.mask = image, mask
         self.width, self.height = size
         self._ends = np.array([*size, *size], np.float64)
         self.area: NDArray[np.int32] | None = None
         self.edge: NDArray[np.int32] | None = None
         if mask is not None:
-            ones = cv2.min(mask, np.ones_like(mask))
-            self.area = np.asarray(cv2.integral(ones, sdepth=cv2.CV_32S))
-            inner = cv2.erode(ones, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
-            self.edge = np.asarray(cv2.integral(cv2.subtract(ones, inner), sdepth=cv2.CV_32S))
+            self._room = room or Room(size)
+            ones, inner = np.minimum(mask, np.uint8(1), out=self._room.ones), self._room.spare
+            self.area = np.asarray(cv2.integral(ones, self._room.area, cv2.CV_32S))
+            cv2.erode(ones, np.ones((3, 3), np.uint8), inner, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+            self.edge = np.asarray(cv2.integral(cv2.subtract(ones, inner, inner), self._room.edge, cv2.CV_32S))
+
+    def copied_mask(self) -> Bytes:
+        """A copy of the mask to write into; the next call writes into it, too."""
+        assert self.mask is not None
+        np.copyto(self._room.spare, self.mask)
+        return self._room.spare
 
     def sums(self, integral: NDArray[np.int32], boxes: Floats) -> Ints:
         """Counts within boxes (..., 4) of the picture, (...,)."""
@@ -159,6 +181,13 @@ class Measured:
     displacement: Ints
     overlap: Ints
     known: NDArray[np.bool_]
+
+    def kept(self, keep: NDArray[np.bool_] | slice) -> Measured:
+        """Some of the candidates."""
+        return Measured(
+            self.foreground[keep], self.area[keep], self.perimeter[keep], self.colours[keep], self.coloured[keep],
+            self.displacement[keep], self.overlap[keep], self.known,
+        )  # fmt: skip
 
 
 def measure(pixels: Pixels, parts: Floats, expected: Floats, before: Floats, gate: Floats) -> Measured:
@@ -318,7 +347,7 @@ def differences(model: PartsModel, rows: Rows, m: Measured) -> Ints:
     out[:, :, PERIMETER] = np.abs(m.perimeter - model.perimeter[rows])
     apart = m.colours - model.colours[rows]
     np.abs(apart, out=apart)
-    apart = apart.reshape(len(rows), len(PARTS), 2, -1).sum(axis=3)
+    apart = apart.reshape(len(rows), len(PARTS), 2, CHANNELS // 2 * BINS).sum(axis=3)
     out[:, :, HSV : XYZ + 1] = np.where(m.coloured[:, :, None], apart * ONE // (6 * MASS), FURTHEST)
     out[:, :, DISPLACEMENT] = m.displacement
     out[:, :, OVERLAP] = np.abs(m.overlap - model.overlap[rows])

@@ -52,6 +52,7 @@ _HEAD_W, _HEAD_H = 0.12, HEAD
 """A head's ellipse, of the body's height."""
 _ELLIPSE = np.array([[0.7, 0.05, 0.2], [1.0, 0.2, 0.8], [0.7, 0.8, 0.95]])
 """An ellipse as three rectangles: width, top and bottom of each, of the head's."""
+_ELLIPSE_AREA = float((_ELLIPSE[:, 0] * (_ELLIPSE[:, 2] - _ELLIPSE[:, 1])).sum())
 _MIN_OCCUPANCY = 0.6
 CLEAR_PX = 12.0
 """Least height of a head whose colours and image can be told from what is around it: below, the silhouette alone."""
@@ -123,9 +124,9 @@ def _mixture(at: Floats, means: Floats, spreads: Floats, turn: float = 0.0) -> F
 
 @lru_cache(maxsize=1)
 def colour_table() -> Bytes:
-    """Whether a colour is hair's or skin's, (32, 32, 32) uint8 0 or 1, by blue, green and red over 8."""
+    """Whether a colour is hair's or skin's, (32, 32, 32) uint8 0 or 1, by red, green and blue over 8."""
     levels = (np.arange(_LEVELS) * 8 + 4).astype(np.uint8)
-    b, g, r = np.meshgrid(levels, levels, levels, indexing="ij")
+    r, g, b = np.meshgrid(levels, levels, levels, indexing="ij")
     colours = np.stack([b.ravel(), g.ravel(), r.ravel()], axis=1)
     return (likelihood(colours) > THRESHOLD).astype(np.uint8).reshape(_LEVELS, _LEVELS, _LEVELS)
 
@@ -171,19 +172,23 @@ def tops(part: Bytes, height: float) -> list[Head]:
     reach = max(1, round(0.5 * _HEAD_W * height))
     around = np.ones((1, 2 * reach + 1), np.uint8)
     lowest = cv2.erode(first.astype(np.float32)[None], around, borderType=cv2.BORDER_CONSTANT, borderValue=float(rows))
-    peak = np.zeros(len(first) + 2, np.int8)
-    peak[1:-1] = (first == lowest[0]) & (first < rows)
-    turns = np.diff(peak)
-    start, end = np.flatnonzero(turns > 0), np.flatnonzero(turns < 0)
+    peaks = np.flatnonzero((first == lowest[0]) & (first < rows)).tolist()
     # A plateau is one top, at its middle; a very long one is no head.
-    short = end - start <= 4 * reach
-    x, y = (start[short] + end[short]) / 2, first[start[short]].astype(np.float64)
-    if not len(x):
+    found = [((start + end) / 2, float(first[start])) for start, end in _runs(peaks) if end - start <= 4 * reach]
+    if not found:
         return []
     total = np.asarray(cv2.integral(part, sdepth=cv2.CV_32S), np.int32)
-    scores = _occupancy(total, x, y, height)
-    found = zip(x.tolist(), y.tolist(), scores.tolist(), strict=True)
-    return [Head(*head) for head in found if head[2] >= _MIN_OCCUPANCY]
+    x, y = np.array(found).T
+    scores = _occupancy(total, x, y, height).tolist()
+    return [Head(*top, score) for top, score in zip(found, scores, strict=True) if score >= _MIN_OCCUPANCY]
+
+
+def _runs(rising: Sequence[int]) -> list[tuple[int, int]]:
+    """Runs of integers that follow one another, as first and one past the last."""
+    out: list[tuple[int, int]] = []
+    for k in rising:
+        out.append((out.pop()[0] if out and out[-1][1] == k else k, k + 1))
+    return out
 
 
 def coloured(image: Bytes, part: Bytes, height: float) -> list[Head]:
@@ -192,8 +197,9 @@ def coloured(image: Bytes, part: Bytes, height: float) -> list[Head]:
     Ellipses of a head's size are laid everywhere, two pixels apart; one is a head if it is full of such colours and
     the places beside and above it are not.
     """
-    small = image >> 3
-    hits = colour_table()[small[:, :, 0], small[:, :, 1], small[:, :, 2]] & part
+    # Five bits of each of red, green and blue, the highest first.
+    colours = cv2.cvtColor(image, cv2.COLOR_BGR2BGR555).view(np.uint16)[:, :, 0]
+    hits = colour_table().take(colours) & part
     side = max(1, round(0.03 * height)) * 2 + 1
     closed = cv2.morphologyEx(hits, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
     total = np.asarray(cv2.integral(closed, sdepth=cv2.CV_32S), np.int32)
@@ -204,9 +210,11 @@ def coloured(image: Bytes, part: Bytes, height: float) -> list[Head]:
     y: Floats = np.asarray(middle_y * step + 0.5 - high / 2, np.float64)
     inside = _occupancy(total, x, y, height)
     full = inside >= _MIN_COLOURED
+    if not full.any():
+        return []
     x, y, inside = x[full], y[full], inside[full]
-    beside = np.maximum(_occupancy(total, x - wide, y, height), _occupancy(total, x + wide, y, height))
-    beside = np.maximum(beside, _occupancy(total, x, y - high, height))
+    left_right_above = np.concatenate([x - wide, x + wide, x]), np.concatenate([y, y, y - high])
+    beside = _occupancy(total, *left_right_above, height).reshape(3, -1).max(axis=0)
     score = 0.9 * (inside - 0.5 * beside)
     good = np.flatnonzero(beside <= _MAX_BESIDE)
     order = good[np.argsort(-score[good], kind="stable")]
@@ -218,15 +226,17 @@ def _occupancy(total: NDArray[np.int32], x: Floats, y: Floats, height: float) ->
     """Share of the ellipses hung from tops (x, y), (N,) each, that is set."""
     w, h = _HEAD_W * height, _HEAD_H * height
     rows, columns = total.shape[0] - 1, total.shape[1] - 1
-    wide, low, high = (_ELLIPSE[:, k, None] for k in range(3))
-    half = wide * w / 2
-    across = np.rint(np.stack([x - half, x + half]))
-    down = np.rint(np.stack([y + low * h, y + high * h]))
-    x1, x2 = np.minimum(np.maximum(across, 0), columns).astype(np.intp)
-    y1, y2 = np.minimum(np.maximum(down, 0), rows).astype(np.intp) * (columns + 1)
+    half, ends = _ELLIPSE[:, :1] * w / 2, np.empty((4, len(_ELLIPSE), len(x)))
+    ends[0], ends[1], ends[2], ends[3] = x - half, y + _ELLIPSE[:, 1:2] * h, x + half, y + _ELLIPSE[:, 2:] * h
+    np.rint(ends, out=ends)
+    np.maximum(ends, 0, out=ends)
+    np.minimum(ends, np.array([columns, rows, columns, rows], np.float64)[:, None, None], out=ends)
+    at = ends.astype(np.intp)
+    at[1::2] *= columns + 1
+    x1, y1, x2, y2 = at
     flat = total.ravel()
     count = (flat.take(y2 + x2) - flat.take(y1 + x2) - flat.take(y2 + x1) + flat.take(y1 + x1)).sum(axis=0)
-    area = float((wide * (high - low)).sum()) * w * h
+    area = _ELLIPSE_AREA * w * h
     return np.asarray(np.minimum(count / max(area, 1.0), 1.0))
 
 

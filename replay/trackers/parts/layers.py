@@ -51,6 +51,13 @@ class Scored:
     foreground: Floats
     empty: Bools
 
+    def kept(self, keep: NDArray[np.bool_] | slice, count: int | None = None) -> Scored:
+        """Some of them, of ``count`` anchors (default: as many as before)."""
+        return Scored(
+            self.candidates.kept(keep, count), self.measured.kept(keep), self.parts[keep], self.rectangles[keep],
+            self.foreground[keep], self.empty[keep],
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Match:
@@ -108,9 +115,11 @@ class Association:
         gone = self._s.empty & self._s.candidates.fitting[:, None]
         hidden = self._hidden(where, taken)
         matches = self._assign(rows, self._scorer.whole(self._s.parts, hidden | gone, self._hidden_score), hidden)
+        # Where nothing else is hidden than before, as where nobody else takes part, a second time would be the same.
+        if len(rows) == 1:
+            return matches
         before, hidden = hidden, self._hidden({**where, **{m.row: m.box for m in matches}}, taken)
         if np.array_equal(before, hidden):
-            # The second time would be as the first.
             return matches
         return self._assign(rows, self._scorer.whole(self._s.parts, hidden | gone, self._hidden_score), hidden)
 

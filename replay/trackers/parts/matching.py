@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from recorders.messages import Box, Mode, Notice
 from replay.trackers.association import intersection, iou, iou_of_pairs
-from replay.trackers.parts.candidates import Candidates, Heads, Observed, gather
-from replay.trackers.parts.features import AREA, DISPLACEMENT, OVERLAP, Measured, Pixels, differences, measure
+from replay.trackers.parts.candidates import Candidates, Expected, Heads, Observed, gather
+from replay.trackers.parts.features import AREA, DISPLACEMENT, Measured, Pixels, Room, differences, measure
 from replay.trackers.parts.heads import CLEAR_PX, HeadDetector
 from replay.trackers.parts.layers import NEARER, Association, Match, Scored, trunks
 from replay.trackers.parts.parameters import PartsParameters
@@ -32,11 +32,18 @@ class Matching:
     """Matches the targets of one frame and updates them."""
 
     def __init__(
-        self, scene: SceneInfo, frame: Frame, seen: Observed, targets: Targets, p: PartsParameters, dt: float
+        self,
+        scene: SceneInfo,
+        frame: Frame,
+        seen: Observed,
+        targets: Targets,
+        p: PartsParameters,
+        dt: float,
+        room: Room | None,
     ) -> None:
         self._scene, self._frame, self._seen, self._targets, self._p = scene, frame, seen, targets, p
         mask = frame.mask if scene.has_masks else None
-        self._pixels = Pixels(None, mask, (scene.width, scene.height))
+        self._pixels = Pixels(None, mask, (scene.width, scene.height), room)
         self._expected = targets.expected()
         self._gates = targets.gates(dt)
         self._before = targets.boxes.copy()
@@ -50,16 +57,17 @@ class Matching:
         self._scorer = scorer
         use = self._p.use_heads and self._scene.has_masks
         self._heads = Heads(find_heads if use else None, self._image, self._pixels.mask)
-        self._alone(np.flatnonzero(~lost))
-        for rows in (~tentative & ~lost, tentative):
-            free = np.array([not t.observed for t in items], bool)
-            chosen = np.flatnonzero(rows & free)
-            if len(chosen):
-                self._contested(chosen, back=False, notices=notices)
-        self._standing(np.flatnonzero(~tentative & ~lost))
+        learnt, boxes = self._alone(np.flatnonzero(~lost))
+        free = ~np.array([t.observed for t in items], bool)
         # The lost one by one, in the order of their birth: each may be another of those who have appeared since.
-        for row in np.flatnonzero(~tentative & lost).tolist():
-            self._contested(np.array([row], np.intp), back=True, notices=notices)
+        back = np.flatnonzero(~tentative & lost)
+        stages = [np.flatnonzero(~tentative & ~lost & free), np.flatnonzero(tentative & free), *back[:, None]]
+        sure, new, *returned = self._evaluate(stages, back, learnt, boxes)
+        self._contested(stages[0], sure, notices)
+        self._contested(stages[1], new, notices)
+        self._standing(stages[0])
+        for rows, found in zip(stages[2:], returned, strict=True):
+            self._contested(rows, found, notices)
         self._hide()
 
     def gates(self) -> list[Box]:
@@ -75,11 +83,15 @@ class Matching:
             self._pixels.image = self._frame.image
         return self._pixels.image
 
-    def _alone(self, rows: Rows) -> None:
-        """Targets whose blob is theirs alone and of their size: taken as measured, their parts learnt when due."""
+    def _alone(self, rows: Rows) -> tuple[Rows, Floats]:
+        """Targets whose blob is theirs alone and of their size: taken as measured.
+
+        Returns:
+            Those whose parts have to be learnt again, (M,), and their boxes, (M, 4).
+        """
         blobs = self._seen.blob_boxes
         if not len(rows) or not len(blobs):
-            return
+            return np.zeros(0, np.intp), np.zeros((0, 4))
         at = self._expected[rows]
         linked = self._links(at, blobs) >= LINKED_SHARE * np.maximum(at[:, 2] * at[:, 3], 1.0)[:, None]
         lone = np.flatnonzero(linked.sum(axis=1) == 1)
@@ -91,21 +103,18 @@ class Matching:
         fits &= (change >= 1 - self._p.occlusion).all(axis=1) & (away <= self._gates[rows[lone]])
         fits &= (linked.sum(axis=0)[theirs] == 1) & (self._seen.held[theirs + 1] <= 1)
         found, theirs = rows[lone[fits]], theirs[fits]
-        if not len(found):
-            return
         self._observe(
             found, blobs[theirs], theirs + 1, ["motion"] * len(found), [None] * len(found), self._seen.centroids[theirs]
         )
         now = self._frame.time_ns
-        due = []
+        due = np.zeros(len(found), bool)
         for k, row in enumerate(found.tolist()):
             item = self._targets.items[row]
             item.matched_ns = now
             if (now - item.learnt_ns) * 1e-9 >= self._p.learn_s or item.learnt_ns < 0:
                 item.learnt_ns = now
-                due.append(k)
-        if due:
-            self._learn(found[due], blobs[theirs[due]])
+                due[k] = True
+        return found[due], blobs[theirs[due]]
 
     def _links(self, boxes: Floats, blobs: Floats) -> Floats:
         """Foreground pixels of each blob's box within each box, (N, M)."""
@@ -147,8 +156,8 @@ class Matching:
         parts, before, expected = every.reshape(3, len(rows), *every.shape[1:])
         return measure(self._pixels, parts, expected, before, np.maximum(self._gates[rows], 1.0)), parts
 
-    def _learn(self, rows: Rows, boxes: Floats) -> None:
-        m, _ = self._measure(rows, boxes)
+    def _learn(self, rows: Rows, boxes: Floats, m: Measured) -> None:
+        """Learn the parts of targets (M,) that are alone in their boxes (M, 4)."""
         scores = self._scorer.parts(differences(self._targets.model, rows, m), m.known)
         # A part that does not match is learnt too, slowly: nobody else is there whom it might belong to.
         least = np.maximum(scores, round(0.3 * FULL))
@@ -171,40 +180,66 @@ class Matching:
         self._learn_heads(rows, targets.boxes[rows])
 
     def _learn_heads(self, rows: Rows, boxes: Floats) -> None:
-        """Keep the images of heads that are seen free."""
-        image = self._image()
+        """Keep the images of heads that are seen free and are large enough to be told by them."""
+        clear = HEAD * boxes[:, 3] >= CLEAR_PX
+        image = self._image() if clear.any() else None
         if image is None:
             return
+        rows, boxes = rows[clear], boxes[clear]
         tops = np.stack([boxes[:, 0] + self._targets.alpha[rows] * boxes[:, 2], boxes[:, 1]], axis=1)
         seen, whole = patches(image, tops, HEAD * boxes[:, 3])
         self._targets.template[rows[whole]] = seen[whole]
         self._targets.has_template[rows[whole]] = True
 
-    def _contested(self, rows: Rows, back: bool, notices: list[Notice]) -> None:
-        """Layered association of some targets among the candidates that are left."""
-        targets = self._targets
-        taken = self._taken()
-        found = gather(
-            self._seen, rows, self._expected[rows], targets.alpha[rows], self._gates[rows], self._heads, self._p
-        )
-        found = self._free(found, taken)
-        if not len(found.rows):
-            return
-        m, parts = self._measure(found.rows, found.boxes)
-        known = m.known.copy()
+    def _evaluate(self, stages: list[Rows], back: Rows, learnt: Rows, boxes: Floats) -> list[Scored | None]:
+        """Measure all that has to be compared in this frame, at once; learn the parts of those who are alone.
+
+        Args:
+            stages: targets that are associated together.
+            back: targets that were lost: place and overlap tell nothing of them.
+            learnt: (M,) targets to be learnt, in ``boxes`` (M, 4).
+            boxes: see ``learnt``.
+
+        Returns:
+            The candidates of each stage with their scores, None where there are none at all.
+        """
+        targets, rows = self._targets, np.concatenate(stages)
+        if not len(rows):
+            if len(learnt):
+                self._learn(learnt, boxes, self._measure(learnt, boxes)[0])
+            return [None] * len(stages)
+        at = Expected(self._expected[rows], targets.alpha[rows], self._gates[rows])
+        found, counts = gather(self._seen, stages, at, self._heads, self._p)
+        both, parts = self._measure(np.concatenate([learnt, found.rows]), np.concatenate([boxes, found.boxes]))
+        if len(learnt):
+            self._learn(learnt, boxes, both.kept(slice(len(learnt))))
+        m, parts = both.kept(slice(len(learnt), None)), parts[len(learnt) :]
+        known = np.repeat(m.known[None], len(found.rows), axis=0)
         if not self._p.use_parts:
-            known[AREA:4] = False
-        if back:
-            known[4 : OVERLAP + 1] = not known[:4].any()
+            known[:, AREA:DISPLACEMENT] = False
+        known[np.isin(found.rows, back), DISPLACEMENT:] = not known[:1, :DISPLACEMENT].any()
         scores = self._scorer.parts(differences(targets.model, found.rows, m), known)
         if not m.known[:DISPLACEMENT].any():
             scores[:] = self._by_place(found)[:, None]
         filled = m.foreground.astype(np.float64) if m.known[AREA] else parts[..., 2] * parts[..., 3]
         scored = Scored(found, m, scores, parts, filled, self._empty(found.rows, m))
+        ends = np.searchsorted(found.stage, np.arange(len(stages) + 1)).tolist()
+        return [scored.kept(slice(*ends[k : k + 2]), count) for k, count in enumerate(counts)]
+
+    def _contested(self, rows: Rows, found: Scored | None, notices: list[Notice]) -> None:
+        """Layered association of some targets among their candidates that nobody has taken."""
+        if found is None or not len(found.parts):
+            return
+        taken = self._taken()
+        if len(taken):
+            free = iou(found.candidates.boxes, taken).max(axis=1) < 0.6
+            if not free.any():
+                return
+            found = found.kept(free)
         pruner = self._refine if self._p.use_pruning and self._scene.has_images else None
-        matches = Association(scored, self._scorer, self._p, pruner).solve(rows, self._expected[rows], taken)
+        matches = Association(found, self._scorer, self._p, pruner).solve(rows, self._expected[rows], taken)
         if matches:
-            self._take(matches, scored, notices)
+            self._take(matches, found, notices)
 
     def _empty(self, rows: Rows, m: Measured) -> NDArray[np.bool_]:
         """Where a part should be is hardly any foreground: hidden by things that nobody tracks, (N, 5)."""
@@ -224,12 +259,6 @@ class Matching:
     def _taken(self) -> Floats:
         """Boxes of the targets that have been placed."""
         return self._targets.boxes[[k for k, t in enumerate(self._targets.items) if t.observed]]
-
-    def _free(self, found: Candidates, taken: Floats) -> Candidates:
-        """The candidates that nobody has taken."""
-        if not len(taken) or not len(found.rows):
-            return found
-        return found.kept(iou(found.boxes, taken).max(axis=1) < 0.6)
 
     def _refine(self, row: int, box: Floats, reach: float) -> Floats | None:
         """The box with the head where its image fits best."""
@@ -328,7 +357,7 @@ class Matching:
         if self._pixels.mask is None:
             share = intersection(boxes, taken) / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)[:, None]
             return np.asarray(1.0 - np.minimum(share.max(axis=1, initial=0.0), 1.0))
-        rest = self._pixels.mask.copy()
+        rest = self._pixels.copied_mask()
         for x, y, w, h in taken.tolist():
             x1, y1 = max(0, round(x - 0.1 * w)), max(0, round(y - 0.05 * h))
             rest[y1 : max(0, round(y + 1.05 * h)), x1 : max(0, round(x + 1.1 * w))] = 0

@@ -71,12 +71,12 @@ def covered(parts: Floats, boxes: Floats, nearer: NDArray[np.bool_]) -> Floats:
         boxes: (M, 4) the others.
         nearer: (N, M) whether the other stands in front of whom the parts belong to.
     """
-    n, m = nearer.shape
-    if not n or not m:
-        return np.zeros((n, 5))
+    if not nearer.any():
+        return np.zeros((len(parts), parts.shape[1]))
     p, b = parts[:, :, None, :], boxes[None, None, :, :]
-    wide = np.minimum(p[..., 0] + p[..., 2], b[..., 0] + b[..., 2]) - np.maximum(p[..., 0], b[..., 0])
-    high = np.minimum(p[..., 1] + p[..., 3], b[..., 1] + b[..., 3]) - np.maximum(p[..., 1], b[..., 1])
-    meet = np.maximum(wide, 0.0) * np.maximum(high, 0.0) * nearer[:, None, :]
+    meet = np.minimum(p[..., :2] + p[..., 2:], b[..., :2] + b[..., 2:])
+    meet -= np.maximum(p[..., :2], b[..., :2])
+    np.maximum(meet, 0.0, out=meet)
+    both = meet[..., 0] * meet[..., 1] * nearer[:, None, :]
     area = np.maximum(parts[..., 2] * parts[..., 3], 1e-9)
-    return np.asarray(np.minimum(meet.sum(axis=2) / area, 1.0))
+    return np.asarray(np.minimum(both.sum(axis=2) / area, 1.0))

@@ -183,11 +183,11 @@ class Scorer:
 
         Args:
             differences: (N, 5, 6) as `features.differences` gives them.
-            known: (6,) features that were measured; the others' weights fall to these.
+            known: (6,), or (N, 6), features that were measured; the others' weights fall to these.
         """
         scores = self._by_part.take(differences + _TABLES)
-        omega = self.omega * known
-        return np.asarray((scores * omega).sum(axis=2) // max(1, int(omega.sum())))
+        omega = (self.omega * known).reshape(-1, 1, len(FEATURES))
+        return np.asarray((scores * omega).sum(axis=2) // np.maximum(omega.sum(axis=2), 1))
 
     def whole(self, parts: Ints, hidden: NDArray[np.bool_], hidden_score: int) -> Ints:
         """Global scores p = sum_j gamma_j p_j, eq. 13, (N,); hidden parts (N, 5) count ``hidden_score``."""

@@ -19,6 +19,7 @@ from recorders.messages import Targets as Answers
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.parts.beginning import Beginning, parse_init
 from replay.trackers.parts.candidates import observe
+from replay.trackers.parts.features import Room
 from replay.trackers.parts.heads import ColourShapeHeads, HeadDetector
 from replay.trackers.parts.matching import Matching
 from replay.trackers.parts.parameters import PartsParameters
@@ -66,6 +67,7 @@ class PartsTracker:
         self._targets = Targets(parameters)
         self._next_ids = (1, BYSTANDERS)
         self._time_ns: int | None = None
+        self._room = Room((scene.width, scene.height)) if scene.has_masks else None
 
     def step(self, frame: Frame) -> Answers:
         """Take the next frame, answer with all targets, by id."""
@@ -79,7 +81,9 @@ class PartsTracker:
         for item in targets.items:
             item.begin_frame()
         seen = observe(frame.detections)
-        matching = Matching(self._scene, frame, seen, targets, self._p, dt if dt > 0 else self._scene.frame_ns * NS)
+        matching = Matching(
+            self._scene, frame, seen, targets, self._p, dt if dt > 0 else self._scene.frame_ns * NS, self._room
+        )
         gates = {item.id: gate for item, gate in zip(targets.items, matching.gates(), strict=True) if item.told}
         matching.run(self._scorer, self._find_heads, notices)
         begin = Beginning(self._p, targets)

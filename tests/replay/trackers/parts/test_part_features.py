@@ -14,7 +14,7 @@ from replay.trackers.parts.features import FURTHEST, MASS, ONE, PartsModel, Pixe
 from replay.trackers.parts.heads import CLEAR_PX, HEAD, ColourShapeHeads, colour_table, likelihood
 from replay.trackers.parts.regions import PARTS, alpha_of, beta_of, covered, hung, parts_of
 from replay.trackers.parts.scoring import FULL, PartFeatures, Scorer, density, tabulated
-from replay.trackers.parts.template import SIDE, distance, patches, refine
+from replay.trackers.parts.template import SIDE, distances, patches, refine
 
 BOX = np.array([[40.0, 20.0, 28.0, 70.0]])
 
@@ -199,4 +199,14 @@ def test_a_head_is_found_again_by_its_image() -> None:
     assert whole.all()
     assert template.shape == (1, SIDE * SIDE, 3)
     assert refine(image, template[0], (104.0, 57.0), 12.0, 8.0) == ((100.0, 60.0), 0)
-    assert distance(image, template[0], np.array([[-50.0, -50.0]]), 12.0).tolist() == [255]
+    assert distances(image, template[0], np.array([-50.0]), np.array([-50.0]), 12.0).tolist() == [[255]]
+
+
+def test_the_search_for_a_head_compares_every_patch() -> None:
+    image = generate("pass_by", seed=3).image(60)
+    (template,), _ = patches(image, np.array([[100.0, 60.0]]), np.array([13.0]))
+    x, y = np.array([97.3, 98.3, 104.0]), np.array([55.5, 61.25])
+    seen, whole = patches(image, np.array([(a, b) for b in y for a in x]), np.full(6, 13.0))
+    assert whole.all()
+    apart = np.abs(seen.astype(np.int64) - template).sum(axis=(1, 2)) // template.size
+    assert distances(image, template, x, y, 13.0).tolist() == apart.reshape(2, 3).tolist()

@@ -36,7 +36,7 @@ def associate(pairs: list[Pair], refine: Refine | None = None, **changes: float)
     no = np.zeros(n, bool)
     candidates = Candidates(
         np.array([t for t, *_ in pairs]), boxes, np.array([a for _, a, *_ in pairs]), np.ones(n, np.int64), no,
-        np.full(n, -1), no, no, 1 + max(a for _, a, *_ in pairs),
+        np.full(n, -1), no, no, np.zeros(n, np.intp), 1 + max(a for _, a, *_ in pairs),
     )  # fmt: skip
     scores = np.repeat(np.array([[round(s * FULL)] for *_, s in pairs]), 5, axis=1)
     filled = rectangles[..., 2] * rectangles[..., 3]
