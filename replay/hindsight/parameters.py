@@ -18,7 +18,13 @@ class HindsightParameters(Parameters):
     appearance_weight: float = param(2.0, "cost of entirely different colours", low=0.0, high=100.0)
     gap_weight: float = param(0.1, "cost of a second without any sighting", unit="1/s", low=0.0, high=100.0)
     fill_s: float = param(3.0, "longest gap that is filled with a path", unit="s", low=0.0, high=60.0)
-    min_life_s: float = param(0.8, "a path shorter than this is dropped", unit="s", low=0.0, high=60.0)
+    min_life_s: float = param(
+        0.8,
+        "a path shorter than this (half of it where the recording cuts it off) is dropped",
+        unit="s",
+        low=0.0,
+        high=60.0,
+    )
     min_support: float = param(0.3, "least share of frames with an observation", low=0.0, high=1.0)
     min_size: float = param(
         0.5,

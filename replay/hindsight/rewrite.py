@@ -27,6 +27,8 @@ from replay.hindsight.joining import Join, join
 from replay.hindsight.parameters import HindsightParameters
 from replay.hindsight.smoothing import filtered
 
+_CUT_OFF = 0.5
+"""Share of the least life that a path needs which a recording's start or end cut off."""
 _BLOCK = 64
 _CALM = ((1.0, 0.25), (1.0, 1.0), (1.0, 4.0), (1.0, 16.0), (1.0, 64.0))
 """Times the variances of measurement and acceleration."""
@@ -92,7 +94,7 @@ def rewrite(
     fragments = gather(_noting(targets(), exchanges), times)
     if exchanges:
         fragments = gather(undone(targets(), exchanges), times)
-    lives = _lives(fragments, join(fragments, p), p, scene)
+    lives = _lives(fragments, join(fragments, p), p, scene, times)
     del fragments  # and with them those of dropped paths
     if names is not None:
         names.update((k, lives[k].id) for k in sorted(lives))
@@ -106,7 +108,7 @@ def _noting(stream: Iterable[Targets], exchanges: list[Exchange]) -> Iterator[Ta
 
 
 def _lives(
-    fragments: dict[int, Fragment], joins: list[Join], p: HindsightParameters, scene: SceneInfo
+    fragments: dict[int, Fragment], joins: list[Join], p: HindsightParameters, scene: SceneInfo, times: Sequence[int]
 ) -> dict[int, _Life]:
     """Every forward id's life; ids of dropped paths are left out. A life has the id of its first fragment."""
     followed = {j.later: j for j in joins}
@@ -124,13 +126,15 @@ def _lives(
         seconds = (last.time_ns - first.time_ns + scene.frame_ns) * 1e-9
         frames = sum(f.last.at - f.first.at + 1 for f in parts)
         hits = sum(f.hits for f in parts)
-        if not parts[0].told or seconds < p.min_life_s or hits < p.min_support * frames:
+        # Who is there in the first or the last frame was cut off by the recording, and lived longer than is seen.
+        least = p.min_life_s * (_CUT_OFF if first.at == 0 or last.at == len(times) - 1 else 1.0)
+        if not parts[0].told or seconds < least or hits < p.min_support * frames:
             continue
         if math.fsum(f.sizes for f in parts) < smallest * hits:
             continue
         life = _Life(identity, parts, [followed[k] for k in chain if k in followed], first.at, last.at)
         life.why = {
-            "life_s": seconds, "life_s_at_least": p.min_life_s,
+            "life_s": seconds, "life_s_at_least": least,
             "support": hits / frames, "support_at_least": p.min_support,
         }  # fmt: skip
         for f in parts:

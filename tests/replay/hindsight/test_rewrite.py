@@ -78,7 +78,7 @@ def test_fragments_are_joined_and_the_gap_is_filled_on_the_path() -> None:
     assert notice.evidence["cost"] < notice.evidence["cost_under"] == p.join_cost
     assert notice.evidence["gap_s"] <= notice.evidence["gap_s_at_most"] == p.join_s
     [(_, first)] = _notices(out, "track_confirmed")
-    assert first.evidence["life_s"] >= first.evidence["life_s_at_least"] == p.min_life_s
+    assert first.evidence["life_s"] >= first.evidence["life_s_at_least"] == p.min_life_s / 2, "there from the start"
     assert first.evidence["support"] == pytest.approx(48 / 48)
     assert first.evidence["support_at_least"] == p.min_support
 
@@ -143,6 +143,18 @@ def test_short_and_tiny_paths_are_dropped_unless_asked_for() -> None:
         9,
         10,
     }
+
+
+@pytest.mark.parametrize(("frames", "kept"), [(range(55, 60), True), (range(5), True), (range(54, 59), False)])
+def test_a_path_that_the_recording_cuts_off_is_dropped_at_half_the_length(frames: range, kept: bool) -> None:
+    scene = [
+        Targets(t.frame, [*t.targets, _target(9, t.frame, 400.0)] if t.frame in frames else t.targets)
+        for t in _walk(60, range(0))
+    ]
+    assert {t.id for f in _run(scene) for t in f.targets} == ({2, 9} if kept else {2})
+    cut = frames[:3] if frames.start == 0 else frames[-3:]
+    shorter = [Targets(t.frame, [x for x in t.targets if x.id != 9 or t.frame in cut]) for t in scene]
+    assert {t.id for f in _run(shorter) for t in f.targets} == {2}
 
 
 def test_noise_is_smoothed_and_speed_comes_with_it() -> None:
