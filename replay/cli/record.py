@@ -39,6 +39,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "--detect", metavar="METHOD",
         help="motion, density, threshold or none: how to find what is in the pictures; default motion, with "
         "--detections none (a method beside --detections gives masks, and each detection the blob that it lies in). "
+        "threshold is for animals on an even ground, darker or lighter than it: it finds those that sit still, too. "
         "density is the SHELLS paper's own: kernel densities of background and foreground, at about twice the time",
     )  # fmt: skip
     p.add_argument(
