@@ -22,12 +22,12 @@ _MOST = 1.2
 class Depth:
     """Asked for claimants by row, once their pixels are assigned."""
 
-    def __init__(self, who: Claimants, owner: NDArray[np.uint8], cut: Cut) -> None:
+    def __init__(self, who: Claimants, owner: NDArray[np.uint16], cut: Cut) -> None:
         """Prepare.
 
         Args:
             who: the N claimants at their places.
-            owner: (H, W) uint8, 0 for nobody, k + 1 for claimant k.
+            owner: (H, W) uint16, 0 for nobody, k + 1 for claimant k.
             cut: the pixels, (H, W).
         """
         self._who = who

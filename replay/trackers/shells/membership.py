@@ -45,12 +45,12 @@ class Members:
     """The answer.
 
     Attributes:
-        owner: (H, W) uint8, 0 for nobody, k + 1 for claimant k.
+        owner: (H, W) uint16, 0 for nobody, k + 1 for claimant k.
         counts: (N,) owned pixels, or with ``soft`` sums of shares. The owners are the hard rule's in either case.
         means: (N, 2) E[P_k] in the picture, pixel centres at integers + 0.5; nan without pixels.
     """
 
-    owner: NDArray[np.uint8]
+    owner: NDArray[np.uint16]
     counts: Floats
     means: Floats
 
@@ -121,7 +121,7 @@ def assign_pixels(who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParamete
     n = len(who.boxes)
     best = np.full(cut.own.size, _NEVER)
     second = np.full(cut.own.size, _NEVER)
-    owner = np.zeros(cut.own.size, np.uint8)
+    owner = np.zeros(cut.own.size, np.uint16)
     scores: list[tuple[Floats, Places]] = []
     for k in range(n):
         mine, at = score(k, who, cut, bins, p)
@@ -142,7 +142,7 @@ def assign_pixels(who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParamete
     return Members(image, counts, means)
 
 
-def moments(owner: NDArray[np.uint8], n: int, cut: Cut) -> tuple[Floats, Floats]:
+def moments(owner: NDArray[np.uint16], n: int, cut: Cut) -> tuple[Floats, Floats]:
     """Pixels (n,) and means (n, 2) of owners 1 to n."""
     at = np.flatnonzero(owner)
     ys = at // owner.shape[1]
@@ -155,7 +155,7 @@ def moments(owner: NDArray[np.uint8], n: int, cut: Cut) -> tuple[Floats, Floats]
     return counts, np.asarray(means)
 
 
-def _soft(owner: NDArray[np.uint8], best: Floats, scores: list[tuple[Floats, Places]], cut: Cut) -> Members:
+def _soft(owner: NDArray[np.uint16], best: Floats, scores: list[tuple[Floats, Places]], cut: Cut) -> Members:
     """Counts and means from shares P(c|p) in place of whole pixels."""
     total = np.zeros(best.shape)
     shares = [np.exp(mine - best[at]) for mine, at in scores]

@@ -33,14 +33,17 @@ _UNEXPLAINED = -2.2
 _ACROSS = 12
 """Cells across the smallest object's size: the search's resolution."""
 SWEEPS = 2
+_AT_ONCE = 4 << 20
+"""Cells of windows held at a time, as far as one row of places allows: memory must not grow with the search."""
 
 
 @dataclass(slots=True)
 class _Piece:
-    """An object on the search's grid: log mask, what is needed to explain a cell and what background below it costs
-    in units, place of its top left cell.
+    """An object on the search's grid: what its colours tell, log mask, what is needed to explain a cell and what
+    background below it costs in units, place of its top left cell.
     """
 
+    tells: Floats | None
     log: Floats
     need: Bytes
     gap: Bytes
@@ -68,23 +71,20 @@ def place(
     own = cut.own[::step, ::step]
     empty = np.where(cut.empty[::step, ::step], np.uint8(255), np.uint8(0))
     coarse = None if bins is None else bins[::step, ::step]
-    gains = [_gain(table, own, coarse) for table in who.tells]
     pieces = [_piece(who, k, cut, step) for k in range(len(who.boxes))]
     floor = np.where(own, _UNEXPLAINED, 0.0)
     for sweep in range(SWEEPS):
         for k in order:
-            others = floor.copy()
+            reached, stride = _span(who, k, reach, step, sweep)
+            area = _within(pieces[k], reached, own.shape)
+            if area is None:
+                continue
+            others = floor[area].copy()
             for j, piece in enumerate(pieces):
                 if j != k:
-                    _explain(others, piece, gains[j])
-            _move(
-                pieces[k],
-                np.where(own, _units(gains[k] - others), np.uint8(0)),
-                empty,
-                _span(who, k, reach, step, sweep),
-                reach[k] / step,
-                p,
-            )
+                    _explain(others, (area[0].start, area[1].start), piece, coarse)
+            gained = np.where(own[area], _units(_gain(pieces[k], coarse, area) - others), np.uint8(0))
+            _move(pieces[k], gained, empty[area], (area[0].start, area[1].start), stride, reach[k] / step, p)
     out = who.boxes.copy()
     for k, piece in enumerate(pieces):
         out[k, 0] += (piece.left - piece.home[1]) * step
@@ -92,9 +92,11 @@ def place(
     return out
 
 
-def _gain(table: Floats | None, own: NDArray[np.bool_], bins: Bins | None) -> Floats:
-    """Log likelihood ratio of every cell's colour."""
-    return np.zeros(own.shape) if table is None or bins is None else table[bins]
+def _gain(piece: _Piece, bins: Bins | None, area: tuple[slice, slice]) -> Floats:
+    """Log likelihood ratio of every cell's colour within an area."""
+    if piece.tells is None or bins is None:
+        return np.zeros((area[0].stop - area[0].start, area[1].stop - area[1].start))
+    return np.asarray(piece.tells[bins[area]])
 
 
 def _piece(who: Claimants, k: int, cut: Cut, step: int) -> _Piece:
@@ -106,7 +108,7 @@ def _piece(who: Claimants, k: int, cut: Cut, step: int) -> _Piece:
     gap = -np.log(np.maximum(1.0 - np.exp(log), 0.03))
     top, left = round((y - cut.top) / step), round((x - cut.left) / step)
     worth = float((log - _UNEXPLAINED)[log > _UNEXPLAINED].sum())
-    return _Piece(log, _units(-log), _units(gap), top, left, (top, left), max(worth, 1.0))
+    return _Piece(who.tells[k], log, _units(-log), _units(gap), top, left, (top, left), max(worth, 1.0))
 
 
 def _units(values: Floats) -> Bytes:
@@ -120,47 +122,76 @@ def _units(values: Floats) -> Bytes:
 def _span(who: Claimants, k: int, reach: Floats, step: int, sweep: int) -> tuple[int, int]:
     """How far (cells) the search goes, and its stride: widely first, then closely around what was found."""
     size = float(np.sqrt(max(1.0, who.boxes[k, 2] * who.boxes[k, 3])))
+    # Of an object far larger than the smallest, places as far apart as its own size warrants.
+    stride = max(2, int(size / step / _ACROSS))
     if sweep:
-        return 2, 1
+        return stride, max(1, stride // 2)
     span = min(max(2.0 * float(reach[k]), 0.25 * size), max(0.7 * size, 1.5 * float(reach[k])))
-    return max(2, 2 * round(span / step / 2)), 2
+    return max(stride, stride * round(span / step / stride)), stride
 
 
-def _explain(others: Floats, piece: _Piece, gain: Floats) -> None:
-    """Raise the explanation of the cells under a piece to its own."""
-    height, width = others.shape
-    rows, columns = piece.log.shape
-    a, b = max(0, piece.top), max(0, piece.left)
-    c, d = min(height, piece.top + rows), min(width, piece.left + columns)
-    if c > a and d > b:
-        part = others[a:c, b:d]
-        mine = piece.log[a - piece.top : c - piece.top, b - piece.left : d - piece.left]
-        np.maximum(part, mine + gain[a:c, b:d], out=part)
-
-
-def _move(piece: _Piece, free: Bytes, empty: Bytes, span: tuple[int, int], doubt: float, p: ShellsParameters) -> None:
-    """Move a piece to the best place within the span; of equals the one nearest to the top left."""
-    reach, stride = span
+def _within(piece: _Piece, reach: int, shape: tuple[int, ...]) -> tuple[slice, slice] | None:
+    """The cells that a piece may cover at any place within the search's reach, None where there is no place for it."""
     rows, columns = piece.need.shape
-    height, width = free.shape
+    height, width = shape
     top = min(max(piece.top - reach, 0), max(0, height - rows))
     left = min(max(piece.left - reach, 0), max(0, width - columns))
     bottom = min(max(piece.top + reach, top), height - rows)
     right = min(max(piece.left + reach, left), width - columns)
     if bottom < top or right < left:
-        return
-    area = (slice(top, bottom + rows), slice(left, right + columns))
-    # In C order, as `_sums` wants them: the windows' own order in memory is another.
-    windows = np.maximum(_windows(free[area], (rows, columns), stride), piece.need, order="C")
-    explained = _sums(np.subtract(windows, piece.need, out=windows))
-    empties = _sums(np.bitwise_and(_windows(empty[area], (rows, columns), stride), piece.gap, order="C"))
-    total = explained - p.gap_cost * empties
+        return None
+    return slice(top, bottom + rows), slice(left, right + columns)
+
+
+def _explain(others: Floats, corner: tuple[int, int], piece: _Piece, bins: Bins | None) -> None:
+    """Raise the explanation of an area's cells under a piece to its own; ``corner``: the area's top left cell."""
+    (height, width), (top, left) = others.shape, corner
+    rows, columns = piece.log.shape
+    a, b = max(top, piece.top), max(left, piece.left)
+    c, d = min(top + height, piece.top + rows), min(left + width, piece.left + columns)
+    if c > a and d > b:
+        part = others[a - top : c - top, b - left : d - left]
+        mine = piece.log[a - piece.top : c - piece.top, b - piece.left : d - piece.left]
+        np.maximum(part, mine + _gain(piece, bins, (slice(a, c), slice(b, d))), out=part)
+
+
+def _move(
+    piece: _Piece,
+    free: Bytes,
+    empty: Bytes,
+    corner: tuple[int, int],
+    stride: int,
+    doubt: float,
+    p: ShellsParameters,
+) -> None:
+    """Move a piece to the best place within an area; of equals the one nearest to the top left."""
+    (rows, columns), (top, left) = piece.need.shape, corner
+    frees, empties = (_windows(cells, (rows, columns), stride) for cells in (free, empty))
+    many = max(1, _AT_ONCE // (frees.shape[1] * rows * columns))
+    total = np.concatenate(
+        [
+            _explained(frees[i : i + many], piece) - p.gap_cost * _emptied(empties[i : i + many], piece)
+            for i in range(0, len(frees), many)
+        ]
+    )
     y = top + np.arange(total.shape[0]) * stride - piece.home[0]
     x = left + np.arange(total.shape[1]) * stride - piece.home[1]
     scale = max(0.1 * float(np.sqrt(rows * columns)), doubt)
     total = total / piece.worth - p.prior_cost * (y[:, None] * y[:, None] + x * x) / (scale * scale)
     i, j = divmod(int(np.argmax(total)), total.shape[1])
     piece.top, piece.left = top + i * stride, left + j * stride
+
+
+def _explained(windows: Bytes, piece: _Piece) -> Floats:
+    """What a piece would explain at each place, from the windows (I, J, h, w) of what nobody explains."""
+    # In C order, as `_sums` wants them: the windows' own order in memory is another.
+    gained = np.maximum(windows, piece.need, order="C")
+    return _sums(np.subtract(gained, piece.need, out=gained))
+
+
+def _emptied(windows: Bytes, piece: _Piece) -> Floats:
+    """What the background below a piece would cost at each place, from the windows of what is background."""
+    return _sums(np.bitwise_and(windows, piece.gap, order="C"))
 
 
 def _windows(cells: Bytes, shape: tuple[int, int], stride: int) -> Bytes:

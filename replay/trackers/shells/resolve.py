@@ -287,7 +287,7 @@ class Resolver:
             out[b - cut.top : d - cut.top, a - cut.left : c - cut.left] = bins_of(image[b:d, a:c])
         return out
 
-    def _purify(self, owner: NDArray[np.uint8], rows: Rows, blobs: Rows, fits: Bools, cut: Cut) -> dict[int, int]:
+    def _purify(self, owner: NDArray[np.uint16], rows: Rows, blobs: Rows, fits: Bools, cut: Cut) -> dict[int, int]:
         """Blobs that are nearly wholly one object's become wholly its own; {claimant: blob} for lone objects."""
         n = len(rows)
         table = np.bincount(
@@ -327,7 +327,7 @@ class Resolver:
                 at.box, at.sized = (x, y, w, h), True
 
     def _deny_strangers(
-        self, items: Sequence[Body], owner: NDArray[np.uint8], bins: Bins | None, whole: dict[int, int]
+        self, items: Sequence[Body], owner: NDArray[np.uint16], bins: Bins | None, whole: dict[int, int]
     ) -> None:
         """One that was hidden comes back only to pixels of its own colours; others are not its own."""
         for k, body in enumerate(items):
@@ -346,7 +346,7 @@ class Resolver:
         self,
         rows: Rows,
         who: Claimants,
-        owner: NDArray[np.uint8],
+        owner: NDArray[np.uint16],
         members: Members,
         cut: Cut,
         whole: dict[int, int],
