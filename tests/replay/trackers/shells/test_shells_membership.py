@@ -56,6 +56,15 @@ def test_without_colours_the_kernel_decides() -> None:
     assert (row[30:] == 2).all()
 
 
+def test_more_objects_than_fit_into_a_byte_may_share_a_blob() -> None:
+    boxes = np.array([[4.0 * k, 10, 6, 20] for k in range(300)])
+    who = Claimants(boxes, np.full(300, 15.0), [None] * 300, [None] * 300)
+    members = assign_pixels(who, cut_of(np.ones((40, 1210), bool)), None, PAPER)
+    assert int(members.owner.max()) == 300
+    assert (members.counts > 0).all()
+    assert members.means[:, 0] == pytest.approx(boxes[:, 0] + 3, abs=12)
+
+
 def test_disputed_pixels_belong_to_nobody_and_soft_shares_add_up() -> None:
     boxes = np.array([[10.0, 10, 20, 20], [30.0, 10, 20, 20]])
     who = Claimants(boxes, np.array([40.0, 40.0]), [None, None], [None, None])
