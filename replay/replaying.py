@@ -215,6 +215,7 @@ class Run:
         input_link: the input chain's link after the last frame read.
         link: the output chain's link after the last frame.
         resumed: the frame after which a checkpoint was taken up, None from the start.
+        sightings: in how many frames each track was observed, written or not.
     """
 
     def __init__(self, scene: SceneLog, options: ReplayOptions, progress: Progress | None = None) -> None:
@@ -224,6 +225,7 @@ class Run:
         self.link = digest.START
         self.computed = 0
         self.last_index = -1
+        self.sightings: dict[int, int] = {}
         self._progress = progress or (lambda *_: None)
         self._factory = options.factory or tracker_factory(options.tracker)
         self._fingerprint = fingerprint(options.tracker, options.config)
@@ -317,6 +319,9 @@ class Run:
         made = digest.digest(self.link, frame.index, frame.time_ns, step.recorded, content)
         self.link = made.link
         ids = [track.id for track in scene.tracks.tracks]
+        for track in scene.tracks.tracks:
+            if track.observed:
+                self.sightings[track.id] = self.sightings.get(track.id, 0) + 1
         return Annotated(frame, content, made, ids, len(scene.events))
 
     def _checkpoint(self, step: Step, tracker_state: bytes, reasoner: Reasoner) -> Checkpoint:

@@ -35,6 +35,7 @@ class ReplaySummary:
         events: events in the frames written.
         input_digest: the input chain's last link.
         output_digest: the output chain's last link.
+        found: different tracks that were observed in more than one frame, written or not.
         resumed: the checkpoint's frame that the replay started after, None from the start.
     """
 
@@ -44,6 +45,7 @@ class ReplaySummary:
     events: int
     input_digest: str
     output_digest: str
+    found: int = 0
     resumed: int | None = None
 
 
@@ -204,4 +206,5 @@ class AnnotatedWriter:
         }
         self._log.metadata(METADATA, sealed(facts))
         done = self._frames, run.computed, len(self._tracks), self._events
-        return ReplaySummary(*done, run.input_link, self._link, run.resumed)
+        found = sum(frames > 1 for frames in run.sightings.values())
+        return ReplaySummary(*done, run.input_link, self._link, found, run.resumed)

@@ -148,7 +148,7 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
     common.say(f"{args.output or args.scene}: {said}, output digest {done.output_digest[:16]}")
     if not done.tracks and not starts and not has_masks:
         common.say(f"{args.scene}: no foreground was recorded: without detections there is nothing to track")
-    left_out = missed(starts, done.tracks) if first is None and end is None else ""
+    left_out = missed(starts, done)
     if left_out:
         common.say(f"{args.scene}: {left_out}")
     return 3 if left_out else 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
@@ -9,9 +10,10 @@ from recorders.parameters import Config
 
 if TYPE_CHECKING:
     from recorders.scene import SceneLog
+    from replay.writing import ReplaySummary
 
 
-def check_starts(config: Config, scene: SceneLog, frames: int | None) -> int:
+def check_starts(config: Config, scene: SceneLog, frames: int | None) -> list[int]:
     """Refuse starts that the recording cannot hold.
 
     Args:
@@ -20,7 +22,7 @@ def check_starts(config: Config, scene: SceneLog, frames: int | None) -> int:
         frames: how many frames it has, if known.
 
     Returns:
-        How many targets are started by hand.
+        The frames in which a target is started by hand.
 
     Raises:
         UsageError: a start after the last frame, or of a box that is no body in this picture.
@@ -30,7 +32,7 @@ def check_starts(config: Config, scene: SceneLog, frames: int | None) -> int:
 
     parts = config.get("parts")
     if not isinstance(parts, PartsParameters):
-        return 0
+        return []
 
     width, height = scene.info.width, scene.info.height
     starts = parse_init(parts.init)
@@ -44,12 +46,20 @@ def check_starts(config: Config, scene: SceneLog, frames: int | None) -> int:
             raise UsageError(f"{words}: its middle lies outside of the picture of {width}x{height} pixels")
         if w < 2 or h < 4 or w > 2 * width or h > 2 * height:
             raise UsageError(f"{words}: not the size of anybody in a picture of {width}x{height} pixels")
-    return len(starts)
+    return [start.frame for start in starts]
 
 
-def missed(starts: int, tracks: int) -> str:
-    """What to say of starts that were never found; empty if there is nothing to say."""
-    if tracks >= starts:
+def missed(starts: Sequence[int], done: ReplaySummary) -> str:
+    """What to say of starts that were never found; empty if there is nothing to say.
+
+    Args:
+        starts: the frames of the targets started by hand.
+        done: the replay, whatever span of it was written.
+    """
+    before = -1 if done.resumed is None else done.resumed
+    # Who starts in the very last frame cannot have been found after it.
+    asked = sum(before < frame < before + done.computed for frame in starts)
+    if done.found >= asked:
         return ""
-    found = "none" if not tracks else f"{tracks}"
-    return f"{found} of {starts} targets started by hand were found: is somebody in each box in its very frame?"
+    found = "none" if not done.found else f"{done.found}"
+    return f"{found} of {asked} targets started by hand were found: is somebody in each box in its very frame?"

@@ -207,16 +207,20 @@ def test_the_corridor_videos(real_data: Path, tmp_path: Path, capsys: pytest.Cap
 
 
 @pytest.mark.parametrize(("name", "animals"), [("two_flies", 2), ("three_flies", 3)])
-def test_the_flies(
+def test_the_flies_keep_their_identities(
     real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, animals: int
 ) -> None:
-    video = cut(real_data / "flies" / f"{name}.mp4", tmp_path / "cut.mp4", 24)
-    done("record", video, "--detect", "threshold", "-o", tmp_path / "scene.mcap")
-    assert frame_count(tmp_path / "scene.mcap") == 24
-    done("replay", tmp_path / "scene.mcap", "-o", tmp_path / "annotated.mcap")
+    flies = real_data / "flies"
+    done("record", flies / f"{name}.mp4", "--detect", "threshold", "-o", tmp_path / "scene.mcap")
+    assert frame_count(tmp_path / "scene.mcap") == 128
+    done("replay", tmp_path / "scene.mcap", "--tracker", "shells", "-o", tmp_path / "annotated.mcap")
+    truth = flies / f"{name}.gt.txt"
+    _, _, idf1, switches = floors(answer(capsys, "eval", tmp_path / "annotated.mcap", "--truth", truth))
+    assert switches == 0
+    assert idf1 >= 90
     tracks = answer(capsys, "query", tmp_path / "annotated.mcap", "SELECT DISTINCT track FROM tracks")
     assert isinstance(tracks, list)
-    assert 1 <= len(tracks) <= animals + 1
+    assert len(tracks) == animals
 
 
 @pytest.mark.parametrize("name", BAGS)

@@ -147,6 +147,24 @@ def test_a_start_that_the_recording_cannot_hold_or_that_finds_nobody_is_said(
     assert out.exists() == (code == 3)
 
 
+@pytest.mark.parametrize(
+    "words",
+    [["--set", "parts.hindsight=false"], ["--from", "frame:10"], ["--from", "frame:80", "--to", "frame:90"]],
+    ids=["forward alone", "a span after", "a span within"],
+)
+def test_a_start_that_finds_nobody_is_said_whatever_is_written(
+    passing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
+    nobody, out = "frame:5:10,4,12,30", tmp_path / "a.mcap"
+    command = ["replay", str(passing), "-o", str(out), "--tracker", "parts", *words]
+    assert main([*command, "--init", nobody]) == 3
+    assert "none of 1 targets started by hand were found" in capsys.readouterr().err
+    actor = generate("pass_by", seed=2, size=SIZE).truth.frames[50].actor(1)
+    assert actor is not None
+    box = ",".join(f"{v:g}" for v in actor.full_box)
+    assert main([*command, "--force", "--init", f"frame:50:{box}"]) == 0, "somebody is in that box"
+
+
 def test_scores_of_fitted_features_say_what_they_were_fitted_on(
     passing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
