@@ -100,15 +100,25 @@ class Pixels:
     ) -> None:
         self.image, self.mask = image, mask
         self.width, self.height = size
-        self._ends = np.array([*size, *size], np.float64)
+        self._first = self._last = np.zeros(4)
         self.area: NDArray[np.int32] | None = None
         self.edge: NDArray[np.int32] | None = None
         if mask is not None:
             self._room = room or Room(size)
-            ones, inner = np.minimum(mask, np.uint8(1), out=self._room.ones), self._room.spare
-            self.area = np.asarray(cv2.integral(ones, self._room.area, cv2.CV_32S))
+            # Only where there is foreground at all.
+            left, top, w, h = cv2.boundingRect(mask)
+            self._first = np.array([left, top, left, top], np.float64)
+            self._last = self._first + np.array([w, h, w, h])
+            self.area, self.edge = self._room.area, self._room.edge
+            area, edge = self.area[: h + 1, : w + 1], self.edge[: h + 1, : w + 1]
+            ones, inner = self._room.ones[:h, :w], self._room.spare[:h, :w]
+            if not ones.size:
+                area[:] = edge[:] = 0
+                return
+            np.minimum(mask[top : top + h, left : left + w], np.uint8(1), out=ones)
+            cv2.integral(ones, area, cv2.CV_32S)
             cv2.erode(ones, np.ones((3, 3), np.uint8), inner, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-            self.edge = np.asarray(cv2.integral(cv2.subtract(ones, inner, inner), self._room.edge, cv2.CV_32S))
+            cv2.integral(cv2.subtract(ones, inner, inner), edge, cv2.CV_32S)
 
     def copied_mask(self) -> Bytes:
         """A copy of the mask to write into; the next call writes into it, too."""
@@ -135,17 +145,17 @@ class Pixels:
         return np.asarray(left / np.maximum(self.sums(self.area, boxes), 1))
 
     def _ends_of(self, boxes: Floats) -> Rows:
-        """Left, top, right and bottom of boxes (..., 4) in whole pixels within the picture."""
+        """Left, top, right and bottom of boxes (..., 4) in whole pixels, within the foreground's bounding box."""
         ends = boxes.copy()
         ends[..., 2:] += boxes[..., :2]
         np.rint(ends, out=ends)
-        np.maximum(ends, 0.0, out=ends)
-        np.minimum(ends, self._ends, out=ends)
+        np.maximum(ends, self._first, out=ends)
+        np.minimum(ends, self._last, out=ends)
         return ends.astype(np.intp)
 
     def _corners(self, boxes: Floats) -> tuple[Rows, Rows, Rows, Rows]:
         """Where the boxes' corners lie in the flat integral image: lower right, upper right, lower left, upper left."""
-        at = self._ends_of(boxes)
+        at = self._ends_of(boxes) - self._first.astype(np.intp)
         at[..., 1::2] *= self.width + 1
         x1, y1, x2, y2 = at[..., 0], at[..., 1], at[..., 2], at[..., 3]
         return y2 + x2, y1 + x2, y2 + x1, y1 + x1
