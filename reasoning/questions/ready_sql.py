@@ -212,16 +212,18 @@ contact AS MATERIALIZED (
 reached(who, t, contacts, via, ids) USING KEY (who) AS (
   SELECT base + $a, since, 0, CAST([] AS INTEGER[]), CAST([] AS BIGINT[]) FROM numbered
   UNION (
-    SELECT n.taker, min(greatest(s.t, n.first_t)), any_value(s.contacts) + 1,
-      arg_min(list_append(s.via, CAST(n.giver % 4294967296 AS INTEGER)), (greatest(s.t, n.first_t), n.giver)),
-      arg_min(list_append(s.ids, n.id), (greatest(s.t, n.first_t), n.giver))
-    -- of each giver the contact that began first of those that had not ended: that one passes on first
+    SELECT taker, first.t, s.contacts + 1, list_append(s.via, CAST(first.giver % 4294967296 AS INTEGER)),
+      list_append(s.ids, first.id)
     FROM (
-      SELECT d.giver, d.taker, min(d.start_t) AS first_t, min(d.id) AS id
-      FROM reached s JOIN contact d ON d.giver = s.who AND d.end_t >= s.t
-      LEFT JOIN recurring.reached k ON k.who = d.taker
-      WHERE s.contacts < $depth AND (k.t IS NULL OR s.t < k.t AND d.start_t < k.t) GROUP BY d.giver, d.taker) n
-    JOIN reached s ON s.who = n.giver GROUP BY n.taker))
+      SELECT n.taker, min({'t': greatest(s.t, n.first_t), 'giver': n.giver, 'id': n.id}) AS first
+      -- of each giver the contact that began first of those that had not ended: that one passes on first
+      FROM (
+        SELECT d.giver, d.taker, min(d.start_t) AS first_t, min(d.id) AS id
+        FROM reached s JOIN contact d ON d.giver = s.who AND d.end_t >= s.t
+        LEFT JOIN recurring.reached k ON k.who = d.taker
+        WHERE s.contacts < $depth AND (k.t IS NULL OR s.t < k.t AND d.start_t < k.t) GROUP BY d.giver, d.taker) n
+      JOIN reached s ON s.who = n.giver GROUP BY n.taker)
+    JOIN reached s ON s.who = first.giver))
 SELECT recording, CAST(who - base AS INTEGER) AS track, contacts, t AS reached_t, via,
   array_to_string(list_transform(range(1, contacts + 1), lambda i: $why), ' ') AS explain
 FROM reached JOIN numbered ON base = who - who % 4294967296
