@@ -161,10 +161,11 @@ BEFORE = """
 WITH event AS (
   SELECT recording, event, t, frame, unnest(subjects) AS subject FROM events WHERE event = $event$only),
 pairs AS (
-  SELECT recording, a, b, state AS how, 'relation' AS what, start_frame, start_t, end_t FROM relations WHERE true$only
+  SELECT recording, a, b, state AS how, 'relation' AS what, start_frame, start_t, end_t FROM relations
+  WHERE end_t >= (SELECT min(t) - $within - 0.001 FROM event)$only
   UNION ALL
   SELECT recording, a, b, 'together: ' || kind, 'encounter', start_frame, start_t, end_t FROM encounters
-  WHERE true$only),
+  WHERE end_t >= (SELECT min(t) - $within - 0.001 FROM event)$only),
 near AS (
   SELECT e.*, if(p.a = e.subject, p.b, p.a) AS other, p.how, p.what, p.start_frame, p.start_t, p.end_t
   FROM event e JOIN pairs p ON p.recording = e.recording AND e.subject IN (p.a, p.b)
