@@ -18,6 +18,8 @@ _MEASURED = 1_000
 _WIDEST = 80
 _MILLI = 3
 _CSV_ITSELF = (str, int, float, type(None))  # written by csv as `_text` would; no bool, which is an int
+_JSON_ITSELF = (str, int, bool, type(None))
+_TO_JSON = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 
 
 def write(answer: Answer, form: str, out: IO[str]) -> int:
@@ -36,11 +38,11 @@ def _json(answer: Answer, out: IO[str]) -> int:
     out.write("[")
     for row in answer.rows:
         values = [
-            json.loads(v) if is_json and isinstance(v, str) else plain(v)
+            json.loads(v) if is_json and isinstance(v, str) else v if type(v) in _JSON_ITSELF else plain(v)
             for v, is_json in zip(row, nested, strict=True)
         ]
         out.write(",\n " if count else "\n ")
-        out.write(json.dumps(dict(zip(names, values, strict=True)), ensure_ascii=False, allow_nan=False))
+        out.write(_TO_JSON.encode(dict(zip(names, values, strict=True))))
         count += 1
     out.write("\n]\n" if count else "]\n")
     return count
@@ -79,7 +81,7 @@ def _text(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (list, tuple, dict)):
-        return json.dumps(plain(value), ensure_ascii=False, allow_nan=False)
+        return _TO_JSON.encode(plain(value))
     return _plain_text(value)
 
 
@@ -91,7 +93,7 @@ def _cell(value: Any, decimals: int | None = None) -> str:
     else:
         text = _text(value)
     # A recording's text must not steer the terminal.
-    clean = "".join(c if c.isprintable() else " " for c in text)
+    clean = text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
     return clean if len(clean) <= _WIDEST else clean[: _WIDEST - 1] + "…"
 
 
