@@ -151,7 +151,7 @@ family AS (
 SELECT f.recording, CASE WHEN f.generation < 0 THEN 'ancestor' WHEN f.generation > 0 THEN 'descendant'
   ELSE 'itself' END AS is, f.generation, f.group_id, g.members, g.start_frame, g.end_frame, g.start_t, g.end_t,
   g.formed_from, g.ended_by, format('group:{}', f.group_id) AS explain
-FROM family f JOIN groups g USING (recording, group_id)
+FROM family f JOIN (FROM groups WHERE true$only) g USING (recording, group_id)
 -- labels rise with time: a family's lie close together, and no others need be looked through
 WHERE g.group_id BETWEEN (SELECT min(group_id) FROM family) AND (SELECT max(group_id) FROM family)
 ORDER BY f.recording, f.generation, g.start_frame, f.group_id
