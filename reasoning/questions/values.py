@@ -86,12 +86,17 @@ class Moment:
         return f"{datetime.fromtimestamp((self.since_ns or 0) // _NANOS, UTC):%Y-%m-%dT%H:%M:%SZ}"
 
     def sql(self, row: str) -> str:
-        """Seconds from the start of the recording that the row (an alias with a ``recording``) belongs to."""
+        """Seconds from the start of the recording that the row (an alias with a ``recording``) belongs to.
+
+        The inner alias is one that no caller's row has: of two of one name the inner would be compared with itself.
+        """
         if self.seconds is not None:
             return repr(self.seconds)
         if self.frame is not None:
-            return f"(SELECT f.t FROM frames f WHERE f.recording = {row}.recording AND f.frame = {self.frame})"  # noqa: S608
-        return f"(SELECT ({self.since_ns} - r.start_ns) / 1e9 FROM recordings r WHERE r.recording = {row}.recording)"  # noqa: S608
+            found, table, which = "m_.t", "frames", f" AND m_.frame = {self.frame}"
+        else:
+            found, table, which = f"({self.since_ns} - m_.start_ns) / 1e9", "recordings", ""
+        return f"(SELECT {found} FROM {table} m_ WHERE m_.recording = {row}.recording{which})"  # noqa: S608
 
 
 def moment(text: str) -> Moment:

@@ -18,7 +18,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
     p = command(commands, "evidence", "a folder with clip, frames and facts of chosen events", DESCRIPTION, EXAMPLE)
     p.add_argument("annotated", type=Path, metavar="LOG", help="annotated log")
-    p.add_argument("--events", nargs="+", required=True, metavar="EVENT",
+    p.add_argument("--events", nargs="+", action="extend", required=True, metavar="EVENT",
                    help="event numbers, or ids of a column `explain`; 12,13 works too")  # fmt: skip
     p.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="the folder")
     p.add_argument("--camera", metavar="NAME", help="which camera, where the log has several")

@@ -9,6 +9,8 @@ import pytest
 
 from reasoning.questions import Case
 from reasoning.questions.explain import explain
+from reasoning.questions.index import build_index
+from reasoning.questions.known import check_moment
 from reasoning.questions.patterns import plan
 from reasoning.questions.ready import QUESTIONS, Options, question
 from reasoning.questions.values import Moment, duration, identity, moment, only
@@ -55,6 +57,34 @@ def test_who_was_in(case: Case) -> None:
     assert [r["track"] for r in ask(case, "who-was-in", "bench", at=moment("2.5"))] == [3]
     assert [r["track"] for r in ask(case, "who-was-in", "scene", at=moment("2023-11-14T22:13:20.1Z"))] == [1]
     assert ask(case, "who-was-in", "nowhere' OR '1'='1", at=moment("2.5")) == []
+
+
+@pytest.mark.parametrize("indexed", [False, True], ids=["logs", "an index"])
+def test_a_wall_time_is_asked_of_every_recording_by_its_own_clock(
+    tmp_path: Path, story_type, write_story, indexed: bool
+) -> None:
+    boxes = ((9.0, 9.0, 9.0, 9.0), (0.0, 0.0))
+    shared = {"relations": [(1, 2, "JOINT", 60, 90)], "zones": [(1, "bench", 40, 99), (2, "bench", 0, 39)]}
+    # The second camera's clock was started two seconds after the first one's.
+    logs = [
+        write_story(
+            story_type(
+                100, {1: (0, 99, *boxes), 2: (0, 99, *boxes)}, start_ns=1_700_000_000_000_000_000 + late, **shared
+            ),
+            tmp_path / f"{name}.mcap",
+        )
+        for name, late in (("gate", 0), ("yard", 2_000_000_000))
+    ]
+    if indexed:
+        build_index(logs, tmp_path / "case.duckdb")
+    at = moment("2023-11-14T22:13:22.5Z")
+    with Case([tmp_path / "case.duckdb"] if indexed else logs) as case:
+        check_moment(case, at, None)
+        there = [(r["recording"], r["track"]) for r in ask(case, "who-was-in", "bench", at=at)]
+        assert there == [("gate", 1), ("yard", 2)]
+        assert ask(case, "who-was-in", "bench", at=at, recordings=only("yard"))[0]["track"] == 2
+        reached = [(r["recording"], round(r["reached_t"], 3)) for r in ask(case, "contacts", "1", at=at, depth=2)]
+        assert reached == [("gate", 2.5), ("yard", 2.4)]
 
 
 def test_loitered(case: Case) -> None:

@@ -176,6 +176,9 @@ def test_evidence_command(log: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert page.count("<img") == len([f for f in files if f.endswith(".png") and "_recorded" not in f])
     assert all((out / name).is_file() for name in re.findall(r'src="([^"]+)"', page))
     assert "1970-" not in page, "a recording without a clock has no wall time"
+    again = tmp_path / "again"
+    assert main(["evidence", str(log), "--events", "1", "--events", "relation:1-2@20", "-o", str(again)]) == 0
+    assert {p.name for p in again.iterdir() if p.is_dir()} == {p.name for p in out.iterdir() if p.is_dir()}
     assert main(["verify", "--manifest", str(out / "manifest.json")]) == 0
     (out / "facts.json").write_text("{}")
     assert main(["verify", "--manifest", str(out / "manifest.json")]) == 4
