@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
 from fractions import Fraction
 
@@ -147,3 +148,28 @@ def test_h264_over_the_limits_is_refused() -> None:
         pictures.VideoDecoder(limits=Limits(max_picture_pixels=1000)).decode(first)
     with pytest.raises(LimitError, match="max_picture_side"):
         pictures.VideoDecoder(limits=Limits(max_picture_side=60)).decode(first)
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (5, 7), (24, 32), (33, 65)])
+@pytest.mark.parametrize(
+    "filters", [cv2.IMWRITE_PNG_FILTER_NONE, cv2.IMWRITE_PNG_FILTER_SUB, cv2.IMWRITE_PNG_FILTER_UP]
+)
+@pytest.mark.parametrize("bilevel", [0, 1])
+def test_masks_are_decoded_alike_however_they_were_encoded(height: int, width: int, filters: int, bilevel: int) -> None:
+    mask = (np.random.default_rng(height).random((height, width)) < 0.3).astype(np.uint8) * np.uint8(255)
+    options = [cv2.IMWRITE_PNG_BILEVEL, bilevel, cv2.IMWRITE_PNG_FILTER, filters]
+    for data in (pictures.encode_mask(mask), bytes(cv2.imencode(".png", mask, options)[1])):
+        assert np.array_equal(pictures.decode_picture(data, gray=True), mask)
+
+
+def test_every_damage_of_a_mask_is_an_error_or_harmless() -> None:
+    mask = np.zeros((24, 32), np.uint8)
+    mask[3:9, 4:20] = 255
+    data = pictures.encode_mask(mask)
+    for at in range(len(data)):
+        damaged = data[:at] + bytes([data[at] ^ 0x20]) + data[at + 1 :]
+        with contextlib.suppress(RecordingError):
+            assert np.array_equal(pictures.decode_picture(damaged, gray=True), mask)
+    for end in range(len(data)):
+        with pytest.raises(RecordingError):
+            pictures.decode_picture(data[:end], gray=True)

@@ -34,7 +34,7 @@ class Depth:
         self._owner = owner
         self._cut = cut
         self._n = len(who.boxes)
-        self._spans = [self._span(k) for k in range(self._n)]
+        self._spans = [self._span(k) for k in range(self._n)] if self._n > 1 else []
         self._masks: dict[int, Bools] = {}
 
     def _span(self, k: int) -> tuple[int, int, int, int]:
@@ -51,6 +51,8 @@ class Depth:
 
     def covering(self, k: int) -> list[tuple[int, float]]:
         """Who else owns pixels within claimant k's box, and their share where both boxes overlap, largest first."""
+        if self._n == 1:
+            return []
         a, b, c, d = self._spans[k]
         mine = self._owners(slice(a, b), slice(c, d))
         out = []

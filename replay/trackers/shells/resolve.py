@@ -290,8 +290,9 @@ class Resolver:
     def _purify(self, owner: NDArray[np.uint16], rows: Rows, blobs: Rows, fits: Bools, cut: Cut) -> dict[int, int]:
         """Blobs that are nearly wholly one object's become wholly its own; {claimant: blob} for lone objects."""
         n = len(rows)
+        owned = np.flatnonzero(owner)
         table = np.bincount(
-            cut.labels.ravel().astype(np.int64) * (n + 1) + owner.ravel(),
+            cut.labels.take(owned).astype(np.intp) * (n + 1) + owner.take(owned),
             minlength=(len(self._fg.components) + 1) * (n + 1),
         ).reshape(-1, n + 1)
         whole: dict[int, int] = {}

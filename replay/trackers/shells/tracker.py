@@ -153,15 +153,15 @@ class ShellsTracker:
         found, items, p = resolver.found, self._bodies.items, self._p
         rows = sorted((k for k in found if not found[k].alone), key=lambda k: (-found[k].visible, k))
         boxes = np.array([found[k].box for k in rows], np.float64).reshape(-1, 4)
-        overlap = np.tril(iou(boxes, boxes), -1)
+        overlap = iou(boxes, boxes).tolist()
         for i, row in enumerate(rows):
-            better = int(np.argmax(overlap[i]))
-            if overlap[i, better] < p.twin_overlap:
+            share, better = max(((overlap[i][j], -j) for j in range(i)), default=(0.0, 0))
+            if share < p.twin_overlap:
                 items[row].twin_s = 0.0
                 continue
             items[row].twin_s += dt
             if items[row].twin_s > p.twin_s:
-                resolver.fronts[row] = items[rows[better]].id
+                resolver.fronts[row] = items[rows[-better]].id
                 del found[row]
         for row, at in found.items():
             if at.alone:
