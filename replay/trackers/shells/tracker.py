@@ -155,6 +155,7 @@ class ShellsTracker:
         boxes = np.array([found[k].box for k in rows], np.float64).reshape(-1, 4)
         overlap = iou(boxes, boxes).tolist()
         for i, row in enumerate(rows):
+            # Of equals the first.
             share, better = max(((overlap[i][j], -j) for j in range(i)), default=(0.0, 0))
             if share < p.twin_overlap:
                 items[row].twin_s = 0.0
