@@ -84,6 +84,13 @@ class Content:
         at = min(bisect_left(self._numbers, number), len(self._places) - 1)
         return self._places[at] if self._places else 0
 
+    def distance_ns(self, frame: int, time_ns: int) -> int:
+        """From a time at a place among its frames to the nearest of them; -1 before the first and after the last."""
+        if not self._places or not self._places[0] <= frame <= self._places[-1]:
+            return -1
+        at = self._at(frame)
+        return min(abs(t - time_ns) for t in self._times[max(at - 1, 0) : at + 1])
+
     def seconds(self, frame: int) -> float:
         """A frame's time in seconds from the recording's start."""
         return (self.time_ns(frame) - self.origin_ns) / NANOS if self._times else 0.0

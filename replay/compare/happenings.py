@@ -10,7 +10,7 @@ from typing import Any
 from replay.compare import words
 from replay.compare.content import NANOS, Content, Happening, Lasting
 from replay.compare.difference import Difference
-from replay.compare.intervals import Interval, holds, intersect
+from replay.compare.intervals import Interval, intersect
 from replay.compare.matching import Matching
 from replay.unequal import both
 
@@ -19,7 +19,11 @@ _DIGITS = re.compile(r"\d+")
 
 
 class Happenings:
-    """Compares what happens in two logs over the frames that both have."""
+    """Compares what happens in two logs, as far as both can know of it.
+
+    What happens in a frame that the other log has not is looked for in the frames beside it, within the tolerance.
+    Where the other log has no frame so near, or has not begun or has ended, it is no difference.
+    """
 
     def __init__(
         self, a: Content, b: Content, shared: Sequence[Interval], matching: Matching, tolerance_s: float, strict: bool
@@ -30,6 +34,8 @@ class Happenings:
         self._tolerance_ns = round(tolerance_s * NANOS)
         self._strict = strict
         self._same_numbers = all(x == y for x, y in matching.partner.items())
+        # Frames of one number may have another time in either log; frames of one time have none.
+        self._lag_ns = b.time_ns(shared[0][0]) - a.time_ns(shared[0][0]) if shared else 0
 
     def _in_a(self, tracks: Sequence[int], frame: int) -> tuple[int, ...]:
         then = sorted(self._matching.translated(track, frame) for track in tracks)
@@ -37,6 +43,15 @@ class Happenings:
             # Two of B on one of A's places: then their usual partners say who they are.
             then = sorted(self._matching.back.get(track, -1 - track) for track in tracks)
         return tuple(then)
+
+    def _time_ns(self, content: Content, frame: int) -> int:
+        """A frame's time by A's clock."""
+        return content.time_ns(frame) - (self._lag_ns if content is self.b else 0)
+
+    def _known(self, content: Content, frame: int) -> bool:
+        """Whether the other log could know what happens in a frame of this one."""
+        other, lag = (self.b, self._lag_ns) if content is self.a else (self.a, -self._lag_ns)
+        return 0 <= other.distance_ns(frame, content.time_ns(frame) + lag) <= self._tolerance_ns
 
     @staticmethod
     def names(tracks: Sequence[int]) -> list[str]:
@@ -50,26 +65,27 @@ class Happenings:
         left: dict[Key, list[Happening]] = {}
         right: dict[Key, list[Happening]] = {}
         for e in self.a.events:
-            if holds(self._shared, e.frame):
-                left.setdefault((e.kind, tuple(sorted(e.subjects))), []).append(e)
+            left.setdefault((e.kind, tuple(sorted(e.subjects))), []).append(e)
         for e in self.b.events:
-            if holds(self._shared, e.frame):
-                right.setdefault((e.kind, self._in_a(e.subjects, e.frame)), []).append(e)
+            right.setdefault((e.kind, self._in_a(e.subjects, e.frame)), []).append(e)
         for key in [*left, *(k for k in right if k not in left)]:
             yield from self._events(key, left.get(key, []), right.get(key, []))
 
     def _events(self, key: Key, ours: list[Happening], theirs: list[Happening]) -> Iterator[Difference]:
         kind, subjects = key
-        pairs, lost, new = nearest([e.time_ns for e in ours], [e.time_ns for e in theirs], self._tolerance_ns)
+        times = [[self._time_ns(c, e.frame) for e in events] for c, events in ((self.a, ours), (self.b, theirs))]
+        pairs, lost, new = nearest(*times, self._tolerance_ns)
+        # Paired before they are left out: what one log lacks at the very time it may have beside it.
         for i, j in pairs:
-            yield from self._pair(kind, subjects, ours[i], theirs[j])
-        for i in lost:
+            if self._known(self.a, ours[i].frame) or self._known(self.b, theirs[j].frame):
+                yield from self._pair(kind, subjects, ours[i], theirs[j])
+        for i in (i for i in lost if self._known(self.a, ours[i].frame)):
             a, t = ours[i], self.a.seconds(ours[i].frame)
             who, one = words.subject(self.names(subjects), [str(g) for g in a.groups])
             text = f"{who} no longer {words.verb(kind, one)} at {t:.1f} s"
             details = {"kind": kind, "event_a": a.id, "groups_a": list(a.groups)}
             yield Difference("event", "vanished", a.frame, t, list(a.subjects), text, details)
-        for j in new:
+        for j in (j for j in new if self._known(self.b, theirs[j].frame)):
             b, t = theirs[j], self.b.seconds(theirs[j].frame)
             who, one = words.subject(self.names(subjects), [f"{g} of B" for g in b.groups])
             text = f"{who} now {words.verb(kind, one)} at {t:.1f} s"
@@ -139,10 +155,10 @@ class Happenings:
         left: dict[Key, list[Lasting]] = {}
         right: dict[Key, list[Lasting]] = {}
         for life in ours:
-            left.setdefault((life.label if by_label else "", life.members), []).extend(self._clipped(life))
+            left.setdefault((life.label if by_label else "", life.members), []).extend(self._clipped(self.a, life))
         for life in theirs:
             members = self._in_a(life.members, life.first)
-            right.setdefault((life.label if by_label else "", members), []).extend(self._clipped(life))
+            right.setdefault((life.label if by_label else "", members), []).extend(self._clipped(self.b, life))
         for key in [*left, *(k for k in right if k not in left)]:
             lives = left.get(key) or right.get(key) or []
             if lives:
@@ -154,9 +170,14 @@ class Happenings:
                     words_for = words_for.replace("group ", "B's group ", 1)
                 yield from self._spans(what, words_for, key[1], left.get(key, []), right.get(key, []))
 
-    def _clipped(self, life: Lasting) -> list[Lasting]:
-        """What of it lies in the frames that both logs have: where one log ends is no difference."""
+    def _clipped(self, content: Content, life: Lasting) -> list[Lasting]:
+        """What of it lies in the frames that both logs have: where one log ends is no difference.
+
+        One that no such frame has stays whole where the other log could know of it.
+        """
         spans = intersect([(life.first, life.last)], self._shared)
+        if not spans and (self._known(content, life.first) or self._known(content, life.last)):
+            return [life]
         return [Lasting(life.label, life.members, spans[0][0], spans[-1][1])] if spans else []
 
     @staticmethod
@@ -166,7 +187,7 @@ class Happenings:
     def _spans(
         self, what: str, name: str, members: tuple[int, ...], ours: list[Lasting], theirs: list[Lasting]
     ) -> Iterator[Difference]:
-        left, right = ([c.time_ns(s.first) for s in spans] for c, spans in ((self.a, ours), (self.b, theirs)))
+        left, right = ([self._time_ns(c, s.first) for s in spans] for c, spans in ((self.a, ours), (self.b, theirs)))
         pairs, lost, new = nearest(left, right, self._tolerance_ns)
         subjects = self._shown(members)
         for i, j in pairs:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 
 Interval = tuple[int, int]
@@ -77,13 +77,3 @@ def count(spans: Sequence[Interval]) -> int:
     4
     """
     return sum(last - first + 1 for first, last in spans)
-
-
-def holds(spans: Sequence[Interval], frame: int) -> bool:
-    """Whether the frame is in.
-
-    >>> holds([(0, 2), (9, 9)], 9), holds([(0, 2), (9, 9)], 3)
-    (True, False)
-    """
-    at = bisect_right(spans, (frame, float("inf"))) - 1
-    return at >= 0 and spans[at][1] >= frame

@@ -14,6 +14,7 @@ import pytest
 from fixtures.plants import copy_log
 from recorders import channels
 from recorders.errors import RecordingError
+from recorders.log import LogReader
 from replay.cli import main
 from replay.compare import CompareOptions, compare
 from replay.compare.happenings import nearest
@@ -202,6 +203,79 @@ def test_an_event_that_is_gone_and_one_that_is_new(trusted: Path, tmp_path: Path
     assert re.fullmatch(r"group \d+ \(tracks \d and \d\) no longer splits at \d+\.\d s", gone.differences[0].text)
     new = compare(tmp_path / "b.mcap", a, CompareOptions(1.0))
     assert re.fullmatch(r"group \d+ of B \(tracks \d and \d\) now splits at \d+\.\d s", new.differences[0].text)
+
+
+def without_frame(source: Path, out: Path, frame: int, late: bool) -> Path:
+    """A log that lacks a frame; what happened in it happens in the next one, where ``late``, or not at all."""
+    gone, after = (round(k * 1e9 / 25) for k in (frame, frame + 1))
+
+    def edit(message: Any) -> bytes | None:
+        if message.log_time_ns != gone:
+            return message.data
+        if channels.split(message.topic)[1] != "events" or not late:
+            return None
+        value = msgspec.json.decode(message.data)
+        return msgspec.json.encode({**value, "frame": frame + 1, "time_ns": after})
+
+    def time_ns(message: Any) -> int:
+        return after if message.log_time_ns == gone else message.log_time_ns
+
+    copy_log(source, out, edit, time_ns=time_ns)
+    return out
+
+
+def grouping_frames(log: Path) -> list[int]:
+    """The frames in which somebody is grouping."""
+    with LogReader(log) as reader:
+        events = [m for m in reader.messages() if channels.split(m.topic)[1] == "events" and b'"grouping"' in m.data]
+    return [round(m.log_time_ns * 25 / 1e9) for m in events]
+
+
+def test_what_happens_in_a_frame_that_the_other_log_lacks(trusted: Path, tmp_path: Path) -> None:
+    a, frame = trusted / "annotated.mcap", grouping_frames(trusted / "annotated.mcap")[0]
+    late = without_frame(a, tmp_path / "late.mcap", frame, late=True)
+    for pair, change, counted in (((a, late), "vanished", frame), ((late, a), "appeared", frame + 1)):
+        found = compare(*pair, CompareOptions(1.0)).differences
+        assert {(d.what, d.change) for d in found} == {("frames", change), ("event", "moved")}
+        assert {d.frame for d in found if d.what == "event"} == {counted}, "as A counts"
+    never = without_frame(a, tmp_path / "never.mcap", frame, late=False)
+    for pair, change in (((a, never), "vanished"), ((never, a), "appeared")):
+        found = compare(*pair, CompareOptions(1.0)).differences
+        assert {(d.what, d.change) for d in found} == {("frames", change), ("event", change)}
+        assert any("grouping" in d.text for d in found)
+
+
+def test_half_the_frames_are_no_other_story(trusted: Path, tmp_path: Path) -> None:
+    """What happens in a frame that the other rate has not happens in its next one: moved, and nothing is made up."""
+    a = trusted / "annotated.mcap"
+
+    def time_ns(message: Any) -> int:
+        k = round(message.log_time_ns * 25 / 1e9)
+        return round((k + k % 2) * 1e9 / 25)
+
+    def edit(message: Any) -> bytes | None:
+        odd = round(message.log_time_ns * 25 / 1e9) % 2
+        return None if odd and channels.split(message.topic)[1] != "events" else message.data
+
+    copy_log(a, tmp_path / "half.mcap", edit, time_ns=time_ns)
+    found = compare(a, tmp_path / "half.mcap", CompareOptions(1.0))
+    assert {(d.what, d.change) for d in found.differences} == {("frames", "vanished"), ("event", "moved")}
+
+
+def test_a_group_that_only_a_frame_that_the_other_log_lacks_knows(trusted: Path, tmp_path: Path) -> None:
+    a, frame = trusted / "annotated.mcap", 20
+    never = without_frame(a, tmp_path / "never.mcap", frame, late=False)
+
+    def grouped(message: Any) -> bytes:
+        value = msgspec.json.decode(message.data) if channels.split(message.topic)[1] == "groups" else {}
+        if value.get("frame") != frame:
+            return message.data
+        group = {"label": 77, "members": [1, 2], "observed": True, "since_frame": frame, "since_ns": 0}
+        return msgspec.json.encode({**value, "groups": [group]})
+
+    copy_log(a, tmp_path / "more.mcap", grouped)
+    found = compare(tmp_path / "more.mcap", never, CompareOptions(1.0)).differences
+    assert [(d.what, d.change, d.subjects) for d in found if d.what == "group"] == [("group", "vanished", [1, 2])]
 
 
 def test_a_span_against_the_whole(trusted: Path, told: Any, tmp_path: Path) -> None:
