@@ -73,8 +73,8 @@ class Happenings:
 
     def _events(self, key: Key, ours: list[Happening], theirs: list[Happening]) -> Iterator[Difference]:
         kind, subjects = key
-        times = [[self._time_ns(c, e.frame) for e in events] for c, events in ((self.a, ours), (self.b, theirs))]
-        pairs, lost, new = nearest(*times, self._tolerance_ns)
+        left, right = ([self._time_ns(c, e.frame) for e in es] for c, es in ((self.a, ours), (self.b, theirs)))
+        pairs, lost, new = nearest(left, right, self._tolerance_ns)
         # Paired before they are left out: what one log lacks at the very time it may have beside it.
         for i, j in pairs:
             if self._known(self.a, ours[i].frame) or self._known(self.b, theirs[j].frame):
