@@ -33,7 +33,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 def run(args: argparse.Namespace) -> int:
     """Seal."""
     from replay.sealing import new_key, seal, sign
-    from replay.sealing.manifest import private_keys, write_manifest
+    from replay.sealing.manifest import manifests_beside, private_keys, write_manifest
 
     if args.new_key is None and not args.files:
         raise UsageError("nothing to seal: give the case's files, or --new-key FILE to make a key")
@@ -51,6 +51,8 @@ def run(args: argparse.Namespace) -> int:
         if key is not None:
             manifest = sign(manifest, key)
         write_manifest(manifest, args.output, force=args.force)
+        for other in manifests_beside(args.files, args.output):
+            common.say(f"{other}: another manifest, not sealed with the folder; name it to seal it too")
         for name in private_keys(manifest, args.output.parent):
             common.say(
                 f"{name}: is a private key: whoever gets the case can sign in its owner's name; keep it elsewhere"

@@ -87,18 +87,23 @@ class Manifest(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tr
 def seal(paths: Iterable[str | Path], out: str | Path, *, note: str = "") -> Manifest:
     """The manifest of a case's files, to be written to ``out``; folders stand for all files in them.
 
+    A link to a file is sealed under its own name by what it leads to. Of a folder in which the manifest will be, the
+    manifest is left out, and so are others beside it (`manifests_beside`): each can be written again without a word
+    from the others. Who names one seals it.
+
     Args:
         paths: source, scene log, annotated logs, exported answers: whatever belongs to the case.
         out: where the manifest will be: names are relative to its folder.
         note: a text that is sealed with the files.
 
     Raises:
-        UsageError: no files, one that is not there, or the manifest among them.
-        RecordingError: a log is damaged: it is not sealed as if it were whole.
+        UsageError: no files, one that is not there, or the manifest among them; a folder holds what is no file: a
+            link to a folder or to nothing, whose content would be left out.
+        RecordingError: a log is damaged: it is not sealed as if it were whole; a pipe or a device.
     """
     out = Path(out)
     given = [Path(p) for p in paths]
-    files = sorted(_files(given))
+    files = sorted(_files(given, out))
     if not files:
         raise UsageError("nothing to seal: give the case's files")
     for file in files:
@@ -111,7 +116,7 @@ def seal(paths: Iterable[str | Path], out: str | Path, *, note: str = "") -> Man
         msgspec.structs.replace(entry, role="source") if entry.role == "file" and entry.sha256 in known else entry
         for entry, _ in entries.values()
     ]
-    folders = sorted({_relative(p, folder) for p in given if p.is_dir()})
+    folders = sorted({_relative(p.resolve(), folder) for p in given if p.is_dir()})
     return Manifest(FORMAT, VERSION, sorted(made, key=lambda e: e.name), note, folders)
 
 
@@ -127,17 +132,27 @@ def added_files(manifest: Manifest, path: str | Path) -> list[str]:
     path = Path(path)
     listed = {entry.name for entry in manifest.files}
     here = path.parent.resolve()
-    found = set()
+    found = {}
     for folder in manifest.folders:
         if folder != "." and not any(name.startswith(f"{folder}/") for name in listed):
             continue
         try:
-            for file in islice((path.parent / folder).rglob("*"), 2 * len(listed) + MOST_ADDED):
-                if not file.is_dir() or file.is_symlink():
-                    found.add(Path(os.path.relpath(file.parent.resolve() / file.name, here)).as_posix())
+            for file in _inside(path.parent / folder, 2 * len(listed) + MOST_ADDED):
+                found[_relative(file, here)] = file
         except (OSError, ValueError) as e:
             raise RecordingError(f"lists a folder that cannot be looked into: {folder[:80]!r}", path) from e
-    return sorted(found - listed - {path.name})
+    new = found.keys() - listed - {path.name}
+    return sorted(name for name in new if "/" in name or not _is_manifest(found[name]))
+
+
+def manifests_beside(paths: Iterable[str | Path], out: str | Path) -> list[Path]:
+    """Other manifests where ``out`` will be that `seal` leaves out: their folder was given, and they were not."""
+    out = Path(out)
+    here, given = out.parent.resolve(), [Path(p) for p in paths]
+    named = {_own(path) for path in given}
+    if not any(path.is_dir() and here.is_relative_to(path.resolve()) for path in given):
+        return []
+    return sorted(p for p in out.parent.iterdir() if _own(p) not in {*named, _own(out)} and _is_manifest(p))
 
 
 def write_manifest(manifest: Manifest, out: str | Path, *, force: bool = False) -> None:
@@ -204,19 +219,53 @@ def file_digest(path: Path) -> tuple[int, str]:
     return size, digest.hexdigest()
 
 
-def _files(paths: Iterable[str | Path]) -> Iterator[Path]:
-    for given in paths:
-        path = Path(given)
+def _inside(folder: Path, most: int | None = None) -> Iterator[Path]:
+    """What is below a folder and no folder itself, of its first ``most`` entries: one walk to seal and to check.
+
+    Links are not followed: one to a folder is a thing of its own.
+    """
+    return (file for file in islice(folder.rglob("*"), most) if file.is_symlink() or not file.is_dir())
+
+
+def _files(paths: Iterable[Path], out: Path) -> Iterator[Path]:
+    manifest = _own(out)
+    for path in paths:
         if path.is_dir():
-            yield from (file for file in sorted(path.rglob("*")) if file.is_file())
+            for file in sorted(_inside(path)):
+                own = _own(file)
+                if own == manifest or (own.parent == manifest.parent and _is_manifest(file)):
+                    continue
+                if file.is_symlink() and not file.is_file():
+                    folder = "a folder: take it away and give that folder itself"
+                    raise UsageError(f"{file}: a link to {folder if file.is_dir() else 'nothing: take it away'}")
+                yield file
         elif path.exists():
             yield path
         else:
             raise UsageError(f"{path}: is not there")
 
 
-def _relative(file: Path, folder: Path) -> str:
-    return Path(os.path.relpath(file.resolve(), folder)).as_posix()
+def _is_manifest(file: Path) -> bool:
+    """Whether a file is a manifest, by the whole of its content."""
+    if file.is_symlink() or not file.is_file():
+        return False
+    try:
+        with file.open("rb") as f:
+            if not f.read(64).lstrip().startswith(b"{"):
+                return False
+        read_manifest(file)
+    except (OSError, RecordingError):
+        return False
+    return True
+
+
+def _own(path: Path) -> Path:
+    """The absolute path of a file or link itself: only its folder's links are resolved."""
+    return path.parent.resolve() / path.name
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return Path(os.path.relpath(_own(path), folder)).as_posix()
 
 
 def _entry(file: Path, name: str) -> tuple[Entry, Sequence[str]]:

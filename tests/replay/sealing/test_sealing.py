@@ -236,3 +236,90 @@ def test_of_a_folder_that_has_grown_without_end_some_files_are_named(
         (tmp_path / f"{k}.txt").write_text("more")
     monkeypatch.setattr("replay.sealing.manifest.MOST_ADDED", 10)
     assert 0 < len(added_files(case_manifest, tmp_path / "manifest.json")) <= 12
+
+
+def checked(manifest: Path) -> dict[str, str]:
+    """What `verify --manifest` finds that is not as it was sealed, by name."""
+    return {f.name: f.state for f in check_manifest(manifest).files if f.state != "unaltered"}
+
+
+def test_a_link_to_a_file_is_sealed_under_its_own_name(tmp_path: Path) -> None:
+    case, store = tmp_path / "case", tmp_path / "store"
+    for folder in (case / "raw", store):
+        folder.mkdir(parents=True)
+    (store / "video.avi").write_text("pictures")
+    (case / "answer.csv").write_text("a,b")
+    (case / "raw" / "video.avi").symlink_to(store / "video.avi")
+    (case / "same.csv").symlink_to("answer.csv")
+    out = case / "m.json"
+    assert main(["seal", str(case), "-o", str(out)]) == 0
+    names = ["answer.csv", "raw/video.avi", "same.csv"]
+    assert [e.name for e in read_manifest(out).files] == names
+    assert check_manifest(out).intact
+    (store / "video.avi").write_text("others")
+    assert checked(out) == {"raw/video.avi": "altered"}
+    (store / "video.avi").unlink()
+    assert checked(out) == {"raw/video.avi": "missing"}
+    # Named by a folder that is a link, the case is the same.
+    (tmp_path / "way").symlink_to(case)
+    (case / "raw" / "video.avi").unlink()
+    again = seal([tmp_path / "way"], case / "n.json")
+    assert ([e.name for e in again.files], again.folders) == (["answer.csv", "same.csv"], ["."])
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [("folder", "a link to a folder"), ("nothing", "a link to nothing"), ("pipe", "not a regular file")],
+)
+def test_what_cannot_be_sealed_is_not_left_out_unsaid(
+    tmp_path: Path, kind: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case, store = tmp_path / "case", tmp_path / "store"
+    for folder in (case / "sub", store):
+        folder.mkdir(parents=True)
+    (store / "b.txt").write_text("b")
+    (case / "a.txt").write_text("a")
+    at, out = case / "sub" / "more", case / "m.json"
+    write_manifest(seal([case], out), out)
+    if kind == "pipe":
+        os.mkfifo(at)
+    else:
+        at.symlink_to(store if kind == "folder" else tmp_path / "nowhere")
+    assert checked(out) == {"sub/more": "added"}
+    assert main(["seal", str(case), "-o", str(case / "n.json")]) in (1, 2)
+    err = capsys.readouterr().err
+    assert str(at) in err
+    assert said in err
+    assert not (case / "n.json").exists()
+
+
+def test_a_folder_can_be_sealed_again_and_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.txt").write_text("a")
+    first, second = tmp_path / "m.json", tmp_path / "m2.json"
+    assert main(["seal", str(tmp_path), "-o", str(first)]) == 0
+    before = first.read_bytes()
+    assert main(["seal", str(tmp_path), "-o", str(first), "--force"]) == 0
+    assert first.read_bytes() == before
+    capsys.readouterr()
+    assert main(["seal", str(tmp_path), "-o", str(second), "--note", "two"]) == 0
+    assert "m.json: another manifest, not sealed with the folder" in capsys.readouterr().err
+    assert [e.name for e in read_manifest(second).files] == ["a.txt"]
+    assert check_manifest(first).intact
+    assert check_manifest(second).intact
+    assert main(["seal", str(tmp_path), str(first), "-o", str(second), "--force"]) == 0
+    assert [e.name for e in read_manifest(second).files] == ["a.txt", "m.json"], "named, it is sealed"
+    assert check_manifest(first).intact
+    first.write_bytes(first.read_bytes().replace(b"{", b"{ ", 1))
+    assert checked(second) == {"m.json": "altered"}
+    (tmp_path / "more.json").write_text('{"format": "scenetrace manifest"}')
+    assert checked(first) == {"more.json": "added"}, "only a whole manifest is one"
+    (tmp_path / "more.json").unlink()
+    # A manifest further down belongs to what is sealed: the one of evidence, say.
+    (tmp_path / "evidence").mkdir()
+    (tmp_path / "evidence" / "manifest.json").write_bytes(before)
+    assert checked(first) == {"evidence/manifest.json": "added"}
+    assert main(["seal", str(tmp_path), "-o", str(first), "--force"]) == 0
+    assert "evidence/manifest.json" in [e.name for e in read_manifest(first).files]
+    (tmp_path / "alias.json").symlink_to(first)
+    assert main(["seal", str(tmp_path), "-o", str(first), "--force"]) == 2
+    assert "alias.json: the manifest cannot seal itself" in capsys.readouterr().err
