@@ -82,13 +82,13 @@ class Happenings:
         for i in (i for i in lost if self._known(self.a, ours[i].frame)):
             a, t = ours[i], self.a.seconds(ours[i].frame)
             who, one = words.subject(self.names(subjects), [str(g) for g in a.groups])
-            text = f"{who} no longer {words.verb(kind, one)} at {t:.1f} s"
+            text = f"{who} {words.verb(kind, one, 'no longer')} at {t:.1f} s"
             details = {"kind": kind, "event_a": a.id, "groups_a": list(a.groups)}
             yield Difference("event", "vanished", a.frame, t, list(a.subjects), text, details)
         for j in (j for j in new if self._known(self.b, theirs[j].frame)):
             b, t = theirs[j], self.b.seconds(theirs[j].frame)
             who, one = words.subject(self.names(subjects), [f"{g} of B" for g in b.groups])
-            text = f"{who} now {words.verb(kind, one)} at {t:.1f} s"
+            text = f"{who} {words.verb(kind, one, 'now')} at {t:.1f} s"
             details = {"kind": kind, "event_b": b.id, "groups_b": list(b.groups), "subjects_b": list(b.subjects)}
             yield Difference("event", "appeared", b.frame, t, self._shown(subjects), text, details)
 

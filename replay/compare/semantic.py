@@ -9,16 +9,19 @@ from pathlib import Path
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
 from replay.annotated import AnnotatedFrame, AnnotatedLog
+from replay.compare import words
 from replay.compare.content import Content
 from replay.compare.difference import Comparison, Difference
 from replay.compare.happenings import Happenings
-from replay.compare.intervals import Interval, count, intersect, subtract
+from replay.compare.intervals import Interval, count, intersect, subtract, union
 from replay.compare.matching import Change, Matching, Pair
 from replay.compare.raw import RECORDING, Raw, compare_bytes
 from replay.counting import number
 from replay.facts import GOLDEN, Facts, facts_of
 from replay.unequal import both, short
 
+_INTERVALS = 3
+"""So many intervals of frames are named, then the number of the others."""
 _READ = ("tracks", "relations", "groups", "events")
 # What a difference in a channel shows as; a channel that is not here is told of only where nothing else explains it.
 _SHOWN_AS = {"tracks": ("track", "identity"), "relations": ("relation",), "groups": ("group",), "events": ("event",)}
@@ -155,8 +158,9 @@ class _Comparer:
             alone = subtract(content.frames, other.frames)
             if alone:
                 first, n = alone[0][0], count(alone)
-                span = f"from frame {content.number(first)} to {content.number(alone[-1][1])}"
-                text = f"{n} frame{'s are' if n > 1 else ' is'} in {name} only, {span}"
+                numbers = union((content.number(begin), content.number(end)) for begin, end in alone)
+                spans = words.intervals(numbers, _INTERVALS)
+                text = f"{n} frame{'s are' if n > 1 else ' is'} in {name} only: frame{'s' if n > 1 else ''} {spans}"
                 yield Difference("frames", change, first, content.seconds(first), [], text, {"frames": n})
 
     def _tracks(self) -> Iterator[Difference]:
@@ -191,8 +195,8 @@ class _Comparer:
         n = count(here)
         if n:
             t = content.seconds(here[0][0])
-            words = f"{text}: {number(n, 'frame')} from {t:.1f} s"
-            yield Difference("track", change, here[0][0], t, [track], words, {"frames": n})
+            told = f"{text}: {number(n, 'frame')} from {t:.1f} s"
+            yield Difference("track", change, here[0][0], t, [track], told, {"frames": n})
 
     def _matched(self, track: int) -> Iterator[Difference]:
         partner = self.matching.partner[track]

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from replay.counting import number
+
+_THEIRS = "B's "
 # What one does, what several do.
 VERBS = {
     "track_confirmed": ("is confirmed", "are confirmed"),
@@ -45,8 +48,25 @@ def listed(names: Sequence[str]) -> str:
 
 
 def tracks(names: Sequence[str]) -> str:
-    """Tracks by their names."""
-    return f"track{'s' if len(names) != 1 else ''} {listed(names)}"
+    """Tracks by their names, A's and then B's.
+
+    >>> tracks(["1", "2"]), tracks(["1", "B's 7"])
+    ('tracks 1 and 2', "track 1 and B's track 7")
+    """
+    ours = [name for name in names if not name.startswith(_THEIRS)]
+    theirs = [name.removeprefix(_THEIRS) for name in names if name.startswith(_THEIRS)]
+    sides = [("", ours)] * bool(ours or not theirs) + [(_THEIRS, theirs)] * bool(theirs)
+    return " and ".join(f"{of}track{'s' if len(side) != 1 else ''} {listed(side)}" for of, side in sides)
+
+
+def intervals(spans: Sequence[tuple[int, int]], most: int) -> str:
+    """Numbers from ... to ..., the first ``most`` intervals of them.
+
+    >>> intervals([(0, 249), (300, 300)], 3), intervals([(1, 1), (3, 3), (5, 5)], 2)
+    ('0 to 249 and 300', '1, 3 and 1 more interval')
+    """
+    told = [f"{first} to {last}" if last > first else f"{first}" for first, last in spans[:most]]
+    return listed(told + ([number(len(spans) - most, "more interval")] if len(spans) > most else []))
 
 
 def group(label: str, members: Sequence[str]) -> str:
@@ -67,9 +87,17 @@ def subject(names: Sequence[str], groups: Sequence[str]) -> tuple[str, bool]:
     return tracks(names), len(names) == 1
 
 
-def verb(kind: str, one: bool) -> str:
-    """What an event's subject does; of a kind that is not known, that it has such an event."""
+def verb(kind: str, one: bool, adverb: str = "") -> str:
+    """What an event's subject does; of a kind that is not known, that it has such an event.
+
+    >>> verb("track_confirmed", True, "now"), verb("splitting", True, "no longer")
+    ('is now confirmed', 'no longer splits')
+    """
     known = VERBS.get(kind)
     if known is None:
-        return f"{'has' if one else 'have'} an event {kind}"
-    return known[0] if one else known[1]
+        return f"{adverb} {'has' if one else 'have'} an event {kind}".lstrip()
+    said = known[0] if one else known[1]
+    auxiliary, _, rest = said.partition(" ")
+    if not adverb:
+        return said
+    return f"{auxiliary} {adverb} {rest}" if auxiliary in ("is", "are", "has", "have") else f"{adverb} {said}"

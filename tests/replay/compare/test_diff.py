@@ -16,7 +16,7 @@ from recorders import channels
 from recorders.errors import RecordingError
 from recorders.log import LogReader
 from replay.cli import main
-from replay.compare import CompareOptions, compare
+from replay.compare import CompareOptions, compare, words
 from replay.compare.happenings import nearest
 
 SHIFT = 7
@@ -260,6 +260,8 @@ def test_half_the_frames_are_no_other_story(trusted: Path, tmp_path: Path) -> No
     copy_log(a, tmp_path / "half.mcap", edit, time_ns=time_ns)
     found = compare(a, tmp_path / "half.mcap", CompareOptions(1.0))
     assert {(d.what, d.change) for d in found.differences} == {("frames", "vanished"), ("event", "moved")}
+    (text,) = [d.text for d in found.differences if d.what == "frames"]
+    assert text == "100 frames are in A only: frames 1, 3, 5 and 97 more intervals"
 
 
 def test_a_group_that_only_a_frame_that_the_other_log_lacks_knows(trusted: Path, tmp_path: Path) -> None:
@@ -286,9 +288,46 @@ def test_a_span_against_the_whole(trusted: Path, told: Any, tmp_path: Path) -> N
         ("frames", "vanished", 0),
     ], found.lines()
     assert found.differences[0].details == {"frames": 150}
+    assert found.differences[0].text == "150 frames are in A only: frames 0 to 24 and 75 to 199"
     shared = compare(trusted / "annotated.mcap", tmp_path / "span.mcap", CompareOptions(only_shared=True))
     assert shared.identical, "frames that only one of them has do not count"
     assert shared.lines() == ["identical: 50 frames"]
+
+
+def test_frames_between_those_of_the_other_log_are_one_interval(trusted: Path, tmp_path: Path) -> None:
+    """Of two logs some of whose frames alternate, each tells its own without a break."""
+
+    def some(of: range, later_ns: int = 0) -> Path:
+        out = tmp_path / f"{of.start}_{later_ns}.mcap"
+
+        def kept(message: Any) -> bytes | None:
+            return message.data if round(message.log_time_ns * 25 / 1e9) in of else None
+
+        def time_ns(message: Any) -> int:
+            return message.log_time_ns + later_ns * (message.log_time_ns >= 2_000_000_000)
+
+        copy_log(trusted / "annotated.mcap", out, kept, time_ns=time_ns)
+        return out
+
+    found = compare(some(range(1, 61)), some(range(62), 10_000_000), CompareOptions(1.0)).differences
+    assert [(d.change, d.text) for d in found if d.what == "frames"] == [
+        ("appeared", "13 frames are in B only: frames 0 and 50 to 61"),
+        ("vanished", "11 frames are in A only: frames 50 to 60"),
+    ]
+    found = compare(some(range(1, 61)), some(range(2, 61)), CompareOptions(1.0)).differences
+    assert [d.text for d in found if d.what == "frames"] == ["1 frame is in A only: frame 1"]
+
+
+def test_now_and_no_longer_stand_where_they_belong() -> None:
+    assert words.verb("track_confirmed", True, "now") == "is now confirmed"
+    assert words.verb("track_lost", False, "no longer") == "are no longer lost"
+    assert words.verb("entered", True, "now") == "has now entered"
+    assert words.verb("splitting", True, "no longer") == "no longer splits"
+    assert words.verb("unheard_of", True, "now") == "now has an event unheard_of"
+    assert words.tracks(["B's 1"]) == "B's track 1"
+    assert words.tracks(["1", "2"]) == "tracks 1 and 2"
+    assert words.tracks(["1", "2", "B's 7"]) == "tracks 1 and 2 and B's track 7"
+    assert words.tracks(["4", "B's 7", "B's 9"]) == "track 4 and B's tracks 7 and 9"
 
 
 def test_an_annotation_without_a_track(trusted: Path, tmp_path: Path) -> None:
