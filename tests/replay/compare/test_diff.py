@@ -245,6 +245,29 @@ def test_what_happens_in_a_frame_that_the_other_log_lacks(trusted: Path, tmp_pat
         assert any("grouping" in d.text for d in found)
 
 
+def test_deep_in_a_gap_nothing_can_be_known(trusted: Path, tmp_path: Path) -> None:
+    a, frame = trusted / "annotated.mcap", grouping_frames(trusted / "annotated.mcap")[0]
+    gap = range(frame - 10, frame + 11)
+
+    def edit(message: Any) -> bytes | None:
+        return None if round(message.log_time_ns * 25 / 1e9) in gap else message.data
+
+    copy_log(a, tmp_path / "gap.mcap", edit)
+    for tolerance_s, change in ((0.3, None), (0.5, "vanished")):
+        found = compare(a, tmp_path / "gap.mcap", CompareOptions(1.0, tolerance_s)).differences
+        told = {d.change for d in found if d.what == "event" and d.frame == frame}
+        assert told == ({change} if change else set())
+
+
+def test_events_of_the_same_frames_at_another_time_are_the_same(trusted: Path, tmp_path: Path) -> None:
+    """Where no time is common, frames are held against each other by their numbers, and so is what happens in them."""
+    a, hour = trusted / "annotated.mcap", 3600 * 1_000_000_000
+    copy_log(a, tmp_path / "b.mcap", time_ns=lambda message: message.log_time_ns + hour)
+    for pair in ((a, tmp_path / "b.mcap"), (tmp_path / "b.mcap", a)):
+        found = compare(*pair, CompareOptions(1.0))
+        assert not [d for d in found.differences if d.what in ("event", "relation", "group")], found.lines()
+
+
 def test_half_the_frames_are_no_other_story(trusted: Path, tmp_path: Path) -> None:
     """What happens in a frame that the other rate has not happens in its next one: moved, and nothing is made up."""
     a = trusted / "annotated.mcap"
