@@ -1,8 +1,9 @@
 """Why: the rule, the measured values with their thresholds and margins, and the chain of states that led there.
 
 An answer row names what it rests on by references: ``event:12``, ``relation:1-2@40`` (the interval of 1 and 2 that
-frame 40 lies in; also ``encounter``, ``phase``, ``abrupt``, ``near``), ``group:3``, ``track:7@31``, ``zone:4@160``,
-``still:4@160``. An explanation's own reference names its interval by the first frame, whatever frame was given.
+frame 40 lies in; also ``encounter``, ``phase``, ``abrupt``, ``near``), ``group:3``, ``track:7@31``, ``still:4@160``,
+``zone:4@160:bench`` (the zone's name as in a URL; it may be left out where target 4 is in one zone alone). An
+explanation's own reference names its interval by the first frame, whatever frame was given.
 """
 
 from __future__ import annotations
@@ -12,16 +13,18 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
+from urllib.parse import unquote
 
 from reasoning.questions import measured
 from reasoning.questions.case import Case
 from reasoning.questions.measured import Measure, event_measures, measure_line
-from reasoning.questions.values import literal
+from reasoning.questions.values import literal, zone_reference
 from recorders.errors import UsageError
 
 _REFERENCE = re.compile(
     r"(?:event:)?(?P<event>\d{1,10})|group:(?P<group>\d{1,10})"
-    r"|(?P<single>track|zone|still):(?P<one>\d{1,10})@(?P<at>\d{1,10})"
+    r"|(?P<single>track|still):(?P<one>\d{1,10})@(?P<at>\d{1,10})"
+    r"|zone:(?P<inside>\d{1,10})@(?P<then>\d{1,10})(?::(?P<zone>\S+))?"
     r"|(?P<pair>relation|encounter|phase|near|abrupt):(?P<a>\d{1,10})-(?P<b>\d{1,10})@(?P<since>\d{1,10})"
 )
 _TABLE = {
@@ -94,7 +97,7 @@ def explain(case: Case, reference: str, recording: str | None = None) -> Explana
     if match is None:
         raise UsageError(
             f"{reference!r}: give an event's number (12 or event:12) or an id of a column `explain`, "
-            "like relation:1-2@40, encounter:1-2@65, group:3, track:7@31, zone:4@160"
+            "like relation:1-2@40, encounter:1-2@65, group:3, track:7@31, zone:4@160:bench"
         )
     only = "" if recording is None else f" AND recording = {literal(recording)}"
     if match["event"] is not None:
@@ -103,6 +106,9 @@ def explain(case: Case, reference: str, recording: str | None = None) -> Explana
         return _group(case, int(match["group"]), only)
     if match["single"] is not None:
         return _single(case, match["single"], int(match["one"]), int(match["at"]), only)
+    if match["inside"] is not None:
+        zone = None if match["zone"] is None else unquote(match["zone"])
+        return _inside(case, int(match["inside"]), int(match["then"]), zone, only)
     a, b = sorted((int(match["a"]), int(match["b"])))
     return _pair(case, match["pair"], (a, b), int(match["since"]), only)
 
@@ -150,34 +156,59 @@ def _group(case: Case, label: int, only: str) -> Explanation:
 
 _SINGLE = {
     "track": ("was present", "EVENTS 2, 3.1: the target's own state"),
-    "zone": ("was in the zone", "EVENTS 3.2: a target's centroid in the zone"),
     "still": ("stood still", "ours: slower than a small part of its own size per second, for a second and more"),
 }
 
 
 def _single(case: Case, kind: str, track: int, at: int, only: str) -> Explanation:
-    row = _row(
-        case,
-        f"SELECT * FROM {_TABLE[kind]} WHERE track = {track} AND {at} BETWEEN start_frame AND end_frame{only} "  # noqa: S608
-        "ORDER BY start_frame DESC",
-        f"{kind}:{track}@{at}",
-    )
+    row = _row(case, _during(kind, track, at, only), f"{kind}:{track}@{at}")
     text, rule = _SINGLE[kind]
-    where = f" {row['zone']!r}" if kind == "zone" else ""
     # What a target does in a frame is asked of that frame: `track:7@31` keeps it.
     reference = f"{kind}:{track}@{at if kind == 'track' else row['start_frame']}"
-    if kind == "still":
-        found = measured.still_measures(row)
-    else:
-        bits = case.rows(
-            f"SELECT bit, partners, start_frame, end_frame FROM bits WHERE track = {track} AND "  # noqa: S608
-            f"{at} BETWEEN start_frame AND end_frame AND recording = {literal(row['recording'])} ORDER BY bit"
-        )
-        found = [Measure(f"{bit} in frame {at}", f"with {_listed(p)}, frames {s} to {e}") for bit, p, s, e in bits]
+    found = measured.still_measures(row) if kind == "still" else _bits(case, row, at)
+    return _of_one(case, row, (reference, kind), f"Target {track} {text}.", rule, found)
+
+
+def _inside(case: Case, track: int, at: int, zone: str | None, only: str) -> Explanation:
+    if zone is not None:
+        only += f" AND zone = {literal(zone)}"
+    query = _during("zone", track, at, only)
+    asked = f"zone:{track}@{at}" if zone is None else zone_reference(track, at, zone)
+    zones = sorted({str(name) for (name,) in case.rows(f"SELECT zone FROM ({query})")})  # noqa: S608
+    if len(zones) > 1:
+        ways = ", ".join(zone_reference(track, at, name) for name in zones[:5])
+        raise UsageError(f"{asked}: target {track} is in {len(zones)} zones then; give one of them: {ways}")
+    row = _row(case, query, asked)
+    reference = zone_reference(track, row["start_frame"], row["zone"])
+    text, rule = f"Target {track} was in the zone {row['zone']!r}.", "EVENTS 3.2: a target's centroid in the zone"
+    return _of_one(case, row, (reference, "zone"), text, rule, _bits(case, row, at))
+
+
+def _during(kind: str, track: int, at: int, only: str) -> str:
+    """A target's rows that a frame lies in, the latest first."""
+    return (
+        f"SELECT * FROM {_TABLE[kind]} WHERE track = {track} AND {at} BETWEEN start_frame AND end_frame{only} "  # noqa: S608
+        "ORDER BY start_frame DESC"
+    )
+
+
+def _bits(case: Case, row: Mapping[str, Any], at: int) -> list[Measure]:
+    """Whom a target was grouping with, grouped with and splitting from in a frame."""
+    rows = case.rows(
+        f"SELECT bit, partners, start_frame, end_frame FROM bits WHERE track = {row['track']} AND "  # noqa: S608
+        f"{at} BETWEEN start_frame AND end_frame AND recording = {literal(row['recording'])} ORDER BY bit"
+    )
+    return [Measure(f"{bit} in frame {at}", f"with {_listed(p)}, frames {s} to {e}") for bit, p, s, e in rows]
+
+
+def _of_one(
+    case: Case, row: Mapping[str, Any], named: tuple[str, str], text: str, rule: str, found: list[Measure]
+) -> Explanation:
+    reference, kind = named
     return Explanation(
-        reference, row["recording"], kind, f"Target {track} {text}{where}.", rule, [track],
+        reference, row["recording"], kind, text, rule, [row["track"]],
         row["start_frame"], row["end_frame"], row["start_t"], row["end_t"], found,
-        chain(case, row["recording"], [track], row["start_t"], reference), {},
+        chain(case, row["recording"], [row["track"]], row["start_t"], reference), {},
     )  # fmt: skip
 
 

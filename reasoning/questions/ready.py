@@ -2,7 +2,7 @@
 
 Every answer row has a column ``explain``: what to give to ``scenetrace explain`` to see frames, rule and values behind
 the row (``event:12``, ``relation:1-2@40``: the interval of 1 and 2 that starts in frame 40, ``group:3``,
-``encounter:1-2@65``, ``zone:4@160``, ``track:7@31``).
+``encounter:1-2@65``, ``zone:4@160:bench``, ``track:7@31``).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from string import Template
+from urllib.parse import quote
 
 from reasoning.questions import ready_sql as q
 from reasoning.questions.values import Moment, Recordings, identity, literal
@@ -156,8 +157,9 @@ def _one(words: Sequence[str], options: Options) -> Mapping[str, str]:
 
 def _stays(words: Sequence[str]) -> Mapping[str, str]:
     if words[0] == "scene":
-        return {"stays": q.SCENE_STAYS, "what": "track"}
-    return {"stays": Template(q.ZONE_STAYS).substitute(zone=literal(words[0])), "what": "zone"}
+        return {"stays": q.SCENE_STAYS, "what": "track", "which": ""}
+    stays = Template(q.ZONE_STAYS).substitute(zone=literal(words[0]))
+    return {"stays": stays, "what": "zone", "which": f":{quote(words[0], safe='')}"}
 
 
 def _zone_at(words: Sequence[str], options: Options) -> Mapping[str, str]:

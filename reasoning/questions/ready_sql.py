@@ -74,7 +74,7 @@ SCENE_STAYS = "SELECT recording, track, start_frame, end_frame, start_t, end_t F
 WHO_WAS_IN = """
 WITH stays AS ($stays$only)
 SELECT s.recording, s.track, s.start_frame AS since_frame, s.end_frame AS until_frame,
-  s.start_t AS since_t, s.end_t AS until_t, format('$what:{}@{}', s.track, s.start_frame) AS explain
+  s.start_t AS since_t, s.end_t AS until_t, concat('$what:', s.track, '@', s.start_frame, '$which') AS explain
 FROM stays s WHERE $at BETWEEN s.start_t - 0.0005 AND s.end_t + 0.0005 ORDER BY s.recording, s.track
 """
 
@@ -90,7 +90,7 @@ stay AS (
     max(end_t) AS end_t FROM numbered GROUP BY recording, track, stay
   HAVING round(max(end_t) - min(start_t), 3) >= $least)
 SELECT recording, track, start_frame, end_frame, start_t, end_t, round(end_t - start_t, 3) AS seconds,
-  concat('$what:', track, '@', start_frame) AS explain
+  concat('$what:', track, '@', start_frame, '$which') AS explain
 FROM stay ORDER BY recording, start_frame, track
 """
 
@@ -242,7 +242,7 @@ WITH told AS (
   SELECT recording, start_t, end_t, start_frame, 'present' AS what, CAST([] AS INTEGER[]) AS others, '' AS text,
     format('track:{}@{}', track, start_frame) AS explain FROM presence WHERE track = $a$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'in ' || zone, [], '',
-    format('zone:{}@{}', track, start_frame) FROM zones WHERE track = $a$only
+    format('zone:{}@{}:{}', track, start_frame, url_encode(zone)) FROM zones WHERE track = $a$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, state, [b], '',
     concat('relation:', a, '-', b, '@', start_frame) FROM relations WHERE a = $a$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, state, [a], '',

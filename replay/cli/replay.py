@@ -147,7 +147,10 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
     said = ", ".join(number(n, name) for n, name in made)
     common.say(f"{args.output or args.scene}: {said}, output digest {done.output_digest[:16]}")
     if not done.tracks and not starts and not has_masks:
-        common.say(f"{args.scene}: no foreground was recorded: without detections there is nothing to track")
+        common.say(
+            f"{args.scene}: nothing was tracked: no foreground was recorded, and no detections that were sure enough, "
+            "often enough"
+        )
     left_out = missed(starts, done)
     if left_out:
         common.say(f"{args.scene}: {left_out}")

@@ -65,6 +65,8 @@ def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, 
     name = literal(facts["recording"])
     size = log.size() or (facts["width"], facts["height"])
     frames = case.rows(f"SELECT frame, t FROM frames WHERE recording = {name} ORDER BY frame")  # noqa: S608
+    # Of a span the page tells the span alone, by the recording's own times.
+    facts["begins"] = frames[0][1] if frames else 0.0
     events = case.rows(
         f"SELECT event, kind, frame, t, subjects, text, rule FROM events WHERE recording = {name} ORDER BY event"  # noqa: S608
     )
@@ -73,6 +75,7 @@ def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, 
         "facts": _facts(facts, log),
         "figures": _figures(case, name, facts),
         "size": list(size),
+        "begins": facts["begins"],
         "seconds": facts["seconds"],
         "tracks": _tracks(case, name, options),
         **{table: _intervals(case, name, table, options) for table in _INTERVALS},
@@ -111,7 +114,8 @@ def _facts(facts: dict[str, Any], log: AnnotatedLog) -> list[list[str]]:
     said = log.facts
     began = ""
     if facts["start_ns"] > _YEAR_NS:  # a recording without a clock begins at 0
-        began = datetime.fromtimestamp(facts["start_ns"] // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+        first_ns = facts["start_ns"] + round(facts["begins"] * 1e9)
+        began = datetime.fromtimestamp(first_ns // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
     rows = [
         ["Began", began], ["File", log.path.name], ["Camera", log.camera], ["Tracker", log.tracker or "not said"],
         ["SHA-256 of the file", facts["digest"]], ["Output digest", said.get("output_digest", "")],
@@ -125,7 +129,7 @@ def _figures(case: Case, name: str, facts: dict[str, Any]) -> list[list[Any]]:
         return case.rows(query.replace("$name", name))[0][0]
 
     return [
-        ["length", _clock(facts["seconds"])],
+        ["length", _clock(facts["seconds"] - facts["begins"])],
         ["frames", facts["frames"]],
         ["targets", count("SELECT count(DISTINCT track) FROM presence WHERE recording = $name")],
         ["at once, at most", count(_AT_ONCE)],

@@ -26,6 +26,7 @@ from replay.sealing.manifest import read_manifest, seal, write_manifest
 BEFORE_S = 1.0
 CLIP_S = 3.0
 MANIFEST = "manifest.json"
+_LONGEST_NAME = 80
 EXPLANATION = "explanation.json"
 
 
@@ -169,7 +170,12 @@ def _sums(folder: Path) -> None:
 
 
 def _safe(reference: str) -> str:
-    return reference.replace(":", "_").replace("@", "_at_")
+    """A file's name for a reference; a zone's name may hold what a file's or a link cannot."""
+    plain = reference.replace(":", "_").replace("@", "_at_")
+    if "%" not in plain and len(plain) <= _LONGEST_NAME:
+        return plain
+    digest = hashlib.sha256(reference.encode()).hexdigest()[:8]
+    return f"{plain.replace('%', '_')[:_LONGEST_NAME]}_{digest}"
 
 
 def _json(value: Any) -> str:
@@ -180,14 +186,19 @@ _STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#16181d;background:#fff}
 h2{margin-top:2.5rem;border-top:1px solid #c9ced6;padding-top:1rem}table{border-collapse:collapse;width:100%}
 td,th{text-align:left;padding:.25rem .6rem;border-bottom:1px solid #dfe3e8;vertical-align:top}
-th{width:14rem;max-width:40vw;font-weight:600}td{overflow-wrap:anywhere}li{margin:.15rem 0}
+table{table-layout:fixed}th{width:min(14rem,35%);font-weight:600}
+td,th,h1,h2,li{overflow-wrap:anywhere}li{margin:.15rem 0}
 img{max-width:100%;display:block;margin:.6rem 0 0}figure{margin:0 0 1rem;break-inside:avoid}video{max-width:100%}
 figcaption,.small{color:#4b5563;font-size:.85rem}code{overflow-wrap:anywhere}
-@media print{video{display:none}body{margin:0;max-width:none}h2{break-before:page}}
+@media(prefers-color-scheme:dark){body{color:#e3e6eb;background:#16181d}h2{border-color:#3a404a}td,th{border-color:#2c313a}
+figcaption,.small{color:#a3abb8}a{color:#8ab4f8}}
+@media print{body{color:#000;background:#fff}video{display:none}body{margin:0;max-width:none}h2{break-before:page}}
 """
 
 
 _FIRST = ("tracker", "scene", "input_digest", "output_digest")
+_FOR_MACHINES = ("checkpoints", "extras", "fact_digests")
+"""Lists of digests, which nobody reads: they stand in facts.json."""
 _YEAR_NS = 365 * 86_400 * 10**9
 
 
@@ -204,7 +215,7 @@ def _page(facts: Mapping[str, Any], pages: Sequence[tuple[Explanation, list[str]
     ]
     for e, pictures, clip in pages:
         out += _section(facts, e, pictures, clip)
-    rest = [(name.replace("_", " "), value) for name, value in said.items() if name not in _FIRST]
+    rest = [(name.replace("_", " "), value) for name, value in said.items() if name not in _FIRST + _FOR_MACHINES]
     out.append(f"<h2>What the log says of how it was made</h2>{_table(rest)}")
     out.append(
         "<p class=small>All of it for machines: facts.json, configuration.json. To see that nothing was changed: "

@@ -20,7 +20,7 @@
   }
 
   // ---- times: seconds, from ten minutes on h:mm:ss -------------------------------------------------------------
-  const LONG = D.seconds >= 600;
+  const LONG = D.seconds - D.begins >= 600;
   function clock(t, digits = 2) {
     if (!LONG) return `${t.toFixed(digits)} s`;
     const whole = Math.floor(t);
@@ -39,12 +39,12 @@
     const [g, u] = D.times[high];
     return g > f ? t + ((u - t) * (frame - f)) / (g - f) : t;
   }
-  function ticks(end) {
+  function ticks(begin, end) {
     if (!LONG) return {};
     const steps = [60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400];
-    const step = steps.find((s) => end / s <= (innerWidth < 600 ? 4 : 10)) || 86400;
+    const step = steps.find((s) => (end - begin) / s <= (innerWidth < 600 ? 4 : 10)) || 86400;
     const at = [];
-    for (let t = 0; t <= end; t += step) at.push(t);
+    for (let t = Math.ceil(begin / step) * step; t <= end; t += step) at.push(t);
     return { tickvals: at, ticktext: at.map((t) => clock(t)) };
   }
 
@@ -172,7 +172,8 @@
       .map((t) => `the ${D[t].length} longest of ${D.in_all[t]} rows of ${t} are shown`);
     $("cut").textContent = cut.length ? `${cut.join("; ")}; \`scenetrace query\` has all.` : "";
     const lanes = [...new Set(rows.map((r) => r[0]))];
-    const step = D.seconds > 0 && D.steps.length > 1 ? D.seconds / Math.max(1, D.steps[D.steps.length - 1].frame) : 0.04;
+    const [first, begin] = D.times[0] || [0, 0], [last, end] = D.times[D.times.length - 1] || [0, 0];
+    const step = last > first && end > begin ? (end - begin) / (last - first) : 0.04;
     const traces = STATES[view].map(([state, colour]) => {
       const mine = rows.filter((r) => r[1] === state);
       return {
@@ -189,7 +190,7 @@
       barmode: "overlay", height: tall, margin: { l: 74, r: 12, t: 74, b: 12 },
       legend: { orientation: "h", y: 1, yref: "container", yanchor: "top", x: 0 },
       xaxis: Object.assign({ title: { text: LONG ? "time from the start" : "seconds from the start" }, side: "top",
-        range: [0, Math.max(D.seconds, step)] }, ticks(D.seconds)),
+        range: [D.begins, Math.max(D.seconds, D.begins + step)] }, ticks(D.begins, D.seconds)),
       yaxis: { categoryorder: "array", categoryarray: lanes.slice().reverse(), fixedrange: true, type: "category", automargin: true },
       annotations: rows.length ? [] : [{ text: "none in this recording", showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5 }],
     }), CONFIG);

@@ -80,7 +80,8 @@ def _pairs(about: str, table: str, condition: str, what: str) -> Atom:
 def _state(table: str, zone: bool = False) -> Callable[[int, str | None], str]:
     def source(_: int, name: str | None) -> str:
         where = f" WHERE zone = {literal(name)}" if zone and name is not None else ""
-        return f"SELECT recording, track AS x0, {_SPAN} FROM {table}{where}"  # noqa: S608
+        which = ", zone" if zone else ""
+        return f"SELECT recording, track AS x0, {_SPAN}{which} FROM {table}{where}"  # noqa: S608
 
     return source
 
@@ -127,6 +128,8 @@ def _one(what: str) -> str:
     return f"format('{what}:{{}}@{{}}', $n.x0, $n.s)"
 
 
+_ZONE = "format('zone:{}@{}:{}', $n.x0, $n.s, url_encode($n.zone))"
+
 _STATES: Mapping[str, Atom] = {
     "interaction": _pairs("INTERACTION of two (SHELLS)", "relations", "state = 'INTERACTION'", "relation"),
     "joint": _pairs("JOINT of two (SHELLS)", "relations", "state = 'JOINT'", "relation"),
@@ -141,7 +144,7 @@ _STATES: Mapping[str, Atom] = {
     "group": Atom("members of one group", _group, "format('group:{}', $n.id)", 1, 4),
     "present": Atom("a target is in the picture", _state("presence"), _one("track"), 1, 1),
     "still": Atom("a target stands still", _state("still"), _one("still"), 1, 1),
-    "in": Atom("a target is in a zone", _state("zones", zone=True), _one("zone"), 1, 1, zone=True),
+    "in": Atom("a target is in a zone", _state("zones", zone=True), _ZONE, 1, 1, zone=True),
     "is_grouping": Atom("grouping (with a partner)", _bit("grouping"), _one("track"), 1, 2, symmetric=False),
     "is_grouped": Atom("grouped (with a partner)", _bit("grouped"), _one("track"), 1, 2, symmetric=False),
     "is_splitting": Atom("splitting (from a partner)", _bit("splitting"), _one("track"), 1, 2, symmetric=False),

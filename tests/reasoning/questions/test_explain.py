@@ -12,7 +12,10 @@ from reasoning.encounters import EncounterParameters
 from reasoning.questions import Case
 from reasoning.questions.explain import Explanation, explain
 from reasoning.questions.patterns import plan
+from reasoning.questions.ready import Options, question
+from reasoning.questions.values import Moment
 from recorders import channels
+from recorders.errors import UsageError
 from recorders.log import LogWriter
 from recorders.messages import Groups, Relation, Relations, Track, Tracks
 
@@ -128,3 +131,34 @@ def test_the_thresholds_are_those_of_the_rows(fight: Path) -> None:
         held = {m.threshold for m in explain(c, "encounter:1-2@60").measures}
         assert 1.5 in held
         assert explain(c, "near:1-2@60").measures[-1].threshold == 0.7
+
+
+def test_a_stay_is_explained_in_the_zone_that_the_row_named(tmp_path: Path, story_type, write_story) -> None:
+    odd = "bus stop, 'A' 50%"
+    story = story_type(100, {2: (0, 99, (9.0, 9.0, 9.0, 9.0), (0.0, 0.0))},
+                       zones=[(2, "hall", 0, 99), (2, odd, 0, 99), (2, "bench", 40, 60)])  # fmt: skip
+    with Case([write_story(story, tmp_path / "nested.mcap")]) as case:
+        for zone in ("hall", odd):
+            told = f"Target 2 was in the zone {zone!r}."
+            for name, options in (("loitered", {"least_s": 1.0}), ("who-was-in", {"at": Moment(seconds=1.0)})):
+                answer = case.sql(question(name).sql([zone], Options(**options)))
+                (row,) = [dict(zip(answer.columns, r, strict=True)) for r in answer.rows]
+                assert explain(case, row["explain"]).text == told
+                assert explain(case, row["explain"]).reference == row["explain"]
+        answer = case.sql(plan("in(a, hall)[>2s]"))
+        (row,) = [dict(zip(answer.columns, r, strict=True)) for r in answer.rows]
+        assert explain(case, row["explain"]).text == "Target 2 was in the zone 'hall'."
+        answer = case.sql(question("timeline").sql(["2"], Options()))
+        rows = [dict(zip(answer.columns, r, strict=True)) for r in answer.rows]
+        stays = {r["what"]: explain(case, r["explain"]).text for r in rows if r["what"].startswith("in ")}
+        assert stays == {f"in {z}": f"Target 2 was in the zone {z!r}." for z in ("hall", odd, "bench")}
+        with pytest.raises(UsageError, match=r"in 3 zones then; give one of them: .*zone:2@50:hall"):
+            explain(case, "zone:2@50")
+        with pytest.raises(UsageError, match="zone:2@70:bench: there is none"):
+            explain(case, "zone:2@70:bench")
+
+
+def test_the_zone_may_be_left_out_where_there_is_one(tmp_path: Path, story_type, write_story) -> None:
+    story = story_type(50, {4: (0, 49, (9.0, 9.0, 9.0, 9.0), (0.0, 0.0))}, zones=[(4, "bench", 10, 40)])
+    with Case([write_story(story, tmp_path / "one.mcap")]) as case:
+        assert explain(case, "zone:4@20").reference == "zone:4@10:bench"

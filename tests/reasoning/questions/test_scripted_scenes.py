@@ -18,7 +18,7 @@ from fixtures.scenes import SCRIPTS, GeneratedScene, generate
 from fixtures.targets import truth_targets
 from reasoning.questions import Case
 from reasoning.questions.ready import Options, question
-from reasoning.questions.values import Moment
+from reasoning.questions.values import Moment, zone_reference
 from reasoning.reasoner import Reasoner
 from recorders import channels
 from recorders.log import LogReader, LogWriter
@@ -337,7 +337,7 @@ def test_timelines_hold_everything_and_nothing_else(asked, raw: Raw) -> None:
         wanted += [f"relation:{a}-{b}@{s}" for a, b, _, s, _ in raw.intervals() if track in (a, b)]
         wanted += [f"group:{g}" for g, members in raw.members.items() if track in members]
         wanted += [f"track:{track}@{s}" for s, _ in runs(raw.presence[track])]
-        wanted += [f"zone:{track}@{s}" for (t, _), n in raw.zones.items() if t == track for s, _ in runs(n)]
+        wanted += [zone_reference(track, s, z) for (t, z), n in raw.zones.items() if t == track for s, _ in runs(n)]
         wanted += [f"encounter:{a}-{b}@{s}" for a, b, s in met if track in (a, b)]
         rows = ask(case, "timeline", track)
         assert sorted(r["explain"] for r in rows) == sorted(wanted)

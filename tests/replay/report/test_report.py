@@ -207,3 +207,15 @@ def test_in_a_browser(browser, report: Path, tmp_path: Path, width: int, dark: b
     browser.run("document.getElementById('theme').click()")
     assert browser.run("return document.documentElement.dataset.theme") == ("light" if dark else "dark")
     assert browser.console() == []
+
+
+def test_a_span_is_told_by_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "span.mcap"
+    with LogWriter(path) as log:
+        for n in range(40, FRAMES):
+            for name, message in _messages(n):
+                channel = log.channel(f"/camera/{name}", channels.schema(name), channels.message_encoding(name))
+                log.write(channel, channels.encode(name, message), n * FRAME_NS)
+    out = tmp_path / "span.html"
+    assert main(["report", str(path), "-o", str(out)]) == 0
+    assert "0.8 s length, 20 frames" in capsys.readouterr().err
