@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from recorders.messages import Box, Event, Group, Regions, Relation, Track
 from recorders.vision import cv2
-from replay.membership import Labels
+from replay.membership import Labels, value_of
 
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -52,6 +52,7 @@ class DrawOptions:
         only: track ids to draw, None: all.
         model: draw the five rectangles of the part model into every box (PARTS, Figure 2).
         gates: draw where a target's centre was looked for, where the tracker has gates (PARTS, Figure 5).
+        membership: tint the pixels that are a target's own, where the tracker says so (SHELLS, Figure 3c).
     """
 
     scale: float = 0.0
@@ -65,6 +66,7 @@ class DrawOptions:
     only: frozenset[int] | None = None
     model: bool = False
     gates: bool = True
+    membership: bool = True
 
     def factor(self, width: int) -> float:
         """The enlargement of a picture of this width."""
@@ -112,8 +114,8 @@ def draw_frame(image: Image, overlay: Overlay, options: DrawOptions | None = Non
     only = options.only
     shown = [t for t in overlay.tracks if t.present and (only is None or t.id in only)]
     places = {t.id: t for t in shown}
-    if overlay.membership is not None:
-        canvas.tint(overlay.membership)
+    if overlay.membership is not None and options.membership:
+        canvas.tint(overlay.membership, None if only is None else [value_of(t.id) for t in shown])
     _draw_ground(canvas, overlay, options, places)
     for track in shown:
         if options.boxes:
@@ -122,7 +124,8 @@ def draw_frame(image: Image, overlay: Overlay, options: DrawOptions | None = Non
         canvas.rectangle(box, _WHITE, 1, dash=4)
     # Before the labels, which keep off them.
     canvas.lines([overlay.title] if overlay.title else [], top=True)
-    canvas.lines([e.text or e.kind for e in overlay.events], top=False)
+    told = [e for e in overlay.events if only is None or not only.isdisjoint(e.subjects)]
+    canvas.lines([e.text or e.kind for e in told], top=False)
     _write(canvas, overlay, options, places)
     return canvas.image
 
@@ -324,8 +327,8 @@ class _Canvas:
             shown = _fitted(text, width - 8, size)
             cv2.putText(self.image, shown, (5, begin + step * k + h + 3), _FONT, size, _WHITE, 1, cv2.LINE_AA)
 
-    def tint(self, membership: Labels) -> None:
-        """Mix the owners' colours into the pixels that somebody owns (SHELLS, Figure 3c)."""
+    def tint(self, membership: Labels, owners: Sequence[int] | None) -> None:
+        """Mix the owners' colours into the pixels that somebody (of some values) owns (SHELLS, Figure 3c)."""
         height, width = self.image.shape[:2]
         whose = np.asarray(cv2.resize(membership, (width, height), interpolation=cv2.INTER_NEAREST), np.uint16)
         present = np.flatnonzero(np.bincount(membership.ravel()))
@@ -333,7 +336,7 @@ class _Canvas:
         for value in present.tolist():
             table[value] = track_colour(value) if value else _BLACK
         mixed = cv2.addWeighted(self.image, 0.45, table[whose], 0.55, 0)
-        owned = whose > 0
+        owned = whose > 0 if owners is None else np.isin(whose, owners)
         self.image[owned] = mixed[owned]
 
 

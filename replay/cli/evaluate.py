@@ -117,9 +117,10 @@ def run(args: argparse.Namespace) -> int:
     left_out = all_true - len(truth)
     if left_out:
         sys.stderr.write(f"scenetrace: {left_out} of {all_true} true boxes are in frames that are not scored\n")
-    if result.fitted_on:
+    others = [read_result(path, args.camera) for path in args.also]
+    for fitted_on in dict.fromkeys(r.fitted_on for r in (result, *others) if r.fitted_on):
         sys.stderr.write(
-            f"scenetrace: the features of parts were fitted on {result.fitted_on}; "
+            f"scenetrace: the features of parts were fitted on {fitted_on}; "
             "figures for those recordings are not of data unseen\n"
         )
     scores = evaluate(truth, table, args.iou)
@@ -127,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
         from replay.evaluate.plots import plot
 
         names = _told_apart([args.annotated, *args.also])
-        tables = [_common(args, truth, read_result(path, args.camera))[1] for path in args.also]
+        tables = [_common(args, truth, other)[1] for other in others]
         also = list(zip(names[1:], tables, strict=True))
         name = names[0] if also else ""
         plot(truth, table, args.plot, iou=args.iou, frame_s=result.frame_s, name=name, also=also)

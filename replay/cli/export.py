@@ -47,7 +47,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     p.add_argument("--scale", type=float, default=0.0, help="video: enlargement (default: to about 960 pixels wide)")
     p.add_argument("--only", type=ids, metavar="IDS", help="video: draw only these tracks, such as 3,7")
     p.add_argument("--size", type=size, metavar="WxH", help="video: the picture's size where the log does not say")
-    for what in ("shells", "edges", "groups", "regions", "labels", "gates"):
+    for what in ("shells", "edges", "groups", "regions", "labels", "gates", "membership"):
         p.add_argument(f"--no-{what}", action="store_true", help=f"video: draw no {what}")
     p.set_defaults(run=run)
 
@@ -123,6 +123,7 @@ def _video(args: argparse.Namespace, log: AnnotatedLog) -> str:
         only=args.only,
         model=log.tracker == "parts",
         gates=not args.no_gates,
+        membership=not args.no_membership,
     )
     options = VideoOptions(draw, log_time(args.start, log), log_time(args.end, log), size=args.size)
     if not log.has_pictures:

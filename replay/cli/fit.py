@@ -36,11 +36,21 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "--truth", type=Path, action="append", required=True, metavar="FILE",
         help="gt.txt or CAVIAR .xml, one for each scene, in their order",
     )  # fmt: skip
-    p.add_argument("--truth-size", type=size, metavar="WxH", help="picture that the truth was labelled in")
+    p.add_argument(
+        "--truth-size", type=_size, action="append", metavar="WxH",
+        help="picture that the truth was labelled in; of several scenes one for each, in their order, `same` for the "
+        "scene's own",
+    )  # fmt: skip
+    p.add_argument("--camera", metavar="NAME", help="which camera, where the scenes have several")
     p.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the configuration, TOML")
     p.add_argument("--plot", type=Path, metavar="FILE", help="histograms with the models (.png .pdf .svg)")
     p.add_argument("--force", action="store_true", help="overwrite existing outputs")
     p.set_defaults(run=run)
+
+
+def _size(text: str) -> tuple[int, int] | None:
+    """Width and height of ``768x576``, None of ``same``."""
+    return None if text == "same" else size(text)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -56,7 +66,12 @@ def run(args: argparse.Namespace) -> int:
     for path in (args.output, args.plot):
         if path is not None and path.exists() and not args.force:
             raise OutputExistsError(path)
-    samples = collect(list(zip(args.scenes, args.truth, strict=True)), args.truth_size)
+    sizes = args.truth_size or [None] * len(args.truth)
+    if len(sizes) != len(args.truth):
+        raise UsageError(
+            f"{len(args.truth)} --truth but {len(sizes)} --truth-size; give one for each, `same` for a scene's own size"
+        )
+    samples = collect(list(zip(args.scenes, args.truth, strict=True)), sizes, args.camera)
     fitted = fit(samples)
     if fitted.accuracy is not None and fitted.accuracy <= fitted.chance:
         raise SceneTraceError(

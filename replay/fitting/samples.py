@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,12 +72,17 @@ class Samples:
         return np.asarray(np.diff(self.groups, prepend=-1) > 0)
 
 
-def collect(pairs: list[tuple[Path, Path]], truth_size: tuple[int, int] | None = None) -> Samples:
+def collect(
+    pairs: Sequence[tuple[Path, Path]],
+    truth_sizes: Sequence[tuple[int, int] | None] | None = None,
+    camera: str | None = None,
+) -> Samples:
     """Read annotated recordings.
 
     Args:
         pairs: scene log and truth of each.
-        truth_size: (width, height) of the picture that the truth was labelled in, None: the recording's.
+        truth_sizes: (width, height) of the picture that each truth was labelled in, None: its recording's.
+        camera: which camera, where the logs have several.
 
     Raises:
         SceneTraceError: a recording has no pictures or masks, or no truth that can be used.
@@ -88,12 +93,13 @@ def collect(pairs: list[tuple[Path, Path]], truth_size: tuple[int, int] | None =
     folds: list[int] = []
     names: list[str] = []
     _all_different([scene for scene, _ in pairs])
-    for fold, (scene, truth) in enumerate(pairs):
+    sizes = truth_sizes or [None] * len(pairs)
+    for fold, ((scene, truth), size) in enumerate(zip(pairs, sizes, strict=True)):
         found: list[tuple[int, Ints, Ints]] = []
-        with SceneLog(scene) as log:
+        with SceneLog(scene, camera) as log:
             if not (log.info.has_images and log.info.has_masks):
                 raise SceneTraceError(f"{scene}: no pictures or no foreground masks; the features are made of them")
-            table = fit_truth(read_truth(truth), (log.info.width, log.info.height), truth_size)
+            table = fit_truth(read_truth(truth), (log.info.width, log.info.height), size)
             for window in _windows(log, table):
                 half = int(window[-1].share * 2) if len(pairs) == 1 else fold
                 found += [(half, step, group) for step, group in _of_frame(window)]

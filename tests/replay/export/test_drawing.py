@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from recorders.messages import Event, Group, Relation, Track
 from replay.draw import DrawOptions, Overlay, draw_frame, label, part_box, track_colour
+from replay.membership import value_of
 from replay.trackers.parts.regions import PARTS, parts_of
 
 
@@ -54,6 +55,24 @@ def test_absent_and_unchosen_tracks_are_not_drawn() -> None:
     assert np.array_equal(draw_frame(ground(), absent, PLAIN), ground())
     unchosen = draw_frame(ground(), Overlay([track(3)]), DrawOptions(1.0, only=frozenset({4})))
     assert np.array_equal(unchosen, ground())
+
+
+def test_pixels_and_events_of_the_unchosen_are_not_drawn_either() -> None:
+    labels = np.zeros((120, 160), np.uint16)
+    labels[20:60, 20:40], labels[20:60, 100:120] = value_of(1), value_of(2)
+    tracks = [track(1), track(2, (100, 20, 20, 40))]
+    event = Event(1, "entered", [2], 0, 0, "EVENTS 3.2", {}, "Target 2 has entered.")
+    overlay = Overlay(tracks, membership=labels, events=[event])
+    plain = replace(PLAIN, boxes=False)
+    both, one, none = (
+        draw_frame(ground(), overlay, replace(plain, only=only, membership=tint))
+        for only, tint in ((None, True), (frozenset({1}), True), (frozenset({1}), False))
+    )
+    assert both[40, 110].any()
+    assert both[100:].any(), "the event stands below"
+    assert one[40, 30].any()
+    assert not one[:, 50:].any()
+    assert not none.any()
 
 
 def test_joint_is_thicker_than_interaction() -> None:

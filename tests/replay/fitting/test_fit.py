@@ -34,6 +34,26 @@ def test_two_modes_get_a_mixture_of_those_two() -> None:
     assert (w2, m2, s2) == (pytest.approx(0.25, abs=0.02), pytest.approx(0.6, abs=0.01), pytest.approx(0.05, abs=0.01))
 
 
+def test_every_truth_has_the_size_that_it_was_labelled_in(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    logs, truths = [], []
+    for seed in (1, 2):
+        scene = generate("demo", seed=seed, size=(320, 240), frames=60)
+        logs.append(write_scene_log(scene, tmp_path / f"{seed}.mcap"))
+        truths.append(write_truth(scene, tmp_path / f"{seed}.txt"))
+    rows = [line.split(",") for line in truths[1].read_text().splitlines()]
+    larger = [[*r[:2], *(f"{1.6 * float(v):.2f}" for v in r[2:6]), *r[6:]] for r in rows]
+    truths[1].write_text("".join(",".join(r) + "\n" for r in larger))
+    pairs = list(zip(logs, truths, strict=True))
+    mixed = collect(pairs, [None, (512, 384)])
+    one, other = collect([pairs[0]]), collect([pairs[1]], [(512, 384)])
+    assert len(mixed.steps) == len(one.steps) + len(other.steps)
+    words = ["fit", *map(str, logs), "-o", str(tmp_path / "f.toml")]
+    words += [w for truth in truths for w in ("--truth", str(truth))]
+    assert main([*words, "--truth-size", "512x384"]) == 2
+    assert "2 --truth but 1 --truth-size" in capsys.readouterr().err
+    assert main([*words, "--truth-size", "same", "--truth-size", "512x384"]) == 0
+
+
 @pytest.fixture(scope="module")
 def annotated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("fit")

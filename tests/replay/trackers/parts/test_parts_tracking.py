@@ -175,6 +175,9 @@ def test_scores_of_fitted_features_say_what_they_were_fitted_on(
         capsys.readouterr()
         assert main(["eval", str(out), "--truth", str(truth)]) == 0
         assert ("were fitted on" in capsys.readouterr().err) == said
+    words = ["eval", str(tmp_path / "events.mcap"), "--truth", str(truth), "--plot", str(tmp_path / "both.png")]
+    assert main([*words, "--also", str(tmp_path / "parts.mcap")]) == 0
+    assert capsys.readouterr().err.count("were fitted on") == 1, "of what is drawn beside it, too"
 
 
 def test_targets_begin_and_stay_in_the_regions_alone_unless_they_were_started_by_hand(tmp_path: Path) -> None:
