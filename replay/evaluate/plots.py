@@ -24,6 +24,16 @@ MOST_LABELS = 6
 COLOURS = 10
 _PAPER = {"savefig.dpi": 130, "font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}
 
+_BESIDE: dict[str, Any] = {"fontsize": 7, "loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.4}
+"""Legends stand beside the curves, never over them."""
+_DASHES = ("--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
+"""One after the other for the tracks of one result that follow one true identity."""
+
+
+def _colour(side: int) -> str:
+    """A result's colour, the same in every panel."""
+    return f"C{side % COLOURS}"
+
 
 def _matplotlib() -> Any:
     try:
@@ -148,21 +158,21 @@ def _distances(axes: Any, side: _Side, shown: list[int], step: float, unit: str)
     of = f": {side.name}" if side.name else ""
     axes.set(title=f"Distance of each identity's own track to the truth{of} (x: switch)", xlabel=unit, ylabel="px")
     if len(axes.lines):
-        axes.legend(ncols=12, fontsize=7, loc="upper right")
+        axes.legend(ncols=2, title="truth", **_BESIDE)
 
 
 def _mota(axes: Any, sides: Sequence[_Side], step: float, unit: str) -> None:
     for k, side in enumerate(sides):
         both, matches = side.both, side.matches
-        colour = "black" if k == 0 else f"C{k - 1}"
-        label = f"MOTA so far{f': {side.name}' if side.name else ''}"
-        axes.plot(both.frames * step, mota_over_time(both, matches), lw=1.4, color=colour, label=label)
+        label = side.name or "MOTA so far"
+        axes.plot(both.frames * step, mota_over_time(both, matches), lw=1.4, color=_colour(k), label=label)
     both, matches = sides[0].both, sides[0].matches
     at = both.truth.frames[both.true_row[matches.pairs[matches.switched]]] * step
+    of = f" of {sides[0].name}" if sides[0].name else ""
     for k, x in enumerate(at.tolist()):
-        axes.axvline(x, color="tab:red", lw=0.7, alpha=0.6, label="identity switch" if k == 0 else None)
-    axes.set(title="MOTA over time", xlabel=unit, ylabel="%", ylim=(None, 102))
-    axes.legend(fontsize=7, loc="lower right")
+        axes.axvline(x, color="0.3", ls=":", lw=0.8, label=f"identity switch{of}" if k == 0 else None)
+    axes.set(title="MOTA over all frames so far", xlabel=unit, ylabel="%", ylim=(None, 102))
+    axes.legend(**_BESIDE)
 
 
 def _broken(frames: IntArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -180,20 +190,26 @@ def _path(axes: Any, sides: Sequence[_Side], i: int) -> None:
     axes.plot(x, y, color="black", lw=2.2, alpha=0.35, label="truth")
     rows = both.result_row[mine]
     by = both.result_ids[rows]
-    for r in dict.fromkeys(by.tolist()):
+    for k, r in enumerate(dict.fromkeys(by.tolist())):
         part = rows[by == r]
         centres = both.result.centres[part]
         x, y = _broken(both.result.frames[part], centres[:, 0], centres[:, 1])
-        axes.plot(x, y, "--", lw=1.1, label=f"track {int(both.result_names[r])}")
-    for k, side in enumerate(sides[1:]):
+        label = (
+            f"{sides[0].name} {int(both.result_names[r])}" if sides[0].name else f"track {int(both.result_names[r])}"
+        )
+        axes.plot(x, y, ls=_DASHES[k % len(_DASHES)], lw=1.1, color=_colour(0), label=label)
+    for k, side in enumerate(sides[1:], 1):
         theirs = side.both.result_row[side.own[side.both.true_ids[side.both.true_row[side.own]] == i]]
         centres = side.both.result.centres[theirs]
         x, y = _broken(side.both.result.frames[theirs], centres[:, 0], centres[:, 1])
-        axes.plot(x, y, ":", lw=1.1, color=f"C{k}", label=side.name)
+        axes.plot(x, y, "-", lw=0.9, color=_colour(k), label=side.name)
     axes.set_title(f"Truth {int(both.true_names[i])}: {100 * len(mine) / max(1, len(truth)):.0f} % tracked", fontsize=8)
+    axes.set_aspect("equal", adjustable="datalim")
     axes.invert_yaxis()
+    axes.set_xlabel("x, px", fontsize=7)
+    axes.set_ylabel("y, px", fontsize=7)
     axes.tick_params(labelsize=6)
     handles, labels = axes.get_legend_handles_labels()
     if len(labels) > MOST_LABELS:
         labels = [*labels[: MOST_LABELS - 1], f"and {len(labels) - MOST_LABELS + 1} more"]
-    axes.legend(handles[: len(labels)], labels, fontsize=6)
+    axes.legend(handles[: len(labels)], labels, fontsize=6, framealpha=0.5)

@@ -13,6 +13,9 @@ from replay.trackers.parts.features import FEATURES, ONE
 from replay.trackers.parts.regions import PARTS
 from replay.trackers.parts.scoring import PartFeatures, density, split_models
 
+BINS = 64
+OTHERS = "other places, and boxes off the target, against what was learnt a second before"
+
 
 def plot(samples: Samples, features: PartFeatures, out: Path, *, force: bool = False) -> None:
     """A row per feature, a column per part: the matching case's histogram, the model over it, the rest in grey.
@@ -35,14 +38,19 @@ def plot(samples: Samples, features: PartFeatures, out: Path, *, force: bool = F
     at = np.arange(0, ONE) / ONE
     for i, feature in enumerate(FEATURES):
         for j, words in enumerate(split_models(getattr(features, feature), feature)):
-            ax = axes[i][j]
-            ax.hist(others[:, j, i], bins=64, range=(0, 1), density=True, color="0.85", label="others")
-            ax.hist(steps[:, j, i], bins=64, range=(0, 1), density=True, color="tab:blue", alpha=0.7)
-            ax.plot(at, density(words, at), color="tab:red", lw=1.5)
-            ax.set_title(f"{feature}, {PARTS[j].replace('_', ' ')}\n{words}", fontsize=7)
+            ax, model = axes[i][j], density(words, at)
+            ax.hist(others[:, j, i], bins=BINS, range=(0, 1), density=True, color="0.85", label=OTHERS)
+            tall, _, _ = ax.hist(
+                steps[:, j, i], bins=BINS, range=(0, 1), density=True, color="tab:blue", alpha=0.7,
+                label="the same target from frame to frame",
+            )  # fmt: skip
+            ax.plot(at, model, color="tab:red", lw=1.5, label="its model")
+            # What is far off may lie in one bar, which would press the rest to the ground.
+            ax.set_ylim(0, 1.1 * max(float(tall.max()), float(model.max()), 1e-3))
+            kind, _, numbers = words.partition(" ")
+            ax.set_title(f"{feature}, {PARTS[j].replace('_', ' ')}\n{kind}\n{numbers}", fontsize=6.5)
             ax.tick_params(labelsize=6)
-    figure.suptitle(
-        "Absolute differences from frame to frame: the same target (blue, with its model) and others", fontsize=10
-    )
+    figure.suptitle("Absolute differences of features, by part", fontsize=10)
+    figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=9)
     with whole(out, force=force) as file:
         figure.savefig(file.part, format=out.suffix.lstrip(".") or "png", dpi=110)
