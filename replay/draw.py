@@ -68,6 +68,10 @@ class DrawOptions:
     gates: bool = True
     membership: bool = True
 
+    def tells(self, event: Event) -> bool:
+        """Whether an event concerns a track that is drawn."""
+        return self.only is None or not self.only.isdisjoint(event.subjects)
+
     def factor(self, width: int) -> float:
         """The enlargement of a picture of this width."""
         return self.scale if self.scale > 0 else max(1.0, math.ceil(2 * 960 / max(width, 1)) / 2 if width < 720 else 1)
@@ -124,8 +128,7 @@ def draw_frame(image: Image, overlay: Overlay, options: DrawOptions | None = Non
         canvas.rectangle(box, _WHITE, 1, dash=4)
     # Before the labels, which keep off them.
     canvas.lines([overlay.title] if overlay.title else [], top=True)
-    told = [e for e in overlay.events if only is None or not only.isdisjoint(e.subjects)]
-    canvas.lines([e.text or e.kind for e in told], top=False)
+    canvas.lines([e.text or e.kind for e in overlay.events if options.tells(e)], top=False)
     _write(canvas, overlay, options, places)
     return canvas.image
 

@@ -93,7 +93,7 @@ def overlaid(log: AnnotatedLog, options: VideoOptions) -> Iterator[tuple[int, Im
     for frame in log.frames():
         if options.to_ns is not None and frame.time_ns >= options.to_ns:
             return
-        recent.extend(e for e in frame.events if e.kind not in options.quiet)
+        recent.extend(e for e in frame.events if e.kind not in options.quiet and options.draw.tells(e))
         while recent and frame.time_ns - recent[0].time_ns > options.events_s * NANOS:
             recent.popleft()
         if options.from_ns is None or frame.time_ns >= options.from_ns:
