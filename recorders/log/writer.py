@@ -74,8 +74,9 @@ class LogWriter:
     time changes (or when it reaches four times ``chunk_bytes`` and 1 MiB), so this holds whatever the chunk size.
 
     A chunk goes to the file when it holds ``chunk_bytes`` or spans ``flush_interval_ns`` of log time: what a killed
-    process leaves in ``<path>.part`` lacks no more than that (see `recorders.log.recovery`). It is packed and written
-    by a thread of its own, in order, while the next one is filled.
+    process leaves in ``<path>.part`` lacks no more than that (see `recorders.log.recovery`) where ``keep_part`` says
+    that the part counts. Else chunks are packed and written by a thread of their own, in order, while the next ones
+    are filled, and those on their way are lacking as well.
 
     Raises:
         OutputExistsError: ``path`` exists and ``force`` was not given.
@@ -284,7 +285,10 @@ class LogWriter:
         self._settle(_MOST_PENDING)
         if not self._file.is_open:
             raise RecordingError("is closed already", self.path)
-        self._pending.append(self._storing.submit(self._store, chunk.taken()))
+        if self._keep_part:
+            self._store(chunk.taken())
+        else:
+            self._pending.append(self._storing.submit(self._store, chunk.taken()))
 
     def _settle(self, most: int) -> None:
         """Wait until no more than so many chunks are on their way; raises what went wrong with one."""

@@ -165,7 +165,7 @@ def test_values_that_do_not_fit_are_refused(tmp_path: Path, arguments: tuple[int
 KILLED = """
 import sys
 from recorders.log import LogWriter
-log = LogWriter(sys.argv[1], picture_topics={"/image"})
+log = LogWriter(sys.argv[1], picture_topics={"/image"}, keep_part=True)
 image = log.channel("/image", None, "jpeg")
 small = log.channel("/small", None, "json")
 k = 0
