@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import re
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import FrameType
+from typing import TYPE_CHECKING, ParamSpec
 
 from recorders.errors import UsageError
 
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
     from recorders.scene import SceneLog
 
 NANOS = 1_000_000_000
+P = ParamSpec("P")
 
 
 def command(
@@ -167,3 +171,34 @@ def progress(total: int | None, unit: str = "frames") -> Iterator[Callable[[str,
             bar.update(task.id, completed=index + 1, rate=rate)
 
         yield update
+
+
+@contextmanager
+def interrupts_at(report: Callable[P, None]) -> Iterator[Callable[P, None]]:
+    """Let Ctrl-C take effect where a report of progress is made, between frames; a second one does so at once.
+
+    One that falls into the inside of a thread pool leaves its locks held, and whoever then waits for the pool waits for
+    ever.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield report
+        return
+    pressed = False
+
+    def note(number: int, frame: FrameType | None) -> None:
+        nonlocal pressed
+        if pressed:
+            signal.default_int_handler(number, frame)
+        pressed = True
+
+    def safely(*args: P.args, **kwargs: P.kwargs) -> None:
+        if pressed:
+            raise KeyboardInterrupt
+        report(*args, **kwargs)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield safely
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -102,7 +102,8 @@ def run(args: argparse.Namespace) -> int:
             share = done if not total or not source.frame_count else done * source.frame_count // total
             bar(stage, share - 1)
 
-        done = record(source, args.output, options, progress)
+        with common.interrupts_at(progress) as report:
+            done = record(source, args.output, options, report)
     for note in done.notes:
         if note not in said:
             common.say(f"scenetrace: {note}")

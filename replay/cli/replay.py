@@ -138,7 +138,7 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
         force=args.force,
         camera=args.camera,
     )
-    with common.progress(counts[0] if counts else None) as progress:
+    with common.progress(counts[0] if counts else None) as bar, common.interrupts_at(bar) as progress:
         done = replay(args.scene, out, options, progress)
     if args.checkpoints is not None and done.resumed is None:
         why = "without --from there is nothing to skip" if first is None else "it holds no checkpoint before --from"

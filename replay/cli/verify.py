@@ -71,7 +71,7 @@ def _manifest(args: argparse.Namespace) -> CaseVerdict:
 def _log(args: argparse.Namespace) -> Verification:
     from replay.verifying import verify, verify_chain
 
-    with common.progress(None) as progress:
+    with common.progress(None) as bar, common.interrupts_at(bar) as progress:
         if args.quick:
             verdict = verify_chain(args.annotated, progress=progress)
         else:
