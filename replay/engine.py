@@ -34,7 +34,7 @@ from replay.trackers.tracker import Tracker, TrackerFactory
 Extra = tuple[tuple[str, bytes], ...]
 NANOS = 1_000_000_000
 _MOST_KEPT = 64
-_AHEAD = 4
+AHEAD = 4
 """Frames that are made ready before they are tracked: what tracking takes differs from frame to frame."""
 _WORTH_A_THREAD = 16 << 10
 """Bytes that take longer to hash than to hand to another thread."""
@@ -185,7 +185,7 @@ class Prefetch:
         failed: Exception | None = None
         ended = False
         while True:
-            while not ended and len(waiting) < _AHEAD:
+            while not ended and len(waiting) < AHEAD:
                 try:
                     frame = next(frames, None)
                 except Exception as e:

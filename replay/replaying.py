@@ -34,14 +34,13 @@ from replay import checkpoint, digest, hindsight
 from replay.annotate import payloads
 from replay.checkpoint import Checkpoint
 from replay.configuration import DEFAULT_TRACKER, fingerprint, replay_config, tracker_factory, uses_hindsight
-from replay.engine import Extra, Forward, Step, continuing, of_recording, recorded_now
+from replay.engine import AHEAD, Extra, Forward, Step, continuing, of_recording, recorded_now
 from replay.facts import facts_of, sha256
 from replay.membership import PATCHES, Patches, renamed
 from replay.trackers.tracker import TrackerFactory
 
 Progress = Callable[[str, int], None]
 _BLOCK = 1 << 20
-_AHEAD = 4
 
 
 @dataclass(frozen=True)
@@ -203,7 +202,7 @@ def _painted(
     for kept in entries:
         made = pool.submit(_under_final_ids, kept, names).result if kept.extra else tuple
         waiting.append((kept, made))
-        if len(waiting) > _AHEAD:
+        if len(waiting) > AHEAD:
             yield waiting.popleft()
     yield from waiting
 

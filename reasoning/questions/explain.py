@@ -114,6 +114,11 @@ def explain(case: Case, reference: str, recording: str | None = None) -> Explana
 
 
 def _row(case: Case, query: str, reference: str) -> dict[str, Any]:
+    return _rows(case, query, reference)[0]
+
+
+def _rows(case: Case, query: str, reference: str) -> list[dict[str, Any]]:
+    """The rows that a reference names, one at least, of one recording."""
     answer = case.sql(query)
     rows = list(answer.rows)
     if not rows:
@@ -121,7 +126,7 @@ def _row(case: Case, query: str, reference: str) -> dict[str, Any]:
     names = sorted({str(r[0]) for r in rows})
     if len(names) > 1:
         raise UsageError(f"{reference}: in several recordings ({', '.join(names[:5])}); give --recording")
-    return dict(zip(answer.columns, rows[0], strict=True))
+    return [dict(zip(answer.columns, row, strict=True)) for row in rows]
 
 
 def _event(case: Case, number: int, only: str) -> Explanation:
@@ -172,13 +177,13 @@ def _single(case: Case, kind: str, track: int, at: int, only: str) -> Explanatio
 def _inside(case: Case, track: int, at: int, zone: str | None, only: str) -> Explanation:
     if zone is not None:
         only += f" AND zone = {literal(zone)}"
-    query = _during("zone", track, at, only)
     asked = f"zone:{track}@{at}" if zone is None else zone_reference(track, at, zone)
-    zones = sorted({str(name) for (name,) in case.rows(f"SELECT zone FROM ({query})")})  # noqa: S608
+    rows = _rows(case, _during("zone", track, at, only), asked)
+    zones = sorted({row["zone"] for row in rows})
     if len(zones) > 1:
         ways = ", ".join(zone_reference(track, at, name) for name in zones[:5])
         raise UsageError(f"{asked}: target {track} is in {len(zones)} zones then; give one of them: {ways}")
-    row = _row(case, query, asked)
+    row = rows[0]
     reference = zone_reference(track, row["start_frame"], row["zone"])
     text, rule = f"Target {track} was in the zone {row['zone']!r}.", "EVENTS 3.2: a target's centroid in the zone"
     return _of_one(case, row, (reference, "zone"), text, rule, _bits(case, row, at))

@@ -11,10 +11,9 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from string import Template
-from urllib.parse import quote
 
 from reasoning.questions import ready_sql as q
-from reasoning.questions.values import Moment, Recordings, identity, literal
+from reasoning.questions.values import Moment, Recordings, identity, literal, zone_word
 from recorders.errors import UsageError
 
 SOURCES: Mapping[str, str] = {
@@ -159,7 +158,7 @@ def _stays(words: Sequence[str]) -> Mapping[str, str]:
     if words[0] == "scene":
         return {"stays": q.SCENE_STAYS, "what": "track", "which": ""}
     stays = Template(q.ZONE_STAYS).substitute(zone=literal(words[0]))
-    return {"stays": stays, "what": "zone", "which": f":{quote(words[0], safe='')}"}
+    return {"stays": stays, "what": "zone", "which": f":{zone_word(words[0])}"}
 
 
 def _zone_at(words: Sequence[str], options: Options) -> Mapping[str, str]:

@@ -70,13 +70,18 @@ def only(name: str | None) -> Recordings | None:
     return None if name is None else Recordings(name, name)
 
 
+def zone_word(zone: str) -> str:
+    """A zone's name within a reference, without blanks or commas: as ``url_encode`` writes it in SQL."""
+    return quote(zone, safe="")
+
+
 def zone_reference(track: int, frame: int, zone: str) -> str:
-    """What names a target's stay in a zone to `explain`; as ``url_encode`` writes it in SQL, without blanks or commas.
+    """What names a target's stay in a zone to `explain`.
 
     >>> zone_reference(4, 160, "bus stop")
     'zone:4@160:bus%20stop'
     """
-    return f"zone:{track}@{frame}:{quote(zone, safe='')}"
+    return f"zone:{track}@{frame}:{zone_word(zone)}"
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from array import array
 from collections import deque
 from collections.abc import Collection, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from copy import copy
 from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
@@ -38,6 +39,9 @@ class _Chunk:
 
     def __init__(self, compression: str) -> None:
         self.compression = compression
+        self._begin()
+
+    def _begin(self) -> None:
         self.data = bytearray()
         self.entries: dict[int, array[int]] = {}
         self.start_ns = _NEVER
@@ -45,11 +49,8 @@ class _Chunk:
 
     def taken(self) -> _Chunk:
         """What was filled in, as a chunk of its own; this one begins anew."""
-        filled = _Chunk(self.compression)
-        for name in ("data", "entries", "start_ns", "end_ns"):
-            mine, fresh = getattr(self, name), getattr(filled, name)
-            setattr(filled, name, mine)
-            setattr(self, name, fresh)
+        filled = copy(self)
+        self._begin()
         return filled
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.masks import Labels, label_blobs
+from recorders.masks import Labels
 from recorders.messages import NO_BLOB, Blob
 from recorders.vision import cv2
 from replay.trackers.association import clusters
@@ -106,11 +106,9 @@ class Place:
 
 
 class Foreground:
-    """One frame's foreground and what explains it."""
+    """One frame's foreground, with each pixel's blob in ``labels`` (H, W), and what explains it."""
 
-    def __init__(
-        self, mask: Image, components: Sequence[Blob], p: EventsParameters, labels: Labels | None = None
-    ) -> None:
+    def __init__(self, mask: Image, labels: Labels, components: Sequence[Blob], p: EventsParameters) -> None:
         self._p = p
         self.mask = mask
         self.components = components
@@ -118,14 +116,7 @@ class Foreground:
         self.areas = np.array([c.area for c in components], np.float64)
         self.unit = mask & np.uint8(1)
         self.integral = Integral(self.unit)
-        self._labels = labels
-
-    @property
-    def labels(self) -> Labels:
-        """The blobs' labels, (H, W) uint16."""
-        if self._labels is None:
-            self._labels = label_blobs(self.mask)[1]
-        return self._labels
+        self.labels = labels
 
     def links(self, boxes: Floats) -> Floats:
         """Foreground pixels of each blob's box within each of the boxes (N, 4), (N, M)."""

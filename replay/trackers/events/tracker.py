@@ -104,7 +104,9 @@ class EventsTracker:
 
     def _explain(self, frame: Frame, mask: NDArray[np.uint8], seen: Seen, dt: float) -> Seen:
         """Let the confirmed targets explain the foreground; what is left over are the detections of others."""
-        fg = Foreground(mask, frame.detections.components, self._p, frame.labels)
+        labels = frame.labels
+        assert labels is not None
+        fg = Foreground(mask, labels, frame.detections.components, self._p)
         items, bank = self._tracks.items, self._tracks.bank
         rows = [k for k, t in enumerate(items) if t.id != TENTATIVE and not t.lost]
         doubt = np.sqrt(bank.p00[rows])

@@ -120,11 +120,8 @@ class Candidates:
 
     def kept(self, keep: NDArray[np.bool_] | Rows | slice, count: int | None = None) -> Candidates:
         """Some of them, in the order of ``keep`` if that is rows, of ``count`` anchors (default: as many as before)."""
-        return Candidates(
-            self.rows[keep], self.boxes[keep], self.anchors[keep], self.blobs[keep], self.direct[keep],
-            self.sources[keep], self.whole[keep], self.fitting[keep], self.stage[keep],
-            self.count if count is None else count,
-        )  # fmt: skip
+        some: dict[str, Any] = {n: getattr(self, n)[keep] for n in _BY_CANDIDATE}
+        return Candidates(**some, count=self.count if count is None else count)
 
     def beside(self, other: Candidates) -> Candidates:
         """These and others, by target; of each these first."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.masks import Labels, label_blobs
+from recorders.masks import Labels
 from recorders.messages import Blob
 from replay.trackers.association import intersection
 from replay.trackers.tracker import Image
@@ -36,21 +36,14 @@ class Cut:
 
 
 class Foreground:
-    """Blobs by row; blob k's label is k + 1."""
+    """Blobs by row; blob k's label in ``labels`` (H, W), as of `recorders.masks.label_blobs`, is k + 1."""
 
-    def __init__(self, mask: Image, components: Sequence[Blob], labels: Labels | None = None) -> None:
+    def __init__(self, mask: Image, labels: Labels, components: Sequence[Blob]) -> None:
         self.mask = mask
         self.components = components
         self.boxes: Floats = np.array([c.box for c in components], np.float64).reshape(-1, 4)
         self.areas: Floats = np.array([c.area for c in components], np.float64)
-        self._labels = labels
-
-    @property
-    def labels(self) -> Labels:
-        """The blobs' labels, (H, W) uint16: those of ``cv2.connectedComponents(mask, connectivity=8)``."""
-        if self._labels is None:
-            self._labels = label_blobs(self.mask)[1]
-        return self._labels
+        self.labels = labels
 
     def links(self, boxes: Floats) -> Floats:
         """Pixels of each blob within each of the boxes (N, 4), (N, M).

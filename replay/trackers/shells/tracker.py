@@ -124,15 +124,13 @@ class ShellsTracker:
 
     def _resolve(self, frame: Frame, radii: Floats, dt: float) -> Resolver | None:
         """Find the confirmed objects in the foreground; None where there is none."""
-        mask = frame.mask
-        if mask is None:
+        mask, labels = frame.mask, frame.labels
+        if mask is None or labels is None:
             return None
         items = self._bodies.items
         rows = np.array([k for k, b in enumerate(items) if b.id != TENTATIVE and (not b.lost or b.front)], np.intp)
         blobs = np.array(frame.detections.blobs or [NO_BLOB] * len(frame.boxes), np.int64)
-        seen = Seen(
-            Foreground(mask, frame.detections.components, frame.labels), frame.boxes, blobs, lambda: frame.image
-        )
+        seen = Seen(Foreground(mask, labels, frame.detections.components), frame.boxes, blobs, lambda: frame.image)
         resolver = Resolver(seen, self._bodies, rows, radii, self._are_related, self._p)
         below = resolver.blobs()
         self._relate(frame, [below.get(k, NO_BLOB) for k in range(len(items))])

@@ -14,6 +14,7 @@ import pytest
 from fixtures.logs import record_scene, write_scene_log
 from fixtures.scenes import generate
 from recorders.errors import UsageError
+from recorders.masks import label_blobs
 from recorders.messages import Detections, Regions
 from recorders.recording import RecordOptions, record
 from recorders.scene import Frame, SceneInfo, SceneLog
@@ -145,7 +146,10 @@ def test_who_is_not_related_is_no_rival(related: bool) -> None:
         own = np.ones((20, 10), bool)
         bodies.items[k].look(bins_of(image[20:40, 25 + 40 * k : 35 + 40 * k]), own)
     seen = SeenFrame(
-        Foreground(mask, components(mask, 10.0)[2]), np.zeros((0, 4)), np.zeros(0, np.int64), lambda: image
+        Foreground(mask, label_blobs(mask)[1], components(mask, 10.0)[2]),
+        np.zeros((0, 4)),
+        np.zeros(0, np.int64),
+        lambda: image,
     )
     resolver = Resolver(seen, bodies, np.arange(2), bodies.radii(0.2), lambda a, b: related, p)
     assert resolver.blobs() == {0: 1, 1: 1}
