@@ -1,10 +1,12 @@
-"""From changes to events: kind, subjects, rule (paper and case), evidence with every value and threshold, plain words.
+"""From changes to events: kind, subjects, rule (paper and case), evidence with every value and
+threshold, plain words.
 
-Order of the events within a frame (total): the tracker's own notices as it gave them; then life of tracks by id
-(confirmed, recovered or lost, then mode), tracks removed by id; scene events of those who are gone, then of those who
-are there, by id (status, zones left, zones entered, by name); relations by (a, b); pairs' interaction by (a, b);
-targets that became single, by id; groups that ended, then groups that began, by label; disagreements by (a, b);
-anomalies in the order of their causes. Ids count on from 1 in this order.
+Order of the events within a frame (total): the tracker's own notices as it gave them; then life
+of tracks by id (confirmed, recovered or lost, then mode), tracks removed by id; scene events of
+those who are gone, then of those who are there, by id (status, zones left, zones entered, by
+name); relations by (a, b); pairs' interaction by (a, b); targets that became single, by id;
+groups that ended, then groups that began, by label; disagreements by (a, b); anomalies in the
+order of their causes. Ids count on from 1 in this order.
 """
 
 from __future__ import annotations
@@ -48,7 +50,15 @@ class EventLog:
     ) -> None:
         """Append an event of this frame."""
         event = Event(
-            self.next_id, kind, list(subjects), self._frame, self._time_ns, rule, evidence, text, list(groups)
+            self.next_id,
+            kind,
+            list(subjects),
+            self._frame,
+            self._time_ns,
+            rule,
+            evidence,
+            text,
+            list(groups),
         )
         self.events.append(event)
         self.next_id += 1
@@ -61,7 +71,11 @@ def list_of(ids: Sequence[int]) -> str:
     '1, 2 and 5'
     """
     words = [str(i) for i in ids]
-    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
+    return (
+        " and ".join([", ".join(words[:-1]), words[-1]])
+        if len(words) > 1
+        else "".join(words)
+    )
 
 
 def seconds(ns: int) -> float:
@@ -83,11 +97,18 @@ def notice(log: EventLog, n: Notice) -> None:
     """Something the tracker tells of itself; what it says in words stands, else the kind speaks."""
     mode = str(n.evidence.get("to", n.evidence.get("mode", "")))
     text = n.text or _NOTICE_TEXT.get(n.kind, f"{{t}}: {n.kind}.").format(
-        t=f"Target {n.subjects[0]}" if len(n.subjects) == 1 else f"Targets {list_of(n.subjects)}",
+        t=(
+            f"Target {n.subjects[0]}"
+            if len(n.subjects) == 1
+            else f"Targets {list_of(n.subjects)}"
+        ),
         m=_BY.get(mode, "other means"),
     )
     if not n.text and n.kind == "track_recovered" and len(n.subjects) == 2:
-        text = f"Targets {list_of(n.subjects)} had been taken for one another: their identities are exchanged."
+        text = (
+            f"Targets {list_of(n.subjects)} had been taken for one another: their"
+            " identities are exchanged."
+        )
     if not n.text and n.kind == "occluded" and len(n.subjects) == 2:
         text = f"Target {n.subjects[0]} is behind target {n.subjects[1]}."
     log.add(n.kind, n.subjects, n.rule, dict(n.evidence), text)
@@ -95,15 +116,25 @@ def notice(log: EventLog, n: Notice) -> None:
 
 def life(log: EventLog, kind: str, t: Target, evidence: dict[str, Any], text: str) -> None:
     """A track is confirmed, lost, recovered, removed or followed in another way."""
-    values = {"box": list(t.box), "mode": t.mode, "confidence": t.confidence, "observed": t.observed, **evidence}
+    values = {
+        "box": list(t.box),
+        "mode": t.mode,
+        "confidence": t.confidence,
+        "observed": t.observed,
+        **evidence,
+    }
     log.add(kind, [t.id], "EVENTS 2", values, text)
 
 
 _SCENE_TEXT = {
     "entering": "Target {i} is entering the scene.",
     "entered": "Target {i} has entered: it lies wholly inside the region of interest.",
-    "exiting": "Target {i} is exiting: a part of it is outside region of interest and border.",
-    "returned": "Target {i} has returned: it lies wholly inside the region of interest again.",
+    "exiting": (
+        "Target {i} is exiting: a part of it is outside region of interest and border."
+    ),
+    "returned": (
+        "Target {i} has returned: it lies wholly inside the region of interest again."
+    ),
     "exited": "Target {i} has left the scene.",
     "zone_entered": "Target {i} entered zone {z}.",
     "zone_left": "Target {i} left zone {z} after {s} s.",
@@ -111,7 +142,11 @@ _SCENE_TEXT = {
 
 
 def scene(
-    log: EventLog, c: SceneChange, regions_source: str, box: Sequence[float], margins: tuple[float, float]
+    log: EventLog,
+    c: SceneChange,
+    regions_source: str,
+    box: Sequence[float],
+    margins: tuple[float, float],
 ) -> None:
     """A scene event (EVENTS 3.2) or an entry into a named zone.
 
@@ -130,7 +165,10 @@ def scene(
         if c.kind == "zone_left":
             evidence["time_in_zone_s"] = seconds(c.lasted_ns)
     else:
-        evidence = {"status_before": c.before or "none", "time_in_status_s": seconds(c.lasted_ns)}
+        evidence = {
+            "status_before": c.before or "none",
+            "time_in_status_s": seconds(c.lasted_ns),
+        }
     if c.reason:
         evidence["reason"] = c.reason
     else:
@@ -144,13 +182,21 @@ def scene(
     log.add(c.kind, [c.id], rule, evidence, text)
 
 
-_RELATION_KINDS = {"II": "interaction_started", "III": "joined", "IV": "separated", "torn": "separated"}
+_RELATION_KINDS = {
+    "II": "interaction_started",
+    "III": "joined",
+    "IV": "separated",
+    "torn": "separated",
+}
 _RELATION_TEXT = {
     "II": "Targets {p} started to interact: their shells meet.",
     "III": "Targets {p} joined: they share one blob, their shells meet.",
     "IV": "Targets {p} separated into different blobs, their shells still meet.",
     "V": "Targets {p} ended their interaction: their shells are disjoint.",
-    "torn": "Targets {p} were joined, and their shells are disjoint at once: they count as interacting for now.",
+    "torn": (
+        "Targets {p} were joined, and their shells are disjoint at once: they count as"
+        " interacting for now."
+    ),
     "gone": "Targets {p} ended their relation: {g} disappeared.",
 }
 
@@ -174,11 +220,17 @@ def relation(log: EventLog, c: Change, overlap: float, margins: dict[str, float]
         evidence["gone"] = list(c.gone)
     pair = list_of([c.a, c.b])
     text = _RELATION_TEXT[c.case].format(p=pair, g=list_of(c.gone))
-    log.add(_RELATION_KINDS.get(c.case, "interaction_ended"), [c.a, c.b], c.rule, evidence, text)
+    log.add(
+        _RELATION_KINDS.get(c.case, "interaction_ended"), [c.a, c.b], c.rule, evidence, text
+    )
 
 
 def pair(
-    log: EventLog, c: PairChange, group: int | None, limits: Mapping[str, float], inferred: Collection[int] = ()
+    log: EventLog,
+    c: PairChange,
+    group: int | None,
+    limits: Mapping[str, float],
+    inferred: Collection[int] = (),
 ) -> None:
     """Two targets are grouping, grouped or splitting from this frame on (EVENTS 3.1).
 
@@ -195,20 +247,35 @@ def pair(
     }
     both = list_of([c.a, c.b])
     text = {
-        GROUPING: f"Targets {both} are grouping: their safety areas superpose, no group is seen over them.",
+        GROUPING: (
+            f"Targets {both} are grouping: their safety areas superpose, no group is seen"
+            " over them."
+        ),
         GROUPED: f"Targets {both} are grouped: they lie over one group that is observed.",
         SPLITTING: f"Targets {both} are splitting: their group is not observed any more.",
     }[c.after]
     rule = f"EVENTS 3.1 {kind}"
     if c.of_split:
-        rule, text = "EVENTS 3.1 born of a split", f"Targets {both} are splitting: one of them is born of the split."
+        rule, text = (
+            "EVENTS 3.1 born of a split",
+            f"Targets {both} are splitting: one of them is born of the split.",
+        )
         evidence["inferred"] = c.a in inferred or c.b in inferred
     if c.jumped:
-        rule = "EVENTS 3.1, ours: grouped targets that stop colliding at once are splitting for one frame"
+        rule = (
+            "EVENTS 3.1, ours: grouped targets that stop colliding at once are splitting"
+            " for one frame"
+        )
     log.add(kind, [c.a, c.b], rule, evidence, text, [] if group is None else [group])
 
 
-def single(log: EventLog, target: int, before: int, parted: Sequence[PairChange], limits: Mapping[str, float]) -> None:
+def single(
+    log: EventLog,
+    target: int,
+    before: int,
+    parted: Sequence[PairChange],
+    limits: Mapping[str, float],
+) -> None:
     """A target collides with nobody any more; ``parted``: the pairs that ended with this frame."""
     evidence = {
         "state_before": code(before),
@@ -218,11 +285,19 @@ def single(log: EventLog, target: int, before: int, parted: Sequence[PairChange]
         "partners_gone": sorted(i for c in parted for i in c.gone),
         **limits,
     }
-    log.add("single", [target], "EVENTS 3.1 single", evidence, f"Target {target} is single: no partner is left.")
+    log.add(
+        "single",
+        [target],
+        "EVENTS 3.1 single",
+        evidence,
+        f"Target {target} is single: no partner is left.",
+    )
 
 
 def group(log: EventLog, c: GroupChange) -> None:
-    """A group began, changed its members (one ended, another began), ended, or is understood to have entered as one."""
+    """A group began, changed its members (one ended, another began), ended, or is understood to
+    have entered as one.
+    """
     g = c.group
     members = list(g.members)
     evidence: dict[str, Any] = {"members": members, "observed": g.observed}
@@ -233,20 +308,35 @@ def group(log: EventLog, c: GroupChange) -> None:
     text = f"Group {g.label} of targets {list_of(members)} formed."
     if c.kind == "group_changed":
         old = list_of([b.label for b in c.before])
-        text = f"Group {old} ended; group {g.label} of targets {list_of(members)} began in its place."
+        text = (
+            f"Group {old} ended; group {g.label} of targets {list_of(members)} began in its"
+            " place."
+        )
     elif c.kind == "group_entered_scene":
         text = (
-            f"Targets {list_of(members)} had entered the scene as one: understood as group {g.label} when they split."
+            f"Targets {list_of(members)} had entered the scene as one: understood as group"
+            f" {g.label} when they split."
         )
     elif c.kind == "group_ended":
-        evidence |= {"lasted_s": seconds(c.lasted_ns), "since_frame": g.since_frame, "gone": list(c.gone)}
-        text = f"Group {g.label} of targets {list_of(members)} ended: no two of them are splitting any more."
+        evidence |= {
+            "lasted_s": seconds(c.lasted_ns),
+            "since_frame": g.since_frame,
+            "gone": list(c.gone),
+        }
+        text = (
+            f"Group {g.label} of targets {list_of(members)} ended: no two of them are"
+            " splitting any more."
+        )
     labels = [b.label for b in c.before] + [g.label]
     rules = {
         "group_formed": "EVENTS 3.1 group tracker over a collision zone",
-        "group_changed": "EVENTS 3.1 nobody joins a group: the old one ends, a new one begins",
+        "group_changed": (
+            "EVENTS 3.1 nobody joins a group: the old one ends, a new one begins"
+        ),
         "group_ended": "EVENTS 3.1 group without observation, members apart",
-        "group_entered_scene": "EVENTS 3.1 a group that entered as one, detected as it splits",
+        "group_entered_scene": (
+            "EVENTS 3.1 a group that entered as one, detected as it splits"
+        ),
     }
     subjects = sorted({i for b in c.before for i in b.members}.union(members))
     log.add(c.kind, subjects, rules[c.kind], evidence, text, labels)
@@ -266,7 +356,10 @@ def _membership(g: HeldGroup, before: Sequence[HeldGroup]) -> dict[str, Any]:
 def forbidden(log: EventLog, target: int, before: int, after: int) -> None:
     """A target made a transition that the table forbids: the reasoning contradicts itself."""
     evidence = {"from": code(before), "to": code(after), "why": TABLE[before, after].why}
-    text = f"Target {target} went from {name(before)} to {name(after)}, which should be impossible."
+    text = (
+        f"Target {target} went from {name(before)} to {name(after)}, which should be"
+        " impossible."
+    )
     log.add("anomaly", [target], "EVENTS 3.1 transition table", evidence, text)
 
 
@@ -279,7 +372,8 @@ def torn(log: EventLog, c: Change) -> None:
         "same_blob": c.same_blob,
     }
     text = (
-        f"Targets {list_of([c.a, c.b])} were joined, yet their shells are disjoint: an identity error or a lost frame."
+        f"Targets {list_of([c.a, c.b])} were joined, yet their shells are disjoint: an"
+        " identity error or a lost frame."
     )
     log.add("anomaly", [c.a, c.b], c.rule, evidence, text)
 
@@ -287,14 +381,27 @@ def torn(log: EventLog, c: Change) -> None:
 def jumped(log: EventLog, c: PairChange, limits: Mapping[str, float]) -> None:
     """A grouped pair stopped colliding without having been seen to split."""
     evidence = {"safety_distance": c.distance, "before": "grouped", **limits}
-    text = f"Targets {list_of([c.a, c.b])} were grouped and do not collide at once: they were not seen to split."
+    text = (
+        f"Targets {list_of([c.a, c.b])} were grouped and do not collide at once: they were"
+        " not seen to split."
+    )
     rule = "EVENTS 3.1, ours: the frame rate is high enough to see grouped targets split"
     log.add("anomaly", [c.a, c.b], rule, evidence, text)
 
 
-def disagreement(log: EventLog, a: int, b: int, bit: int, state: str, measured: dict[str, Any]) -> None:
+def disagreement(
+    log: EventLog, a: int, b: int, bit: int, state: str, measured: dict[str, Any]
+) -> None:
     """The two papers' views of a pair contradict one another; both stand as they are."""
     expected = "JOINT" if bit == GROUPED else "INTERACTION"
-    evidence = {"interaction": BIT_KINDS[bit], "relation": state, "relation_expected": expected, **measured}
-    text = f"Targets {list_of([a, b])} are {BIT_KINDS[bit]}, which asks for {expected}, but their shells say {state}."
+    evidence = {
+        "interaction": BIT_KINDS[bit],
+        "relation": state,
+        "relation_expected": expected,
+        **measured,
+    }
+    text = (
+        f"Targets {list_of([a, b])} are {BIT_KINDS[bit]}, which asks for {expected}, but"
+        f" their shells say {state}."
+    )
     log.add("disagreement", [a, b], "EVENTS 3.1 against SHELLS 2.3", evidence, text)

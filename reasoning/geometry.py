@@ -1,7 +1,8 @@
 """Plane geometry of boxes, circles, ellipses and polygons, vectorised over targets.
 
-Only additions, products, quotients, square roots and comparisons decide anything here, so that every answer is the
-same on every machine. All regions are closed: what touches a border from within lies inside.
+Only additions, products, quotients, square roots and comparisons decide anything here, so that
+every answer is the same on every machine. All regions are closed: what touches a border from
+within lies inside.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ OUTSIDE, PARTLY, WHOLLY = 0, 1, 2
 """How a box lies in an area: no common interior, some of it, all of it."""
 
 _SEAM_PX = 1e-6
-"""Polygons that share an edge leave no gap between them although their crossings are rounded (slab test)."""
+"""Polygons that share an edge leave no gap between them although their crossings are rounded
+(slab test).
+"""
 
 
 def centres(boxes: ArrayLike) -> Floats:
@@ -39,7 +42,9 @@ def half_diagonals(boxes: ArrayLike) -> Floats:
 
 
 def circle_around_ellipse(ellipse: Ellipse, centre: tuple[float, float]) -> float:
-    """Radius of a circle around ``centre`` that encloses the ellipse (exact when the centres agree)."""
+    """Radius of a circle around ``centre`` that encloses the ellipse (exact when the centres
+    agree).
+    """
     dx, dy = ellipse.x - centre[0], ellipse.y - centre[1]
     return math.sqrt(dx * dx + dy * dy) + 0.5 * max(ellipse.h, ellipse.w)
 
@@ -53,10 +58,16 @@ def share_inside(box: Box, other: Box) -> float:
 
 
 def boxes_touch(boxes: Floats, others: Floats) -> Bools:
-    """Which of boxes (N, 4) have an inner point in common with which of others (M, 4), (N, M) bool."""
+    """Which of boxes (N, 4) have an inner point in common with which of others (M, 4), (N, M)
+    bool.
+    """
     a, b = boxes[:, None, :], others[None, :, :]
-    w = np.minimum(a[..., 0] + a[..., 2], b[..., 0] + b[..., 2]) - np.maximum(a[..., 0], b[..., 0])
-    h = np.minimum(a[..., 1] + a[..., 3], b[..., 1] + b[..., 3]) - np.maximum(a[..., 1], b[..., 1])
+    w = np.minimum(a[..., 0] + a[..., 2], b[..., 0] + b[..., 2]) - np.maximum(
+        a[..., 0], b[..., 0]
+    )
+    h = np.minimum(a[..., 1] + a[..., 3], b[..., 1] + b[..., 3]) - np.maximum(
+        a[..., 1], b[..., 1]
+    )
     return np.asarray((w > 0) & (h > 0))
 
 
@@ -78,17 +89,20 @@ def circles_overlap_area(distance: float, r1: float, r2: float) -> float:
 def circles_overlap_share(distance: float, r1: float, r2: float) -> float:
     """Common area of two discs over the smaller disc's, in [0, 1], rounded to 9 digits.
 
-    Rounded, because the arc cosine's last bits belong to the machine's mathematics library. Discs without area
-    share 1 if one lies in the other, else 0.
+    Rounded, because the arc cosine's last bits belong to the machine's mathematics library. Discs
+    without area share 1 if one lies in the other, else 0.
     """
     small = min(r1, r2)
     if small <= 0:
         return 1.0 if distance <= max(r1, r2) else 0.0
-    return round(min(1.0, circles_overlap_area(distance, r1, r2) / (math.pi * small * small)), 9)
+    return round(
+        min(1.0, circles_overlap_area(distance, r1, r2) / (math.pi * small * small)), 9
+    )
 
 
 class Area:
-    """A union of simple polygons, any number, overlapping, abutting or apart; vertices in either direction.
+    """A union of simple polygons, any number, overlapping, abutting or apart; vertices in either
+    direction.
 
     A polygon of fewer than three vertices encloses nothing.
     """
@@ -116,9 +130,11 @@ class Area:
         return inside
 
     def depth(self, points: ArrayLike) -> Floats:
-        """How far points (N, 2) lie within the area, (N,): the distance to the nearest edge, negative outside.
+        """How far points (N, 2) lie within the area, (N,): the distance to the nearest edge,
+        negative outside.
 
-        Of a point that lies in several of the polygons the distance is to the nearest edge of any of them.
+        Of a point that lies in several of the polygons the distance is to the nearest edge of any
+        of them.
         """
         p = np.asarray(points, np.float64).reshape(-1, 1, 2)
         if not len(self._all):
@@ -132,20 +148,30 @@ class Area:
         return signed
 
     def covers(self, boxes: Sequence[Box]) -> list[int]:
-        """The same as `cover` for boxes as plain numbers; of one upright rectangle, much quicker for a few of them."""
+        """The same as `cover` for boxes as plain numbers; of one upright rectangle, much quicker
+        for a few of them.
+        """
         if self._rectangle is None:
             found: list[int] = self.cover(boxes).tolist()
             return found
         return [_cover_of_box(box, self._rectangle) for box in boxes]
 
     def cover(self, boxes: ArrayLike) -> NDArray[np.int8]:
-        """How each box of (N, 4) lies in the area: `WHOLLY`, `PARTLY` or `OUTSIDE`, (N,) int8, exactly."""
+        """How each box of (N, 4) lies in the area: `WHOLLY`, `PARTLY` or `OUTSIDE`, (N,) int8,
+        exactly.
+        """
         b = np.asarray(boxes, np.float64).reshape(-1, 4)
         if self._rectangle is not None:
             return _cover_by_rectangle(b, self._rectangle)
-        crossed = _edges_in_boxes(self._all, b).any(axis=1) if len(self._all) else np.zeros(len(b), np.bool_)
+        crossed = (
+            _edges_in_boxes(self._all, b).any(axis=1)
+            if len(self._all)
+            else np.zeros(len(b), np.bool_)
+        )
         inside = self.contains(centres(b))
-        answer = np.where(crossed, PARTLY, np.where(inside, WHOLLY, OUTSIDE)).astype(np.int8)
+        answer = np.where(crossed, PARTLY, np.where(inside, WHOLLY, OUTSIDE)).astype(
+            np.int8
+        )
         if len(self._edges) > 1:
             for i in np.flatnonzero(crossed):
                 if _slabs_cover(b[i], self._edges):
@@ -154,7 +180,9 @@ class Area:
 
 
 def points_in_polygon(points: Floats, edges: Floats) -> Bools:
-    """Which points (N, 2) lie in a polygon of edges (E, 4: x1, y1, x2, y2) or on it (even-odd rule), (N,) bool."""
+    """Which points (N, 2) lie in a polygon of edges (E, 4: x1, y1, x2, y2) or on it (even-odd
+    rule), (N,) bool.
+    """
     px, py = points[:, :1], points[:, 1:]
     x1, y1, x2, y2 = edges[:, 0], edges[:, 1], edges[:, 2], edges[:, 3]
     dx, dy = x2 - x1, y2 - y1
@@ -181,7 +209,9 @@ def _as_rectangle(polygon: Floats) -> tuple[float, float, float, float] | None:
     return None
 
 
-def _cover_by_rectangle(boxes: Floats, rectangle: tuple[float, float, float, float]) -> NDArray[np.int8]:
+def _cover_by_rectangle(
+    boxes: Floats, rectangle: tuple[float, float, float, float]
+) -> NDArray[np.int8]:
     x0, y0, x1, y1 = rectangle
     left, top = boxes[:, 0], boxes[:, 1]
     right, bottom = left + boxes[:, 2], top + boxes[:, 3]
@@ -218,8 +248,9 @@ def _edges_in_boxes(edges: Floats, boxes: Floats) -> Bools:
 
 
 def _slabs_cover(box: Floats, polygons: Sequence[Floats]) -> bool:
-    """Whether the union of polygons (edge arrays) covers the box: cut into horizontal slabs in which no edge turns,
-    crosses another or crosses the box's side, then compare intervals on each slab's middle line.
+    """Whether the union of polygons (edge arrays) covers the box: cut into horizontal slabs in
+    which no edge turns, crosses another or crosses the box's side, then compare intervals on each
+    slab's middle line.
     """
     x0, y0, w, h = (float(v) for v in box)
     x1, y1 = x0 + w, y0 + h
@@ -232,7 +263,9 @@ def _slabs_cover(box: Floats, polygons: Sequence[Floats]) -> bool:
             if y is not None and y0 < y < y1:
                 cuts.add(y)
     levels = sorted(cuts)
-    return all(_line_covered(polygons, (a + b) / 2, x0, x1) for a, b in itertools.pairwise(levels))
+    return all(
+        _line_covered(polygons, (a + b) / 2, x0, x1) for a, b in itertools.pairwise(levels)
+    )
 
 
 def _crossing_y(e: Sequence[float], f: Sequence[float]) -> float | None:
@@ -250,7 +283,11 @@ def _line_covered(polygons: Sequence[Floats], y: float, x0: float, x1: float) ->
     """Whether the polygons' intervals at height y together cover [x0, x1]."""
     intervals: list[tuple[float, float]] = []
     for polygon in polygons:
-        xs = sorted(float(ax + (y - ay) * (bx - ax) / (by - ay)) for ax, ay, bx, by in polygon if (ay > y) != (by > y))
+        xs = sorted(
+            float(ax + (y - ay) * (bx - ax) / (by - ay))
+            for ax, ay, bx, by in polygon
+            if (ay > y) != (by > y)
+        )
         intervals += zip(xs[::2], xs[1::2], strict=False)
     reach = x0
     for low, high in sorted(intervals):

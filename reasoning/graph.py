@@ -1,10 +1,11 @@
 """The interaction graph over time: both papers' views of a scene in one networkx MultiGraph.
 
-Nodes are targets (``target:3``) and groups (``group:1``) with their states. Edges are intervals: a relation
-(``view`` SHELLS: INTERACTION, JOINT), what two partners do (``view`` EVENTS: grouping, grouped, splitting), and
-membership in a group (``view`` EVENTS: member). An edge's key names what it is and the frame it began in, so that one
-interval is one edge. A `Graph` message holds the intervals open in its frame and those that ended with it, and is
-written only when something discrete changed; `over_time` puts a recording's messages together again.
+Nodes are targets (``target:3``) and groups (``group:1``) with their states. Edges are intervals:
+a relation (``view`` SHELLS: INTERACTION, JOINT), what two partners do (``view`` EVENTS: grouping,
+grouped, splitting), and membership in a group (``view`` EVENTS: member). An edge's key names what
+it is and the frame it began in, so that one interval is one edge. A `Graph` message holds the
+intervals open in its frame and those that ended with it, and is written only when something
+discrete changed; `over_time` puts a recording's messages together again.
 """
 
 from __future__ import annotations
@@ -45,12 +46,20 @@ def node_order(name: str) -> tuple[str, int]:
 
 
 def _edge_order(e: dict[str, Any]) -> tuple[Any, ...]:
-    return node_order(e["source"]), node_order(e["target"]), e["view"], e["since_frame"], e["key"]
+    return (
+        node_order(e["source"]),
+        node_order(e["target"]),
+        e["view"],
+        e["since_frame"],
+        e["key"],
+    )
 
 
 @dataclasses.dataclass(frozen=True)
 class Scene:
-    """What the graph is made of in a frame: tracks by id, groups by label, relations and bonds by (a, b)."""
+    """What the graph is made of in a frame: tracks by id, groups by label, relations and bonds by
+    (a, b).
+    """
 
     tracks: Sequence[Track]
     groups: Sequence[HeldGroup]
@@ -64,7 +73,8 @@ class GraphBook:
     def __init__(self) -> None:
         self._open: dict[str, Interval] = {}
         self._nodes: list[dict[str, Any]] = []
-        # What nodes and intervals were made of; unknown, so that they are made anew, after `restore`.
+        # What nodes and intervals were made of; unknown, so that they are made anew, after
+        # `restore`.
         self._facts: list[tuple[Any, ...]] | None = None
         self._started = False
 
@@ -74,7 +84,9 @@ class GraphBook:
         if facts == self._facts:
             return None
         self._facts = facts
-        nodes = [_group_node(g) for g in scene.groups] + [_target_node(t) for t in scene.tracks]
+        nodes = [_group_node(g) for g in scene.groups] + [
+            _target_node(t) for t in scene.tracks
+        ]
         intervals = {_interval_id(v): v for v in _intervals(scene)}
         if self._started and nodes == self._nodes and intervals.keys() == self._open.keys():
             return None
@@ -83,7 +95,9 @@ class GraphBook:
         gone = sorted({n for v in ended for n in v[:2]} - known, key=node_order)
         edges = [_edge(v) for v in intervals.values()]
         edges += [{**_edge(v), "end_frame": frame, "end_ns": time_ns} for v in ended]
-        all_nodes = nodes + [{"id": n, "kind": n.partition(":")[0], "gone": True} for n in gone]
+        all_nodes = nodes + [
+            {"id": n, "kind": n.partition(":")[0], "gone": True} for n in gone
+        ]
         self._open, self._nodes, self._started = intervals, nodes, True
         return Graph(
             frame=frame,
@@ -112,9 +126,12 @@ class GraphBook:
 
 
 def _facts(scene: Scene) -> list[tuple[Any, ...]]:
-    """Everything that nodes and intervals tell, as numbers and words: equal facts make an equal graph."""
+    """Everything that nodes and intervals tell, as numbers and words: equal facts make an equal
+    graph.
+    """
     facts: list[tuple[Any, ...]] = [
-        (t.id, t.grouping, t.grouped, t.splitting, t.group, t.scene, t.mode, t.present) for t in scene.tracks
+        (t.id, t.grouping, t.grouped, t.splitting, t.group, t.scene, t.mode, t.present)
+        for t in scene.tracks
     ]
     for g in scene.groups:
         history = g.formed_from, g.former_members, g.entered_as_one
@@ -154,14 +171,38 @@ def _group_node(g: HeldGroup) -> dict[str, Any]:
 
 def _intervals(scene: Scene) -> Iterable[Interval]:
     for e in scene.relations:
-        yield target_node(e.a), target_node(e.b), "SHELLS", e.state, e.since_frame, e.since_ns, e.rule
+        yield (
+            target_node(e.a),
+            target_node(e.b),
+            "SHELLS",
+            e.state,
+            e.since_frame,
+            e.since_ns,
+            e.rule,
+        )
     for a, b, bond in scene.bonds:
         state = _BITS[bond.bit]
         rule = f"EVENTS 3.1 {state}"
-        yield target_node(a), target_node(b), "EVENTS", state, bond.since_frame, bond.since_ns, rule
+        yield (
+            target_node(a),
+            target_node(b),
+            "EVENTS",
+            state,
+            bond.since_frame,
+            bond.since_ns,
+            rule,
+        )
     for g in scene.groups:
         for i in g.members:
-            yield group_node(g.label), target_node(i), "EVENTS", "member", g.since_frame, g.since_ns, "EVENTS 3.1 group"
+            yield (
+                group_node(g.label),
+                target_node(i),
+                "EVENTS",
+                "member",
+                g.since_frame,
+                g.since_ns,
+                "EVENTS 3.1 group",
+            )
 
 
 def _interval_id(v: Interval) -> str:
@@ -197,7 +238,8 @@ def to_networkx(message: Graph) -> nx.MultiGraph:
 
 
 def over_time(messages: Iterable[Graph]) -> nx.MultiGraph:
-    """All of a recording's graphs as one: every interval one edge, with ``end_frame`` and ``end_ns`` where it ended.
+    """All of a recording's graphs as one: every interval one edge, with ``end_frame`` and
+    ``end_ns`` where it ended.
 
     Nodes carry the last state that was seen of them, and ``first_frame``.
     """
@@ -216,6 +258,9 @@ def over_time(messages: Iterable[Graph]) -> nx.MultiGraph:
         graph.add_node(name, **nodes[name])
     for e in sorted(edges.values(), key=_edge_order):
         graph.add_edge(
-            e["source"], e["target"], e["key"], **{k: e[k] for k in e if k not in ("source", "target", "key")}
+            e["source"],
+            e["target"],
+            e["key"],
+            **{k: e[k] for k in e if k not in ("source", "target", "key")},
         )
     return graph

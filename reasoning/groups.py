@@ -1,13 +1,15 @@
 """Groups and their life (EVENTS 3.1): labels, members, beginnings, ends, and where each came from.
 
-A group is known by its members. Nobody joins or leaves one: when the members under its region change, it ends and
-another begins under a new label, which names the labels it was formed from. Rules of ours where the paper is silent:
+A group is known by its members. Nobody joins or leaves one: when the members under its region
+change, it ends and another begins under a new label, which names the labels it was formed from.
+Rules of ours where the paper is silent:
 
-- Groups are disjoint: a new group ends every group that has no observation in this frame and shares a member.
-- A group without observation lives on while two of its members are splitting; the same members under one region
-  again are the same group.
-- A target that is born of a split, together with those it collides with, was a group all along: one that entered the
-  scene as one and is understood now. It begins without an observation.
+- Groups are disjoint: a new group ends every group that has no observation in this frame and
+  shares a member.
+- A group without observation lives on while two of its members are splitting; the same members
+  under one region again are the same group.
+- A target that is born of a split, together with those it collides with, was a group all along:
+  one that entered the scene as one and is understood now. It begins without an observation.
 """
 
 from __future__ import annotations
@@ -37,7 +39,9 @@ class HeldGroup:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class GroupChange:
-    """What happened to a group: ``before`` are the groups that ended for it, with the members they had."""
+    """What happened to a group: ``before`` are the groups that ended for it, with the members
+    they had.
+    """
 
     kind: Literal["group_formed", "group_changed", "group_ended", "group_entered_scene"]
     group: HeldGroup
@@ -72,7 +76,8 @@ class GroupBook:
         splitting: Collection[tuple[int, int]],
         ids: Collection[int],
     ) -> list[GroupChange]:
-        """Take a frame's observed clusters; answer with every change in the order: ended, begun (by label).
+        """Take a frame's observed clusters; answer with every change in the order: ended, begun
+        (by label).
 
         Args:
             frame: its index.
@@ -105,8 +110,12 @@ class GroupBook:
         self._of = {i: g.label for g in self.groups for i in g.members}
         return ended + begun
 
-    def _begin(self, frame: int, ns: int, members: tuple[int, ...], cluster: Cluster | None) -> GroupChange:
-        source, number = ("", -1) if cluster is None else (cluster.source, cluster.source_id)
+    def _begin(
+        self, frame: int, ns: int, members: tuple[int, ...], cluster: Cluster | None
+    ) -> GroupChange:
+        source, number = (
+            ("", -1) if cluster is None else (cluster.source, cluster.source_id)
+        )
         group = HeldGroup(
             self._next,
             members,
@@ -119,12 +128,18 @@ class GroupBook:
         )
         self._groups[group.label] = group
         self._next += 1
-        return GroupChange("group_formed" if cluster is not None else "group_entered_scene", group)
+        return GroupChange(
+            "group_formed" if cluster is not None else "group_entered_scene", group
+        )
 
     def _end_replaced(self, new: Sequence[int]) -> list[HeldGroup]:
         """End the old groups without observation that share a member with a new one."""
         fresh = {i for label in new for i in self._groups[label].members}
-        old = [g for g in self.groups if g.label not in new and not g.observed and fresh.intersection(g.members)]
+        old = [
+            g
+            for g in self.groups
+            if g.label not in new and not g.observed and fresh.intersection(g.members)
+        ]
         for g in old:
             del self._groups[g.label]
         return old
@@ -138,11 +153,15 @@ class GroupBook:
         group.formed_from = tuple(g.label for g in before)
         group.former_members = tuple(g.members for g in before)
         kind: Literal["group_changed", "group_entered_scene"] = (
-            "group_entered_scene" if change.kind == "group_entered_scene" else "group_changed"
+            "group_entered_scene"
+            if change.kind == "group_entered_scene"
+            else "group_changed"
         )
         return GroupChange(kind, group, before)
 
-    def _end_idle(self, ns: int, splitting: Collection[tuple[int, int]], ids: Collection[int]) -> list[GroupChange]:
+    def _end_idle(
+        self, ns: int, splitting: Collection[tuple[int, int]], ids: Collection[int]
+    ) -> list[GroupChange]:
         """End the groups that have neither an observation nor two members that are splitting."""
         ended: list[GroupChange] = []
         for g in self.groups:
@@ -151,7 +170,9 @@ class GroupBook:
                 continue
             del self._groups[g.label]
             gone = tuple(i for i in g.members if i not in ids)
-            ended.append(GroupChange("group_ended", g, lasted_ns=ns - g.since_ns, gone=gone))
+            ended.append(
+                GroupChange("group_ended", g, lasted_ns=ns - g.since_ns, gone=gone)
+            )
         return ended
 
     def state(self) -> dict[str, Any]:
@@ -167,7 +188,12 @@ class GroupBook:
         self._groups = {}
         for g in state["groups"]:
             former = tuple(tuple(m) for m in g["former_members"])
-            plain = dict(g, members=tuple(g["members"]), formed_from=tuple(g["formed_from"]), former_members=former)
+            plain = dict(
+                g,
+                members=tuple(g["members"]),
+                formed_from=tuple(g["formed_from"]),
+                former_members=former,
+            )
             self._groups[plain["label"]] = HeldGroup(**plain)
         self._next = state["next"]
         self._of = {i: g.label for g in self.groups for i in g.members}

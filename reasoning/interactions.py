@@ -1,21 +1,25 @@
-"""Interaction events between targets (EVENTS 3.1): safety areas, the collision map, eight states, partner lists.
+"""Interaction events between targets (EVENTS 3.1): safety areas, the collision map, eight states,
+partner lists.
 
 What the paper leaves open, and what is done here:
 
-- The safety area is the ellipse in the target's box, its semi-axes longer by ``safety_margin`` times the square root
-  of the box's area. Two areas count as superposed when the centres' distance, each axis divided by the sum of both
-  semi-axes, is at most 1: exact for ellipses of one shape. From a margin of 0.208 on, two targets of one shape whose
-  boxes overlap always collide.
-- A target's first frame (also after an absence) begins nothing, as the paper demands for grouping; a target born of
-  a split is splitting from those that it collides with.
-- A target that is first seen wholly inside the region of interest, its box over the box of one that was there before
-  ("stable trackers are instantiated over the group region"), is taken to be born of a split, whether or not the
-  tracker says so. Doors within the region are the price: who comes out of one beside somebody must not touch him.
+- The safety area is the ellipse in the target's box, its semi-axes longer by ``safety_margin``
+  times the square root of the box's area. Two areas count as superposed when the centres'
+  distance, each axis divided by the sum of both semi-axes, is at most 1: exact for ellipses of
+  one shape. From a margin of 0.208 on, two targets of one shape whose boxes overlap always
+  collide.
+- A target's first frame (also after an absence) begins nothing, as the paper demands for
+  grouping; a target born of a split is splitting from those that it collides with.
+- A target that is first seen wholly inside the region of interest, its box over the box of one
+  that was there before ("stable trackers are instantiated over the group region"), is taken to be
+  born of a split, whether or not the tracker says so. Doors within the region are the price: who
+  comes out of one beside somebody must not touch him.
 - A target that is not in the picture keeps its partners while it collides, and gets no new ones.
-- A grouped target that is hidden (no observation, no blob) counts into the blob of the nearest partner that it was
-  grouped with and still collides with.
-- Grouped targets that stop colliding at once are splitting for one frame. Where they lie over different regions then
-  (a jump, a frame rate too low), they were not seen to split, and it is told as an anomaly.
+- A grouped target that is hidden (no observation, no blob) counts into the blob of the nearest
+  partner that it was grouped with and still collides with.
+- Grouped targets that stop colliding at once are splitting for one frame. Where they lie over
+  different regions then (a jump, a frame rate too low), they were not seen to split, and it is
+  told as an anomaly.
 """
 
 from __future__ import annotations
@@ -42,22 +46,29 @@ class InteractionParameters(Parameters):
 
     safety_margin: float = param(
         0.25,
-        "the safety area reaches beyond the target by this share of the square root of its box's area",
+        "the safety area reaches beyond the target by this share of the square root of its"
+        " box's area",
         low=0.0,
         high=5.0,
         source="EVENTS 3.1 (value ours)",
     )
     leave_margin: float = param(
         0.0,
-        "partners go on colliding until their safety distance exceeds 1 by this (damps flicker; 0 is the paper's rule)",
+        "partners go on colliding until their safety distance exceeds 1 by this (damps"
+        " flicker; 0 is the paper's rule)",
         low=0.0,
         high=5.0,
     )
     infer_splits: bool = param(
-        True, "who is first seen inside the region of interest, over an older target's box, is born of a split"
+        True,
+        "who is first seen inside the region of interest, over an older target's box, is"
+        " born of a split",
     )
     over_share: float = param(
-        0.5, "share of a target's box that must lie in a group tracker's box to lie over it", low=0.05, high=1.0
+        0.5,
+        "share of a target's box that must lie in a group tracker's box to lie over it",
+        low=0.05,
+        high=1.0,
     )
 
 
@@ -65,9 +76,10 @@ class InteractionParameters(Parameters):
 class Members:
     """The N targets of a frame as rows, ids ascending.
 
-    ``boxes`` (N, 4) in pixels, an array or a list; ``blobs`` region ids; ``seen`` observed now; ``present`` in the
-    picture; ``newborn`` first frame (of its life or after an absence); ``of_split`` born of a split in this frame;
-    ``leaving``: ids in their last frame, which belong to no group's region any more.
+    ``boxes`` (N, 4) in pixels, an array or a list; ``blobs`` region ids; ``seen`` observed now;
+    ``present`` in the picture; ``newborn`` first frame (of its life or after an absence);
+    ``of_split`` born of a split in this frame; ``leaving``: ids in their last frame, which belong
+    to no group's region any more.
     """
 
     ids: Sequence[int]
@@ -84,9 +96,10 @@ class Members:
 class PairChange:
     """A pair's bit changed: ``before`` and ``after`` are 0, GROUPING, GROUPED or SPLITTING.
 
-    ``distance`` is the safety distance (at most 1: collision), None where a partner is gone; ``of_split``: one of
-    them is born of a split; ``jumped``: grouped targets are apart without having been seen to split; ``region``: the
-    observed region that both lie over (its source and number), empty where there is none.
+    ``distance`` is the safety distance (at most 1: collision), None where a partner is gone;
+    ``of_split``: one of them is born of a split; ``jumped``: grouped targets are apart without
+    having been seen to split; ``region``: the observed region that both lie over (its source and
+    number), empty where there is none.
     """
 
     a: int
@@ -113,7 +126,9 @@ class Cluster:
 
 @dataclasses.dataclass(slots=True)
 class Bond:
-    """What holds between two partners, since when; ``distance`` is the last frame's safety distance."""
+    """What holds between two partners, since when; ``distance`` is the last frame's safety
+    distance.
+    """
 
     bit: int
     since_frame: int
@@ -121,7 +136,14 @@ class Bond:
     distance: float
 
 
-def pair_bit(before: int, collides: bool, over_group: bool, newborn: bool, of_split: bool, starts: bool = True) -> int:
+def pair_bit(
+    before: int,
+    collides: bool,
+    over_group: bool,
+    newborn: bool,
+    of_split: bool,
+    starts: bool = True,
+) -> int:
     """The table of EVENTS 3.1 for one pair.
 
     Args:
@@ -147,7 +169,8 @@ def pair_bit(before: int, collides: bool, over_group: bool, newborn: bool, of_sp
 
 
 class SafetyAreas:
-    """The safety areas of a frame's targets, as plain numbers: few pairs of a frame are ever asked for.
+    """The safety areas of a frame's targets, as plain numbers: few pairs of a frame are ever
+    asked for.
 
     Args:
         boxes: N boxes, pixels.
@@ -175,7 +198,9 @@ class SafetyAreas:
 
     def colliding(self) -> list[Pair]:
         """Rows (i, j), i < j, ascending, whose areas superpose."""
-        return [(i, j) for i, j in near_pairs(self._x, self._w) if self.squared(i, j) <= 1.0]
+        return [
+            (i, j) for i, j in near_pairs(self._x, self._w) if self.squared(i, j) <= 1.0
+        ]
 
 
 class InteractionBook:
@@ -198,10 +223,19 @@ class InteractionBook:
         return bond.bit if bond is not None else 0
 
     def step(
-        self, frame: int, time_ns: int, m: Members, group_tracks: Sequence[GroupTrack] | None
+        self,
+        frame: int,
+        time_ns: int,
+        m: Members,
+        group_tracks: Sequence[GroupTrack] | None,
     ) -> tuple[list[PairChange], list[Cluster]]:
-        """Take a frame's targets; answer with every pair's change, by (a, b), and the clusters seen in this frame."""
-        areas = SafetyAreas(m.boxes.tolist() if isinstance(m.boxes, np.ndarray) else m.boxes, self._p.safety_margin)
+        """Take a frame's targets; answer with every pair's change, by (a, b), and the clusters
+        seen in this frame.
+        """
+        areas = SafetyAreas(
+            m.boxes.tolist() if isinstance(m.boxes, np.ndarray) else m.boxes,
+            self._p.safety_margin,
+        )
         row = {i: k for k, i in enumerate(m.ids)}
         touching = self._touching(areas, row)
         collides = set(touching)
@@ -213,31 +247,58 @@ class InteractionBook:
             bond = self.bonds.pop(pair)
             gone = tuple(i for i in pair if i not in row)
             lasted = time_ns - bond.since_ns
-            changes.append(PairChange(*pair, bond.bit, 0, None, bond.since_frame, lasted, gone=gone))
+            changes.append(
+                PairChange(*pair, bond.bit, 0, None, bond.since_frame, lasted, gone=gone)
+            )
         todo = {(m.ids[i], m.ids[j]): (i, j) for i, j in touching}
         for a, b in self.bonds:
             todo.setdefault((a, b), (row[a], row[b]))
         for pair, rows in todo.items():
             one_group = pair[0] in over and over[pair[0]] == over.get(pair[1])
-            change = self._pair(frame, time_ns, pair, rows, m, one_group, areas.squared(*rows), rows in collides)
+            change = self._pair(
+                frame,
+                time_ns,
+                pair,
+                rows,
+                m,
+                one_group,
+                areas.squared(*rows),
+                rows in collides,
+            )
             if change is not None:
                 number = regions[rows[0]]
                 same = number == regions[rows[1]] != NO_BLOB
                 region = f"{source} {number}"
-                changes.append(dataclasses.replace(change, region=region, jumped=False) if same else change)
+                changes.append(
+                    dataclasses.replace(change, region=region, jumped=False)
+                    if same
+                    else change
+                )
         self._collect(m.ids)
         return sorted(changes, key=lambda c: (c.a, c.b)), clusters
 
     def _touching(self, areas: SafetyAreas, row: Mapping[int, int]) -> list[Pair]:
-        """Rows (i, j), i < j, ascending, that collide; partners may be as far apart as the margin for leaving says."""
+        """Rows (i, j), i < j, ascending, that collide; partners may be as far apart as the margin
+        for leaving says.
+        """
         touching = areas.colliding()
         if not self._p.leave_margin:
             return touching
         bound = [(row[a], row[b]) for a, b in self.bonds if a in row and b in row]
-        return sorted({*touching, *(rows for rows in bound if areas.squared(*rows) <= self._reach)})
+        return sorted(
+            {*touching, *(rows for rows in bound if areas.squared(*rows) <= self._reach)}
+        )
 
     def _pair(
-        self, frame: int, ns: int, pair: Pair, rows: Pair, m: Members, one_group: bool, squared: float, collides: bool
+        self,
+        frame: int,
+        ns: int,
+        pair: Pair,
+        rows: Pair,
+        m: Members,
+        one_group: bool,
+        squared: float,
+        collides: bool,
     ) -> PairChange | None:
         i, j = rows
         bond = self.bonds.get(pair)
@@ -250,46 +311,69 @@ class InteractionBook:
             bond.distance = distance
         if after == before:
             return None
-        since, began = (bond.since_frame, bond.since_ns) if bond is not None else (frame, ns)
+        since, began = (
+            (bond.since_frame, bond.since_ns) if bond is not None else (frame, ns)
+        )
         if after:
             self.bonds[pair] = Bond(after, frame, ns, distance)
         else:
             del self.bonds[pair]
         split = after == SPLITTING and before == 0
-        jumped = before == GROUPED and not collides and not (pair[0] in m.leaving or pair[1] in m.leaving)
+        jumped = (
+            before == GROUPED
+            and not collides
+            and not (pair[0] in m.leaving or pair[1] in m.leaving)
+        )
         return PairChange(*pair, before, after, distance, since, ns - began, split, jumped)
 
-    def _regions(self, m: Members, areas: SafetyAreas, tracks: Sequence[GroupTrack] | None) -> tuple[list[int], str]:
+    def _regions(
+        self, m: Members, areas: SafetyAreas, tracks: Sequence[GroupTrack] | None
+    ) -> tuple[list[int], str]:
         """Each target's observed region (NO_BLOB: none), and what kind of region that is."""
         if tracks is None:
             return self._blob_regions(m, areas), "blob"
         seen = [t for t in tracks if t.observed]
-        return [self._track_of(k, m, seen) if seen else NO_BLOB for k in range(len(m.ids))], "group track"
+        return [
+            self._track_of(k, m, seen) if seen else NO_BLOB for k in range(len(m.ids))
+        ], "group track"
 
     def _may_lie_over(self, k: int, m: Members) -> bool:
-        """Newborn and leaving targets belong to no group's region; absent ones only if they were grouped before."""
+        """Newborn and leaving targets belong to no group's region; absent ones only if they were
+        grouped before.
+        """
         if m.newborn[k] or m.ids[k] in m.leaving:
             return False
         return m.present[k] or bool(self.states.get(m.ids[k], 0) & GROUPED)
 
     def _blob_regions(self, m: Members, areas: SafetyAreas) -> list[int]:
-        regions = [b if b >= 0 and self._may_lie_over(k, m) else NO_BLOB for k, b in enumerate(m.blobs)]
+        regions = [
+            b if b >= 0 and self._may_lie_over(k, m) else NO_BLOB
+            for k, b in enumerate(m.blobs)
+        ]
         for k, i in enumerate(m.ids):
-            if m.blobs[k] >= 0 or m.seen[k] or not self.states.get(i, 0) & GROUPED or not self._may_lie_over(k, m):
+            if (
+                m.blobs[k] >= 0
+                or m.seen[k]
+                or not self.states.get(i, 0) & GROUPED
+                or not self._may_lie_over(k, m)
+            ):
                 continue
             row = {other: r for r, other in enumerate(m.ids)}
             near = [
                 (areas.squared(k, row[p]), p)
                 for p in self.partners(i, GROUPED)
-                if p in row and m.blobs[row[p]] >= 0 and m.seen[row[p]] and areas.squared(k, row[p]) <= self._reach
+                if p in row
+                and m.blobs[row[p]] >= 0
+                and m.seen[row[p]]
+                and areas.squared(k, row[p]) <= self._reach
             ]
             if near:
                 regions[k] = m.blobs[row[min(near)[1]]]
         return regions
 
     def _track_of(self, k: int, m: Members, tracks: Sequence[GroupTrack]) -> int:
-        """The one of some observed group trackers that target k lies over: named by the tracker, else the largest
-        share of its box, ties by the lower id; NO_BLOB if none.
+        """The one of some observed group trackers that target k lies over: named by the tracker,
+        else the largest share of its box, ties by the lower id; NO_BLOB if none.
         """
         if not self._may_lie_over(k, m):
             return NO_BLOB
@@ -319,7 +403,10 @@ class InteractionBook:
     def state(self) -> dict[str, Any]:
         """The whole book as plain data."""
         return {
-            "bonds": [[a, b, v.bit, v.since_frame, v.since_ns, v.distance] for (a, b), v in sorted(self.bonds.items())],
+            "bonds": [
+                [a, b, v.bit, v.since_frame, v.since_ns, v.distance]
+                for (a, b), v in sorted(self.bonds.items())
+            ],
             "ids": list(self.states),
         }
 
@@ -329,7 +416,9 @@ class InteractionBook:
         self._collect(state["ids"])
 
 
-def _clusters(ids: Sequence[int], regions: Sequence[int], source: str, touching: Sequence[Pair]) -> list[Cluster]:
+def _clusters(
+    ids: Sequence[int], regions: Sequence[int], source: str, touching: Sequence[Pair]
+) -> list[Cluster]:
     """Colliding targets over one region, two or more, by their first member."""
     if sum(r != NO_BLOB for r in regions) < 2:
         return []
@@ -342,7 +431,11 @@ def _clusters(ids: Sequence[int], regions: Sequence[int], source: str, touching:
     for k in range(len(ids)):
         if regions[k] != NO_BLOB:
             found.setdefault(_find(root, k), []).append(k)
-    return [Cluster(tuple(ids[k] for k in rows), source, regions[rows[0]]) for rows in found.values() if len(rows) >= 2]
+    return [
+        Cluster(tuple(ids[k] for k in rows), source, regions[rows[0]])
+        for rows in found.values()
+        if len(rows) >= 2
+    ]
 
 
 def _find(root: list[int], i: int) -> int:
@@ -353,7 +446,9 @@ def _find(root: list[int], i: int) -> int:
 
 
 def collision_map(boxes: Floats, margin: float) -> Bools:
-    """Which targets (N, 4) collide with which, (N, N) bool, symmetric; a target does not collide with itself."""
+    """Which targets (N, 4) collide with which, (N, N) bool, symmetric; a target does not collide
+    with itself.
+    """
     collides = np.zeros((len(boxes), len(boxes)), np.bool_)
     for i, j in SafetyAreas(boxes.tolist(), margin).colliding():
         collides[i, j] = collides[j, i] = True

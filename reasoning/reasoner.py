@@ -1,17 +1,22 @@
-"""The reasoning as one step per frame: targets in; tracks, relations, groups, events and graph out. Pure.
+"""The reasoning as one step per frame: targets in; tracks, relations, groups, events and graph
+out. Pure.
 
-It composes the books of this room: shells and relations (SHELLS 2.2, 2.3), interactions and groups (EVENTS 3.1), scene
-status (EVENTS 3.2), the graph, and writes down where the two papers' views of a pair disagree.
+It composes the books of this room: shells and relations (SHELLS 2.2, 2.3), interactions and
+groups (EVENTS 3.1), scene status (EVENTS 3.2), the graph, and writes down where the two papers'
+views of a pair disagree.
 
-What the reasoning adds to the papers for targets that are not plainly seen, and for what a tracker tells itself:
+What the reasoning adds to the papers for targets that are not plainly seen, and for what a
+tracker tells itself:
 
-- ``mode`` predicted and ``present``: reasoned over like any other; the person behind the pillar still is there.
-- not ``present``: keeps what relations and partners it has while geometry allows, starts nothing new, and keeps its
-  scene status unless its place lies wholly outside.
+- ``mode`` predicted and ``present``: reasoned over like any other; the person behind the pillar
+  still is there.
+- not ``present``: keeps what relations and partners it has while geometry allows, starts nothing
+  new, and keeps its scene status unless its place lies wholly outside.
 - what the tracker tells of a target in its notices is not told a second time.
-- gone from the targets: its relations end with an event that says so. One that was JOINT or grouped stays for one
-  frame more as an absent, unobserved track at its last place, in which JOINT becomes INTERACTION and grouped becomes
-  splitting, so that neither paper's order of states is broken by a disappearance.
+- gone from the targets: its relations end with an event that says so. One that was JOINT or
+  grouped stays for one frame more as an absent, unobserved track at its last place, in which
+  JOINT becomes INTERACTION and grouped becomes splitting, so that neither paper's order of states
+  is broken by a disappearance.
 """
 
 from __future__ import annotations
@@ -60,7 +65,9 @@ SECTIONS: Sections = {
     "interactions": InteractionParameters,
     "regions": RegionParameters,
 }
-"""The parameter sections that a `Reasoner` reads from a configuration; missing ones have their defaults."""
+"""The parameter sections that a `Reasoner` reads from a configuration; missing ones have their
+defaults.
+"""
 
 
 Wrong = tuple[int, int, int]
@@ -78,7 +85,9 @@ class SceneAnnotation(msgspec.Struct, frozen=True):
 
 
 class Reasoner:
-    """Reasons over a scene frame by frame; the same frames give the same answers, also after `restore`."""
+    """Reasons over a scene frame by frame; the same frames give the same answers, also after
+    `restore`.
+    """
 
     def __init__(self, config: Config | None, width: int, height: int) -> None:
         chosen = {s: (config or {}).get(s, cls()) for s, cls in SECTIONS.items()}
@@ -93,7 +102,9 @@ class Reasoner:
         self._graph = GraphBook()
         self._log = tell.EventLog()
         self.counter = TransitionCounter()
-        self._regions = SceneRegions(default_regions(width, height, self._region), self._region)
+        self._regions = SceneRegions(
+            default_regions(width, height, self._region), self._region
+        )
         self._default = self._regions
         self._last: dict[int, Target] = {}
         self._leaving: list[int] = []
@@ -117,7 +128,9 @@ class Reasoner:
         """The regions in use: the last given, else the default of the picture's size."""
         return self._regions.message
 
-    def step(self, frame_index: int, time_ns: int, targets: Targets, regions: Regions | None) -> SceneAnnotation:
+    def step(
+        self, frame_index: int, time_ns: int, targets: Targets, regions: Regions | None
+    ) -> SceneAnnotation:
         """Take the next frame.
 
         Args:
@@ -131,7 +144,9 @@ class Reasoner:
         for n in targets.notices:
             tell.notice(self._log, n)
         given = {t.id: t for t in targets.targets}
-        assert len(given) == len(targets.targets), f"frame {frame_index}: a tracker gave one id to two targets"
+        assert len(given) == len(targets.targets), (
+            f"frame {frame_index}: a tracker gave one id to two targets"
+        )
         removed = [i for i in self._last if i not in given and i not in self._leaving]
         self._leaving = self._lingering(removed)
         for i in self._leaving:
@@ -141,12 +156,20 @@ class Reasoner:
         told = {(n.kind, s) for n in targets.notices for s in n.subjects}
         self._tell_life(rows, removed, told)
         for c in self._scene.step(
-            time_ns, self._regions, rows.ids, rows.boxes, rows.of_split, rows.present, self._leaving
+            time_ns,
+            self._regions,
+            rows.ids,
+            rows.boxes,
+            rows.of_split,
+            rows.present,
+            self._leaving,
         ):
             if (c.kind, c.id) in told:
                 continue
             box = (given if c.id in given else self._last)[c.id].box
-            tell.scene(self._log, c, self._regions.message.source, box, self._regions.margins(box))
+            tell.scene(
+                self._log, c, self._regions.message.source, box, self._regions.margins(box)
+            )
         changes, shell = self._relate(frame_index, time_ns, rows)
         pairs, wrong = self._interact(frame_index, time_ns, rows, targets)
         self._tell_disputes(rows)
@@ -160,7 +183,9 @@ class Reasoner:
             groups=Groups(frame_index, [_group(g) for g in self._groups.groups]),
             events=self._log.events,
             graph=self._graph.step(
-                frame_index, time_ns, Scene(tracks, self._groups.groups, self._book.edges, self._bonds())
+                frame_index,
+                time_ns,
+                Scene(tracks, self._groups.groups, self._book.edges, self._bonds()),
             ),
         )
 
@@ -171,8 +196,14 @@ class Reasoner:
             self._regions = SceneRegions(regions, self._region)
 
     def _infer_splits(self, rows: Rows) -> None:
-        """Who is first seen inside the region of interest and over an older target's box is born of a split."""
-        new = [k for k, i in enumerate(rows.ids) if rows.newborn[k] and i not in self._known and not rows.of_split[k]]
+        """Who is first seen inside the region of interest and over an older target's box is born
+        of a split.
+        """
+        new = [
+            k
+            for k, i in enumerate(rows.ids)
+            if rows.newborn[k] and i not in self._known and not rows.of_split[k]
+        ]
         old = [k for k in range(len(rows.ids)) if rows.present[k] and not rows.newborn[k]]
         if not (new and old and self._interaction.infer_splits):
             return
@@ -185,11 +216,19 @@ class Reasoner:
             rows.inferred += [rows.ids[k]] if rows.of_split[k] else []
 
     def _lingering(self, removed: Sequence[int]) -> list[int]:
-        """Which of the ids that disappear now were JOINT or grouped, and so stay for one frame more."""
+        """Which of the ids that disappear now were JOINT or grouped, and so stay for one frame
+        more.
+        """
         states = self._interactions.states
-        return sorted(i for i in removed if states[i] & GROUPED or any(s == "JOINT" for _, s in self._book.of(i)))
+        return sorted(
+            i
+            for i in removed
+            if states[i] & GROUPED or any(s == "JOINT" for _, s in self._book.of(i))
+        )
 
-    def _tell_life(self, rows: Rows, removed: Sequence[int], told: set[tuple[str, int]]) -> None:
+    def _tell_life(
+        self, rows: Rows, removed: Sequence[int], told: set[tuple[str, int]]
+    ) -> None:
         """Events of the tracks' own life that the tracker has not told itself."""
         for t in rows.targets:
             if t.id in self._leaving:
@@ -198,39 +237,83 @@ class Reasoner:
             if before is None:
                 kind = "track_recovered" if t.id in self._known else "track_confirmed"
                 if (kind, t.id) not in told:
-                    text = f"Target {t.id} is tracked again." if t.id in self._known else f"Target {t.id} is confirmed."
+                    text = (
+                        f"Target {t.id} is tracked again."
+                        if t.id in self._known
+                        else f"Target {t.id} is confirmed."
+                    )
                     tell.life(self._log, kind, t, {"born_of_split": t.born_of_split}, text)
                 continue
             if t.present != before.present:
-                kind, words = ("track_recovered", "is found again") if t.present else ("track_lost", "is lost")
+                kind, words = (
+                    ("track_recovered", "is found again")
+                    if t.present
+                    else ("track_lost", "is lost")
+                )
                 if (kind, t.id) not in told:
-                    tell.life(self._log, kind, t, {"blob": t.blob}, f"Target {t.id} {words}.")
+                    tell.life(
+                        self._log, kind, t, {"blob": t.blob}, f"Target {t.id} {words}."
+                    )
             if t.mode != before.mode and ("mode_changed", t.id) not in told:
                 text = f"Target {t.id} is tracked by {t.mode} (before: {before.mode})."
                 tell.life(self._log, "mode_changed", t, {"mode_before": before.mode}, text)
         for i in sorted(removed):
             if ("track_removed", i) not in told:
-                tell.life(self._log, "track_removed", self._last[i], {}, f"Target {i} is not tracked any more.")
+                tell.life(
+                    self._log,
+                    "track_removed",
+                    self._last[i],
+                    {},
+                    f"Target {i} is not tracked any more.",
+                )
 
     def _relate(self, frame: int, ns: int, rows: Rows) -> tuple[list[Change], Shells]:
         shell = shells(rows.targets, self._shell)
-        objects = Objects(rows.ids, shell.centres, shell.radii, rows.blobs, rows.seen, rows.present, self._leaving)
+        objects = Objects(
+            rows.ids,
+            shell.centres,
+            shell.radii,
+            rows.blobs,
+            rows.seen,
+            rows.present,
+            self._leaving,
+        )
         changes = self._book.step(frame, ns, objects)
         for c in changes:
-            tell.relation(self._log, c, circles_overlap_share(c.distance, c.radius_a, c.radius_b), self._margins)
+            tell.relation(
+                self._log,
+                c,
+                circles_overlap_share(c.distance, c.radius_a, c.radius_b),
+                self._margins,
+            )
         return changes, shell
 
-    def _interact(self, frame: int, ns: int, rows: Rows, targets: Targets) -> tuple[list[PairChange], list[Wrong]]:
+    def _interact(
+        self, frame: int, ns: int, rows: Rows, targets: Targets
+    ) -> tuple[list[PairChange], list[Wrong]]:
         book = self._interactions
         states_before = dict(book.states)
         members = Members(
-            rows.ids, rows.boxes, rows.blobs, rows.seen, rows.present, rows.newborn, rows.of_split, self._leaving
+            rows.ids,
+            rows.boxes,
+            rows.blobs,
+            rows.seen,
+            rows.present,
+            rows.newborn,
+            rows.of_split,
+            self._leaving,
         )
         changes, clusters = book.step(frame, ns, members, targets.group_tracks)
         groups = self._group(frame, ns, rows, clusters)
         for c in changes:
             if c.after:
-                tell.pair(self._log, c, self._group_of_pair(c, groups), self._limits, rows.inferred)
+                tell.pair(
+                    self._log,
+                    c,
+                    self._group_of_pair(c, groups),
+                    self._limits,
+                    rows.inferred,
+                )
         born = {i for c in changes if c.of_split for i in (c.a, c.b)}
         wrong: list[Wrong] = []
         for i, after in book.states.items():
@@ -241,13 +324,23 @@ class Reasoner:
             if not self.counter.move(before, after, i in born):
                 wrong.append((i, before, after))
             if before and not after:
-                tell.single(self._log, i, before, [c for c in changes if not c.after and i in (c.a, c.b)], self._limits)
+                tell.single(
+                    self._log,
+                    i,
+                    before,
+                    [c for c in changes if not c.after and i in (c.a, c.b)],
+                    self._limits,
+                )
         for g in groups:
             tell.group(self._log, g)
         return changes, wrong
 
-    def _group(self, frame: int, ns: int, rows: Rows, clusters: Sequence[Cluster]) -> list[GroupChange]:
-        splitting = [p for p, bond in self._interactions.bonds.items() if bond.bit == SPLITTING]
+    def _group(
+        self, frame: int, ns: int, rows: Rows, clusters: Sequence[Cluster]
+    ) -> list[GroupChange]:
+        splitting = [
+            p for p, bond in self._interactions.bonds.items() if bond.bit == SPLITTING
+        ]
         entered: list[list[int]] = []
         if any(rows.of_split):
             born = [i for i, split in zip(rows.ids, rows.of_split, strict=True) if split]
@@ -255,15 +348,22 @@ class Reasoner:
         return self._groups.step(frame, ns, clusters, united(entered), splitting, rows.row)
 
     def _group_of_pair(self, c: PairChange, changes: Sequence[GroupChange]) -> int | None:
-        """The group that both are in; where they split and it ended for others, the one that had them both."""
+        """The group that both are in; where they split and it ended for others, the one that had
+        them both.
+        """
         label = self._groups.of(c.a)
         if label is not None and label == self._groups.of(c.b):
             return label
-        ended = [g for change in changes for g in change.before] if c.after == SPLITTING else []
+        ended = (
+            [g for change in changes for g in change.before] if c.after == SPLITTING else []
+        )
         return next((g.label for g in ended if c.a in g.members and c.b in g.members), None)
 
     def _bonds(self) -> list[tuple[int, int, Bond]]:
-        return [(a, b, self._interactions.bonds[a, b]) for a, b in sorted(self._interactions.bonds)]
+        return [
+            (a, b, self._interactions.bonds[a, b])
+            for a, b in sorted(self._interactions.bonds)
+        ]
 
     def _tell_disputes(self, rows: Rows) -> None:
         """One event per episode in which a pair's two views contradict one another."""
@@ -281,11 +381,16 @@ class Reasoner:
                     "interaction_since_frame": bond.since_frame,
                 }
                 if edge is not None:
-                    measured |= {"shell_gap_px": edge.gap, "relation_since_frame": edge.since_frame}
+                    measured |= {
+                        "shell_gap_px": edge.gap,
+                        "relation_since_frame": edge.since_frame,
+                    }
                 tell.disagreement(self._log, a, b, bond.bit, state, measured)
         self._disputes = disputes
 
-    def _tell_anomalies(self, changes: Sequence[Change], pairs: Sequence[PairChange], wrong: Sequence[Wrong]) -> None:
+    def _tell_anomalies(
+        self, changes: Sequence[Change], pairs: Sequence[PairChange], wrong: Sequence[Wrong]
+    ) -> None:
         for c in changes:
             if c.anomaly and c.a not in self._leaving and c.b not in self._leaving:
                 tell.torn(self._log, c)
@@ -306,11 +411,16 @@ class Reasoner:
             lists: tuple[list[int], list[int], list[int]] = ([], [], [])
             group = None
             if state:
-                bits = bool(state & GROUPING), bool(state & GROUPED), bool(state & SPLITTING)
+                bits = (
+                    bool(state & GROUPING),
+                    bool(state & GROUPED),
+                    bool(state & SPLITTING),
+                )
                 lists = partners(i, GROUPING), partners(i, GROUPED), partners(i, SPLITTING)
                 group = self._groups.of(i) if state & (GROUPED | SPLITTING) else None
             zones = sorted(presence.zones) if presence.zones else []
-            # By position, in the order of the definition: twenty keywords a track cost as much as all the rest of it.
+            # By position, in the order of the definition: twenty keywords a track cost as much as
+            # all the rest of it.
             answer.append(
                 Track(
                     i, t.box, t.ellipse, t.velocity, radius, t.mode, t.confidence, t.present, t.observed, t.blob,
@@ -345,7 +455,9 @@ class Reasoner:
         return answer
 
     def state(self) -> dict[str, Any]:
-        """The whole state after the last frame as plain data (dict, list, str, int, float, bool, None)."""
+        """The whole state after the last frame as plain data (dict, list, str, int, float, bool,
+        None).
+        """
         default = self._regions is self._default
         return {
             "relations": self._book.state(),
@@ -363,7 +475,9 @@ class Reasoner:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Continue from what `state` gave, on a fresh instance of the same configuration and picture size."""
+        """Continue from what `state` gave, on a fresh instance of the same configuration and
+        picture size.
+        """
         self._book.restore(state["relations"])
         self._interactions.restore(state["interactions"])
         self._groups.restore(state["groups"])
@@ -371,7 +485,9 @@ class Reasoner:
         self._graph.restore(state["graph"])
         self.counter.restore(state["counter"])
         self._log.next_id = state["next_event"]
-        self._use(None if state["regions"] is None else msgspec.convert(state["regions"], Regions))
+        self._use(
+            None if state["regions"] is None else msgspec.convert(state["regions"], Regions)
+        )
         self._last = {t.id: t for t in msgspec.convert(state["last"], list[Target])}
         self._leaving = list(state["leaving"])
         self._known = set(state["known"])
@@ -381,7 +497,14 @@ class Reasoner:
 def _group(g: HeldGroup) -> Group:
     former = [list(m) for m in g.former_members]
     return Group(
-        g.label, list(g.members), g.observed, g.since_frame, g.since_ns, list(g.formed_from), former, g.entered_as_one
+        g.label,
+        list(g.members),
+        g.observed,
+        g.since_frame,
+        g.since_ns,
+        list(g.formed_from),
+        former,
+        g.entered_as_one,
     )
 
 

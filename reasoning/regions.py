@@ -1,19 +1,21 @@
 """Scene events (EVENTS 3.2): region of interest, security border, outer zone, named zones.
 
-The rules are pure functions of the regions, a box and a status, so that trackers and the event reasoning share them:
-who may be born (`SceneRegions.may_start_low_level`, `SceneRegions.may_start_high_level`), who must go
-(`SceneRegions.must_remove`), and how a target's status goes on (`next_status`).
+The rules are pure functions of the regions, a box and a status, so that trackers and the event
+reasoning share them: who may be born (`SceneRegions.may_start_low_level`,
+`SceneRegions.may_start_high_level`), who must go (`SceneRegions.must_remove`), and how a target's
+status goes on (`next_status`).
 
 Rules of ours where the paper is silent:
 
-- A target that was born partly outside ROI and border stays *entering* until it has come in; it is *exiting* only
-  if it was wholly inside ROI and border before.
-- *returned* is told when a target that was exiting lies wholly inside the ROI again, not as soon as it is back in
-  the border: the border is there to keep one who stands on an edge from coming and going all the time.
+- A target that was born partly outside ROI and border stays *entering* until it has come in; it
+  is *exiting* only if it was wholly inside ROI and border before.
+- *returned* is told when a target that was exiting lies wholly inside the ROI again, not as soon
+  as it is back in the border: the border is there to keep one who stands on an edge from coming
+  and going all the time.
 - A target that was wholly outside and was not removed enters anew when it reaches the ROI.
 - A target that disappears while exiting has exited.
-- A target that disappeared within the scene and comes back wholly inside the ROI under its old identity had not left:
-  it takes up its status again. Anywhere else it enters anew.
+- A target that disappeared within the scene and comes back wholly inside the ROI under its old
+  identity had not left: it takes up its status again. Anywhere else it enters anew.
 - Named zones ask where the target stands: the middle of its box's lower side, or its centre.
 """
 
@@ -38,28 +40,44 @@ class RegionParameters(Parameters):
     """Default regions and rules of removal (EVENTS 3.2)."""
 
     roi_inset: float = param(
-        0.04, "default region of interest: the picture less this share of its shorter side", low=0.0, high=0.4
+        0.04,
+        "default region of interest: the picture less this share of its shorter side",
+        low=0.0,
+        high=0.4,
     )
     border_inset: float = param(
-        0.01, "default border's outer edge: the picture less this share of its shorter side", low=0.0, high=0.4
+        0.01,
+        "default border's outer edge: the picture less this share of its shorter side",
+        low=0.0,
+        high=0.4,
     )
     low_confidence: float = param(
         0.3,
-        "a target partly in the outer zone and tracked by appearance under this confidence is removed",
+        "a target partly in the outer zone and tracked by appearance under this confidence"
+        " is removed",
         low=0.0,
         high=1.0,
         source="EVENTS 3.2 (value ours)",
     )
     zone_point: str = param(
-        "foot", "where a target stands for named zones: foot of its box, or centre", choices=("foot", "centre")
+        "foot",
+        "where a target stands for named zones: foot of its box, or centre",
+        choices=("foot", "centre"),
     )
 
 
-def default_regions(width: int, height: int, parameters: RegionParameters | None = None) -> Regions:
-    """Regions for a scene without a regions file: two rectangles inside the picture, ``source`` is ``default``."""
+def default_regions(
+    width: int, height: int, parameters: RegionParameters | None = None
+) -> Regions:
+    """Regions for a scene without a regions file: two rectangles inside the picture, ``source``
+    is ``default``.
+    """
     p = parameters if parameters is not None else RegionParameters()
     side = min(width, height)
-    roi, border = (_inset(width, height, share * side) for share in (max(p.roi_inset, p.border_inset), p.border_inset))
+    roi, border = (
+        _inset(width, height, share * side)
+        for share in (max(p.roi_inset, p.border_inset), p.border_inset)
+    )
     return Regions(width, height, [roi], [border], source="default")
 
 
@@ -70,7 +88,9 @@ def _inset(width: int, height: int, by: float) -> list[tuple[float, float]]:
 
 @dataclasses.dataclass(frozen=True)
 class Places:
-    """Where N boxes lie: ``roi`` and ``area`` (ROI and border together) as `OUTSIDE`, `PARTLY`, `WHOLLY`."""
+    """Where N boxes lie: ``roi`` and ``area`` (ROI and border together) as `OUTSIDE`, `PARTLY`,
+    `WHOLLY`.
+    """
 
     roi: list[int]
     area: list[int]
@@ -79,7 +99,9 @@ class Places:
 class SceneRegions:
     """The three regions and the named zones of a scene, ready to be asked."""
 
-    def __init__(self, regions: Regions, parameters: RegionParameters | None = None) -> None:
+    def __init__(
+        self, regions: Regions, parameters: RegionParameters | None = None
+    ) -> None:
         self.message = regions
         self._p = parameters if parameters is not None else RegionParameters()
         self._roi = Area(regions.roi)
@@ -92,7 +114,9 @@ class SceneRegions:
         return [name for name, _ in self._zones]
 
     def may_start_low_level(self, centroid: tuple[float, float]) -> bool:
-        """A detection is made and a low-level track starts where the centroid lies in ROI or border."""
+        """A detection is made and a low-level track starts where the centroid lies in ROI or
+        border.
+        """
         return bool(self._area.contains([centroid])[0])
 
     def may_start_low_level_all(self, centroids: Floats) -> Bools:
@@ -104,17 +128,22 @@ class SceneRegions:
         return self._roi.covers([box])[0] != OUTSIDE
 
     def must_remove(self, box: Box, mode: Mode, confidence: float) -> str | None:
-        """Why a tracker must go, None if it may stay: wholly outside ROI and border, or partly outside and
-        followed without motion (appearance or prediction) with low confidence.
+        """Why a tracker must go, None if it may stay: wholly outside ROI and border, or partly
+        outside and followed without motion (appearance or prediction) with low confidence.
         """
         return self.reason_to_remove(self._area.covers([box])[0], mode, confidence)
 
     def reason_to_remove(self, place: int, mode: Mode, confidence: float) -> str | None:
-        """The same for a target of which it is known how it lies in ROI and border (`area_cover`)."""
+        """The same for a target of which it is known how it lies in ROI and border
+        (`area_cover`).
+        """
         if place == OUTSIDE:
             return "EVENTS 3.2: wholly outside region of interest and border"
         if place == PARTLY and mode != "motion" and confidence < self._p.low_confidence:
-            return "EVENTS 3.2: partly in the outer zone, tracked by appearance with low confidence"
+            return (
+                "EVENTS 3.2: partly in the outer zone, tracked by appearance with low"
+                " confidence"
+            )
         return None
 
     def area_cover(self, boxes: Floats) -> list[int]:
@@ -127,13 +156,16 @@ class SceneRegions:
         return Places(self._roi.covers(plain), self._area.covers(plain))
 
     def margins(self, box: Box) -> tuple[float, float]:
-        """How far a box lies within the ROI, and how far it reaches beyond ROI and border, pixels; by its corners.
+        """How far a box lies within the ROI, and how far it reaches beyond ROI and border,
+        pixels; by its corners.
 
         The first is negative where a corner is outside, the second 0 where none is.
         """
         x, y, w, h = box
         corners = [(x, y), (x + w, y), (x, y + h), (x + w, y + h)]
-        return float(self._roi.depth(corners).min()), max(0.0, -float(self._area.depth(corners).min()))
+        return float(self._roi.depth(corners).min()), max(
+            0.0, -float(self._area.depth(corners).min())
+        )
 
     def zones_of(self, boxes: Boxes) -> list[list[str]]:
         """The named zones in which each target of boxes (N, 4) stands."""
@@ -141,15 +173,21 @@ class SceneRegions:
             return [[]] * len(boxes)
         boxes = np.asarray(boxes, np.float64).reshape(-1, 4)
         down = 1.0 if self._p.zone_point == "foot" else 0.5
-        points = np.stack([boxes[:, 0] + 0.5 * boxes[:, 2], boxes[:, 1] + down * boxes[:, 3]], axis=1)
+        points = np.stack(
+            [boxes[:, 0] + 0.5 * boxes[:, 2], boxes[:, 1] + down * boxes[:, 3]], axis=1
+        )
         inside = [(name, area.contains(points).tolist()) for name, area in self._zones]
         return [[name for name, yes in inside if yes[k]] for k in range(len(boxes))]
 
 
 def _union(regions: Regions) -> Area:
-    """ROI and border together; an upright rectangle that holds the ROI's vertices holds it too, and is faster."""
+    """ROI and border together; an upright rectangle that holds the ROI's vertices holds it too,
+    and is faster.
+    """
     border = Area(regions.border)
-    if border.is_rectangle and all(bool(border.contains(p).all()) for p in regions.roi if len(p)):
+    if border.is_rectangle and all(
+        bool(border.contains(p).all()) for p in regions.roi if len(p)
+    ):
         return border
     return Area([*regions.roi, *regions.border])
 
@@ -159,7 +197,11 @@ def first_status(born_of_split: bool) -> SceneStatus:
     return "inside" if born_of_split else "entering"
 
 
-_COMES_IN: Mapping[SceneStatus, SceneStatus] = {"entering": "inside", "exiting": "returned", "outside": "entering"}
+_COMES_IN: Mapping[SceneStatus, SceneStatus] = {
+    "entering": "inside",
+    "exiting": "returned",
+    "outside": "entering",
+}
 
 
 def next_status(status: SceneStatus, been_in: bool, roi: int, area: int) -> SceneStatus:
@@ -202,7 +244,9 @@ STATUS_EVENTS: dict[tuple[SceneStatus, SceneStatus], str] = {
 
 @dataclasses.dataclass(slots=True)
 class Presence:
-    """A target's standing in the scene: its status since when, whether it has been wholly inside, zones since when."""
+    """A target's standing in the scene: its status since when, whether it has been wholly inside,
+    zones since when.
+    """
 
     status: SceneStatus
     since_ns: int
@@ -212,7 +256,9 @@ class Presence:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class SceneChange:
-    """A scene event of one target; ``zone`` for zone events; ``lasted_ns``: status or time in the zone before."""
+    """A scene event of one target; ``zone`` for zone events; ``lasted_ns``: status or time in the
+    zone before.
+    """
 
     kind: str
     id: int
@@ -241,10 +287,12 @@ class SceneBook:
         present: Sequence[bool],
         leaving: Collection[int] = (),
     ) -> list[SceneChange]:
-        """Take a frame's targets (N ids ascending, boxes (N, 4)); answer with every change, by id, zones by name.
+        """Take a frame's targets (N ids ascending, boxes (N, 4)); answer with every change, by
+        id, zones by name.
 
-        A target that is not in the picture keeps its status and zones, except that its place may lie wholly outside.
-        Those who are ``leaving`` have disappeared and stay among the targets for this frame alone.
+        A target that is not in the picture keeps its status and zones, except that its place may
+        lie wholly outside. Those who are ``leaving`` have disappeared and stay among the targets
+        for this frame alone.
         """
         places, zones = regions.places(boxes), regions.zones_of(boxes)
         changes: list[SceneChange] = []
@@ -259,7 +307,10 @@ class SceneBook:
                 was = self._away.pop(i, None)
                 back = was is not None and at[0] == WHOLLY
                 held = Presence(
-                    was if was is not None and back else first_status(born_of_split[k]), time_ns, at[1] == WHOLLY, {}
+                    was if was is not None and back else first_status(born_of_split[k]),
+                    time_ns,
+                    at[1] == WHOLLY,
+                    {},
                 )
                 self.targets[i] = held
                 if held.status == "entering" and not back:
@@ -270,19 +321,27 @@ class SceneBook:
                 changes += self._zones(i, held, time_ns, zones[k], at)
         return changes
 
-    def _move(self, i: int, held: Presence, ns: int, at: tuple[int, int]) -> list[SceneChange]:
+    def _move(
+        self, i: int, held: Presence, ns: int, at: tuple[int, int]
+    ) -> list[SceneChange]:
         status = next_status(held.status, held.been_in, *at)
         held.been_in = (held.been_in or at[1] == WHOLLY) and status != "outside"
         if status == held.status:
             return []
-        change = SceneChange(STATUS_EVENTS[held.status, status], i, held.status, *at, ns - held.since_ns)
+        change = SceneChange(
+            STATUS_EVENTS[held.status, status], i, held.status, *at, ns - held.since_ns
+        )
         held.status, held.since_ns = status, ns
         return [change]
 
-    def _zones(self, i: int, held: Presence, ns: int, zones: list[str], at: tuple[int, int]) -> list[SceneChange]:
+    def _zones(
+        self, i: int, held: Presence, ns: int, zones: list[str], at: tuple[int, int]
+    ) -> list[SceneChange]:
         left = [z for z in sorted(held.zones) if z not in zones]
         come = [z for z in sorted(zones) if z not in held.zones]
-        changes = [SceneChange("zone_left", i, "", *at, ns - held.zones.pop(z), z) for z in left]
+        changes = [
+            SceneChange("zone_left", i, "", *at, ns - held.zones.pop(z), z) for z in left
+        ]
         held.zones.update(dict.fromkeys(come, ns))
         return changes + [SceneChange("zone_entered", i, "", *at, 0, z) for z in come]
 
@@ -291,21 +350,33 @@ class SceneBook:
         if held.status not in ("exiting", "outside"):
             self._away[i] = held.status
         if stays:
-            self.targets[i] = Presence("outside" if held.status == "exiting" else held.status, ns, held.been_in, {})
+            self.targets[i] = Presence(
+                "outside" if held.status == "exiting" else held.status, ns, held.been_in, {}
+            )
         why = "the track ended here"
         changes = [
             SceneChange("zone_left", i, "", PARTLY, PARTLY, ns - begun, z, why)
             for z, begun in sorted(held.zones.items())
         ]
         if held.status == "exiting":
-            changes.append(SceneChange("exited", i, "exiting", PARTLY, PARTLY, ns - held.since_ns, "", why))
+            changes.append(
+                SceneChange(
+                    "exited", i, "exiting", PARTLY, PARTLY, ns - held.since_ns, "", why
+                )
+            )
         return changes
 
     def state(self) -> dict[str, Any]:
         """The whole book as plain data."""
         return {
             "targets": [
-                [i, h.status, h.since_ns, h.been_in, [[z, ns] for z, ns in sorted(h.zones.items())]]
+                [
+                    i,
+                    h.status,
+                    h.since_ns,
+                    h.been_in,
+                    [[z, ns] for z, ns in sorted(h.zones.items())],
+                ]
                 for i, h in sorted(self.targets.items())
             ],
             "away": [[i, status] for i, status in sorted(self._away.items())],
@@ -313,5 +384,7 @@ class SceneBook:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continue from what `state` gave."""
-        self.targets = {i: Presence(s, ns, been, dict(z)) for i, s, ns, been, z in state["targets"]}
+        self.targets = {
+            i: Presence(s, ns, been, dict(z)) for i, s, ns, been, z in state["targets"]
+        }
         self._away = dict(state["away"])

@@ -1,13 +1,16 @@
-"""Relations between two objects (SHELLS 2.3): INDEPENDENT, INTERACTION, JOINT, and the five cases between them.
+"""Relations between two objects (SHELLS 2.3): INDEPENDENT, INTERACTION, JOINT, and the five cases
+between them.
 
-`resolve` is the paper's table for one pair. `RelationBook` keeps it for all pairs over time: one record per pair, so
-that the lists L_i are symmetric by construction. Rules that the paper does not give:
+`resolve` is the paper's table for one pair. `RelationBook` keeps it for all pairs over time: one
+record per pair, so that the lists L_i are symmetric by construction. Rules that the paper does
+not give:
 
-- JOINT with disjoint shells (an identity error, a dropped frame): INTERACTION in this frame, and the anomaly is told.
+- JOINT with disjoint shells (an identity error, a dropped frame): INTERACTION in this frame, and
+  the anomaly is told.
 - Same blob while INDEPENDENT: case II now, case III in the next frame.
-- Exactly one of two JOINT objects is unobserved and has no blob: it is hidden by the other, nothing shows that their
-  blobs differ, so they stay JOINT while their shells meet. The paper: an occluded object can reappear anywhere within
-  the shell of its occluder.
+- Exactly one of two JOINT objects is unobserved and has no blob: it is hidden by the other,
+  nothing shows that their blobs differ, so they stay JOINT while their shells meet. The paper: an
+  occluded object can reappear anywhere within the shell of its occluder.
 - An object that is not in the picture keeps and loses relations but starts none.
 - An object that disappears ends its relations, and the change says who is gone.
 - Margins and durations may damp flicker; at their defaults the rule is the paper's.
@@ -39,23 +42,41 @@ class RelationParameters(Parameters):
     """Damping of the five cases; every default is the paper's rule."""
 
     enter_margin: float = param(
-        0.0, "shells must overlap by this share of the smaller radius to meet (case II)", low=0.0, high=2.0
+        0.0,
+        "shells must overlap by this share of the smaller radius to meet (case II)",
+        low=0.0,
+        high=2.0,
     )
     leave_margin: float = param(
-        0.0, "shells must be apart by this share of the smaller radius to be disjoint (case V)", low=0.0, high=10.0
+        0.0,
+        "shells must be apart by this share of the smaller radius to be disjoint (case V)",
+        low=0.0,
+        high=10.0,
     )
-    enter_duration_s: float = param(0.0, "shells must have met for this long (case II)", unit="s", low=0.0, high=60.0)
+    enter_duration_s: float = param(
+        0.0, "shells must have met for this long (case II)", unit="s", low=0.0, high=60.0
+    )
     leave_duration_s: float = param(
-        0.0, "shells must have been disjoint for this long (case V)", unit="s", low=0.0, high=60.0
+        0.0,
+        "shells must have been disjoint for this long (case V)",
+        unit="s",
+        low=0.0,
+        high=60.0,
     )
     blob_duration_s: float = param(
-        0.0, "blobs must have been the same or different for this long (cases III and IV)", unit="s", low=0.0, high=60.0
+        0.0,
+        "blobs must have been the same or different for this long (cases III and IV)",
+        unit="s",
+        low=0.0,
+        high=60.0,
     )
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Step:
-    """What a pair does in a frame: its state afterwards and the case, ``kept`` where nothing changes."""
+    """What a pair does in a frame: its state afterwards and the case, ``kept`` where nothing
+    changes.
+    """
 
     after: RelationName
     case: Literal["I", "II", "III", "IV", "V", "kept", "torn"]
@@ -65,7 +86,11 @@ class Step:
         """Paper and case, as events cite it."""
         if self.case == "torn":
             return "SHELLS 2.3, ours: JOINT with disjoint shells goes through INTERACTION"
-        return f"SHELLS 2.3 case {self.case}" if self.case != "kept" else "SHELLS 2.3, no case applies: kept"
+        return (
+            f"SHELLS 2.3 case {self.case}"
+            if self.case != "kept"
+            else "SHELLS 2.3, no case applies: kept"
+        )
 
 
 _TABLE: Mapping[tuple[RelationName, bool, bool], Step] = {
@@ -99,7 +124,9 @@ def resolve(before: RelationName, meets: bool, same_blob: bool) -> Step:
 
 
 def same_blob(blob_i: int, seen_i: bool, blob_j: int, seen_j: bool) -> bool | None:
-    """Whether two objects lie in one blob; None: one of them is hidden, so nothing is known of its blob."""
+    """Whether two objects lie in one blob; None: one of them is hidden, so nothing is known of
+    its blob.
+    """
     if NO_BLOB not in (blob_i, blob_j):
         return blob_i == blob_j
     hidden_i, hidden_j = not seen_i and blob_i == NO_BLOB, not seen_j and blob_j == NO_BLOB
@@ -110,9 +137,11 @@ def same_blob(blob_i: int, seen_i: bool, blob_j: int, seen_j: bool) -> bool | No
 class Edge:
     """A pair's relation that is not INDEPENDENT; ``rule`` is the one that began its present state.
 
-    ``since_frame`` is the present state's first frame, ``met_frame`` the first one after they were INDEPENDENT.
+    ``since_frame`` is the present state's first frame, ``met_frame`` the first one after they
+    were INDEPENDENT.
 
-    ``distance`` and ``gap`` (distance minus both radii, negative: overlap) are of the last frame, in pixels.
+    ``distance`` and ``gap`` (distance minus both radii, negative: overlap) are of the last frame,
+    in pixels.
     """
 
     a: int
@@ -137,7 +166,9 @@ class Edge:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Change:
-    """A pair's change of relation in one frame, with what was measured (pixels; ``lasted_ns``: the state before)."""
+    """A pair's change of relation in one frame, with what was measured (pixels; ``lasted_ns``:
+    the state before).
+    """
 
     a: int
     b: int
@@ -163,8 +194,9 @@ class Change:
 class Objects:
     """The N objects of a frame as rows, by id.
 
-    ``ids`` ascending; ``centres`` (N, 2), ``radii`` (N,) in pixels; ``blobs`` region ids; ``seen`` observed in this
-    frame; ``starts`` may start relations; ``leaving``: ids that must not stay JOINT (their last frame).
+    ``ids`` ascending; ``centres`` (N, 2), ``radii`` (N,) in pixels; ``blobs`` region ids;
+    ``seen`` observed in this frame; ``starts`` may start relations; ``leaving``: ids that must
+    not stay JOINT (their last frame).
     """
 
     ids: Sequence[int]
@@ -177,13 +209,17 @@ class Objects:
 
 
 class _Discs:
-    """The objects' shells as plain numbers: for the few pairs of a frame these are quicker than arrays."""
+    """The objects' shells as plain numbers: for the few pairs of a frame these are quicker than
+    arrays.
+    """
 
     def __init__(self, o: Objects) -> None:
         centres = o.centres.tolist() if isinstance(o.centres, np.ndarray) else o.centres
         self.x = [c[0] for c in centres]
         self.y = [c[1] for c in centres]
-        self.radii: Sequence[float] = o.radii.tolist() if isinstance(o.radii, np.ndarray) else o.radii
+        self.radii: Sequence[float] = (
+            o.radii.tolist() if isinstance(o.radii, np.ndarray) else o.radii
+        )
 
     def distance(self, i: int, j: int) -> float:
         dx, dy = self.x[i] - self.x[j], self.y[i] - self.y[j]
@@ -214,7 +250,9 @@ class RelationBook:
 
     def of(self, i: int) -> list[tuple[int, RelationName]]:
         """L_i: (j, relation) of everyone related to i, by j."""
-        return sorted((e.b if e.a == i else e.a, e.state) for p, e in self._edges.items() if i in p)
+        return sorted(
+            (e.b if e.a == i else e.a, e.state) for p, e in self._edges.items() if i in p
+        )
 
     def step(self, frame: int, time_ns: int, objects: Objects) -> list[Change]:
         """Take a frame's objects; answer with every change, by (a, b)."""
@@ -226,14 +264,20 @@ class RelationBook:
             if pair[0] not in row or pair[1] not in row:
                 changes.append(self._end_of_gone(pair, row, time_ns))
                 continue
-            change = self._advance(frame, time_ns, pair, (row[pair[0]], row[pair[1]]), objects, discs)
+            change = self._advance(
+                frame, time_ns, pair, (row[pair[0]], row[pair[1]]), objects, discs
+            )
             if change is not None:
                 changes.append(change)
         held = {(c.a, c.b) for c in changes if c.after == "INDEPENDENT"}
         meeting: dict[Pair, int] = {}
         for i, j in near_pairs(discs.x, discs.radii):
             pair = (ids[i], ids[j])
-            if pair in self._edges or pair in held or not (objects.starts[i] and objects.starts[j]):
+            if (
+                pair in self._edges
+                or pair in held
+                or not (objects.starts[i] and objects.starts[j])
+            ):
                 continue
             distance = discs.distance(i, j)
             if not self._may_meet(distance, discs.radii[i], discs.radii[j]):
@@ -250,15 +294,35 @@ class RelationBook:
         limit = -self._p.enter_margin * min(ra, rb) if self._p.enter_margin else 0.0
         return distance - (ra + rb) <= limit
 
-    def _begin(self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, discs: _Discs) -> Change:
+    def _begin(
+        self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, discs: _Discs
+    ) -> Change:
         step = resolve("INDEPENDENT", meets=True, same_blob=False)
         distance, ra, rb = discs.distance(*m), discs.radii[m[0]], discs.radii[m[1]]
-        self._edges[pair] = Edge(*pair, step.after, frame, ns, step.rule, distance, ra, rb, frame, ns)
+        self._edges[pair] = Edge(
+            *pair, step.after, frame, ns, step.rule, distance, ra, rb, frame, ns
+        )
         same = same_blob(o.blobs[m[0]], o.seen[m[0]], o.blobs[m[1]], o.seen[m[1]])
-        return Change(*pair, "INDEPENDENT", step.after, step.case, step.rule, distance, ra, rb, same, 0, frame)
+        return Change(
+            *pair,
+            "INDEPENDENT",
+            step.after,
+            step.case,
+            step.rule,
+            distance,
+            ra,
+            rb,
+            same,
+            0,
+            frame,
+        )
 
-    def _advance(self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, discs: _Discs) -> Change | None:
-        """One frame of a pair that is related: what its case demands, once it has lasted long enough."""
+    def _advance(
+        self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, discs: _Discs
+    ) -> Change | None:
+        """One frame of a pair that is related: what its case demands, once it has lasted long
+        enough.
+        """
         edge = self._edges[pair]
         distance, ra, rb = discs.distance(*m), discs.radii[m[0]], discs.radii[m[1]]
         edge.distance, edge.radius_a, edge.radius_b = distance, ra, rb
@@ -275,10 +339,28 @@ class RelationBook:
         if not leaving and ns - edge.pending_ns < self._needed_ns(step.case):
             return None
         before, began, since = edge.state, edge.since_ns, edge.since_frame
-        edge.state, edge.since_frame, edge.since_ns, edge.rule, edge.pending = step.after, frame, ns, step.rule, ""
+        edge.state, edge.since_frame, edge.since_ns, edge.rule, edge.pending = (
+            step.after,
+            frame,
+            ns,
+            step.rule,
+            "",
+        )
         if step.after == "INDEPENDENT":
             del self._edges[pair]
-        return Change(*pair, before, step.after, step.case, step.rule, distance, ra, rb, same, ns - began, since)
+        return Change(
+            *pair,
+            before,
+            step.after,
+            step.case,
+            step.rule,
+            distance,
+            ra,
+            rb,
+            same,
+            ns - began,
+            since,
+        )
 
     def _needed_ns(self, case: str) -> float:
         if case == "V":
@@ -290,7 +372,17 @@ class RelationBook:
         gone = tuple(i for i in pair if i not in row)
         radii, lasted = (e.radius_a, e.radius_b), ns - e.since_ns
         return Change(
-            *pair, e.state, "INDEPENDENT", "gone", GONE, e.distance, *radii, None, lasted, e.since_frame, gone
+            *pair,
+            e.state,
+            "INDEPENDENT",
+            "gone",
+            GONE,
+            e.distance,
+            *radii,
+            None,
+            lasted,
+            e.since_frame,
+            gone,
         )
 
     def state(self) -> dict[str, Any]:

@@ -21,14 +21,22 @@ class Rows:
         self.seen = [t.observed for t in targets]
         self.present = [t.present for t in targets]
         self.newborn = [t.newborn or t.id not in before for t in targets]
-        self.of_split = [t.born_of_split and new for t, new in zip(targets, self.newborn, strict=True)]
+        self.of_split = [
+            t.born_of_split and new for t, new in zip(targets, self.newborn, strict=True)
+        ]
         self.inferred: list[int] = []
 
 
 def ghost(t: Target) -> Target:
     """A target in the frame after its last: at its place, neither present nor observed."""
     return msgspec.structs.replace(
-        t, present=False, observed=False, mode="predicted", confidence=0.0, blob=NO_BLOB, newborn=False
+        t,
+        present=False,
+        observed=False,
+        mode="predicted",
+        confidence=0.0,
+        blob=NO_BLOB,
+        newborn=False,
     )
 
 

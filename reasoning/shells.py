@@ -1,11 +1,12 @@
 """Virtual shells (SHELLS 2.2): the region around an object within which it can meet others.
 
-The shell S_i is the disc around the object's centre with radius ``r_i = r_min,i + k |v_i|``: r_min,i is the smallest
-that encloses the object, so fast objects have large shells and a shell shrinks as its object slows. Speeds are in
-pixels per second here, so k is a time.
+The shell S_i is the disc around the object's centre with radius ``r_i = r_min,i + k |v_i|``:
+r_min,i is the smallest that encloses the object, so fast objects have large shells and a shell
+shrinks as its object slows. Speeds are in pixels per second here, so k is a time.
 
-Deviation: the paper lets a shell be any closed curve; a disc around the box's centre is what its Figure 1 draws and
-what an annotated track (box and shell radius) gives back without a further field.
+Deviation: the paper lets a shell be any closed curve; a disc around the box's centre is what its
+Figure 1 draws and what an annotated track (box and shell radius) gives back without a further
+field.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ class ShellParameters(Parameters):
     )
     outline: str = param(
         "smallest",
-        "what the smallest shell encloses: the box, the ellipse, or whichever of them needs the smaller disc",
+        "what the smallest shell encloses: the box, the ellipse, or whichever of them needs"
+        " the smaller disc",
         choices=("smallest", "box", "ellipse"),
         source="SHELLS 2.2",
     )

@@ -1,7 +1,9 @@
-"""The channels of a scene: topic names, schemas, and the encoding and strict decoding of their payloads.
+"""The channels of a scene: topic names, schemas, and the encoding and strict decoding of their
+payloads.
 
-Pictures, drawings and log lines are Foxglove's protobuf messages, so that Foxglove and Lichtblick show them; our own
-messages are JSON with a JSON Schema that is generated from `recorders.messages`.
+Pictures, drawings and log lines are Foxglove's protobuf messages, so that Foxglove and Lichtblick
+show them; our own messages are JSON with a JSON Schema that is generated from
+`recorders.messages`.
 """
 
 from __future__ import annotations
@@ -67,7 +69,8 @@ ANNOTATED = (
 _SCHEMA_NAMES = {"events": "scenetrace.Event"}
 # Fields of type Any take whatever a file nests into them; only there the depth has to be counted.
 _OPEN_ENDED = frozenset({"events", "graph", "targets"})
-# An unterminated string reaches to the end, or every quote in it would be tried as a start of its own.
+# An unterminated string reaches to the end, or every quote in it would be tried as a start of its
+# own.
 _STRINGS = re.compile(rb'"(?:[^"\\]|\\.)*+(?:"|\\?\Z)', re.DOTALL)
 _CAMERA = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 
@@ -100,7 +103,9 @@ def schema(name: str) -> Schema:
     kind = JSON_CHANNELS[name]
     document = _inlined(msgspec.json.schema(kind))
     data = msgspec.json.encode(document, order="deterministic")
-    return Schema(_SCHEMA_NAMES.get(name, f"scenetrace.{kind.__name__}"), "jsonschema", data)
+    return Schema(
+        _SCHEMA_NAMES.get(name, f"scenetrace.{kind.__name__}"), "jsonschema", data
+    )
 
 
 def message_encoding(name: str) -> str:
@@ -125,7 +130,9 @@ def _descriptor_set(kind: Any) -> bytes:
 
 
 def _inlined(document: dict[str, Any]) -> dict[str, Any]:
-    """Replace every ``$ref`` by what it names: viewers read flat schemas only. Ours are not recursive."""
+    """Replace every ``$ref`` by what it names: viewers read flat schemas only. Ours are not
+    recursive.
+    """
     definitions = document.pop("$defs", {})
 
     def walk(node: Any) -> Any:
@@ -153,11 +160,14 @@ def encode(name: str, message: Any) -> bytes:
     return msgspec.json.encode(message)
 
 
-def decode(name: str, data: bytes, *, path: str = "", limits: Limits = DEFAULT_LIMITS) -> Any:
+def decode(
+    name: str, data: bytes, *, path: str = "", limits: Limits = DEFAULT_LIMITS
+) -> Any:
     """The message in a payload: a struct of `recorders.messages` or a Foxglove protobuf message.
 
     Raises:
-        RecordingError: it is not such a message, is nested too deep, or holds values out of range; names the channel.
+        RecordingError: it is not such a message, is nested too deep, or holds values out of
+            range; names the channel.
     """
     try:
         if name in PROTOBUF_CHANNELS:
@@ -169,9 +179,19 @@ def decode(name: str, data: bytes, *, path: str = "", limits: Limits = DEFAULT_L
             check_detections(decoded, limits)
         elif name == "regions":
             check_regions(decoded)
-        return decoded  # noqa: TRY300 - the checks belong to the decoding
-    except (msgspec.MsgspecError, DecodeError, RecursionError, UnicodeDecodeError, ValueError) as e:
-        raise RecordingError(f"not {'an' if name[0] in 'aeiou' else 'a'} {name} message: {e}", path, record=name) from e
+        return decoded  # noqa: TRY300
+    except (
+        msgspec.MsgspecError,
+        DecodeError,
+        RecursionError,
+        UnicodeDecodeError,
+        ValueError,
+    ) as e:
+        raise RecordingError(
+            f"not {'an' if name[0] in 'aeiou' else 'a'} {name} message: {e}",
+            path,
+            record=name,
+        ) from e
 
 
 def _check_depth(data: bytes, limit: int) -> None:
@@ -190,7 +210,9 @@ def _stamp(target: Any, time_ns: int) -> None:
 
 
 def compressed_image(data: bytes, picture_format: str, time_ns: int, camera: str) -> bytes:
-    """The payload of a foxglove.CompressedImage (``jpeg`` or ``png``), or of a CompressedVideo (``h264``)."""
+    """The payload of a foxglove.CompressedImage (``jpeg`` or ``png``), or of a CompressedVideo
+    (``h264``).
+    """
     image = CompressedVideo() if picture_format == "h264" else CompressedImage()
     _stamp(image, time_ns)
     image.frame_id = camera

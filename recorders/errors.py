@@ -1,4 +1,6 @@
-"""The errors that scenetrace raises: one base class, each message with what, where and what to do."""
+"""The errors that scenetrace raises: one base class, each message with what, where and what to
+do.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ class UsageError(SceneTraceError):
 
     Attributes:
         headline: what is wrong, in one line.
-        below: lines that stand below it, each as it is (a word of the call, a mark under a place in it).
+        below: lines that stand below it, each as it is (a word of the call, a mark under a place
+            in it).
     """
 
     def __init__(self, headline: str, *below: str) -> None:
@@ -24,14 +27,18 @@ class UsageError(SceneTraceError):
 
 
 class ConfigError(UsageError):
-    """A parameter is unknown or out of its range; the text names the field, the value and the range."""
+    """A parameter is unknown or out of its range; the text names the field, the value and the
+    range.
+    """
 
 
 class OutputExistsError(SceneTraceError):
     """An output exists already and ``--force`` was not given."""
 
     def __init__(self, path: str | Path) -> None:
-        super().__init__(f"{path} exists already, not overwriting it; give another name or --force")
+        super().__init__(
+            f"{path} exists already, not overwriting it; give another name or --force"
+        )
         self.path = Path(path)
 
 
@@ -76,4 +83,6 @@ class RecordingError(SceneTraceError):
 
 
 class LimitError(RecordingError):
-    """A recording asks for more than a limit of `recorders.limits.Limits` allows; states value and limit."""
+    """A recording asks for more than a limit of `recorders.limits.Limits` allows; states value
+    and limit.
+    """

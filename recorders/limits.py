@@ -24,8 +24,8 @@ class Limits:
         max_channels: channels in one log.
         max_summary_bytes: the summary section at a log's end.
         max_messages_per_chunk: messages in one chunk.
-        max_open_bytes: decoded chunks held at once while chunks that overlap in time are merged; beyond it they are
-            decoded again when their turn comes.
+        max_open_bytes: decoded chunks held at once while chunks that overlap in time are merged;
+            beyond it they are decoded again when their turn comes.
     """
 
     max_record_bytes: int = 256 * MIB

@@ -17,9 +17,12 @@ Labels = NDArray[np.uint16]
 
 
 def label_blobs(mask: Mask) -> tuple[int, Labels]:
-    """The number of a mask's blobs, and each pixel's, (H, W): k + 1 for component k of the detections, 0 for none."""
+    """The number of a mask's blobs, and each pixel's, (H, W): k + 1 for component k of the
+    detections, 0 for none.
+    """
     height, width = mask.shape
-    # 16 bits take half the time of 32. Every label needs a foreground pixel, and a block of 2 x 2 pixels to itself.
+    # 16 bits take half the time of 32. Every label needs a foreground pixel, and a block of 2 x 2
+    # pixels to itself.
     most = min(((height + 1) // 2) * ((width + 1) // 2), cv2.countNonZero(mask))
     depth = cv2.CV_16U if most < 1 << 16 else cv2.CV_32S
     count, labels = cv2.connectedComponents(mask, connectivity=8, ltype=depth)
@@ -27,9 +30,17 @@ def label_blobs(mask: Mask) -> tuple[int, Labels]:
 
 
 class RecordedMask:
-    """A frame's recorded mask: decoded, held against the detections and labelled in one go, for whoever asks first."""
+    """A frame's recorded mask: decoded, held against the detections and labelled in one go, for
+    whoever asks first.
+    """
 
-    def __init__(self, picture: Callable[[], Mask], blobs: Callable[[], int], message: Message, path: Path) -> None:
+    def __init__(
+        self,
+        picture: Callable[[], Mask],
+        blobs: Callable[[], int],
+        message: Message,
+        path: Path,
+    ) -> None:
         """Prepare.
 
         Args:

@@ -1,8 +1,8 @@
 """The shared vocabulary: one typed message per channel of a scene, no I/O.
 
-Units: pixels with pixel centres at integers + 0.5, x right and y down; times in integer nanoseconds; angles in
-radians from the x axis to the major axis, in (-pi/2, pi/2]. A box is (x, y, w, h): top left corner and size.
-Frames count from 0.
+Units: pixels with pixel centres at integers + 0.5, x right and y down; times in integer
+nanoseconds; angles in radians from the x axis to the major axis, in (-pi/2, pi/2]. A box is (x,
+y, w, h): top left corner and size. Frames count from 0.
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ EVENT_KINDS = (
 
 
 class Ellipse(Struct, frozen=True):
-    """A blob's first and second moments (EVENTS 2): centre (x, y), major axis h, minor axis w, angle theta.
+    """A blob's first and second moments (EVENTS 2): centre (x, y), major axis h, minor axis w,
+    angle theta.
 
     ``h`` and ``w`` are full axis lengths in pixels, ``theta`` is in radians.
     """
@@ -69,8 +70,9 @@ class Ellipse(Struct, frozen=True):
 class Blob(Struct, frozen=True):
     """A connected component of the foreground mask.
 
-    ``id`` is the component's label in ``cv2.connectedComponents(mask, connectivity=8)`` on the recorded mask
-    (labels from 1), so that a blob's pixels are always found again from the mask alone.
+    ``id`` is the component's label in ``cv2.connectedComponents(mask, connectivity=8)`` on the
+    recorded mask (labels from 1), so that a blob's pixels are always found again from the mask
+    alone.
     """
 
     id: Count
@@ -82,10 +84,11 @@ class Blob(Struct, frozen=True):
 class Detections(Struct, frozen=True):
     """What was detected in one frame; row k of each list belongs to detection k.
 
-    ``blobs[k]`` is the id of the blob that detection k came from, `NO_BLOB` where there is no mask; several
-    detections may come from one blob. ``components`` holds the blobs as they are in the mask, whatever boxes were
-    drawn into them. ``size_model`` holds the numbers of the size model that the segmentation had learnt
-    (`recorders.segmentation.sizes.SizeModel.from_list`), empty where there is none.
+    ``blobs[k]`` is the id of the blob that detection k came from, `NO_BLOB` where there is no
+    mask; several detections may come from one blob. ``components`` holds the blobs as they are in
+    the mask, whatever boxes were drawn into them. ``size_model`` holds the numbers of the size
+    model that the segmentation had learnt (`recorders.segmentation.sizes.SizeModel.from_list`),
+    empty where there is none.
     """
 
     frame: Count
@@ -110,9 +113,9 @@ class Zone(Struct, frozen=True):
 class Regions(Struct, frozen=True):
     """The scene's regions (EVENTS 3.2): region of interest, security border around it, named zones.
 
-    ``roi`` and ``border`` are lists of polygons; the border's polygons enclose the ROI (they are the outer outline
-    of ROI and border together). Whatever lies in neither is the outer zone. ``source`` says where they come from:
-    ``file`` or ``default``.
+    ``roi`` and ``border`` are lists of polygons; the border's polygons enclose the ROI (they are
+    the outer outline of ROI and border together). Whatever lies in neither is the outer zone.
+    ``source`` says where they come from: ``file`` or ``default``.
     """
 
     width: Count
@@ -133,22 +136,27 @@ class Target(Struct, frozen=True):
         velocity: (vx, vy) in pixels per second.
         mode: how it was tracked in this frame (EVENTS 2).
         confidence: in [0, 1].
-        present: the tracker holds it to be in the picture in this frame (what ``export --to mot`` writes).
+        present: the tracker holds it to be in the picture in this frame (what ``export --to mot``
+            writes).
         observed: an observation (detection, blob, pixels) was associated in this frame.
-        blob: id of the region of pixels it lies in; two targets with the same non-negative blob share one.
-            A tracker without masks uses its own numbers for shared detections.
+        blob: id of the region of pixels it lies in; two targets with the same non-negative blob
+            share one. A tracker without masks uses its own numbers for shared detections.
         newborn: first frame of its confirmed life.
         born_of_split: it was born out of a group's region (EVENTS 3.1, 3.2).
-        shell_radius: its shell's radius in pixels, None to have it computed from box and velocity (SHELLS 2.2).
-        hidden_parts: names of the parts held to be occluded (PARTS 2.2), empty without a part model.
+        shell_radius: its shell's radius in pixels, None to have it computed from box and velocity
+            (SHELLS 2.2).
+        hidden_parts: names of the parts held to be occluded (PARTS 2.2), empty without a part
+            model.
         score: the association's or appearance's raw score, for explanations.
-        measured: the box that was measured in this frame, before any filter, for the hindsight step.
-        signature: a compact histogram of its colours where one was taken in this frame, for the hindsight step:
-            counts, always in the same order within a recording.
-        gate: (x, y, w, h) of the rectangle in which its centre was looked for (PARTS 3.1); left out of the message
-            where the tracker has none.
-        centroid: (alpha, beta), where in the box the part model's centroid lies, from which the five parts follow
-            (PARTS 2.1); left out of the message where the tracker has no such model.
+        measured: the box that was measured in this frame, before any filter, for the hindsight
+            step.
+        signature: a compact histogram of its colours where one was taken in this frame, for the
+            hindsight step: counts, always in the same order within a recording.
+        gate: (x, y, w, h) of the rectangle in which its centre was looked for (PARTS 3.1); left
+            out of the message where the tracker has none.
+        centroid: (alpha, beta), where in the box the part model's centroid lies, from which the
+            five parts follow (PARTS 2.1); left out of the message where the tracker has no such
+            model.
     """
 
     id: Identity
@@ -174,9 +182,10 @@ class Target(Struct, frozen=True):
 class GroupTrack(Struct, frozen=True):
     """A low-level track that a tracker holds over several targets (EVENTS 3.1: a group tracker).
 
-    ``id`` is the tracker's own number for it (not the group's label), ``observed`` says whether it has an
-    associated observation in this frame, ``newborn`` whether it started in this frame. ``members`` are the targets
-    that the tracker knows to lie over it; empty: whoever lies over it by place.
+    ``id`` is the tracker's own number for it (not the group's label), ``observed`` says whether
+    it has an associated observation in this frame, ``newborn`` whether it started in this frame.
+    ``members`` are the targets that the tracker knows to lie over it; empty: whoever lies over it
+    by place.
     """
 
     id: Identity
@@ -197,7 +206,9 @@ class Notice(Struct, frozen=True):
 
 
 class Targets(Struct, frozen=True):
-    """A tracker's whole answer for one frame; ``group_tracks`` None means: derive groups from shared blobs."""
+    """A tracker's whole answer for one frame; ``group_tracks`` None means: derive groups from
+    shared blobs.
+    """
 
     frame: Count
     targets: list[Target] = []
@@ -240,11 +251,12 @@ class Tracks(Struct, frozen=True):
 
 
 class Relation(Struct, frozen=True):
-    """An edge that is not INDEPENDENT; a < b; ``since_frame`` is the first frame of the present state.
+    """An edge that is not INDEPENDENT; a < b; ``since_frame`` is the first frame of the present
+    state.
 
-    ``met_frame`` and ``met_ns``: since when they have not been INDEPENDENT. ``partners_since_frame`` and
-    ``partners_since_ns``: since when they have been grouping, grouped or splitting, whichever holds now; None where
-    none does.
+    ``met_frame`` and ``met_ns``: since when they have not been INDEPENDENT.
+    ``partners_since_frame`` and ``partners_since_ns``: since when they have been grouping,
+    grouped or splitting, whichever holds now; None where none does.
     """
 
     a: Identity
@@ -271,10 +283,12 @@ class Relations(Struct, frozen=True):
 
 
 class Group(Struct, frozen=True):
-    """A group: label, members by id, whether it has an observation in this frame, where it came from.
+    """A group: label, members by id, whether it has an observation in this frame, where it came
+    from.
 
-    ``formed_from`` are the labels of the groups that ended for it, ``former_members`` whom each of them had, in the
-    same order. ``entered_as_one``: it was understood only as it split, in frame ``since_frame``.
+    ``formed_from`` are the labels of the groups that ended for it, ``former_members`` whom each
+    of them had, in the same order. ``entered_as_one``: it was understood only as it split, in
+    frame ``since_frame``.
     """
 
     label: Identity
@@ -297,8 +311,8 @@ class Groups(Struct, frozen=True):
 class Event(Struct, frozen=True):
     """Something that happened: ids count from 1 in the order of happening.
 
-    ``subjects`` are track ids; ``groups`` are group labels; ``rule`` names paper and case; ``evidence`` holds the
-    measured values and their thresholds; ``text`` says it in words.
+    ``subjects`` are track ids; ``groups`` are group labels; ``rule`` names paper and case;
+    ``evidence`` holds the measured values and their thresholds; ``text`` says it in words.
     """
 
     id: Count
@@ -326,9 +340,10 @@ class Graph(Struct, frozen=True):
 class Digest(Struct, frozen=True):
     """One link of the digest chain, written with every frame.
 
-    ``recorded`` is the SHA-256 of the frame's recorded messages; ``channels`` maps each annotated channel to the
-    SHA-256 of its payloads in this frame; ``link`` hashes the link before, the frame, its time, ``recorded`` and
-    ``channels``. All are hexadecimal. The last link is the log's output digest.
+    ``recorded`` is the SHA-256 of the frame's recorded messages; ``channels`` maps each annotated
+    channel to the SHA-256 of its payloads in this frame; ``link`` hashes the link before, the
+    frame, its time, ``recorded`` and ``channels``. All are hexadecimal. The last link is the
+    log's output digest.
     """
 
     frame: Count
@@ -338,5 +353,7 @@ class Digest(Struct, frozen=True):
 
 
 def to_json(message: Struct) -> bytes:
-    """Encode a message canonically: fields in the order of their definition, shortest exact floats."""
+    """Encode a message canonically: fields in the order of their definition, shortest exact
+    floats.
+    """
     return msgspec.json.encode(message)

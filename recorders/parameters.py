@@ -1,7 +1,8 @@
-"""Parameters of a method: one frozen dataclass each, units in the names, validated once, printed as TOML.
+"""Parameters of a method: one frozen dataclass each, units in the names, validated once, printed
+as TOML.
 
-A method declares its parameters with `param`; the composition root lists the sections in a dict. Nothing is
-registered by import.
+A method declares its parameters with `param`; the composition root lists the sections in a dict.
+Nothing is registered by import.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ def param(
     """Declare one parameter of a `Parameters` class.
 
     Args:
-        default: its default; the annotation of the field must be the same type (bool, int, float or str).
+        default: its default; the annotation of the field must be the same type (bool, int, float
+            or str).
         doc: one line on what it does.
         unit: its unit, ``""`` for a pure number.
         low: smallest allowed value, inclusive.
@@ -40,7 +42,14 @@ def param(
         choices: the allowed strings, for a str.
         source: paper and section, or ``ours``.
     """
-    meta = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices, "source": source}
+    meta = {
+        "doc": doc,
+        "unit": unit,
+        "low": low,
+        "high": high,
+        "choices": choices,
+        "source": source,
+    }
     return dataclasses.field(default=default, metadata=meta)
 
 
@@ -51,7 +60,11 @@ class Parameters:
     def __post_init__(self) -> None:
         hints = get_type_hints(type(self))
         for f in dataclasses.fields(self):
-            object.__setattr__(self, f.name, _checked(type(self).__name__, f, hints[f.name], getattr(self, f.name)))
+            object.__setattr__(
+                self,
+                f.name,
+                _checked(type(self).__name__, f, hints[f.name], getattr(self, f.name)),
+            )
 
 
 def _checked(owner: str, f: dataclasses.Field[Any], kind: type, value: object) -> Plain:
@@ -61,11 +74,19 @@ def _checked(owner: str, f: dataclasses.Field[Any], kind: type, value: object) -
             raise ConfigError(f"{name}: a number of {value.bit_length()} bits is too large")
         value = float(value) if kind is float else value
     if type(value) is not kind:
-        raise ConfigError(f"{name} = {value!r}: must be {kind.__name__}, not {type(value).__name__}")
+        raise ConfigError(
+            f"{name} = {value!r}: must be {kind.__name__}, not {type(value).__name__}"
+        )
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"{name} = {value}: must be finite")
-    low, high, choices = f.metadata.get("low"), f.metadata.get("high"), f.metadata.get("choices")
-    if isinstance(value, (int, float)) and ((low is not None and value < low) or (high is not None and value > high)):
+    low, high, choices = (
+        f.metadata.get("low"),
+        f.metadata.get("high"),
+        f.metadata.get("choices"),
+    )
+    if isinstance(value, (int, float)) and (
+        (low is not None and value < low) or (high is not None and value > high)
+    ):
         raise ConfigError(f"{name} = {value}: must be {_range(f)}")
     if choices and value not in choices:
         raise ConfigError(f"{name} = {value!r}: must be one of {', '.join(choices)}")
@@ -95,7 +116,8 @@ def configure(
     values: Mapping[str, Mapping[str, Any]] | None = None,
     others: Collection[str] = (),
 ) -> Config:
-    """Build every section's parameters from defaults, then plain values, a TOML file, and ``key=value`` words.
+    """Build every section's parameters from defaults, then plain values, a TOML file, and
+    ``key=value`` words.
 
     Args:
         sections: section name to parameter class, the whole of what may be set.
@@ -126,8 +148,11 @@ def configure(
     return {name: _built(name, cls, chosen[name]) for name, cls in sections.items()}
 
 
-def named(section: str, file: str | Path | None = None, assignments: Iterable[str] = ()) -> list[str]:
-    """The fields of a section that a TOML file or ``section.field=value`` words name, in that order, each once.
+def named(
+    section: str, file: str | Path | None = None, assignments: Iterable[str] = ()
+) -> list[str]:
+    """The fields of a section that a TOML file or ``section.field=value`` words name, in that
+    order, each once.
 
     Raises:
         ConfigError: the file cannot be read.
@@ -159,7 +184,10 @@ def _read_toml(file: str | Path) -> dict[str, Any]:
 def _known(sections: Sections, key: str) -> tuple[str, str, type]:
     section, _, name = key.partition(".")
     if section not in sections:
-        raise ConfigError(f"unknown parameter {key}: no section {section!r}; sections: {', '.join(sorted(sections))}")
+        raise ConfigError(
+            f"unknown parameter {key}: no section {section!r}; sections:"
+            f" {', '.join(sorted(sections))}"
+        )
     hints = get_type_hints(sections[section])
     names = [f.name for f in dataclasses.fields(sections[section])]
     if name not in names:
@@ -191,13 +219,19 @@ def to_toml(config: Mapping[str, Parameters]) -> str:
     for section, parameters in config.items():
         lines += ["", f"[{section}]"]
         for f in dataclasses.fields(parameters):
-            lines += [f"# {_comment(f)}", f"{f.name} = {_toml_value(getattr(parameters, f.name))}"]
+            lines += [
+                f"# {_comment(f)}",
+                f"{f.name} = {_toml_value(getattr(parameters, f.name))}",
+            ]
     return "\n".join(lines[1:]) + "\n"
 
 
 def _comment(f: dataclasses.Field[Any]) -> str:
     meta = f.metadata
-    facts = [meta.get("unit", ""), _range(f) if meta.get("low") is not None or meta.get("high") is not None else ""]
+    facts = [
+        meta.get("unit", ""),
+        _range(f) if meta.get("low") is not None or meta.get("high") is not None else "",
+    ]
     if meta.get("choices"):
         facts.append("one of " + ", ".join(meta["choices"]))
     facts.append(f"source: {meta.get('source', 'ours')}")

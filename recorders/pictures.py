@@ -1,8 +1,8 @@
 """Pictures as bytes: sizes from headers before anything is decoded, JPEG, PNG and H.264 in and out.
 
-Everything here that decodes checks the size that the header claims first: a picture of 600 bytes may claim 30000 x
-30000 pixels. Colours of H.264 are BT.601, limited range, written into the stream and converted by OpenCV's 8-bit
-routines, which give the same bits on every machine.
+Everything here that decodes checks the size that the header claims first: a picture of 600 bytes
+may claim 30000 x 30000 pixels. Colours of H.264 are BT.601, limited range, written into the
+stream and converted by OpenCV's 8-bit routines, which give the same bits on every machine.
 """
 
 from __future__ import annotations
@@ -39,7 +39,9 @@ _JPEG_ALONE = frozenset({0x01, *range(0xD0, 0xD8)})
 
 @dataclass(frozen=True, slots=True)
 class PictureHeader:
-    """What a picture says of itself before it is decoded: format, width and height in pixels, channels."""
+    """What a picture says of itself before it is decoded: format, width and height in pixels,
+    channels.
+    """
 
     format: Format
     width: int
@@ -47,7 +49,9 @@ class PictureHeader:
     channels: int
 
 
-def check_size(width: int, height: int, path: str | Path = "", limits: Limits = DEFAULT_LIMITS) -> None:
+def check_size(
+    width: int, height: int, path: str | Path = "", limits: Limits = DEFAULT_LIMITS
+) -> None:
     """Refuse a picture that claims more pixels than the limits allow.
 
     Raises:
@@ -58,9 +62,16 @@ def check_size(width: int, height: int, path: str | Path = "", limits: Limits = 
     if width < 1 or height < 1:
         raise RecordingError(claim, path)
     if max(width, height) > limits.max_picture_side:
-        raise LimitError(f"{claim}, over the limit of {limits.max_picture_side} a side (max_picture_side)", path)
+        raise LimitError(
+            f"{claim}, over the limit of {limits.max_picture_side} a side"
+            " (max_picture_side)",
+            path,
+        )
     if width * height > limits.max_picture_pixels:
-        raise LimitError(f"{claim}, over the limit of {limits.max_picture_pixels} (max_picture_pixels)", path)
+        raise LimitError(
+            f"{claim}, over the limit of {limits.max_picture_pixels} (max_picture_pixels)",
+            path,
+        )
 
 
 def read_header(data: bytes, path: str | Path = "") -> PictureHeader:
@@ -98,13 +109,19 @@ def _jpeg_header(data: bytes, path: str | Path) -> PictureHeader:
     raise RecordingError("a JPEG picture without a header that gives its size", path)
 
 
-def decode_picture(data: bytes, *, gray: bool = False, path: str | Path = "", limits: Limits = DEFAULT_LIMITS) -> Image:
+def decode_picture(
+    data: bytes,
+    *,
+    gray: bool = False,
+    path: str | Path = "",
+    limits: Limits = DEFAULT_LIMITS,
+) -> Image:
     """Decode a JPEG or PNG.
 
     Args:
         data: the picture's bytes.
-        gray: give one channel, (height, width); else (height, width, 3) BGR. An EXIF orientation is not applied:
-            boxes are in the picture's own pixels.
+        gray: give one channel, (height, width); else (height, width, 3) BGR. An EXIF orientation
+            is not applied: boxes are in the picture's own pixels.
         path: for the error's text.
         limits: checked against the header, before decoding.
 
@@ -124,7 +141,9 @@ def decode_picture(data: bytes, *, gray: bool = False, path: str | Path = "", li
             return mask
     flags = cv2.IMREAD_GRAYSCALE if gray else cv2.IMREAD_COLOR
     try:
-        image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
+        image: Any = cv2.imdecode(
+            np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION
+        )
     except cv2.error as e:
         raise RecordingError(f"a damaged {header.format} picture: {e.err}", path) from e
     if image is None or image.shape[:2] != (header.height, header.width):
@@ -133,7 +152,8 @@ def decode_picture(data: bytes, *, gray: bool = False, path: str | Path = "", li
 
 
 def _plain_mask(data: bytes, header: PictureHeader) -> Image | None:
-    """A PNG of one bit a pixel without filters, as `encode_mask` makes it: a fifth of the time that libpng takes.
+    """A PNG of one bit a pixel without filters, as `encode_mask` makes it: a fifth of the time
+    that libpng takes.
 
     None for any other, also for a damaged one.
     """
@@ -168,9 +188,17 @@ def _check_png(data: bytes, path: str | Path) -> None:
         length, kind = struct.unpack_from(">I4s", data, at)
         end = at + 8 + length
         if end + 4 > len(data):
-            raise RecordingError(f"a damaged png picture: its {kind!r} chunk at byte {at} is cut off", path)
-        if kind[:1].isupper() and zlib.crc32(memoryview(data)[at + 4 : end]) != int.from_bytes(data[end : end + 4]):
-            raise RecordingError(f"a damaged png picture: the CRC of its {kind!r} chunk at byte {at} differs", path)
+            raise RecordingError(
+                f"a damaged png picture: its {kind!r} chunk at byte {at} is cut off", path
+            )
+        if kind[:1].isupper() and zlib.crc32(
+            memoryview(data)[at + 4 : end]
+        ) != int.from_bytes(data[end : end + 4]):
+            raise RecordingError(
+                f"a damaged png picture: the CRC of its {kind!r} chunk at byte {at}"
+                " differs",
+                path,
+            )
         if kind == b"IEND":
             return
         at = end + 4
@@ -178,7 +206,8 @@ def _check_png(data: bytes, path: str | Path) -> None:
 
 def is_whole(data: bytes, picture_format: Format) -> bool:
     """Whether a JPEG or PNG has its end: what a cut-off copy lacks."""
-    # Decoders fill what is missing with grey and say nothing: look for the end that the format demands.
+    # Decoders fill what is missing with grey and say nothing: look for the end that the format
+    # demands.
     if picture_format == "png":
         return 0 < data.rfind(b"IEND") <= len(data) - 8
     return data.rfind(b"\xff\xd9") > data.find(b"\xff\xda") > 0
@@ -195,8 +224,14 @@ def encode_png(image: Image, level: int = PICTURE_PNG_LEVEL) -> bytes:
 
 
 def encode_mask(mask: Image) -> bytes:
-    """A PNG of a mask of 0 and 255: one channel, one bit a pixel, which takes a third of the time of eight."""
-    return _encode(".png", mask, [cv2.IMWRITE_PNG_BILEVEL, 1, cv2.IMWRITE_PNG_COMPRESSION, MASK_PNG_LEVEL])
+    """A PNG of a mask of 0 and 255: one channel, one bit a pixel, which takes a third of the time
+    of eight.
+    """
+    return _encode(
+        ".png",
+        mask,
+        [cv2.IMWRITE_PNG_BILEVEL, 1, cv2.IMWRITE_PNG_COMPRESSION, MASK_PNG_LEVEL],
+    )
 
 
 def _encode(kind: str, image: Image, options: list[int]) -> bytes:
@@ -211,7 +246,8 @@ def from_i420(planes: Image) -> Image:
 
 
 class VideoEncoder:
-    """H.264 as foxglove.CompressedVideo wants it: Annex B, one frame in, one frame out, SPS and PPS with every IDR.
+    """H.264 as foxglove.CompressedVideo wants it: Annex B, one frame in, one frame out, SPS and
+    PPS with every IDR.
 
     No B-frames, no lookahead, one thread: the same pictures give the same bytes.
 
@@ -223,7 +259,10 @@ class VideoEncoder:
         import av
 
         if width % 2 or height % 2:
-            raise UsageError(f"--codec h264 needs an even width and height, these pictures are {width} x {height}")
+            raise UsageError(
+                f"--codec h264 needs an even width and height, these pictures are {width} x"
+                f" {height}"
+            )
         self._av = av
         self._frames = 0
         context: Any = av.CodecContext.create("libx264", "w")
@@ -237,8 +276,10 @@ class VideoEncoder:
             "preset": "veryfast",
             "tune": "zerolatency",
             "crf": str(VIDEO_CRF),
-            "x264-params": "repeat-headers=1:annexb=1:scenecut=0:open-gop=0:bframes=0:sliced-threads=0:threads=1:"
-            "colorprim=smpte170m:transfer=smpte170m:colormatrix=smpte170m:range=tv",
+            "x264-params": (
+                "repeat-headers=1:annexb=1:scenecut=0:open-gop=0:bframes=0:sliced-threads=0:threads=1:"
+                "colorprim=smpte170m:transfer=smpte170m:colormatrix=smpte170m:range=tv"
+            ),
         }
         context.open()
         self._context = context
@@ -255,7 +296,9 @@ class VideoEncoder:
 
 
 class VideoDecoder:
-    """Decodes H.264 frames one by one; a start in the middle needs every frame from the last IDR on (`is_key`)."""
+    """Decodes H.264 frames one by one; a start in the middle needs every frame from the last IDR
+    on (`is_key`).
+    """
 
     def __init__(self, path: str | Path = "", limits: Limits = DEFAULT_LIMITS) -> None:
         self._path = path
@@ -279,7 +322,11 @@ class VideoDecoder:
         context.thread_count = 1
         context.flags |= av.codec.context.Flags.low_delay
         # Damage is an error, not something to be painted over.
-        context.options = {"max_pixels": str(self._limits.max_picture_pixels), "err_detect": "explode", "ec": "0"}
+        context.options = {
+            "max_pixels": str(self._limits.max_picture_pixels),
+            "err_detect": "explode",
+            "ec": "0",
+        }
         return context
 
     def decode(self, data: bytes) -> Image:
@@ -298,15 +345,22 @@ class VideoDecoder:
             frames = self._context.decode(av.Packet(data))
         except (av.error.FFmpegError, ValueError) as e:
             if max(self._context.width, self._context.height) > 0:
-                check_size(self._context.width, self._context.height, self._path, self._limits)
+                check_size(
+                    self._context.width, self._context.height, self._path, self._limits
+                )
             raise RecordingError(f"a damaged H.264 frame: {e}", self._path) from e
         if len(frames) != 1:
-            raise RecordingError(f"H.264 data that hold {len(frames)} frames, one per message is wanted", self._path)
+            raise RecordingError(
+                f"H.264 data that hold {len(frames)} frames, one per message is wanted",
+                self._path,
+            )
         frame = frames[0]
         if frame.is_corrupt:
             raise RecordingError("a damaged H.264 frame", self._path)
         check_size(frame.width, frame.height, self._path, self._limits)
         if frame.format.name != "yuv420p" or frame.width % 2 or frame.height % 2:
             kind = f"{frame.format.name} {frame.width} x {frame.height}"
-            raise RecordingError(f"H.264 pictures must be yuv420p of even size, these are {kind}", self._path)
+            raise RecordingError(
+                f"H.264 pictures must be yuv420p of even size, these are {kind}", self._path
+            )
         return from_i420(np.asarray(frame.to_ndarray(), np.uint8))

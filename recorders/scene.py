@@ -1,4 +1,6 @@
-"""A recorded scene, frame by frame: detections at once, pictures and masks only when somebody asks for them."""
+"""A recorded scene, frame by frame: detections at once, pictures and masks only when somebody
+asks for them.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ from recorders.pictures import VideoDecoder, decode_picture
 Image = NDArray[np.uint8]
 _SAMPLED_FRAMES = 64
 LAST_NS = 2**63 - 1
-"""The latest time that a frame may have (the year 2262 for times since 1970): times are signed 64-bit numbers."""
+"""The latest time that a frame may have (the year 2262 for times since 1970): times are signed
+64-bit numbers.
+"""
 
 
 @dataclass(frozen=True)
@@ -57,7 +61,8 @@ class Frame:
         index: from 0.
         time_ns: log time.
         regions: the latest recorded regions, or None.
-        messages: everything that was recorded for this frame, in the log's order, since the frame before.
+        messages: everything that was recorded for this frame, in the log's order, since the frame
+            before.
     """
 
     def __init__(
@@ -81,18 +86,31 @@ class Frame:
         self._load_labels = load_labels
         self._ahead: list[str] = []
 
-    def prefetch(self, submit: Callable[[Callable[[], Image]], Future[Image]], like: Frame) -> None:
-        """Have picture and mask decoded by an executor, as far as they were asked for in the frame ``like``."""
+    def prefetch(
+        self, submit: Callable[[Callable[[], Image]], Future[Image]], like: Frame
+    ) -> None:
+        """Have picture and mask decoded by an executor, as far as they were asked for in the
+        frame ``like``.
+        """
         for name, wanted in (("_load_image", "image"), ("_load_mask", "mask")):
             load = getattr(self, name)
-            if load is not None and wanted in like.__dict__ and wanted not in self.__dict__ and name not in self._ahead:
+            if (
+                load is not None
+                and wanted in like.__dict__
+                and wanted not in self.__dict__
+                and name not in self._ahead
+            ):
                 setattr(self, name, submit(load).result)
                 self._ahead.append(name)
 
     @cached_property
     def detections(self) -> Detections:
         """The recorded detections."""
-        return self._detections if isinstance(self._detections, Detections) else self._detections()
+        return (
+            self._detections
+            if isinstance(self._detections, Detections)
+            else self._detections()
+        )
 
     @cached_property
     def image(self) -> Image | None:
@@ -106,13 +124,16 @@ class Frame:
 
     @cached_property
     def labels(self) -> Labels | None:
-        """The mask's blobs, (height, width) uint16, component k of the detections as k + 1; None without a mask.
+        """The mask's blobs, (height, width) uint16, component k of the detections as k + 1; None
+        without a mask.
 
         Never write into it.
         """
         if self.mask is None:
             return None
-        return label_blobs(self.mask)[1] if self._load_labels is None else self._load_labels()
+        return (
+            label_blobs(self.mask)[1] if self._load_labels is None else self._load_labels()
+        )
 
     @cached_property
     def boxes(self) -> NDArray[np.float64]:
@@ -130,10 +151,13 @@ class SceneLog:
         recorded: the channels that belong to the recording, not to an annotation.
 
     Raises:
-        RecordingError: no detections, or none of that camera; the text says what the log holds instead.
+        RecordingError: no detections, or none of that camera; the text says what the log holds
+            instead.
     """
 
-    def __init__(self, path: str | Path, camera: str | None = None, limits: Limits = DEFAULT_LIMITS) -> None:
+    def __init__(
+        self, path: str | Path, camera: str | None = None, limits: Limits = DEFAULT_LIMITS
+    ) -> None:
         self.path = Path(path)
         self.limits = limits
         self.trailing: tuple[Message, ...] = ()
@@ -141,7 +165,9 @@ class SceneLog:
         try:
             self.camera = _choose_camera(self._log, camera)
             self.recorded = [c for c in self._log.channels if not self._is_annotation(c)]
-            self._topics = {name: channels.topic(self.camera, name) for name in channels.RECORDED}
+            self._topics = {
+                name: channels.topic(self.camera, name) for name in channels.RECORDED
+            }
             present = {c.topic for c in self._log.channels}
             self.info = self._describe(present)
         except BaseException:
@@ -152,7 +178,10 @@ class SceneLog:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -171,11 +200,20 @@ class SceneLog:
 
     def _describe(self, present: set[str]) -> SceneInfo:
         sample: list[tuple[int, Detections]] = [
-            (m.log_time_ns, channels.decode("detections", m.data, path=str(self.path), limits=self.limits))
-            for m in islice(self._log.messages([self._topics["detections"]]), _SAMPLED_FRAMES)
+            (
+                m.log_time_ns,
+                channels.decode(
+                    "detections", m.data, path=str(self.path), limits=self.limits
+                ),
+            )
+            for m in islice(
+                self._log.messages([self._topics["detections"]]), _SAMPLED_FRAMES
+            )
         ]
         if not sample:
-            raise RecordingError("the detections channel is empty: nothing to replay", self.path)
+            raise RecordingError(
+                "the detections channel is empty: nothing to replay", self.path
+            )
         steps = [b[0] - a[0] for a, b in pairwise(sample)]
         first = sample[0][1]
         return SceneInfo(
@@ -191,25 +229,35 @@ class SceneLog:
         for message in self._log.messages([self._topics["detections"]]):
             yield self._time(message)
 
-    def frames(self, start_ns: int | None = None, first_index: int = 0, again: bool = False) -> Iterator[Frame]:
-        """The frames in order; from ``start_ns`` on, the first one then counting as ``first_index``.
+    def frames(
+        self, start_ns: int | None = None, first_index: int = 0, again: bool = False
+    ) -> Iterator[Frame]:
+        """The frames in order; from ``start_ns`` on, the first one then counting as
+        ``first_index``.
 
-        ``again`` says that they have been read before: then detections are decoded and checked when asked for.
+        ``again`` says that they have been read before: then detections are decoded and checked
+        when asked for.
 
-        Messages of other channels travel with the first frame at or after their time. Those after the last frame
-        are in no frame: see `trailing`.
+        Messages of other channels travel with the first frame at or after their time. Those after
+        the last frame are in no frame: see `trailing`.
 
         Raises:
             RecordingError: two frames at one time, or a damaged message.
         """
         self.trailing = ()
-        latched = self._log.latched(self._topics["regions"], start_ns - 1) if start_ns is not None else None
+        latched = (
+            self._log.latched(self._topics["regions"], start_ns - 1)
+            if start_ns is not None
+            else None
+        )
         regions = None if latched is None else self._decode("regions", latched)
         video = self._video_at(start_ns)
         pending: list[Message] = []
         index = first_index
         topics = [c.topic for c in self.recorded]
-        for now, group in _by_time(self._log.messages(topics, start_ns), self.limits, self.path):
+        for now, group in _by_time(
+            self._log.messages(topics, start_ns), self.limits, self.path
+        ):
             pending += group
             detections: Detections | Callable[[], Detections] | None = None
             image: Callable[[], Image] | None = None
@@ -217,9 +265,14 @@ class SceneLog:
             for message in group:
                 if message.topic == self._topics["detections"]:
                     if detections is not None:
-                        raise RecordingError(f"two frames at {now} ns; frames need times of their own", self.path)
+                        raise RecordingError(
+                            f"two frames at {now} ns; frames need times of their own",
+                            self.path,
+                        )
                     detections = (
-                        partial(self._decode, "detections", message) if again else self._decode("detections", message)
+                        partial(self._decode, "detections", message)
+                        if again
+                        else self._decode("detections", message)
                     )
                     self._time(message)
                 elif message.topic == self._topics["regions"]:
@@ -233,8 +286,19 @@ class SceneLog:
             if isinstance(detections, Detections):
                 self._check(detections, now, masked is not None)
             mask = None if masked is None else self._mask(masked, detections)
-            load_mask, load_labels = (None, None) if mask is None else (mask.load, mask.labels)
-            yield Frame(index, now, detections, regions, image, load_mask, tuple(pending), load_labels)
+            load_mask, load_labels = (
+                (None, None) if mask is None else (mask.load, mask.labels)
+            )
+            yield Frame(
+                index,
+                now,
+                detections,
+                regions,
+                image,
+                load_mask,
+                tuple(pending),
+                load_labels,
+            )
             pending = []
             index += 1
         self.trailing = tuple(pending)
@@ -242,7 +306,8 @@ class SceneLog:
     def _time(self, message: Message) -> int:
         if message.log_time_ns > LAST_NS:
             raise RecordingError(
-                f"a frame at {message.log_time_ns} ns: the latest time that a frame may have is {LAST_NS} ns",
+                f"a frame at {message.log_time_ns} ns: the latest time that a frame may"
+                f" have is {LAST_NS} ns",
                 self.path,
                 record=message.topic,
             )
@@ -253,14 +318,20 @@ class SceneLog:
         size = (detections.width, detections.height)
         if size != (self.info.width, self.info.height):
             raise RecordingError(
-                f"the detections at {now} ns are made for a picture of {size[0]}x{size[1]}, "
-                f"the first ones for {self.info.width}x{self.info.height}; record each size by itself",
+                f"the detections at {now} ns are made for a picture of {size[0]}x{size[1]},"
+                f" the first ones for {self.info.width}x{self.info.height}; record each"
+                " size by itself",
                 self.path,
                 record=self._topics["detections"],
             )
-        if has_mask and not detections.components and max(detections.blobs, default=NO_BLOB) > 0:
+        if (
+            has_mask
+            and not detections.components
+            and max(detections.blobs, default=NO_BLOB) > 0
+        ):
             raise RecordingError(
-                f"the detections at {now} ns name blobs of the mask, but list no components",
+                f"the detections at {now} ns name blobs of the mask, but list no"
+                " components",
                 self.path,
                 record=self._topics["detections"],
             )
@@ -268,26 +339,38 @@ class SceneLog:
     def _decode(self, name: str, message: Message) -> Any:
         return channels.decode(name, message.data, path=str(self.path), limits=self.limits)
 
-    def _mask(self, message: Message, detections: Detections | Callable[[], Detections]) -> RecordedMask:
+    def _mask(
+        self, message: Message, detections: Detections | Callable[[], Detections]
+    ) -> RecordedMask:
         def picture() -> Image:
             data = self._decode("foreground", message).data
             return self.sized(
-                decode_picture(data, gray=True, path=self.path, limits=self.limits), "foreground", message
+                decode_picture(data, gray=True, path=self.path, limits=self.limits),
+                "foreground",
+                message,
             )
 
         def count() -> int:
-            return len((detections if isinstance(detections, Detections) else detections()).components)
+            return len(
+                (
+                    detections if isinstance(detections, Detections) else detections()
+                ).components
+            )
 
         return RecordedMask(picture, count, message, self.path)
 
     def _video_at(self, start_ns: int | None) -> _Video:
-        """A decoder that has, where the reading starts inside a group of pictures, that group's packets."""
+        """A decoder that has, where the reading starts inside a group of pictures, that group's
+        packets.
+        """
         video = _Video(self)
         if start_ns is None:
             return video
         before: list[Message] = []
         held = 0
-        for message in self._log.messages([self._topics["image"]], end_ns=start_ns, reverse=True):
+        for message in self._log.messages(
+            [self._topics["image"]], end_ns=start_ns, reverse=True
+        ):
             if not _is_video(message):
                 break
             before.append(message)
@@ -318,7 +401,9 @@ class SceneLog:
 
 
 class _Video:
-    """Pictures of one reading: JPEG and PNG stand alone, H.264 needs every packet since the last key frame."""
+    """Pictures of one reading: JPEG and PNG stand alone, H.264 needs every packet since the last
+    key frame.
+    """
 
     def __init__(self, scene: SceneLog) -> None:
         self._scene = scene
@@ -335,7 +420,9 @@ class _Video:
         if not _is_video(message):
 
             def load_still() -> Image:
-                picture = channels.decode("image", message.data, path=str(scene.path), limits=scene.limits)
+                picture = channels.decode(
+                    "image", message.data, path=str(scene.path), limits=scene.limits
+                )
                 image = decode_picture(picture.data, path=scene.path, limits=scene.limits)
                 return scene.sized(image, "image", message)
 
@@ -345,7 +432,9 @@ class _Video:
 
     def append(self, message: Message) -> tuple[list[bytes], int]:
         """Take a packet into its group of pictures; the group and the packet's place in it."""
-        packet = channels.decode("video", message.data, path=str(self._scene.path), limits=self._scene.limits).data
+        packet = channels.decode(
+            "video", message.data, path=str(self._scene.path), limits=self._scene.limits
+        ).data
         if VideoDecoder.is_key(packet):
             self._group, self._group_bytes = [], 0
         self._group.append(packet)
@@ -355,8 +444,14 @@ class _Video:
 
     def _load(self, group: list[bytes], position: int, message: Message) -> Image:
         with self._lock:
-            if self._decoder is None or self._decoding is not group or self._decoded > position:
-                self._decoder = VideoDecoder(path=self._scene.path, limits=self._scene.limits)
+            if (
+                self._decoder is None
+                or self._decoding is not group
+                or self._decoded > position
+            ):
+                self._decoder = VideoDecoder(
+                    path=self._scene.path, limits=self._scene.limits
+                )
                 self._decoding, self._decoded = group, 0
             image: Image | None = None
             while self._decoded <= position:
@@ -364,7 +459,9 @@ class _Video:
                 self._decoded += 1
         if image is None:
             raise RecordingError(
-                f"no picture in the video packet at {message.log_time_ns} ns", self._scene.path, record=message.topic
+                f"no picture in the video packet at {message.log_time_ns} ns",
+                self._scene.path,
+                record=message.topic,
             )
         return image
 
@@ -373,18 +470,23 @@ def _check_group(held: int, scene: SceneLog, message: Message) -> None:
     """Packets are kept until the next key frame, since any of them may be asked for."""
     if held > scene.limits.max_open_bytes:
         raise LimitError(
-            f"{held} bytes of video up to {message.log_time_ns} ns without a key frame, over the limit "
-            f"max_open_bytes = {scene.limits.max_open_bytes}",
+            f"{held} bytes of video up to {message.log_time_ns} ns without a key frame,"
+            f" over the limit max_open_bytes = {scene.limits.max_open_bytes}",
             scene.path,
             record=message.topic,
         )
 
 
 def _is_video(message: Message) -> bool:
-    return message.channel.schema is not None and message.channel.schema.name == "foxglove.CompressedVideo"
+    return (
+        message.channel.schema is not None
+        and message.channel.schema.name == "foxglove.CompressedVideo"
+    )
 
 
-def _by_time(messages: Iterator[Message], limits: Limits, path: Path) -> Iterator[tuple[int, list[Message]]]:
+def _by_time(
+    messages: Iterator[Message], limits: Limits, path: Path
+) -> Iterator[tuple[int, list[Message]]]:
     """Group messages of one log time, bounded."""
     group: list[Message] = []
     for message in messages:
@@ -394,7 +496,8 @@ def _by_time(messages: Iterator[Message], limits: Limits, path: Path) -> Iterato
         group.append(message)
         if len(group) > limits.max_messages_per_frame:
             raise LimitError(
-                f"over {limits.max_messages_per_frame} messages at {message.log_time_ns} ns (max_messages_per_frame)",
+                f"over {limits.max_messages_per_frame} messages at {message.log_time_ns} ns"
+                " (max_messages_per_frame)",
                 path,
             )
     if group:
@@ -402,10 +505,18 @@ def _by_time(messages: Iterator[Message], limits: Limits, path: Path) -> Iterato
 
 
 def _choose_camera(log: LogReader, wanted: str | None) -> str:
-    cameras = sorted({c for c, name in (channels.split(i.topic) for i in log.channels) if c and name == "detections"})
+    cameras = sorted(
+        {
+            c
+            for c, name in (channels.split(i.topic) for i in log.channels)
+            if c and name == "detections"
+        }
+    )
     if wanted is not None:
         if wanted not in cameras:
-            raise UsageError(f"{log.path}: no camera {wanted!r}; it has: {', '.join(cameras) or 'none'}")
+            raise UsageError(
+                f"{log.path}: no camera {wanted!r}; it has: {', '.join(cameras) or 'none'}"
+            )
         return wanted
     if not cameras:
         topics = ", ".join(c.topic for c in log.channels[:6]) or "no channels at all"
@@ -415,5 +526,7 @@ def _choose_camera(log: LogReader, wanted: str | None) -> str:
             log.path,
         )
     if len(cameras) > 1:
-        raise UsageError(f"{log.path}: several cameras ({', '.join(cameras)}); choose one with --camera")
+        raise UsageError(
+            f"{log.path}: several cameras ({', '.join(cameras)}); choose one with --camera"
+        )
     return cameras[0]

@@ -20,7 +20,8 @@ def payloads(
     Args:
         forward: what the tracker said in this frame, before hindsight.
         scene: what the reasoning made of it.
-        regions: in force; drawn into the picture where they were recorded, said in the log where they are a default.
+        regions: in force; drawn into the picture where they were recorded, said in the log where
+            they are a default.
         time_ns: the frame's log time.
         extra: further payloads of the tracker (a membership image).
     """
@@ -37,18 +38,29 @@ def payloads(
     out += extra
     out.append(("annotations", drawing(scene.tracks, scene.relations, drawn, time_ns)))
     if forward.frame == 0 and regions.source == "default":
-        out.append(("log", channels.log_line(_default_regions(regions), time_ns, "regions")))
-    out += [("log", channels.log_line(event.text, time_ns, event.kind)) for event in scene.events]
+        out.append(
+            ("log", channels.log_line(_default_regions(regions), time_ns, "regions"))
+        )
+    out += [
+        ("log", channels.log_line(event.text, time_ns, event.kind))
+        for event in scene.events
+    ]
     return out
 
 
 def _default_regions(regions: Regions) -> str:
-    corners = [f"({min(x)}, {min(y)}) to ({max(x)}, {max(y)})" for x, y in map(_axes, (regions.roi, regions.border))]
+    corners = [
+        f"({min(x)}, {min(y)}) to ({max(x)}, {max(y)})"
+        for x, y in map(_axes, (regions.roi, regions.border))
+    ]
     return (
-        f"No regions were recorded: region of interest {corners[0]} px and security border {corners[1]} px are derived "
-        "from the picture's size (record --regions FILE sets them)"
+        f"No regions were recorded: region of interest {corners[0]} px and security border"
+        f" {corners[1]} px are derived from the picture's size (record --regions FILE sets"
+        " them)"
     )
 
 
 def _axes(polygons: list[list[tuple[float, float]]]) -> tuple[list[float], list[float]]:
-    return [x for polygon in polygons for x, _ in polygon], [y for polygon in polygons for _, y in polygon]
+    return [x for polygon in polygons for x, _ in polygon], [
+        y for polygon in polygons for _, y in polygon
+    ]

@@ -69,15 +69,21 @@ class AnnotatedLog:
         UsageError: no such camera, or several and none chosen.
     """
 
-    def __init__(self, path: str | Path, camera: str | None = None, limits: Limits = DEFAULT_LIMITS) -> None:
+    def __init__(
+        self, path: str | Path, camera: str | None = None, limits: Limits = DEFAULT_LIMITS
+    ) -> None:
         self.path = Path(path)
         self.limits = limits
         self._log = LogReader(path, limits)
         try:
             self.camera = self._choose(camera)
-            self.facts = next((values for name, values in self._log.metadata() if name == _METADATA), {})
+            self.facts = next(
+                (values for name, values in self._log.metadata() if name == _METADATA), {}
+            )
             self.tracker = self.facts.get("tracker", "")
-            self._topics = {channels.topic(self.camera, name): name for name in (*SCENE, "detections")}
+            self._topics = {
+                channels.topic(self.camera, name): name for name in (*SCENE, "detections")
+            }
         except BaseException:
             self._log.close()
             raise
@@ -86,7 +92,10 @@ class AnnotatedLog:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -104,15 +113,23 @@ class AnnotatedLog:
                 self.path,
             )
         if wanted is None and len(cameras) > 1:
-            raise UsageError(f"{self.path}: several cameras ({', '.join(cameras)}); choose one with --camera")
+            raise UsageError(
+                f"{self.path}: several cameras ({', '.join(cameras)}); choose one with --camera"
+            )
         if wanted is not None and wanted not in cameras:
-            raise UsageError(f"{self.path}: no tracks of a camera {wanted!r}; there are: {', '.join(cameras)}")
+            raise UsageError(
+                f"{self.path}: no tracks of a camera {wanted!r}; there are: {', '.join(cameras)}"
+            )
         return cameras[0] if wanted is None else wanted
 
     @cached_property
     def start_ns(self) -> int:
-        """Log time of frame 0; where a span was cut out, reckoned back at the frames' nominal time."""
-        seen = [(f.time_ns, f.index) for f in islice(self.frames(("tracks",)), SAMPLED_FRAMES)]
+        """Log time of frame 0; where a span was cut out, reckoned back at the frames' nominal
+        time.
+        """
+        seen = [
+            (f.time_ns, f.index) for f in islice(self.frames(("tracks",)), SAMPLED_FRAMES)
+        ]
         if not seen:
             return self._log.start_ns or 0
         first_ns, index = seen[0]
@@ -133,11 +150,15 @@ class AnnotatedLog:
         raise UsageError(f"frame:{index}: not in {self.path}, whose last frame is {last}")
 
     def size(self) -> tuple[int, int] | None:
-        """(width, height) of the picture, None if the log does not say (it was written with annotations alone)."""
+        """(width, height) of the picture, None if the log does not say (it was written with
+        annotations alone).
+        """
         if self.facts.get("width", "").isdigit() and self.facts.get("height", "").isdigit():
             return int(self.facts["width"]), int(self.facts["height"])
         for name in ("detections", "regions"):
-            for message in islice(self._log.messages([channels.topic(self.camera, name)]), 1):
+            for message in islice(
+                self._log.messages([channels.topic(self.camera, name)]), 1
+            ):
                 found = self._decode(name, message)
                 return found.width, found.height
         return None
@@ -152,21 +173,32 @@ class AnnotatedLog:
         regions: Regions | None = None
         graph: Graph | None = None
         last: int | None = None
-        topics = [topic for topic, name in self._topics.items() if name == "tracks" or name in names]
+        topics = [
+            topic
+            for topic, name in self._topics.items()
+            if name == "tracks" or name in names
+        ]
         for now, group in groupby(self._log.messages(topics), key=lambda m: m.log_time_ns):
             found: dict[str, Any] = {"events": []}
             for count, message in enumerate(group):
                 if count >= self.limits.max_messages_per_frame:
                     limit = self.limits.max_messages_per_frame
-                    raise LimitError(f"over {limit} messages at {now} ns (max_messages_per_frame)", self.path)
+                    raise LimitError(
+                        f"over {limit} messages at {now} ns (max_messages_per_frame)",
+                        self.path,
+                    )
                 name = self._topics[message.topic]
                 try:
                     decoded = self._decode(name, message)
                 except LimitError:
                     raise
                 except RecordingError as e:
-                    place = "the first frame" if last is None else f"the one after frame {last}"
-                    raise RecordingError(f"{e.reason}, at {now} ns: {place}", e.path, record=message.topic) from e
+                    place = (
+                        "the first frame" if last is None else f"the one after frame {last}"
+                    )
+                    raise RecordingError(
+                        f"{e.reason}, at {now} ns: {place}", e.path, record=message.topic
+                    ) from e
                 if name == "events":
                     found["events"].append(decoded)
                 else:
@@ -194,7 +226,8 @@ class AnnotatedLog:
         }
 
     def pictures(self) -> Iterator[tuple[int, Callable[[], Image]]]:
-        """Log time and a loader of the picture, (height, width, 3) BGR, of every frame that was recorded with one.
+        """Log time and a loader of the picture, (height, width, 3) BGR, of every frame that was
+        recorded with one.
 
         Call loaders in order, each at most once and before the next is taken.
 
@@ -209,8 +242,14 @@ class AnnotatedLog:
                     yield frame.time_ns, partial(_loaded, frame, self.path)
 
     def membership(self, frame: AnnotatedFrame) -> Labels | None:
-        """Which pixel belongs to whom: (height, width) uint16 of `replay.membership.value_of` each track, or None."""
-        return None if frame.membership is None else decode_labels(frame.membership, self.path, self.limits)
+        """Which pixel belongs to whom: (height, width) uint16 of `replay.membership.value_of`
+        each track, or None.
+        """
+        return (
+            None
+            if frame.membership is None
+            else decode_labels(frame.membership, self.path, self.limits)
+        )
 
 
 def _loaded(frame: Frame, path: Path) -> Image:
@@ -220,7 +259,9 @@ def _loaded(frame: Frame, path: Path) -> Image:
     return image
 
 
-def _frame(now: int, found: dict[str, Any], regions: Regions | None, graph: Graph | None) -> AnnotatedFrame:
+def _frame(
+    now: int, found: dict[str, Any], regions: Regions | None, graph: Graph | None
+) -> AnnotatedFrame:
     membership = found.get("membership")
     return AnnotatedFrame(
         found["tracks"].frame,
@@ -256,14 +297,17 @@ def read_tracks(log: AnnotatedLog) -> TrackTable:
     """Read the tracks that the tracker held to be present.
 
     Raises:
-        RecordingError: the log is damaged, its frames do not rise, or a track occurs twice in a frame.
+        RecordingError: the log is damaged, its frames do not rise, or a track occurs twice in a
+            frame.
     """
     # Plain arrays: 56 bytes a row, where tuples take four times as much, over hours of recording.
     whole, numbers, times = array("q"), array("d"), array("q")
     frames = array("q")
     for frame in log.frames(("tracks",)):
         if frames and frame.index <= frames[-1]:
-            raise RecordingError(f"frame {frame.index} after frame {frames[-1]}; frames must rise", log.path)
+            raise RecordingError(
+                f"frame {frame.index} after frame {frames[-1]}; frames must rise", log.path
+            )
         frames.append(frame.index)
         times.append(frame.time_ns)
         for t in frame.tracks:
@@ -272,8 +316,14 @@ def read_tracks(log: AnnotatedLog) -> TrackTable:
                 numbers.extend((*t.box, t.confidence))
     who = np.array(whole, np.int64).reshape(-1, 2)
     where = np.array(numbers, np.float64).reshape(-1, 5)
-    table = MotTable(who[:, 0].copy(), who[:, 1].copy(), where[:, :4].copy(), where[:, 4].copy())
+    table = MotTable(
+        who[:, 0].copy(), who[:, 1].copy(), where[:, :4].copy(), where[:, 4].copy()
+    )
     twice = table.first_duplicate()
     if twice is not None:
-        raise RecordingError(f"track {twice[1]} occurs twice in frame {twice[0]}", log.path, record="tracks")
-    return TrackTable(table, np.array(frames, np.int64), np.array(times, np.int64), log.size())
+        raise RecordingError(
+            f"track {twice[1]} occurs twice in frame {twice[0]}", log.path, record="tracks"
+        )
+    return TrackTable(
+        table, np.array(frames, np.int64), np.array(times, np.int64), log.size()
+    )

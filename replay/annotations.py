@@ -1,8 +1,10 @@
-"""The drawings that Foxglove and Lichtblick lay over the picture: boxes, labels, shells, edges, regions.
+"""The drawings that Foxglove and Lichtblick lay over the picture: boxes, labels, shells, edges,
+regions.
 
-A foxglove.ImageAnnotations is written in protobuf's wire format directly: the tree of message objects that would be
-built otherwise, only to be serialised at once, costs six times as much. The bytes are those that protobuf's own
-deterministic serialisation gives, which a test holds them against.
+A foxglove.ImageAnnotations is written in protobuf's wire format directly: the tree of message
+objects that would be built otherwise, only to be serialised at once, costs six times as much. The
+bytes are those that protobuf's own deterministic serialisation gives, which a test holds them
+against.
 """
 
 from __future__ import annotations
@@ -28,13 +30,20 @@ _PALETTE = (
 )
 
 # Tags: field number times 8 plus wire type (0 number, 1 double, 2 length and bytes).
-_CIRCLES, _POINTS, _TEXTS, _TIMESTAMP = b"\x0a", b"\x12", b"\x1a", b"\x2a"  # ImageAnnotations 1, 2, 3, 5
+_CIRCLES, _POINTS, _TEXTS, _TIMESTAMP = (
+    b"\x0a",
+    b"\x12",
+    b"\x1a",
+    b"\x2a",
+)  # ImageAnnotations 1, 2, 3, 5
 _POINT = struct.Struct("<3sdBd")
 _TWO_POINTS = struct.Struct("<" + "3sdBd" * 2)
 _FOUR_POINTS = struct.Struct("<" + "3sdBd" * 4)
 _DISC = struct.Struct("<3sdBdBd")
 _DOUBLE = struct.Struct("<Bd")
-_CORNER = b"\x1a\x12\x09"  # PointsAnnotation.points: a Point2 of 18 bytes, x; y has the tag 0x11
+_CORNER = (
+    b"\x1a\x12\x09"  # PointsAnnotation.points: a Point2 of 18 bytes, x; y has the tag 0x11
+)
 _PLACE = b"\x12\x12\x09"  # CircleAnnotation.position, TextAnnotation.position: the same
 _LOOP, _LINES = b"\x10\x02", b"\x10\x04"  # PointsAnnotation.type: LINE_LOOP, LINE_LIST
 
@@ -70,7 +79,10 @@ def _point(head: bytes, x: float, y: float) -> bytes:
 
 
 def _colour(red: float, green: float, blue: float, alpha: float) -> bytes:
-    return b"".join(_double(tag, v) for tag, v in ((0x09, red), (0x11, green), (0x19, blue), (0x21, alpha)))
+    return b"".join(
+        _double(tag, v)
+        for tag, v in ((0x09, red), (0x11, green), (0x19, blue), (0x21, alpha))
+    )
 
 
 def _line(colour: bytes, thickness: float) -> bytes:
@@ -97,7 +109,9 @@ def _head(tag: bytes, *parts: int) -> bytes:
 
 
 # What every box, circle and edge begins with, unless a coordinate is 0 and so left out.
-_BOX_HEADS = tuple(_head(_POINTS, 2, _FOUR_POINTS.size, len(style)) + _LOOP for style in _OUTLINES)
+_BOX_HEADS = tuple(
+    _head(_POINTS, 2, _FOUR_POINTS.size, len(style)) + _LOOP for style in _OUTLINES
+)
 _DISC_HEADS = tuple(_head(_CIRCLES, _DISC.size, len(ring)) for ring in _RINGS)
 _EDGE_HEAD = _head(_POINTS, 2, _TWO_POINTS.size, len(_JOINT)) + _LINES
 assert len(_JOINT) == len(_INTERACTION)
@@ -113,9 +127,13 @@ def _box(box: Box, k: int) -> bytes:
     x, y, w, h = box
     right, bottom, c = x + w, y + h, _CORNER
     if x and y and right and bottom:
-        points = _FOUR_POINTS.pack(c, x, 0x11, y, c, right, 0x11, y, c, right, 0x11, bottom, c, x, 0x11, bottom)
+        points = _FOUR_POINTS.pack(
+            c, x, 0x11, y, c, right, 0x11, y, c, right, 0x11, bottom, c, x, 0x11, bottom
+        )
         return _BOX_HEADS[k] + points + _OUTLINES[k]
-    return _polyline(_LOOP, ((x, y), (right, y), (right, bottom), (x, bottom)), _OUTLINES[k])
+    return _polyline(
+        _LOOP, ((x, y), (right, y), (right, bottom), (x, bottom)), _OUTLINES[k]
+    )
 
 
 def _disc(x: float, y: float, diameter: float, k: int) -> bytes:
@@ -126,7 +144,13 @@ def _disc(x: float, y: float, diameter: float, k: int) -> bytes:
 
 def _edge(start: tuple[float, float], end: tuple[float, float], style: bytes) -> bytes:
     if all(start) and all(end):
-        return _EDGE_HEAD + _TWO_POINTS.pack(_CORNER, start[0], 0x11, start[1], _CORNER, end[0], 0x11, end[1]) + style
+        return (
+            _EDGE_HEAD
+            + _TWO_POINTS.pack(
+                _CORNER, start[0], 0x11, start[1], _CORNER, end[0], 0x11, end[1]
+            )
+            + style
+        )
     return _polyline(_LINES, (start, end), style)
 
 
@@ -140,11 +164,13 @@ def label(track: Track) -> str:
     return words + (" splitting" if track.splitting else "")
 
 
-def drawing(tracks: Tracks, relations: Relations, regions: Regions | None, time_ns: int) -> bytes:
+def drawing(
+    tracks: Tracks, relations: Relations, regions: Regions | None, time_ns: int
+) -> bytes:
     """The payload of a foxglove.ImageAnnotations of one frame.
 
-    Shells are circles around the boxes' centres (SHELLS 2.2); edges are thin for INTERACTION and thick for JOINT, as
-    in SHELLS Figure 1d.
+    Shells are circles around the boxes' centres (SHELLS 2.2); edges are thin for INTERACTION and
+    thick for JOINT, as in SHELLS Figure 1d.
     """
     circles: list[bytes] = []
     lines: list[bytes] = []
@@ -161,7 +187,8 @@ def drawing(tracks: Tracks, relations: Relations, regions: Regions | None, time_
             corners = (x1, y1), (x1 + gw, y1), (x1 + gw, y1 + gh), (x1, y1 + gh)
             lines.append(_polyline(_LOOP, corners, _CROSSES[k]))
         for name in track.hidden_parts:
-            # The format knows no dashes; a cross says that nothing is to be seen there (PARTS, Figure 7).
+            # The format knows no dashes; a cross says that nothing is to be seen there (PARTS,
+            # Figure 7).
             px, py, pw, ph = part_box(track, name)
             cross = (px, py), (px + pw, py + ph), (px + pw, py), (px, py + ph)
             lines.append(_polyline(_LINES, cross, _CROSSES[k]))

@@ -1,4 +1,6 @@
-"""Reading an annotated log's digest chain: the frames as the log holds them, and whether every link is whole."""
+"""Reading an annotated log's digest chain: the frames as the log holds them, and whether every
+link is whole.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +23,18 @@ RECORDED = "recorded messages"
 
 
 def cut(a: str, b: str) -> tuple[str, str]:
-    """Two digests in 16 characters each; where those are the same, from the place on where they differ.
+    """Two digests in 16 characters each; where those are the same, from the place on where they
+    differ.
 
     >>> cut("0123456789abcdef01", "0123456789abcdef02")
     ('...1', '...2')
     """
     if a[:16] != b[:16] or a == b:
         return a[:16], b[:16]
-    at = next((k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
+    at = next(
+        (k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y),
+        min(len(a), len(b)),
+    )
     return f"...{a[at : at + 16]}", f"...{b[at : at + 16]}"
 
 
@@ -57,9 +63,11 @@ class Verification:
 
     Attributes:
         identical: nothing differs.
-        frames: annotated frames that were found equal, up to the first difference where that has a frame.
+        frames: annotated frames that were found equal, up to the first difference where that has
+            a frame.
         difference: the first thing that differs; where the recording was changed, that change.
-        reasons: what is not as it was, each with both values; with `identical`, what changed without effect.
+        reasons: what is not as it was, each with both values; with `identical`, what changed
+            without effect.
         output_digest: the log's.
         effect: the first annotation that differs, where ``difference`` is its cause.
     """
@@ -80,8 +88,10 @@ class FrameRecord:
         time_ns: log time.
         digests: the digest messages of this time that can be read: one, unless the log was altered.
         payloads: channel and payload in the order in which they were written.
-        stamps: channel, publish time and sequence number of each annotated message, digests included.
-        recorded: the digest of the recorded messages up to this frame, None where the log does not hold them.
+        stamps: channel, publish time and sequence number of each annotated message, digests
+            included.
+        recorded: the digest of the recorded messages up to this frame, None where the log does
+            not hold them.
     """
 
     time_ns: int
@@ -122,10 +132,16 @@ class RecordedInput:
 
     def final_link(self) -> str:
         """The chain's last link, with the messages after the last frame."""
-        return digest.chained(self._link, digest.recorded_digest(self._pending)) if self._pending else self._link
+        return (
+            digest.chained(self._link, digest.recorded_digest(self._pending))
+            if self._pending
+            else self._link
+        )
 
 
-def recorded_frames(log: LogReader, camera: str, recorded: RecordedInput | None = None) -> Iterator[FrameRecord]:
+def recorded_frames(
+    log: LogReader, camera: str, recorded: RecordedInput | None = None
+) -> Iterator[FrameRecord]:
     """The annotated frames of a log in order.
 
     Args:
@@ -137,7 +153,9 @@ def recorded_frames(log: LogReader, camera: str, recorded: RecordedInput | None 
         LimitError: more messages at one time than the limits allow.
     """
     names = {channels.topic(camera, name): name for name in channels.ANNOTATED}
-    wanted = [c.topic for c in log.channels if c.topic in names] if recorded is None else None
+    wanted = (
+        [c.topic for c in log.channels if c.topic in names] if recorded is None else None
+    )
     for now, group in groupby(log.messages(wanted), key=lambda m: m.log_time_ns):
         digests: list[Digest] = []
         payloads: list[tuple[str, bytes]] = []
@@ -145,7 +163,9 @@ def recorded_frames(log: LogReader, camera: str, recorded: RecordedInput | None 
         for count, message in enumerate(group):
             if count >= log.limits.max_messages_per_frame:
                 limit = log.limits.max_messages_per_frame
-                raise LimitError(f"over {limit} messages at {now} ns (max_messages_per_frame)", log.path)
+                raise LimitError(
+                    f"over {limit} messages at {now} ns (max_messages_per_frame)", log.path
+                )
             name = names.get(message.topic)
             if name is None:
                 if recorded is not None:
@@ -159,7 +179,9 @@ def recorded_frames(log: LogReader, camera: str, recorded: RecordedInput | None 
         if recorded is not None:
             recorded.end_of_time()
         if stamps:
-            yield FrameRecord(now, digests, payloads, stamps, None if recorded is None else recorded.last)
+            yield FrameRecord(
+                now, digests, payloads, stamps, None if recorded is None else recorded.last
+            )
 
 
 def _readable(message: Message, log: LogReader) -> list[Digest]:
@@ -171,12 +193,15 @@ def _readable(message: Message, log: LogReader) -> list[Digest]:
 
 
 def verify_chain(
-    path: str | Path, limits: Limits = DEFAULT_LIMITS, progress: Callable[[str, int], None] | None = None
+    path: str | Path,
+    limits: Limits = DEFAULT_LIMITS,
+    progress: Callable[[str, int], None] | None = None,
 ) -> Verification:
     """Check the digests alone; nothing is replayed.
 
-    Every payload hashes to its channel's digest, every digest to the next link, the last to the log's; so do the
-    recorded messages where the log holds them all, the checkpoints, and the facts that the log says of itself.
+    Every payload hashes to its channel's digest, every digest to the next link, the last to the
+    log's; so do the recorded messages where the log holds them all, the checkpoints, and the
+    facts that the log says of itself.
 
     Raises:
         RecordingError: not an annotated log, or damaged beyond reading.
@@ -186,22 +211,43 @@ def verify_chain(
         try:
             facts = facts_of(log)
         except AlteredFactsError as e:
-            difference = Difference(WHOLE, "metadata", e.fact, "a fact" if e.fact else "one record", "none to be read")
-            return Verification(False, 0, difference, [f"altered after the replay: {e.reason}"])
+            difference = Difference(
+                WHOLE,
+                "metadata",
+                e.fact,
+                "a fact" if e.fact else "one record",
+                "none to be read",
+            )
+            return Verification(
+                False, 0, difference, [f"altered after the replay: {e.reason}"]
+            )
         if any(name == GOLDEN for name, _ in log.metadata()):
-            raise UsageError(f"{path}: a golden file holds no digests to verify; compare it with `scenetrace diff`")
+            raise UsageError(
+                f"{path}: a golden file holds no digests to verify; compare it with"
+                " `scenetrace diff`"
+            )
         altered = facts.altered()
-        reasons = [f"the metadata's {name} was altered after the replay" for name in altered]
+        reasons = [
+            f"the metadata's {name} was altered after the replay" for name in altered
+        ]
         found: Difference | None = None
         for name, (then, now) in altered.items():
             field = name if name == DIGESTS else f"{name}'s digest"
-            found = found or Difference(WHOLE, "metadata", field, *cut(then or "none", now or "none"))
-        recorded = None if facts.annotations_only else RecordedInput(channels.topic(facts.camera, "detections"))
+            found = found or Difference(
+                WHOLE, "metadata", field, *cut(then or "none", now or "none")
+            )
+        recorded = (
+            None
+            if facts.annotations_only
+            else RecordedInput(channels.topic(facts.camera, "detections"))
+        )
         link, frames = facts.link_before, 0
         for record in recorded_frames(log, facts.camera, recorded):
             wrong = _wrong(record, link, facts, frames)
             if wrong is not None:
-                return Verification(False, frames, wrong[0], [*reasons, wrong[1]], facts.output_digest)
+                return Verification(
+                    False, frames, wrong[0], [*reasons, wrong[1]], facts.output_digest
+                )
             link = record.digest.link
             frames += 1
             if progress is not None:
@@ -219,7 +265,9 @@ def verify_chain(
         return Verification(found is None, frames, found, reasons, facts.output_digest)
 
 
-def _wrong(record: FrameRecord, link: str, facts: Facts, frames: int) -> tuple[Difference, str] | None:
+def _wrong(
+    record: FrameRecord, link: str, facts: Facts, frames: int
+) -> tuple[Difference, str] | None:
     """What is wrong with a frame, and in words; None if it is whole."""
     if len(record.digests) != 1:
         last = facts.first_frame + frames
@@ -227,20 +275,32 @@ def _wrong(record: FrameRecord, link: str, facts: Facts, frames: int) -> tuple[D
         difference = Difference(number, "digest", "messages", "1", str(len(record.digests)))
         return (
             difference,
-            f"{len(record.digests)} digests at {record.time_ns} ns: frames were altered, removed or moved",
+            (
+                f"{len(record.digests)} digests at {record.time_ns} ns: frames were"
+                " altered, removed or moved"
+            ),
         )
     d = record.digest
     expected_frame = facts.first_frame + frames
     if d.frame != expected_frame:
-        then, now = ("a frame", "none") if d.frame > expected_frame else (f"frame {expected_frame}", f"frame {d.frame}")
+        then, now = (
+            ("a frame", "none")
+            if d.frame > expected_frame
+            else (f"frame {expected_frame}", f"frame {d.frame}")
+        )
         reason = "frames were altered, removed or moved after the replay"
         return Difference(min(d.frame, expected_frame), "frames", "", then, now), reason
     # A span's first frame came with messages from before the span, which are not here.
     complete = record.recorded is not None and (frames > 0 or facts.from_ns is None)
     if complete and record.recorded != d.recorded:
         assert record.recorded is not None
-        difference = Difference(d.frame, RECORDED, "digest", *cut(d.recorded, record.recorded))
-        return difference, f"the recorded messages of frame {d.frame} were altered after the replay"
+        difference = Difference(
+            d.frame, RECORDED, "digest", *cut(d.recorded, record.recorded)
+        )
+        return (
+            difference,
+            f"the recorded messages of frame {d.frame} were altered after the replay",
+        )
     hashes = digest.channel_digests(record.payloads)
     for name in sorted({*hashes, *d.channels}):
         if hashes.get(name) != d.channels.get(name):
@@ -253,13 +313,25 @@ def _wrong(record: FrameRecord, link: str, facts: Facts, frames: int) -> tuple[D
 def _wrong_span(record: FrameRecord, facts: Facts) -> tuple[Difference, str] | None:
     """A frame where the log says that it has none."""
     for name, bound, outside in (
-        ("from_ns", facts.from_ns, facts.from_ns is not None and record.time_ns < facts.from_ns),
+        (
+            "from_ns",
+            facts.from_ns,
+            facts.from_ns is not None and record.time_ns < facts.from_ns,
+        ),
         ("to_ns", facts.to_ns, facts.to_ns is not None and record.time_ns >= facts.to_ns),
     ):
         if outside:
             d = record.digest
-            difference = Difference(d.frame, "metadata", name, str(bound), f"a frame at {record.time_ns}")
-            return difference, f"the metadata's {name} was altered after the replay: frame {d.frame} is outside of it"
+            difference = Difference(
+                d.frame, "metadata", name, str(bound), f"a frame at {record.time_ns}"
+            )
+            return (
+                difference,
+                (
+                    f"the metadata's {name} was altered after the replay: frame {d.frame}"
+                    " is outside of it"
+                ),
+            )
     return None
 
 
@@ -272,7 +344,10 @@ def _wrong_stamp(record: FrameRecord) -> tuple[Difference, str] | None:
             ("sequence number", d.frame, sequence),
         ):
             if then != now:
-                return Difference(d.frame, name, what, str(then), str(now)), f"a {what} was altered after the replay"
+                return (
+                    Difference(d.frame, name, what, str(then), str(now)),
+                    f"a {what} was altered after the replay",
+                )
     return None
 
 
@@ -281,7 +356,10 @@ def _wrong_link(record: FrameRecord, link: str) -> tuple[Difference, str] | None
     expected = digest.link(link, d.frame, record.time_ns, d.recorded, d.channels)
     if expected != d.link:
         difference = Difference(d.frame, "digest", "link", *cut(d.link, expected))
-        return difference, "the chain is broken: frames were altered, removed or moved after the replay"
+        return (
+            difference,
+            "the chain is broken: frames were altered, removed or moved after the replay",
+        )
     return None
 
 
@@ -293,43 +371,73 @@ def _wrong_end(facts: Facts, frames: int, link: str) -> tuple[Difference, str] |
         difference = Difference(facts.first_frame + frames, "frames", "", "a frame", "none")
         return (
             difference,
-            f"{facts.input_frames} frames were replayed and none left out, but {frames} are here: altered",
+            (
+                f"{facts.input_frames} frames were replayed and none left out, but {frames}"
+                " are here: altered"
+            ),
         )
     if frames and link != facts.output_digest:
-        difference = Difference(WHOLE, "metadata", "output_digest", *cut(facts.output_digest, link))
+        difference = Difference(
+            WHOLE, "metadata", "output_digest", *cut(facts.output_digest, link)
+        )
         return difference, "the chain does not end in the log's output digest"
     return None
 
 
-def _wrong_input(facts: Facts, recorded: RecordedInput | None) -> tuple[Difference, str] | None:
+def _wrong_input(
+    facts: Facts, recorded: RecordedInput | None
+) -> tuple[Difference, str] | None:
     """Recorded messages behind the last annotated frame, which no frame's digest holds."""
     if recorded is None or not facts.whole:
         return None
     if recorded.frames != facts.input_frames:
-        difference = Difference(WHOLE, RECORDED, "frames", str(facts.input_frames), str(recorded.frames))
-        return difference, f"{facts.input_frames} frames were recorded, {recorded.frames} are here"
+        difference = Difference(
+            WHOLE, RECORDED, "frames", str(facts.input_frames), str(recorded.frames)
+        )
+        return (
+            difference,
+            f"{facts.input_frames} frames were recorded, {recorded.frames} are here",
+        )
     link = recorded.final_link()
     if link != facts.input_digest:
-        difference = Difference(WHOLE, RECORDED, "input digest", *cut(facts.input_digest, link))
-        return difference, "recorded messages after the last frame were altered, added or removed after the replay"
+        difference = Difference(
+            WHOLE, RECORDED, "input digest", *cut(facts.input_digest, link)
+        )
+        return (
+            difference,
+            (
+                "recorded messages after the last frame were altered, added or removed"
+                " after the replay"
+            ),
+        )
     return None
 
 
 def _wrong_channels(log: LogReader, facts: Facts) -> tuple[Difference, str] | None:
-    """Annotated channels under another schema, and channels that a log of annotations alone cannot have."""
+    """Annotated channels under another schema, and channels that a log of annotations alone
+    cannot have.
+    """
     names = {channels.topic(facts.camera, name): name for name in channels.ANNOTATED}
     for channel in log.channels:
         name = names.get(channel.topic)
         if name is None:
             if facts.annotations_only:
-                difference = Difference(WHOLE, channel.topic, "", "no such channel", "a channel")
+                difference = Difference(
+                    WHOLE, channel.topic, "", "no such channel", "a channel"
+                )
                 return difference, f"the channel {channel.topic} was added after the replay"
             continue
-        now = (channel.schema.name if channel.schema is not None else "none", channel.message_encoding)
+        now = (
+            channel.schema.name if channel.schema is not None else "none",
+            channel.message_encoding,
+        )
         then = (channels.schema(name).name, channels.message_encoding(name))
         if now != then:
             difference = Difference(WHOLE, name, "schema", " ".join(then), " ".join(now))
-            return difference, f"the schema of the channel {name} was altered after the replay"
+            return (
+                difference,
+                f"the schema of the channel {name} was altered after the replay",
+            )
     return None
 
 
@@ -343,7 +451,10 @@ def _wrong_checkpoint(log: LogReader, facts: Facts) -> tuple[Difference, str] | 
         now, then = sha256(attachment.data), left.pop(attachment.name, "nothing")
         if now != then:
             difference = Difference(WHOLE, attachment.name, "digest", *cut(then, now))
-            return difference, f"the attachment {attachment.name} was altered after the replay"
+            return (
+                difference,
+                f"the attachment {attachment.name} was altered after the replay",
+            )
         time_ns = decode(attachment.data, str(log.path)).time_ns
         for what, wanted, found in (
             ("log time", time_ns, attachment.log_time_ns),
@@ -351,11 +462,22 @@ def _wrong_checkpoint(log: LogReader, facts: Facts) -> tuple[Difference, str] | 
             ("media type", MEDIA_TYPE, attachment.media_type),
         ):
             if found != wanted:
-                difference = Difference(WHOLE, attachment.name, what, str(wanted), str(found))
-                return difference, f"the {what} of the attachment {attachment.name} was altered after the replay"
+                difference = Difference(
+                    WHOLE, attachment.name, what, str(wanted), str(found)
+                )
+                return (
+                    difference,
+                    (
+                        f"the {what} of the attachment {attachment.name} was altered after"
+                        " the replay"
+                    ),
+                )
     if left:
         name = min(left)
-        return Difference(WHOLE, name, "", "an attachment", "none"), f"the attachment {name} was removed"
+        return (
+            Difference(WHOLE, name, "", "an attachment", "none"),
+            f"the attachment {name} was removed",
+        )
     return None
 
 
@@ -367,5 +489,8 @@ def _wrong_extras(log: LogReader, facts: Facts) -> tuple[Difference, str] | None
     for name in sorted({*facts.extras, *now}):
         a, b = facts.extras.get(name, "nothing"), now.get(name, "nothing")
         if a != b:
-            return Difference(WHOLE, name, "digest", *cut(a, b)), f"the {name} was altered after the replay"
+            return (
+                Difference(WHOLE, name, "digest", *cut(a, b)),
+                f"the {name} was altered after the replay",
+            )
     return None

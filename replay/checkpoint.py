@@ -1,7 +1,7 @@
 """Checkpoints: a replay's whole state after a frame as canonical bytes; no pickle, versioned.
 
-The encoding is MessagePack with sorted keys; an array is an extension of dtype, shape and C-order bytes, so the same
-state always gives the same bytes and reading one never runs code.
+The encoding is MessagePack with sorted keys; an array is an extension of dtype, shape and C-order
+bytes, so the same state always gives the same bytes and reading one never runs code.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ class Checkpoint(Struct, frozen=True, forbid_unknown_fields=True):
         link: the output chain's link after it.
         tracker: the tracker's name.
         fingerprint: of configuration and package versions; another one cannot continue it.
-        tracker_state, reasoner_state: as `state` gave them; the tracker's is None where it has run further already.
+        tracker_state, reasoner_state: as `state` gave them; the tracker's is None where it has
+            run further already.
     """
 
     version: int
@@ -55,11 +56,18 @@ class Checkpoint(Struct, frozen=True, forbid_unknown_fields=True):
 def _hook(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         array = np.asarray(value, order="C")
-        dtype = array.dtype.newbyteorder("<").str if array.dtype.itemsize > 1 else array.dtype.str
+        dtype = (
+            array.dtype.newbyteorder("<").str
+            if array.dtype.itemsize > 1
+            else array.dtype.str
+        )
         if dtype not in _DTYPES:
             raise TypeError(f"a state cannot hold an array of {array.dtype}")
         header = msgspec.msgpack.encode([dtype, list(array.shape)])
-        return msgspec.msgpack.Ext(_ARRAY, bytes([len(header)]) + header + array.astype(dtype, copy=False).tobytes())
+        return msgspec.msgpack.Ext(
+            _ARRAY,
+            bytes([len(header)]) + header + array.astype(dtype, copy=False).tobytes(),
+        )
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, Mapping):
@@ -72,7 +80,11 @@ def _ext(code: int, data: memoryview) -> Any:
         raise ValueError(f"unknown extension {code}")
     size = data[0]
     dtype, shape = msgspec.msgpack.decode(data[1 : 1 + size], type=tuple[str, list[int]])
-    if dtype not in _DTYPES or len(shape) > _MAX_DIMENSIONS or any(not 0 <= n < _MAX_SIDE for n in shape):
+    if (
+        dtype not in _DTYPES
+        or len(shape) > _MAX_DIMENSIONS
+        or any(not 0 <= n < _MAX_SIDE for n in shape)
+    ):
         raise ValueError(f"array of {dtype} {shape}")
     if len(data) - 1 - size != math.prod(shape) * np.dtype(dtype).itemsize:
         raise ValueError(f"array of {dtype} {shape} with {len(data) - 1 - size} bytes")
@@ -121,7 +133,9 @@ def decode(data: bytes, path: str) -> Checkpoint:
         raise RecordingError(f"not a checkpoint: {e}", path, record="Attachment") from e
     if found.version != FORMAT:
         raise RecordingError(
-            f"checkpoint of format {found.version}, this scenetrace reads {FORMAT}; replay without --checkpoints", path
+            f"checkpoint of format {found.version}, this scenetrace reads {FORMAT}; replay"
+            " without --checkpoints",
+            path,
         )
     return found
 

@@ -1,4 +1,6 @@
-"""The configuration of a replay: every section of every method, and what of the machine can change a result."""
+"""The configuration of a replay: every section of every method, and what of the machine can
+change a result.
+"""
 
 from __future__ import annotations
 
@@ -66,30 +68,38 @@ def tracker_factory(tracker: str | TrackerFactory) -> TrackerFactory:
 def sections(tracker: str | TrackerFactory) -> dict[str, type[Parameters]]:
     """The parameter sections that a replay with this tracker reads.
 
-    A tracker of the caller's own names its sections in an attribute ``SECTIONS`` (section name to `Parameters`
-    class); without one it has no parameters.
+    A tracker of the caller's own names its sections in an attribute ``SECTIONS`` (section name to
+    `Parameters` class); without one it has no parameters.
     """
     factory = tracker_factory(tracker)
     own = (
         TRACKER_SECTIONS[tracker]
         if isinstance(tracker, str)
-        else getattr(factory, "SECTIONS", None) or getattr(_unbound(factory), "SECTIONS", {})
+        else getattr(factory, "SECTIONS", None)
+        or getattr(_unbound(factory), "SECTIONS", {})
     )
     return {**own, **reasoner.SECTIONS, **hindsight.SECTIONS}
 
 
-def encounter_config(file: str | Path | None = None, assignments: Iterable[str] = ()) -> EncounterParameters:
-    """The parameters of the commands that find encounters in annotated logs (`query`, `index`, `explain`).
+def encounter_config(
+    file: str | Path | None = None, assignments: Iterable[str] = ()
+) -> EncounterParameters:
+    """The parameters of the commands that find encounters in annotated logs (`query`, `index`,
+    `explain`).
 
     Raises:
         UsageError: an unknown parameter, or a value out of range.
     """
-    found = configure(ASKING_SECTIONS, file, assignments, others=all_sections())["encounters"]
+    found = configure(ASKING_SECTIONS, file, assignments, others=all_sections())[
+        "encounters"
+    ]
     assert isinstance(found, EncounterParameters)
     return found
 
 
-def chosen_encounters(file: str | Path | None = None, assignments: Iterable[str] = ()) -> dict[str, float]:
+def chosen_encounters(
+    file: str | Path | None = None, assignments: Iterable[str] = ()
+) -> dict[str, float]:
     """Those parameters of encounters that a file or a ``--set`` names, with their values.
 
     Raises:
@@ -101,7 +111,9 @@ def chosen_encounters(file: str | Path | None = None, assignments: Iterable[str]
 
 
 def all_sections() -> dict[str, type[Parameters]]:
-    """Every section of every command: what `scenetrace config` prints and a configuration file may hold."""
+    """Every section of every command: what `scenetrace config` prints and a configuration file
+    may hold.
+    """
     every = {**recording.SECTIONS, **ASKING_SECTIONS}
     for tracker in TRACKERS:
         every.update(sections(tracker))
@@ -122,35 +134,59 @@ def replay_config(
     return configure(sections(tracker), file, assignments, values, all_sections())
 
 
-def recorded_config(tracker: str | TrackerFactory, values: Mapping[str, Mapping[str, Any]]) -> tuple[Config, list[str]]:
-    """The configuration that a log recorded, as far as today's parameters can hold it, and what they cannot.
+def recorded_config(
+    tracker: str | TrackerFactory, values: Mapping[str, Mapping[str, Any]]
+) -> tuple[Config, list[str]]:
+    """The configuration that a log recorded, as far as today's parameters can hold it, and what
+    they cannot.
 
-    A parameter that is unknown now is left out, one whose value is out of today's range takes its default, one that
-    is new has its default; each is said with both sides.
+    A parameter that is unknown now is left out, one whose value is out of today's range takes its
+    default, one that is new has its default; each is said with both sides.
     """
     known = sections(tracker)
     now = as_plain(configure(known))
     kept: dict[str, dict[str, Any]] = {name: {} for name in known}
     notes: list[str] = []
-    gone = [section for section in sorted(values) if section not in known and len(values[section]) > 1]
-    notes += [f"configuration: the section {s} was there, no parameter of it is read now" for s in gone]
-    for section, name in sorted((s, n) for s, fields in values.items() if s not in gone for n in fields):
+    gone = [
+        section
+        for section in sorted(values)
+        if section not in known and len(values[section]) > 1
+    ]
+    notes += [
+        f"configuration: the section {s} was there, no parameter of it is read now"
+        for s in gone
+    ]
+    for section, name in sorted(
+        (s, n) for s, fields in values.items() if s not in gone for n in fields
+    ):
         value = values[section][name]
         if section not in known or name not in now[section]:
-            notes.append(f"configuration: {section}.{name} was {value!r}, there is no such parameter any more")
+            notes.append(
+                f"configuration: {section}.{name} was {value!r}, there is no such parameter"
+                " any more"
+            )
             continue
         try:
             configure({section: known[section]}, values={section: {name: value}})
         except ConfigError as e:
-            notes.append(f"configuration: {section}.{name} was {value!r}, is {now[section][name]!r}: {e}")
+            notes.append(
+                f"configuration: {section}.{name} was {value!r}, is"
+                f" {now[section][name]!r}: {e}"
+            )
         else:
             kept[section][name] = value
     for section, fields in now.items():
         if section not in values and len(fields) > 1:
-            notes.append(f"configuration: the section {section} was absent, its parameters have their defaults")
+            notes.append(
+                f"configuration: the section {section} was absent, its parameters have"
+                " their defaults"
+            )
             continue
         missing = [name for name in fields if name not in values.get(section, {})]
-        notes += [f"configuration: {section}.{name} was absent, is {fields[name]!r}" for name in missing]
+        notes += [
+            f"configuration: {section}.{name} was absent, is {fields[name]!r}"
+            for name in missing
+        ]
     return configure(known, values=kept), notes
 
 
@@ -168,11 +204,15 @@ def _version(name: str) -> str:
 
 
 def fingerprint(tracker: str, config: Mapping[str, Parameters]) -> str:
-    """SHA-256 of everything but the recording that a result depends on: a checkpoint of another one is refused."""
+    """SHA-256 of everything but the recording that a result depends on: a checkpoint of another
+    one is refused.
+    """
     facts = [tracker, as_plain(config), package_versions()]
     return hashlib.sha256(msgspec.json.encode(facts, order="deterministic")).hexdigest()
 
 
 def uses_hindsight(tracker: str, config: Mapping[str, Parameters]) -> bool:
-    """Whether the hindsight step follows the forward pass: the tracker's own switch, off where it has none."""
+    """Whether the hindsight step follows the forward pass: the tracker's own switch, off where it
+    has none.
+    """
     return bool(getattr(config.get(tracker), "hindsight", False))

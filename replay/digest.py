@@ -1,7 +1,9 @@
-"""The digest chain: what makes two replays provably the same, and names the frame and channel where they are not.
+"""The digest chain: what makes two replays provably the same, and names the frame and channel
+where they are not.
 
-Every frame's annotated payloads are hashed by channel; a link hashes the link before it, the frame's number, its time,
-its recorded messages and its channels' hashes. The last link is the output digest.
+Every frame's annotated payloads are hashed by channel; a link hashes the link before it, the
+frame's number, its time, its recorded messages and its channels' hashes. The last link is the
+output digest.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ from recorders.messages import Digest
 
 START = "0" * 64
 Payloads = Sequence[tuple[str, bytes]]
-# Numbers are hashed as 16 bytes, little end first; those of MCAP are not negative and fill the lower eight at most.
+# Numbers are hashed as 16 bytes, little end first; those of MCAP are not negative and fill the
+# lower eight at most.
 _MESSAGE = struct.Struct("<Q8xQ8xQ8xQ8x")
 _SIZE = struct.Struct("<Q8x")
 
@@ -44,8 +47,9 @@ def _framed_hex(digest: str) -> bytes:
 def recorded_digest(messages: Iterable[Message]) -> str:
     """SHA-256 of recorded messages: topic, schema, times, sequence number, payload.
 
-    Messages of one time are taken by topic, and of one topic in their order in the file: how a writer distributes
-    channels over chunks moves them in the file and changes nothing that a replay sees.
+    Messages of one time are taken by topic, and of one topic in their order in the file: how a
+    writer distributes channels over chunks moves them in the file and changes nothing that a
+    replay sees.
     """
     h = hashlib.sha256()
     for m in sorted(messages, key=lambda m: (m.log_time_ns, m.topic)):
@@ -59,7 +63,9 @@ def recorded_digest(messages: Iterable[Message]) -> str:
 
 
 def chained(previous: str, digest: str) -> str:
-    """The next link of a chain of digests: the input digest is the last link over `recorded_digest` of each frame."""
+    """The next link of a chain of digests: the input digest is the last link over
+    `recorded_digest` of each frame.
+    """
     return hashlib.sha256(f"{previous}{digest}".encode()).hexdigest()
 
 
@@ -70,12 +76,16 @@ def channel_digests(payloads: Payloads) -> dict[str, str]:
         parts.setdefault(name, []).append(payload)
     sha256, size = hashlib.sha256, _SIZE.pack
     return {
-        name: sha256(b"".join([piece for part in parts[name] for piece in (size(len(part)), part)])).hexdigest()
+        name: sha256(
+            b"".join([piece for part in parts[name] for piece in (size(len(part)), part)])
+        ).hexdigest()
         for name in sorted(parts)
     }
 
 
-def link(previous: str, frame: int, time_ns: int, recorded: str, channels: dict[str, str]) -> str:
+def link(
+    previous: str, frame: int, time_ns: int, recorded: str, channels: dict[str, str]
+) -> str:
     """The chain's next link."""
     pieces = [previous.encode(), _number(frame), _number(time_ns), recorded.encode()]
     for name in sorted(channels):
@@ -83,7 +93,11 @@ def link(previous: str, frame: int, time_ns: int, recorded: str, channels: dict[
     return hashlib.sha256(b"".join(pieces)).hexdigest()
 
 
-def digest(previous: str, frame: int, time_ns: int, recorded: str, payloads: Payloads) -> Digest:
+def digest(
+    previous: str, frame: int, time_ns: int, recorded: str, payloads: Payloads
+) -> Digest:
     """The digest message of a frame."""
     channels = channel_digests(payloads)
-    return Digest(frame, recorded, channels, link(previous, frame, time_ns, recorded, channels))
+    return Digest(
+        frame, recorded, channels, link(previous, frame, time_ns, recorded, channels)
+    )

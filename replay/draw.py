@@ -1,8 +1,10 @@
-"""Draw a frame's scene into its picture: boxes with identities, shells, edges, groups, regions, events.
+"""Draw a frame's scene into its picture: boxes with identities, shells, edges, groups, regions,
+events.
 
-Lines have a dark edge and labels their own ground, so that both can be read on dark and on light pictures. Small
-pictures are enlarged first, because letters need pixels. Edges are thin for INTERACTION and thick for JOINT, as in
-SHELLS, Figure 1d; hidden parts are dashed, as in PARTS, Figure 7.
+Lines have a dark edge and labels their own ground, so that both can be read on dark and on light
+pictures. Small pictures are enlarged first, because letters need pixels. Edges are thin for
+INTERACTION and thick for JOINT, as in SHELLS, Figure 1d; hidden parts are dashed, as in PARTS,
+Figure 7.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ _ZONE: Colour = (255, 190, 90)
 _GOLDEN = 0.618033988749895
 PART_NAMES = ("head", "left_torso", "right_torso", "left_legs", "right_legs")
 _UPRIGHT = (0.5, 0.5)
-"""Alpha and beta of somebody whose tracker has no part model: the torso ends at four sevenths of the height."""
+"""Alpha and beta of somebody whose tracker has no part model: the torso ends at four sevenths of
+the height.
+"""
 _BITS = ("grouping", "grouped", "splitting")
 
 
@@ -47,12 +51,15 @@ class DrawOptions:
     """What is drawn, and how large.
 
     Attributes:
-        scale: enlargement of the picture, 0: as much as makes it about 960 pixels wide, never less than 1.
+        scale: enlargement of the picture, 0: as much as makes it about 960 pixels wide, never
+            less than 1.
         boxes, labels, shells, edges, groups, regions, parts: whether these are drawn.
         only: track ids to draw, None: all.
         model: draw the five rectangles of the part model into every box (PARTS, Figure 2).
-        gates: draw where a target's centre was looked for, where the tracker has gates (PARTS, Figure 5).
-        membership: tint the pixels that are a target's own, where the tracker says so (SHELLS, Figure 3c).
+        gates: draw where a target's centre was looked for, where the tracker has gates (PARTS,
+            Figure 5).
+        membership: tint the pixels that are a target's own, where the tracker says so (SHELLS,
+            Figure 3c).
     """
 
     scale: float = 0.0
@@ -74,15 +81,19 @@ class DrawOptions:
 
     def factor(self, width: int) -> float:
         """The enlargement of a picture of this width."""
-        return self.scale if self.scale > 0 else max(1.0, math.ceil(2 * 960 / max(width, 1)) / 2 if width < 720 else 1)
+        return (
+            self.scale
+            if self.scale > 0
+            else max(1.0, math.ceil(2 * 960 / max(width, 1)) / 2 if width < 720 else 1)
+        )
 
 
 @dataclass(frozen=True)
 class Overlay:
     """What one frame shows; events are those still to be read, `title` stands at the top.
 
-    ``membership`` is a (height, width) uint16 image of the frame's size that says which pixels belong to whom, 0 for
-    nobody, else `replay.membership.value_of` the track's identity.
+    ``membership`` is a (height, width) uint16 image of the frame's size that says which pixels
+    belong to whom, 0 for nobody, else `replay.membership.value_of` the track's identity.
     """
 
     tracks: Sequence[Track] = ()
@@ -119,7 +130,9 @@ def draw_frame(image: Image, overlay: Overlay, options: DrawOptions | None = Non
     shown = [t for t in overlay.tracks if t.present and (only is None or t.id in only)]
     places = {t.id: t for t in shown}
     if overlay.membership is not None and options.membership:
-        canvas.tint(overlay.membership, None if only is None else [value_of(t.id) for t in shown])
+        canvas.tint(
+            overlay.membership, None if only is None else [value_of(t.id) for t in shown]
+        )
     _draw_ground(canvas, overlay, options, places)
     for track in shown:
         if options.boxes:
@@ -133,7 +146,9 @@ def draw_frame(image: Image, overlay: Overlay, options: DrawOptions | None = Non
     return canvas.image
 
 
-def _draw_ground(canvas: _Canvas, overlay: Overlay, options: DrawOptions, places: dict[int, Track]) -> None:
+def _draw_ground(
+    canvas: _Canvas, overlay: Overlay, options: DrawOptions, places: dict[int, Track]
+) -> None:
     """What lies under the boxes: regions, groups, shells, edges."""
     if options.regions and overlay.regions is not None:
         _draw_regions(canvas, overlay.regions)
@@ -148,7 +163,9 @@ def _draw_ground(canvas: _Canvas, overlay: Overlay, options: DrawOptions, places
             _draw_edge(canvas, edge, places)
 
 
-def _write(canvas: _Canvas, overlay: Overlay, options: DrawOptions, places: dict[int, Track]) -> None:
+def _write(
+    canvas: _Canvas, overlay: Overlay, options: DrawOptions, places: dict[int, Track]
+) -> None:
     """The labels, last, so that nothing lies over them."""
     for track in places.values() if options.labels else ():
         canvas.label((track.box[0], track.box[1]), label(track), track_colour(track.id))
@@ -157,9 +174,13 @@ def _write(canvas: _Canvas, overlay: Overlay, options: DrawOptions, places: dict
         if box is not None:
             text = f"group {group.label}: {' '.join(map(str, group.members))}"
             canvas.label((box[0], box[1] + box[3]), text, _GROUP, below=True)
-    for zone in overlay.regions.zones if options.regions and overlay.regions is not None else ():
+    for zone in (
+        overlay.regions.zones if options.regions and overlay.regions is not None else ()
+    ):
         if zone.polygon:
-            canvas.label(min(zone.polygon, key=lambda p: (p[1], p[0])), zone.name, _ZONE, below=True)
+            canvas.label(
+                min(zone.polygon, key=lambda p: (p[1], p[0])), zone.name, _ZONE, below=True
+            )
     for box, text in overlay.marks:
         canvas.label((box[0], box[1] + box[3]), text, _WHITE, below=True)
 
@@ -179,7 +200,12 @@ def _centre(box: Box) -> Point:
 
 def _draw_box(canvas: _Canvas, track: Track, options: DrawOptions) -> None:
     colour = track_colour(track.id)
-    canvas.rectangle(track.box, colour, 2, dash={"motion": 0, "appearance": 9, "predicted": 4}[track.mode])
+    canvas.rectangle(
+        track.box,
+        colour,
+        2,
+        dash={"motion": 0, "appearance": 9, "predicted": 4}[track.mode],
+    )
     if options.gates and track.gate is not UNSET:
         canvas.rectangle(track.gate, colour, 1, dash=6)
     for name in PART_NAMES if options.model else ():
@@ -193,8 +219,8 @@ def _draw_box(canvas: _Canvas, track: Track, options: DrawOptions) -> None:
 def part_box(track: Track, name: str) -> Box:
     """Where a named part lies in a track's box (PARTS 2.1, Figure 2).
 
-    The head is the top seventh; below it the centroid, whose place in the box the track tells, parts torso from legs
-    and what has ``left`` in its name from what has ``right``.
+    The head is the top seventh; below it the centroid, whose place in the box the track tells,
+    parts torso from legs and what has ``left`` in its name from what has ``right``.
     """
     x, y, w, h = track.box
     alpha, beta = _UPRIGHT if track.centroid is UNSET else track.centroid
@@ -234,7 +260,9 @@ def _draw_regions(canvas: _Canvas, regions: Regions) -> None:
 
 
 class _Canvas:
-    """A picture with a scale: everything is given in the original's pixels, pixel centres at integers + 0.5."""
+    """A picture with a scale: everything is given in the original's pixels, pixel centres at
+    integers + 0.5.
+    """
 
     def __init__(self, image: Image, scale: float) -> None:
         height, width = image.shape[:2]
@@ -243,19 +271,28 @@ class _Canvas:
         self.image: Image = (
             image.copy()
             if scale == 1
-            else np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), np.uint8)
+            else np.asarray(
+                cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), np.uint8
+            )
         )
         self._letters = max(0.4, min(1.0, self.image.shape[1] / 1900))
         self._labels: list[tuple[int, int, int, int]] = []
 
     def _at(self, points: Sequence[Point]) -> NDArray[np.int32]:
         # Beyond 16 bits OpenCV's fixed point overflows; nothing out there is seen anyway.
-        scaled = np.clip(np.array(points, np.float64).reshape(-1, 2) * self.scale - 0.5, -20000, 20000)
+        scaled = np.clip(
+            np.array(points, np.float64).reshape(-1, 2) * self.scale - 0.5, -20000, 20000
+        )
         return np.round(scaled * (1 << _SHIFT)).astype(np.int32)
 
-    def polyline(self, points: Sequence[Point], colour: Colour, thickness: int, closed: bool = False) -> None:
+    def polyline(
+        self, points: Sequence[Point], colour: Colour, thickness: int, closed: bool = False
+    ) -> None:
         at: Any = [self._at(points)]
-        for c, t in ((_BLACK, thickness + (2 if thickness > 1 else 1)), (colour, thickness)):
+        for c, t in (
+            (_BLACK, thickness + (2 if thickness > 1 else 1)),
+            (colour, thickness),
+        ):
             cv2.polylines(self.image, at, closed, c, t, cv2.LINE_AA, _SHIFT)
 
     def rectangle(self, box: Box, colour: Colour, thickness: int, dash: int = 0) -> None:
@@ -267,12 +304,16 @@ class _Canvas:
         for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
             self._dashed(a, b, colour, thickness, dash)
 
-    def _dashed(self, a: Point, b: Point, colour: Colour, thickness: int, dash: int) -> None:
+    def _dashed(
+        self, a: Point, b: Point, colour: Colour, thickness: int, dash: int
+    ) -> None:
         length = math.hypot(b[0] - a[0], b[1] - a[1])
         pieces = min(max(1, round(length * self.scale / (2 * dash))), 400)
         for k in range(pieces):
             start, end = k / pieces, (k + 0.5) / pieces
-            ends = [(a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t) for t in (start, end)]
+            ends = [
+                (a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t) for t in (start, end)
+            ]
             self.polyline(ends, colour, thickness)
 
     def circle(self, centre: Point, radius: float, colour: Colour, thickness: int) -> None:
@@ -289,24 +330,44 @@ class _Canvas:
             cv2.circle(self.image, (x, y), r << _SHIFT, c, cv2.FILLED, cv2.LINE_AA, _SHIFT)
 
     def label(self, corner: Point, text: str, colour: Colour, below: bool = False) -> None:
-        """Text on a ground of the track's colour, above (or below) a point, pushed into the picture."""
+        """Text on a ground of the track's colour, above (or below) a point, pushed into the
+        picture.
+        """
         (w, h), base = cv2.getTextSize(text, _FONT, self._letters, 1)
         height, width = self.image.shape[:2]
         x, y = (min(max(v, -20000.0), 20000.0) * self.scale for v in corner)
         left = min(max(0, round(x)), max(0, width - w - 4))
         top = round(y) if below else round(y) - h - base - 2
-        top = self._free(left, min(max(0, top), max(0, height - h - base - 2)), w + 4, h + base + 2)
-        cv2.rectangle(self.image, (left, top), (left + w + 3, top + h + base + 1), colour, cv2.FILLED)
+        top = self._free(
+            left, min(max(0, top), max(0, height - h - base - 2)), w + 4, h + base + 2
+        )
+        cv2.rectangle(
+            self.image, (left, top), (left + w + 3, top + h + base + 1), colour, cv2.FILLED
+        )
         light = 0.114 * colour[0] + 0.587 * colour[1] + 0.299 * colour[2] > 120
         ink = _BLACK if light else _WHITE
-        cv2.putText(self.image, text, (left + 2, top + h + 1), _FONT, self._letters, ink, 1, cv2.LINE_AA)
+        cv2.putText(
+            self.image,
+            text,
+            (left + 2, top + h + 1),
+            _FONT,
+            self._letters,
+            ink,
+            1,
+            cv2.LINE_AA,
+        )
 
     def _free(self, left: int, top: int, width: int, height: int) -> int:
-        """The nearest height above (then below) where the label hides no other; the first one if there is none."""
+        """The nearest height above (then below) where the label hides no other; the first one if
+        there is none.
+        """
         rows = range(self.image.shape[0] - height + 1)
         for move in (0, -1, -2, -3, 1, 2, 3):
             y = top + move * (height + 1)
-            taken = any(a < left + width and left < c and b < y + height and y < d for a, b, c, d in self._labels)
+            taken = any(
+                a < left + width and left < c and b < y + height and y < d
+                for a, b, c, d in self._labels
+            )
             if y in rows and not taken:
                 top = y
                 break
@@ -328,12 +389,26 @@ class _Canvas:
         self._labels.append((0, begin, width, begin + len(strip)))
         for k, text in enumerate(texts):
             shown = _fitted(text, width - 8, size)
-            cv2.putText(self.image, shown, (5, begin + step * k + h + 3), _FONT, size, _WHITE, 1, cv2.LINE_AA)
+            cv2.putText(
+                self.image,
+                shown,
+                (5, begin + step * k + h + 3),
+                _FONT,
+                size,
+                _WHITE,
+                1,
+                cv2.LINE_AA,
+            )
 
     def tint(self, membership: Labels, owners: Sequence[int] | None) -> None:
-        """Mix the owners' colours into the pixels that somebody (of some values) owns (SHELLS, Figure 3c)."""
+        """Mix the owners' colours into the pixels that somebody (of some values) owns (SHELLS,
+        Figure 3c).
+        """
         height, width = self.image.shape[:2]
-        whose = np.asarray(cv2.resize(membership, (width, height), interpolation=cv2.INTER_NEAREST), np.uint16)
+        whose = np.asarray(
+            cv2.resize(membership, (width, height), interpolation=cv2.INTER_NEAREST),
+            np.uint16,
+        )
         present = np.flatnonzero(np.bincount(membership.ravel()))
         table = np.zeros((int(present.max(initial=0)) + 1, 3), np.uint8)
         for value in present.tolist():

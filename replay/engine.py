@@ -1,7 +1,8 @@
 """The loop: one frame in, one scene out. No clock, no randomness.
 
-`Forward` runs a tracker over a scene and keeps the input's digest chain. `Engine` adds the reasoning and travels in
-time, for notebooks and debuggers; `replay.replaying` adds hindsight and writing for the command line.
+`Forward` runs a tracker over a scene and keeps the input's digest chain. `Engine` adds the
+reasoning and travels in time, for notebooks and debuggers; `replay.replaying` adds hindsight and
+writing for the command line.
 """
 
 from __future__ import annotations
@@ -27,7 +28,13 @@ from recorders.parameters import Config
 from recorders.scene import Frame, SceneLog
 from replay import digest
 from replay.checkpoint import FORMAT, Checkpoint, decode_state, encode_state
-from replay.configuration import DEFAULT_TRACKER, fingerprint, replay_config, tracker_factory, tracker_name
+from replay.configuration import (
+    DEFAULT_TRACKER,
+    fingerprint,
+    replay_config,
+    tracker_factory,
+    tracker_name,
+)
 from replay.protocol import check_targets, made
 from replay.trackers.tracker import Tracker, TrackerFactory
 
@@ -35,17 +42,21 @@ Extra = tuple[tuple[str, bytes], ...]
 NANOS = 1_000_000_000
 _MOST_KEPT = 64
 AHEAD = 4
-"""Frames that are made ready before they are tracked: what tracking takes differs from frame to frame."""
+"""Frames that are made ready before they are tracked: what tracking takes differs from frame to
+frame.
+"""
 _WORTH_A_THREAD = 16 << 10
 """Bytes that take longer to hash than to hand to another thread."""
 
 
 @contextmanager
 def continuing(after_frame: int | None) -> Iterator[None]:
-    """Whatever goes wrong after a state was restored is said to come from it: states are read from files.
+    """Whatever goes wrong after a state was restored is said to come from it: states are read
+    from files.
 
     Raises:
-        SceneTraceError: in place of any other exception, where ``after_frame`` says that a state was restored.
+        SceneTraceError: in place of any other exception, where ``after_frame`` says that a state
+            was restored.
     """
     try:
         yield
@@ -55,8 +66,8 @@ def continuing(after_frame: int | None) -> Iterator[None]:
         if after_frame is None:
             raise
         raise SceneTraceError(
-            f"cannot continue from the state after frame {after_frame} ({type(e).__name__}: {e}): "
-            "it is damaged or of another version; replay without it"
+            f"cannot continue from the state after frame {after_frame} ({type(e).__name__}:"
+            f" {e}): it is damaged or of another version; replay without it"
         ) from e
 
 
@@ -85,13 +96,19 @@ class Step:
 
 def recorded_now(frame: Frame) -> str:
     """The digest of what was recorded at the frame's very time."""
-    return digest.recorded_digest(m for m in frame.messages if m.log_time_ns == frame.time_ns)
+    return digest.recorded_digest(
+        m for m in frame.messages if m.log_time_ns == frame.time_ns
+    )
 
 
 def of_recording(scene: SceneLog, checkpoint: Checkpoint) -> bool:
     """Whether a checkpoint's last frame is the scene's frame of that time, as it was recorded."""
     frame = next(scene.frames(checkpoint.time_ns, checkpoint.frame), None)
-    return frame is not None and frame.time_ns == checkpoint.time_ns and recorded_now(frame) == checkpoint.recorded
+    return (
+        frame is not None
+        and frame.time_ns == checkpoint.time_ns
+        and recorded_now(frame) == checkpoint.recorded
+    )
 
 
 class Forward:
@@ -104,7 +121,14 @@ class Forward:
         next_index: the next frame's number.
     """
 
-    def __init__(self, scene: SceneLog, factory: TrackerFactory, config: Config, *, unfinished: bool = False) -> None:
+    def __init__(
+        self,
+        scene: SceneLog,
+        factory: TrackerFactory,
+        config: Config,
+        *,
+        unfinished: bool = False,
+    ) -> None:
         self.scene = scene
         self.tracker: Tracker = made(factory, scene.info, config)
         ready = getattr(self.tracker, "extra_payloads", tuple)
@@ -127,8 +151,9 @@ class Forward:
             taken = encode_state(self.tracker.state())
         if taken != encode_state(checkpoint.tracker_state):
             raise SceneTraceError(
-                f"the tracker restored from the state after frame {checkpoint.frame} has another state(): "
-                "the state is damaged, or restore() does not take up everything that state() gives"
+                f"the tracker restored from the state after frame {checkpoint.frame} has"
+                " another state(): the state is damaged, or restore() does not take up"
+                " everything that state() gives"
             )
         self._resumed = checkpoint.frame
         self.input_link = checkpoint.input_link
@@ -136,7 +161,9 @@ class Forward:
         self.next_index = checkpoint.frame + 1
 
     def steps(self, checkpoint_due: Callable[[int], bool] | None = None) -> Generator[Step]:
-        """Run on to the end of the scene; ``checkpoint_due`` says by log time which steps carry a state."""
+        """Run on to the end of the scene; ``checkpoint_due`` says by log time which steps carry a
+        state.
+        """
         start = None if self.previous_ns is None else self.previous_ns + 1
         with Prefetch() as prefetch:
             for frame, hashed in prefetch.ahead(self.scene.frames(start, self.next_index)):
@@ -156,14 +183,17 @@ class Forward:
         try:
             return encode_state(self.tracker.state())
         except TypeError as e:
-            raise SceneTraceError(f"the tracker's state(): {e}; it must be plain data and arrays of numbers") from e
+            raise SceneTraceError(
+                f"the tracker's state(): {e}; it must be plain data and arrays of numbers"
+            ) from e
 
 
 class Prefetch:
     """Decodes and hashes the next frame while this one is tracked.
 
-    Both are pure functions of recorded bytes, so threads change the time they take and nothing else. Decoding starts
-    only once a tracker has asked for a picture or a mask: what nobody needs is never decoded.
+    Both are pure functions of recorded bytes, so threads change the time they take and nothing
+    else. Decoding starts only once a tracker has asked for a picture or a mask: what nobody needs
+    is never decoded.
     """
 
     def __init__(self) -> None:
@@ -176,7 +206,8 @@ class Prefetch:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def ahead(self, frames: Iterator[Frame]) -> Iterator[tuple[Frame, Callable[[], str]]]:
-        """The same frames, each with what gives its `recorded_digest`, the next few being made ready meanwhile.
+        """The same frames, each with what gives its `recorded_digest`, the next few being made
+        ready meanwhile.
 
         What goes wrong in reading ahead is raised once the frames before it have been given out.
         """
@@ -221,7 +252,8 @@ class Scene:
 
 
 class Engine:
-    """A replay that steps, pauses and travels in time, without hindsight (which needs the whole recording).
+    """A replay that steps, pauses and travels in time, without hindsight (which needs the whole
+    recording).
 
     >>> # engine = Engine(SceneLog("scene.mcap"), "events")
     >>> # scene = engine.step(); engine.seek(12.5); state = engine.state()
@@ -230,8 +262,8 @@ class Engine:
         scene: the scene log; stays open as long as the engine is used.
         tracker: a tracker's name, or a factory of the caller's own.
         config: as `replay.configuration.replay_config` makes it; defaults without.
-        keep_every: a state is kept in memory every so many frames, so that `seek` backwards is quick; over a long
-            recording they are thinned out, so that no more than 64 are held.
+        keep_every: a state is kept in memory every so many frames, so that `seek` backwards is
+            quick; over a long recording they are thinned out, so that no more than 64 are held.
 
     Attributes:
         current: the scene after the last step; None before the first and right after `restore`.
@@ -280,7 +312,9 @@ class Engine:
             return None
         frame = taken.frame
         with continuing(None if self._restored is None else self._restored.frame):
-            annotation = self._reasoner.step(frame.index, frame.time_ns, taken.targets, frame.regions)
+            annotation = self._reasoner.step(
+                frame.index, frame.time_ns, taken.targets, frame.regions
+            )
         self.current = Scene(frame, taken.targets, annotation)
         if frame.index % self._keep_every == 0 and frame.index not in self._kept:
             self._keep(frame.index)
@@ -290,10 +324,14 @@ class Engine:
         self._kept[index] = encode_state(self.state())
         if len(self._kept) > _MOST_KEPT:
             self._keep_every *= 2
-            self._kept = {k: state for k, state in self._kept.items() if k % self._keep_every == 0}
+            self._kept = {
+                k: state for k, state in self._kept.items() if k % self._keep_every == 0
+            }
 
     def run(self, until_frame: int | None = None) -> Iterator[Scene]:
-        """Step on, to a frame (included) or to the end. Stop asking, or `pause`, to halt; ask again to go on."""
+        """Step on, to a frame (included) or to the end. Stop asking, or `pause`, to halt; ask
+        again to go on.
+        """
         self._paused = False
         while not self._paused and (scene := self.step()) is not None:
             yield scene
@@ -308,8 +346,8 @@ class Engine:
         """Go somewhere, forwards or backwards; the scene is the same as if reached from 0.
 
         Args:
-            where: a frame's number as an int, or a time in seconds from the recording's start as a float (numpy's
-                ints and floats as well): the last frame at or before it.
+            where: a frame's number as an int, or a time in seconds from the recording's start as
+                a float (numpy's ints and floats as well): the last frame at or before it.
 
         Raises:
             IndexError: there is no such frame.
@@ -323,18 +361,24 @@ class Engine:
             return self.current
         if frame <= here:
             before = max((k for k in self._kept if k < frame), default=None)
-            self._begin(None if before is None else _from_state(decode_state(self._kept[before])))
+            self._begin(
+                None if before is None else _from_state(decode_state(self._kept[before]))
+            )
         while (scene := self.step()) is not None:
             if scene.frame.index == frame:
                 return scene
-        raise IndexError(f"frame {frame}: the scene ends at frame {self._forward.next_index - 1}")
+        raise IndexError(
+            f"frame {frame}: the scene ends at frame {self._forward.next_index - 1}"
+        )
 
     def _frame_number(self, where: Any) -> int:
         if isinstance(where, Integral):
             return int(where)
         if isinstance(where, float | np.floating):
             return self._frame_at(float(where))
-        raise TypeError(f"{where!r}: must be a frame's number as an int, or seconds as a float")
+        raise TypeError(
+            f"{where!r}: must be a frame's number as an int, or seconds as a float"
+        )
 
     def _frame_at(self, seconds: float) -> int:
         if not math.isfinite(seconds):
@@ -378,19 +422,24 @@ class Engine:
         return "" if self._restored is None else self._restored.recorded
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue from what `state` gave, in this or in another engine of the same scene and configuration.
+        """Continue from what `state` gave, in this or in another engine of the same scene and
+        configuration.
 
         Raises:
             UsageError: it is of another tracker, configuration, version or recording.
-            SceneTraceError: it is damaged. The engine stays where it was, as it does after any of these.
+            SceneTraceError: it is damaged. The engine stays where it was, as it does after any of
+                these.
         """
         checkpoint = _from_state(decode_state(encode_state(state)))
         if checkpoint.version != FORMAT:
-            raise UsageError(f"a state of format {checkpoint.version}; this scenetrace reads {FORMAT}")
+            raise UsageError(
+                f"a state of format {checkpoint.version}; this scenetrace reads {FORMAT}"
+            )
         if (checkpoint.tracker, checkpoint.fingerprint) != (self.name, self._fingerprint):
             raise UsageError(
-                f"a state of tracker {checkpoint.tracker!r}, for an engine of {self.name!r}: tracker, configuration "
-                "and package versions must be the same"
+                f"a state of tracker {checkpoint.tracker!r}, for an engine of"
+                f" {self.name!r}: tracker, configuration and package versions must be the"
+                " same"
             )
         if not of_recording(self.scene, checkpoint):
             raise UsageError(f"a state of another recording than {self.scene.path}")

@@ -1,8 +1,10 @@
-"""What an annotated log says of its own making: the metadata record `scenetrace`, written and strictly read.
+"""What an annotated log says of its own making: the metadata record `scenetrace`, written and
+strictly read.
 
-Everything that can change a result is in it: tracker, configuration in full, package versions, OpenCV's build, Python,
-the input's digest. Each fact has a digest of its own beside it, so that an edited one is named. (Who can write the
-file can write both: what holds against that is a sealed manifest, see `replay.sealing`.)
+Everything that can change a result is in it: tracker, configuration in full, package versions,
+OpenCV's build, Python, the input's digest. Each fact has a digest of its own beside it, so that
+an edited one is named. (Who can write the file can write both: what holds against that is a
+sealed manifest, see `replay.sealing`.)
 """
 
 from __future__ import annotations
@@ -40,11 +42,18 @@ def sha256(data: bytes) -> str:
 
 def sealed(facts: Mapping[str, str]) -> dict[str, str]:
     """The facts with a digest of each beside them."""
-    return {**facts, DIGESTS: canonical({name: sha256(facts[name].encode()) for name in sorted(facts)})}
+    return {
+        **facts,
+        DIGESTS: canonical({name: sha256(facts[name].encode()) for name in sorted(facts)}),
+    }
 
 
-def extras(attachments: Iterable[Attachment], records: Iterable[tuple[str, Mapping[str, str]]]) -> dict[str, str]:
-    """What a log holds besides messages, checkpoints and its own facts: name to a SHA-256 over all of it."""
+def extras(
+    attachments: Iterable[Attachment], records: Iterable[tuple[str, Mapping[str, str]]]
+) -> dict[str, str]:
+    """What a log holds besides messages, checkpoints and its own facts: name to a SHA-256 over
+    all of it.
+    """
     parts: dict[str, list[str]] = {}
     for a in attachments:
         if not a.name.startswith(f"{PREFIX}/"):
@@ -52,8 +61,12 @@ def extras(attachments: Iterable[Attachment], records: Iterable[tuple[str, Mappi
             parts.setdefault(f"attachment {a.name}", []).append(sha256(head + a.data))
     for name, values in records:
         if name != METADATA:
-            parts.setdefault(f"metadata record {name}", []).append(sha256(canonical(values).encode()))
-    return {name: sha256("".join(digests).encode()) for name, digests in sorted(parts.items())}
+            parts.setdefault(f"metadata record {name}", []).append(
+                sha256(canonical(values).encode())
+            )
+    return {
+        name: sha256("".join(digests).encode()) for name, digests in sorted(parts.items())
+    }
 
 
 class AlteredFactsError(RecordingError):
@@ -82,13 +95,16 @@ class Facts:
         python, machine: interpreter and processor architecture, empty in logs that do not say.
         scene: the scene log's file name.
         input_digest: the input chain's link after ``input_frames`` frames.
-        output_digest: the output chain's last link; ``link_before`` is the one before ``first_frame``.
+        output_digest: the output chain's last link; ``link_before`` is the one before
+            ``first_frame``.
         frames: how many annotated frames there are.
         annotations_only: the recorded messages were left out.
         from_ns, to_ns: the span that was asked for.
         checkpoint_ns: time between checkpoints, None without.
-        checkpoints: name of each checkpoint to the SHA-256 of its bytes; None in logs that do not say.
-        extras: what `extras` gives: the recording's own attachments and metadata; None in logs that do not say.
+        checkpoints: name of each checkpoint to the SHA-256 of its bytes; None in logs that do not
+            say.
+        extras: what `extras` gives: the recording's own attachments and metadata; None in logs
+            that do not say.
     """
 
     path: Path
@@ -120,45 +136,64 @@ class Facts:
         return not self.annotations_only and self.from_ns is None and self.to_ns is None
 
     def altered(self) -> dict[str, tuple[str, str]]:
-        """The facts that are not what was written: name to the digest then and now, empty for what is not there."""
+        """The facts that are not what was written: name to the digest then and now, empty for
+        what is not there.
+        """
         if DIGESTS not in self.values:
             # Every replay writes them: without, any fact may have been altered.
             return {DIGESTS: ("a record", "")}
         then = _json(self.path, self.values, DIGESTS, dict[str, str])
-        now = {name: sha256(value.encode()) for name, value in self.values.items() if name != DIGESTS}
+        now = {
+            name: sha256(value.encode())
+            for name, value in self.values.items()
+            if name != DIGESTS
+        }
         names = sorted({*now, *then})
-        return {n: (then.get(n, ""), now.get(n, "")) for n in names if now.get(n) != then.get(n)}
+        return {
+            n: (then.get(n, ""), now.get(n, "")) for n in names if now.get(n) != then.get(n)
+        }
 
 
 def facts_of(log: LogReader) -> Facts:
     """What an annotated log says of itself.
 
     Raises:
-        AlteredFactsError: a fact is missing or not readable, or the record is not there once; names it.
+        AlteredFactsError: a fact is missing or not readable, or the record is not there once;
+            names it.
         RecordingError: it is not an annotated log, or one of another format.
     """
-    found = [values for name, values in log.metadata() if name == METADATA and values.get("kind") == KIND]
+    found = [
+        values
+        for name, values in log.metadata()
+        if name == METADATA and values.get("kind") == KIND
+    ]
     if len(found) > 1:
         raise AlteredFactsError(
-            f"{len(found)} metadata records {METADATA!r} say how it was made, there can be one: altered", log.path
+            f"{len(found)} metadata records {METADATA!r} say how it was made, there can be"
+            " one: altered",
+            log.path,
         )
     if found:
         return _parsed(log.path, found[0])
     if any(channels.split(c.topic)[1] == "digest" for c in log.channels):
         raise AlteredFactsError(
-            f"the metadata record {METADATA!r}, which every replay writes, is not there: altered, or written by "
-            "another program",
+            f"the metadata record {METADATA!r}, which every replay writes, is not there:"
+            " altered, or written by another program",
             log.path,
         )
     raise RecordingError(
-        "not an annotated log (no metadata `scenetrace` of a replay); make one with `scenetrace replay`", log.path
+        "not an annotated log (no metadata `scenetrace` of a replay); make one with"
+        " `scenetrace replay`",
+        log.path,
     )
 
 
 def _parsed(path: Path, v: dict[str, str]) -> Facts:
     if v.get("format_version") != FORMAT_VERSION:
         raise RecordingError(
-            f"annotated log of format {v.get('format_version')!r}, this scenetrace reads {FORMAT_VERSION!r}", path
+            f"annotated log of format {v.get('format_version')!r}, this scenetrace reads"
+            f" {FORMAT_VERSION!r}",
+            path,
         )
     return Facts(
         path=path,
@@ -181,7 +216,9 @@ def _parsed(path: Path, v: dict[str, str]) -> Facts:
         from_ns=_optional(path, v, "from_ns"),
         to_ns=_optional(path, v, "to_ns"),
         checkpoint_ns=_optional(path, v, "checkpoint_ns"),
-        checkpoints=_json(path, v, "checkpoints", dict[str, str]) if "checkpoints" in v else None,
+        checkpoints=(
+            _json(path, v, "checkpoints", dict[str, str]) if "checkpoints" in v else None
+        ),
         extras=_json(path, v, "extras", dict[str, str]) if "extras" in v else None,
     )
 
@@ -189,7 +226,9 @@ def _parsed(path: Path, v: dict[str, str]) -> Facts:
 def _text(path: Path, values: Mapping[str, str], name: str) -> str:
     if name not in values:
         raise AlteredFactsError(
-            f"the metadata record lacks {name!r}: written by another program, or altered", path, name
+            f"the metadata record lacks {name!r}: written by another program, or altered",
+            path,
+            name,
         )
     return values[name]
 
@@ -197,8 +236,14 @@ def _text(path: Path, values: Mapping[str, str], name: str) -> str:
 def _number(path: Path, values: Mapping[str, str], name: str) -> int:
     text = _text(path, values, name)
     # int() takes more than what we write, and texts of any length.
-    if len(text) > 20 or not text.removeprefix("-").isascii() or not text.removeprefix("-").isdigit():
-        raise AlteredFactsError(f"the metadata's {name} is {text[:40]!r}, not a number: altered", path, name)
+    if (
+        len(text) > 20
+        or not text.removeprefix("-").isascii()
+        or not text.removeprefix("-").isdigit()
+    ):
+        raise AlteredFactsError(
+            f"the metadata's {name} is {text[:40]!r}, not a number: altered", path, name
+        )
     return int(text)
 
 
@@ -210,7 +255,9 @@ def _json(path: Path, values: Mapping[str, str], name: str, kind: type[T]) -> T:
     try:
         return msgspec.json.decode(_text(path, values, name).encode(), type=kind)
     except (msgspec.MsgspecError, RecursionError, ValueError) as e:
-        raise AlteredFactsError(f"the metadata's {name} cannot be read: {e}: altered", path, name) from e
+        raise AlteredFactsError(
+            f"the metadata's {name} cannot be read: {e}: altered", path, name
+        ) from e
 
 
 def build_facts(text: str) -> dict[str, str]:

@@ -1,9 +1,10 @@
 """The membership channel: whose pixel is whose, a one-channel PNG per frame (SHELLS, Figure 3).
 
-A pixel holds 0 for nobody, else the track's identity: 8 bits where all identities of the frame fit, else 16 bits;
-beyond 65535 identities wrap around to 1. A pixel's value is always an id of the same frame's ``tracks`` message: before
-hindsight a frame is held as `Patches`, and painted once the tracks have their final identities. `renamed` does the
-same for a tracker that gives payloads alone.
+A pixel holds 0 for nobody, else the track's identity: 8 bits where all identities of the frame
+fit, else 16 bits; beyond 65535 identities wrap around to 1. A pixel's value is always an id of
+the same frame's ``tracks`` message: before hindsight a frame is held as `Patches`, and painted
+once the tracks have their final identities. `renamed` does the same for a tracker that gives
+payloads alone.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ _MOST = 65535
 _SMALL = 256
 PATCHES = "membership_patches"
 """Name of `Patches.packed` among what a tracker gives before hindsight; no channel of a log."""
-# Label images are long runs: no filter and run lengths alone take a fifth of the time and no more bytes.
+# Label images are long runs: no filter and run lengths alone take a fifth of the time and no more
+# bytes.
 _OPTIONS = [
     cv2.IMWRITE_PNG_COMPRESSION, 1,
     cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE,
@@ -38,7 +40,9 @@ _OPTIONS = [
 
 
 def value_of(identity: int) -> int:
-    """A track's value in a label image; identities count from 1, 0 becomes `_MOST` like every multiple of it."""
+    """A track's value in a label image; identities count from 1, 0 becomes `_MOST` like every
+    multiple of it.
+    """
     return (identity - 1) % _MOST + 1
 
 
@@ -47,10 +51,16 @@ class LabelImage:
 
     def __init__(self, width: int, height: int, largest: int) -> None:
         shape = (height, width)
-        self.pixels: AnyLabels = np.zeros(shape, np.uint8) if largest < _SMALL else np.zeros(shape, np.uint16)
+        self.pixels: AnyLabels = (
+            np.zeros(shape, np.uint8) if largest < _SMALL else np.zeros(shape, np.uint16)
+        )
 
-    def put(self, identity: int | None, own: NDArray[np.bool_], left: int, top: int) -> None:
-        """Give a track, or nobody, the pixels of a mask (h, w) placed at (left, top); it may reach outside."""
+    def put(
+        self, identity: int | None, own: NDArray[np.bool_], left: int, top: int
+    ) -> None:
+        """Give a track, or nobody, the pixels of a mask (h, w) placed at (left, top); it may
+        reach outside.
+        """
         height, width = self.pixels.shape
         a, b = max(0, left), max(0, top)
         c, d = min(width, left + own.shape[1]), min(height, top + own.shape[0])
@@ -75,7 +85,8 @@ class Patch(Struct, frozen=True, array_like=True):
 
 
 class Patches(Struct, frozen=True, array_like=True):
-    """A frame's label image before it is painted: a thousandth of its pixels' size, and quick to make and to rename.
+    """A frame's label image before it is painted: a thousandth of its pixels' size, and quick to
+    make and to rename.
 
     Where patches overlap, later ones cover earlier ones.
     """
@@ -88,7 +99,9 @@ class Patches(Struct, frozen=True, array_like=True):
     @staticmethod
     def patch(identity: int, own: NDArray[np.bool_], left: int, top: int) -> Patch:
         """A track's patch from its mask (h, w)."""
-        return Patch(identity, left, top, own.shape[1], own.shape[0], np.packbits(own).tobytes())
+        return Patch(
+            identity, left, top, own.shape[1], own.shape[0], np.packbits(own).tobytes()
+        )
 
     def packed(self) -> bytes:
         """As bytes, for `unpacked`."""
@@ -99,11 +112,14 @@ class Patches(Struct, frozen=True, array_like=True):
         """From `packed`."""
         return _UNPACKER.decode(data)
 
-    def payload(self, names: Mapping[int, int] | None = None, present: Collection[int] = ()) -> bytes:
+    def payload(
+        self, names: Mapping[int, int] | None = None, present: Collection[int] = ()
+    ) -> bytes:
         """The channel's payload, painted.
 
         Args:
-            names: forward to final identities; what is not named belongs to nobody any more. None: as they are.
+            names: forward to final identities; what is not named belongs to nobody any more.
+                None: as they are.
             present: all forward identities of the frame.
         """
         largest = max((p.identity for p in self.patches), default=0)
@@ -113,7 +129,9 @@ class Patches(Struct, frozen=True, array_like=True):
             largest = max([largest, *final.values()])
         image = LabelImage(self.width, self.height, largest)
         for p in self.patches:
-            own = np.unpackbits(np.frombuffer(p.bits, np.uint8), count=p.width * p.height).reshape(p.height, p.width)
+            own = np.unpackbits(
+                np.frombuffer(p.bits, np.uint8), count=p.width * p.height
+            ).reshape(p.height, p.width)
             identity = p.identity if final is None else final.get(p.identity)
             image.put(identity, own.view(np.bool_), p.left, p.top)
         return image.payload(self.time_ns)
@@ -129,7 +147,9 @@ def _encoded(labels: AnyLabels) -> bytes:
     return bytes(data)
 
 
-def decode_labels(data: bytes, path: str | Path = "", limits: Limits = DEFAULT_LIMITS) -> Labels:
+def decode_labels(
+    data: bytes, path: str | Path = "", limits: Limits = DEFAULT_LIMITS
+) -> Labels:
     """A label image (H, W) uint16 from its PNG; raises what `_decoded` does."""
     return np.asarray(_decoded(data, path, limits), np.uint16)
 
@@ -144,11 +164,15 @@ def _decoded(data: bytes, path: str | Path, limits: Limits) -> AnyLabels:
     header = read_header(data, path)
     check_size(header.width, header.height, path, limits)
     if header.format != "png" or header.channels != 1 or not is_whole(data, "png"):
-        raise RecordingError("a label image that is not a whole one-channel PNG", path, record="membership")
+        raise RecordingError(
+            "a label image that is not a whole one-channel PNG", path, record="membership"
+        )
     try:
         found: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as e:
-        raise RecordingError(f"a damaged label image: {e.err}", path, record="membership") from e
+        raise RecordingError(
+            f"a damaged label image: {e.err}", path, record="membership"
+        ) from e
     if found is None or found.ndim != 2 or found.shape != (header.height, header.width):
         raise RecordingError("a damaged label image", path, record="membership")
     labels: AnyLabels = found

@@ -1,8 +1,8 @@
 """A whole replay: forward pass, hindsight, reasoning, and the annotated log.
 
-Two readings of the recording where hindsight is on: the first runs the tracker and puts its answers into a temporary
-spool, the second rewrites them with what came later, reasons over them and writes. Memory stays flat: the spool is a
-file. Without hindsight one reading does both.
+Two readings of the recording where hindsight is on: the first runs the tracker and puts its
+answers into a temporary spool, the second rewrites them with what came later, reasons over them
+and writes. Memory stays flat: the spool is a file. Without hindsight one reading does both.
 """
 
 from __future__ import annotations
@@ -33,8 +33,22 @@ from recorders.scene import Frame, SceneLog
 from replay import checkpoint, digest, hindsight
 from replay.annotate import payloads
 from replay.checkpoint import Checkpoint
-from replay.configuration import DEFAULT_TRACKER, fingerprint, replay_config, tracker_factory, uses_hindsight
-from replay.engine import AHEAD, Extra, Forward, Step, continuing, of_recording, recorded_now
+from replay.configuration import (
+    DEFAULT_TRACKER,
+    fingerprint,
+    replay_config,
+    tracker_factory,
+    uses_hindsight,
+)
+from replay.engine import (
+    AHEAD,
+    Extra,
+    Forward,
+    Step,
+    continuing,
+    of_recording,
+    recorded_now,
+)
 from replay.facts import facts_of, sha256
 from replay.membership import PATCHES, Patches, renamed
 from replay.trackers.tracker import TrackerFactory
@@ -54,7 +68,8 @@ class ReplayOptions:
         to_ns: end of what is written, excluded.
         annotations_only: leave the recorded messages out.
         checkpoint_ns: put a checkpoint into the log every so much recording time.
-        checkpoints: an annotated log with checkpoints of this recording and configuration to start from.
+        checkpoints: an annotated log with checkpoints of this recording and configuration to
+            start from.
         force: overwrite an existing output.
         camera: which camera, where there are several.
         factory: a tracker of the caller's own, in place of the catalogue's.
@@ -104,7 +119,7 @@ class Spool:
     """The forward pass's answers in a temporary file, read as often as hindsight wants."""
 
     def __init__(self) -> None:
-        self._file: IO[bytes] = tempfile.TemporaryFile(prefix="scenetrace-")  # noqa: SIM115 - closed by close()
+        self._file: IO[bytes] = tempfile.TemporaryFile(prefix="scenetrace-")  # noqa: SIM115
         self._encoder = msgspec.msgpack.Encoder()
         self._decoder = msgspec.msgpack.Decoder(SpoolEntry)
         self._targets = msgspec.msgpack.Decoder(_TargetsAlone)
@@ -127,13 +142,18 @@ class Spool:
             yield self._decoder.decode(data)
 
     def _records(self) -> Iterator[bytes]:
-        # Each reading has its own place and buffer, so the file's one position is moved once a block, not once a frame.
+        # Each reading has its own place and buffer, so the file's one position is moved once a
+        # block, not once a frame.
         self._file.flush()
         place, end = 0, self._file.seek(0, os.SEEK_END)
         buffer = b""
         start = 0
         while start < len(buffer) or place < end:
-            size = int.from_bytes(buffer[start : start + 8], "little") if len(buffer) - start >= 8 else None
+            size = (
+                int.from_bytes(buffer[start : start + 8], "little")
+                if len(buffer) - start >= 8
+                else None
+            )
             if size is None or len(buffer) - start - 8 < size:
                 self._file.seek(place)
                 block = self._file.read(max(_BLOCK, size or 0))
@@ -148,8 +168,11 @@ class Spool:
         return (self._targets.decode(data).targets for data in self._records())
 
 
-def recorded_targets(path: Path, camera: str, start: Checkpoint, limits: Limits) -> Iterator[tuple[int, Targets]]:
-    """The forward pass's answers up to a checkpoint with their log times, as an annotated log holds them.
+def recorded_targets(
+    path: Path, camera: str, start: Checkpoint, limits: Limits
+) -> Iterator[tuple[int, Targets]]:
+    """The forward pass's answers up to a checkpoint with their log times, as an annotated log
+    holds them.
 
     Raises:
         UsageError: the log does not hold them all (it was written with ``--from``).
@@ -163,41 +186,56 @@ def recorded_targets(path: Path, camera: str, start: Checkpoint, limits: Limits)
             if len(by_topic) < len(topics):
                 break
             targets, made = (by_topic[topic].data for topic in topics)
-            found: Targets = channels.decode("targets", targets, path=str(path), limits=limits)
+            found: Targets = channels.decode(
+                "targets", targets, path=str(path), limits=limits
+            )
             if found.frame != expected or expected > start.frame:
                 break
             said: Digest = channels.decode("digest", made, path=str(path), limits=limits)
             link = digest.link(link, said.frame, time_ns, said.recorded, said.channels)
-            if link != said.link or digest.channel_digests([("targets", targets)])["targets"] != said.channels.get(
+            if link != said.link or digest.channel_digests([("targets", targets)])[
                 "targets"
-            ):
+            ] != said.channels.get("targets"):
                 raise RecordingError(
-                    f"frame {expected} is not what the replay wrote: altered; replay without --checkpoints", path
+                    f"frame {expected} is not what the replay wrote: altered; replay"
+                    " without --checkpoints",
+                    path,
                 )
             expected += 1
             yield time_ns, found
     if expected <= start.frame:
-        raise UsageError(f"{path}: holds the forward pass up to frame {expected} only; replay without --checkpoints")
+        raise UsageError(
+            f"{path}: holds the forward pass up to frame {expected} only; replay without"
+            " --checkpoints"
+        )
     if link != start.link:
-        raise RecordingError(f"its frames do not lead to {checkpoint.name(start.frame)}: altered", path)
+        raise RecordingError(
+            f"its frames do not lead to {checkpoint.name(start.frame)}: altered", path
+        )
 
 
 def _under_final_ids(kept: SpoolEntry, names: Mapping[int, int]) -> Extra:
-    """What a tracker wrote besides its targets, under the identities that they have after hindsight."""
+    """What a tracker wrote besides its targets, under the identities that they have after
+    hindsight.
+    """
     ids = [t.id for t in kept.targets.targets]
     finished: list[tuple[str, bytes]] = []
     for name, data in kept.extra:
         if name == PATCHES:
             finished.append(("membership", Patches.unpacked(data).payload(names, ids)))
         else:
-            finished.append((name, renamed(data, names, ids) if name == "membership" else data))
+            finished.append(
+                (name, renamed(data, names, ids) if name == "membership" else data)
+            )
     return tuple(finished)
 
 
 def _painted(
     pool: ThreadPoolExecutor, entries: Iterator[SpoolEntry], names: Mapping[int, int]
 ) -> Iterator[tuple[SpoolEntry, Callable[[], Extra]]]:
-    """The entries in order, each with what gives `_under_final_ids`: label images are painted a few frames ahead."""
+    """The entries in order, each with what gives `_under_final_ids`: label images are painted a
+    few frames ahead.
+    """
     waiting: deque[tuple[SpoolEntry, Callable[[], Extra]]] = deque()
     for kept in entries:
         made = pool.submit(_under_final_ids, kept, names).result if kept.extra else tuple
@@ -217,7 +255,9 @@ class Run:
         sightings: in how many frames each track was observed, written or not.
     """
 
-    def __init__(self, scene: SceneLog, options: ReplayOptions, progress: Progress | None = None) -> None:
+    def __init__(
+        self, scene: SceneLog, options: ReplayOptions, progress: Progress | None = None
+    ) -> None:
         self.scene = scene
         self.options = options
         self.input_link = digest.START
@@ -235,20 +275,25 @@ class Run:
 
     @property
     def may_stop(self) -> bool:
-        """Whether frames that nobody wants need not be computed: nothing later can change an earlier frame."""
+        """Whether frames that nobody wants need not be computed: nothing later can change an
+        earlier frame.
+        """
         return not self._hindsight
 
-    # -- the forward pass ------------------------------------------------------------------------------------------
+    # -- the forward pass
+    # ------------------------------------------------------------------------------------------
 
     def _forward(self, start: Checkpoint | None) -> Iterator[Step]:
-        forward = Forward(self.scene, self._factory, self.options.config, unfinished=self._hindsight)
+        forward = Forward(
+            self.scene, self._factory, self.options.config, unfinished=self._hindsight
+        )
         if start is not None:
             forward.resume(start)
         yield from forward.steps(self._checkpoint_due)
 
     def _checkpoint_due(self, now: int) -> bool:
-        """The first frame of every period, reckoned from the recording's start, so that the same frames have
-        checkpoints wherever the replay was started.
+        """The first frame of every period, reckoned from the recording's start, so that the same
+        frames have checkpoints wherever the replay was started.
         """
         period = self.options.checkpoint_ns
         if period is None:
@@ -268,12 +313,18 @@ class Run:
                 spool.append(SpoolEntry(before))
         for step in self._forward(start):
             times.append(step.frame.time_ns)
-            spool.append(SpoolEntry(step.targets, step.extra, step.recorded, step.input_link, step.state))
+            spool.append(
+                SpoolEntry(
+                    step.targets, step.extra, step.recorded, step.input_link, step.state
+                )
+            )
             self._progress("tracking", step.frame.index)
         first = 0 if start is None else start.frame + 1
         start_ns = None if start is None else start.time_ns + 1
         names: dict[int, int] = {}
-        rewritten = hindsight.rewrite(spool.targets, self.scene.info, times, self.options.config, names)
+        rewritten = hindsight.rewrite(
+            spool.targets, self.scene.info, times, self.options.config, names
+        )
         frames = self.scene.frames(start_ns, first, again=True)
         seen = islice(rewritten, first, None)
         with ThreadPoolExecutor(max_workers=1, thread_name_prefix="paint") as pool:
@@ -281,14 +332,27 @@ class Run:
             for targets, frame, (kept, extra) in zip(
                 seen, frames, _painted(pool, spool.entries(first), names), strict=True
             ):
-                yield Step(frame, targets, extra(), kept.recorded, kept.input_link, kept.targets, kept.state)
+                yield Step(
+                    frame,
+                    targets,
+                    extra(),
+                    kept.recorded,
+                    kept.input_link,
+                    kept.targets,
+                    kept.state,
+                )
 
-    # -- reasoning and writing -------------------------------------------------------------------------------------
+    # -- reasoning and writing
+    # -------------------------------------------------------------------------------------
 
     def frames(
-        self, start: Checkpoint | None = None, keep: Callable[[Checkpoint], None] | None = None
+        self,
+        start: Checkpoint | None = None,
+        keep: Callable[[Checkpoint], None] | None = None,
     ) -> Iterator[Annotated]:
-        """The annotated frames from the start, or from after a checkpoint; ``keep`` gets the new checkpoints."""
+        """The annotated frames from the start, or from after a checkpoint; ``keep`` gets the new
+        checkpoints.
+        """
         info = self.scene.info
         reasoner = Reasoner(self.options.config, info.width, info.height)
         if start is not None:
@@ -299,7 +363,9 @@ class Run:
             self._checkpoint_due(start.time_ns)
         with ExitStack() as stack:
             spool = stack.enter_context(Spool()) if self._hindsight else None
-            steps = self._forward(start) if spool is None else self._two_readings(start, spool)
+            steps = (
+                self._forward(start) if spool is None else self._two_readings(start, spool)
+            )
             for step in steps:
                 annotated = self._annotate(step, reasoner)
                 self.computed += 1
@@ -323,7 +389,9 @@ class Run:
                 self.sightings[track.id] = self.sightings.get(track.id, 0) + 1
         return Annotated(frame, content, made, ids, len(scene.events))
 
-    def _checkpoint(self, step: Step, tracker_state: bytes, reasoner: Reasoner) -> Checkpoint:
+    def _checkpoint(
+        self, step: Step, tracker_state: bytes, reasoner: Reasoner
+    ) -> Checkpoint:
         return Checkpoint(
             checkpoint.FORMAT,
             step.frame.index,
@@ -338,7 +406,8 @@ class Run:
         )
 
     def nearest_checkpoint(self) -> Checkpoint | None:
-        """The last checkpoint before ``from_ns`` that this recording and configuration can continue.
+        """The last checkpoint before ``from_ns`` that this recording and configuration can
+        continue.
 
         Raises:
             UsageError: the checkpoints are of another recording, configuration, tracker or version.
@@ -352,16 +421,19 @@ class Run:
             return None
         if best.tracker != options.tracker:
             raise UsageError(
-                f"{options.checkpoints}: its checkpoints were made with another tracker ({best.tracker}, not "
-                f"{options.tracker}); replay without --checkpoints"
+                f"{options.checkpoints}: its checkpoints were made with another tracker"
+                f" ({best.tracker}, not {options.tracker}); replay without --checkpoints"
             )
         if best.fingerprint != self._fingerprint:
             raise UsageError(
-                f"{options.checkpoints}: its checkpoints were made with another configuration or package "
-                "version; replay without --checkpoints"
+                f"{options.checkpoints}: its checkpoints were made with another"
+                " configuration or package version; replay without --checkpoints"
             )
         if not of_recording(self.scene, best):
-            raise UsageError(f"{options.checkpoints}: its checkpoints are of another recording than {self.scene.path}")
+            raise UsageError(
+                f"{options.checkpoints}: its checkpoints are of another recording than"
+                f" {self.scene.path}"
+            )
         return best
 
 
@@ -383,10 +455,15 @@ def _last_checkpoint(log: LogReader, before_ns: int) -> Checkpoint | None:
     for found in log.attachments([name]):
         if known is not None and known.get(name) != sha256(found.data):
             raise RecordingError(
-                f"{name} is not what the replay wrote: altered; replay without --checkpoints", log.path, record=name
+                f"{name} is not what the replay wrote: altered; replay without"
+                " --checkpoints",
+                log.path,
+                record=name,
             )
         made = checkpoint.decode(found.data, str(log.path))
         if (made.time_ns, checkpoint.name(made.frame)) != (found.log_time_ns, name):
-            raise RecordingError(f"{name} holds the state after frame {made.frame}", log.path, record=name)
+            raise RecordingError(
+                f"{name} holds the state after frame {made.frame}", log.path, record=name
+            )
         return made
     return None

@@ -25,7 +25,9 @@ def difference_in(name: str, then: bytes | None, now: bytes | None) -> tuple[str
         if name in channels.JSON_CHANNELS:
             found = first_unequal(*(msgspec.json.decode(data) for data in (then, now)))
         elif name in _SMALL:
-            found = first_unequal(*(MessageToDict(channels.decode(name, data)) for data in (then, now)))
+            found = first_unequal(
+                *(MessageToDict(channels.decode(name, data)) for data in (then, now))
+            )
     except (msgspec.MsgspecError, RecursionError, SceneTraceError):
         pass
     return found or _unequal_bytes(then, now)
@@ -33,20 +35,27 @@ def difference_in(name: str, then: bytes | None, now: bytes | None) -> tuple[str
 
 def _unequal_bytes(then: bytes, now: bytes) -> tuple[str, str, str]:
     """Where the bytes of two payloads part that nothing else tells apart."""
-    at = next((k for k, (a, b) in enumerate(zip(then, now, strict=False)) if a != b), min(len(then), len(now)))
+    at = next(
+        (k for k, (a, b) in enumerate(zip(then, now, strict=False)) if a != b),
+        min(len(then), len(now)),
+    )
     old, new = (data[at : at + 16].hex() or "the end" for data in (then, now))
     return f"byte {at} of the message", old, new
 
 
 def first_unequal(a: Any, b: Any, place: str = "") -> tuple[str, str, str] | None:
-    """Where two plain values differ first, in the order of their fields; rows with an id are named by it."""
+    """Where two plain values differ first, in the order of their fields; rows with an id are
+    named by it.
+    """
     return next(_unequal(a, b, place), None)
 
 
 def _unequal(a: Any, b: Any, place: str) -> Iterator[tuple[str, str, str]]:
     if isinstance(a, dict) and isinstance(b, dict):
         for key in [*a, *(k for k in b if k not in a)]:
-            yield from _unequal(a.get(key), b.get(key), f"{place}.{key}" if place else str(key))
+            yield from _unequal(
+                a.get(key), b.get(key), f"{place}.{key}" if place else str(key)
+            )
     elif isinstance(a, list) and isinstance(b, list):
         for k, (x, y) in enumerate(zip_longest(a, b)):
             yield from _unequal(x, y, f"{place}[{_row_name(x, y, k)}]")
@@ -67,15 +76,26 @@ def _row_name(x: Any, y: Any, k: int) -> str:
 
 
 def both(a: Any, b: Any) -> tuple[str, str]:
-    """Two unequal values for a line: numbers with as many digits as it takes to tell them apart, at least six."""
+    """Two unequal values for a line: numbers with as many digits as it takes to tell them apart,
+    at least six.
+    """
     if isinstance(a, float) and isinstance(b, float):
         for digits in range(6, 18):
             x, y = f"{a:.{digits}g}", f"{b:.{digits}g}"
             if x != y:
                 return x, y
-    if isinstance(a, list | tuple) and isinstance(b, list | tuple) and len(a) == len(b) and len(a) <= 8:
-        pairs = [both(x, y) if x != y else (short(x),) * 2 for x, y in zip(a, b, strict=True)]
-        return short_text(f"({', '.join(p[0] for p in pairs)})"), short_text(f"({', '.join(p[1] for p in pairs)})")
+    if (
+        isinstance(a, list | tuple)
+        and isinstance(b, list | tuple)
+        and len(a) == len(b)
+        and len(a) <= 8
+    ):
+        pairs = [
+            both(x, y) if x != y else (short(x),) * 2 for x, y in zip(a, b, strict=True)
+        ]
+        return short_text(f"({', '.join(p[0] for p in pairs)})"), short_text(
+            f"({', '.join(p[1] for p in pairs)})"
+        )
     return short(a), short(b)
 
 

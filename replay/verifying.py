@@ -1,8 +1,10 @@
-"""Verify: replay again from what an annotated log says of itself, and name the first difference and its reason.
+"""Verify: replay again from what an annotated log says of itself, and name the first difference
+and its reason.
 
-First the log is held against its own digests (`replay.chain`), then the recording against the digests that the log
-has of it, then a new replay against the log, frame by frame. So a difference is told apart by its cause: the log was
-altered, the recording was, the configuration or a package is another one, or the replay itself went another way.
+First the log is held against its own digests (`replay.chain`), then the recording against the
+digests that the log has of it, then a new replay against the log, frame by frame. So a difference
+is told apart by its cause: the log was altered, the recording was, the configuration or a package
+is another one, or the replay itself went another way.
 """
 
 from __future__ import annotations
@@ -20,7 +22,16 @@ from recorders.messages import Digest
 from recorders.scene import SceneLog
 from recorders.vision import opencv_threads
 from replay import checkpoint, digest
-from replay.chain import RECORDED, WHOLE, Difference, FrameRecord, Verification, cut, recorded_frames, verify_chain
+from replay.chain import (
+    RECORDED,
+    WHOLE,
+    Difference,
+    FrameRecord,
+    Verification,
+    cut,
+    recorded_frames,
+    verify_chain,
+)
 from replay.checkpoint import Checkpoint
 from replay.configuration import package_versions, recorded_config
 from replay.facts import AlteredFactsError, Facts, build_facts, facts_of
@@ -29,7 +40,15 @@ from replay.trackers.catalogue import TRACKER_SECTIONS, TRACKERS
 from replay.trackers.tracker import TrackerFactory
 from replay.unequal import difference_in, first_unequal, short
 
-__all__ = ["Difference", "FrameRecord", "Verification", "facts_of", "recorded_frames", "verify", "verify_chain"]
+__all__ = [
+    "Difference",
+    "FrameRecord",
+    "Verification",
+    "facts_of",
+    "recorded_frames",
+    "verify",
+    "verify_chain",
+]
 
 
 def verify(
@@ -44,8 +63,8 @@ def verify(
 
     Args:
         path: the annotated log.
-        scene: the scene log, where the annotated log does not hold the recording whole; a file of the recorded name
-            beside the annotated log is found by itself.
+        scene: the scene log, where the annotated log does not hold the recording whole; a file of
+            the recorded name beside the annotated log is found by itself.
         factory: the tracker, where it is not one of the catalogue's.
         limits: bounds for reading.
         progress: called with the stage's name and the frame's number.
@@ -62,8 +81,9 @@ def verify(
             return chain  # which says so; nothing else is known to replay it by
         if factory is None and facts.tracker not in TRACKERS:
             raise UsageError(
-                f"{path}: was made with the tracker {facts.tracker!r}, which is not one of scenetrace's "
-                f"({', '.join(TRACKERS)}); give it to `replay.verifying.verify(path, factory=...)`"
+                f"{path}: was made with the tracker {facts.tracker!r}, which is not one of"
+                f" scenetrace's ({', '.join(TRACKERS)}); give it to"
+                " `replay.verifying.verify(path, factory=...)`"
             )
         config, changes = recorded_config(factory or facts.tracker, facts.configuration)
         changes = [*_tracker_of_another(facts), *changes]
@@ -76,29 +96,50 @@ def verify(
             limits=limits,
         )
         try:
-            with opencv_threads(1), SceneLog(_scene_of(Path(path), facts, scene), facts.camera, limits) as source:
+            with (
+                opencv_threads(1),
+                SceneLog(
+                    _scene_of(Path(path), facts, scene), facts.camera, limits
+                ) as source,
+            ):
                 changed = _changed_input(source, log, facts)
-                comparing = _Comparing(Run(source, options, progress), log, facts, links=changed is None)
-                effect, stopped = _compared(comparing, certain=changed is None and chain.identical)
+                comparing = _Comparing(
+                    Run(source, options, progress), log, facts, links=changed is None
+                )
+                effect, stopped = _compared(
+                    comparing, certain=changed is None and chain.identical
+                )
                 frames = comparing.frames
         except SceneTraceError as e:
-            # An altered recording need not be one that can be replayed; what was altered is known already.
+            # An altered recording need not be one that can be replayed; what was altered is known
+            # already.
             if chain.identical or scene is not None:
                 raise
-            return replace(chain, reasons=[*chain.reasons, f"it cannot be replayed any more: {_reason(e)}"])
+            return replace(
+                chain,
+                reasons=[*chain.reasons, f"it cannot be replayed any more: {_reason(e)}"],
+            )
     reasons = [*chain.reasons, *changes, *_changed_packages(facts), *stopped]
-    if changed is not None and not any("recorded messages" in reason for reason in chain.reasons):
+    if changed is not None and not any(
+        "recorded messages" in reason for reason in chain.reasons
+    ):
         reasons.insert(0, f"the recording is not the one that was replayed: {changed}")
     return _verdict(chain, changed, effect, frames, reasons, facts.first_frame)
 
 
 def _tracker_of_another(facts: Facts) -> list[str]:
     """That the configuration is another tracker's than the log says."""
-    if facts.tracker not in TRACKER_SECTIONS.get(facts.tracker, ()) or facts.tracker in facts.configuration:
+    if (
+        facts.tracker not in TRACKER_SECTIONS.get(facts.tracker, ())
+        or facts.tracker in facts.configuration
+    ):
         return []
     owners = [name for name in TRACKERS if name in facts.configuration]
     others = f", it has those of {' and '.join(owners)}" if owners else ""
-    return [f"the tracker is said to be {facts.tracker}, the configuration has none of its parameters{others}: altered"]
+    return [
+        f"the tracker is said to be {facts.tracker}, the configuration has none of its"
+        f" parameters{others}: altered"
+    ]
 
 
 def _compared(comparing: _Comparing, certain: bool) -> tuple[Difference | None, list[str]]:
@@ -128,29 +169,40 @@ def _verdict(
     first_frame: int,
 ) -> Verification:
     difference = changed or effect or chain.difference
-    if changed is not None and chain.difference is not None and WHOLE < chain.difference.frame < changed.frame:
-        # Where frames are missing, the chain knows which; the recording only goes on differently after them.
+    if (
+        changed is not None
+        and chain.difference is not None
+        and WHOLE < chain.difference.frame < changed.frame
+    ):
+        # Where frames are missing, the chain knows which; the recording only goes on differently
+        # after them.
         difference = chain.difference
     if changed is None and effect is not None and chain.difference is not None:
-        # The chain's difference has digests for values; the replay's has the values themselves. What belongs to no
-        # frame (an altered configuration) is the cause of what differs in frames.
+        # The chain's difference has digests for values; the replay's has the values themselves.
+        # What belongs to no frame (an altered configuration) is the cause of what differs in
+        # frames.
         difference = chain.difference if chain.difference.frame < effect.frame else effect
     if difference is not None and not reasons:
         reasons = [
-            "none is known: recording, configuration and packages are as they were; the code changed without its "
-            "version, or the tracker is not deterministic"
+            "none is known: recording, configuration and packages are as they were; the"
+            " code changed without its version, or the tracker is not deterministic"
         ]
     shown = effect if effect is not difference else None
     if difference is not None and difference.frame != WHOLE:
         # Frames may be equal behind a difference that has no effect on them.
         frames = max(0, difference.frame - max(0, first_frame))
-    return Verification(difference is None, frames, difference, reasons, chain.output_digest, shown)
+    return Verification(
+        difference is None, frames, difference, reasons, chain.output_digest, shown
+    )
 
 
 def _changed_packages(facts: Facts) -> list[str]:
     now = package_versions()
     then = facts.packages
-    pairs = [(name, then.get(name, "absent"), now.get(name, "absent")) for name in sorted({*then, *now})]
+    pairs = [
+        (name, then.get(name, "absent"), now.get(name, "absent"))
+        for name in sorted({*then, *now})
+    ]
     build, today = facts.opencv_build, build_facts(opencv_build())
     pairs += [
         (f"OpenCV's build: {name}", build.get(name, "absent"), today.get(name, "absent"))
@@ -173,7 +225,8 @@ def _scene_of(path: Path, facts: Facts, given: str | Path | None) -> Path:
     if beside.exists():
         return beside
     raise UsageError(
-        f"{path}: does not hold the whole recording, and {beside} is not there; say where it is with --scene SCENE.mcap"
+        f"{path}: does not hold the whole recording, and {beside} is not there; say where"
+        " it is with --scene SCENE.mcap"
     )
 
 
@@ -192,20 +245,35 @@ def _changed_input(scene: SceneLog, log: LogReader, facts: Facts) -> Difference 
         try:
             frame = next(frames, None)
         except RecordingError as e:
-            # Bytes that are not what their own file says are damage; content that makes no sense was put there.
+            # Bytes that are not what their own file says are damage; content that makes no sense
+            # was put there.
             if e.offset is not None or isinstance(e, LimitError):
                 raise
-            return Difference(count, RECORDED, "", "a frame", f"none that can be read: {e.reason}")
+            return Difference(
+                count, RECORDED, "", "a frame", f"none that can be read: {e.reason}"
+            )
         if frame is None:
             break
         now = digest.recorded_digest(frame.messages)
         link = digest.chained(link, now)
         count += 1
-        while expected is not None and (not expected.digests or expected.digest.frame < frame.index):
+        while expected is not None and (
+            not expected.digests or expected.digest.frame < frame.index
+        ):
             expected = next(records, None)
-        if expected is not None and expected.digest.frame == frame.index and expected.digest.recorded != now:
-            return Difference(frame.index, RECORDED, "digest", *cut(expected.digest.recorded, now))
-        if count == facts.input_frames and facts.to_ns is not None and link == facts.input_digest:
+        if (
+            expected is not None
+            and expected.digest.frame == frame.index
+            and expected.digest.recorded != now
+        ):
+            return Difference(
+                frame.index, RECORDED, "digest", *cut(expected.digest.recorded, now)
+            )
+        if (
+            count == facts.input_frames
+            and facts.to_ns is not None
+            and link == facts.input_digest
+        ):
             return None
     if scene.trailing:
         link = digest.chained(link, digest.recorded_digest(scene.trailing))
@@ -284,14 +352,18 @@ class _States:
             try:
                 then = checkpoint.decode(attachment.data, str(self._log.path))
             except RecordingError as e:
-                self.difference = Difference(made.frame, name, "", f"a state ({e.reason})", "another")
+                self.difference = Difference(
+                    made.frame, name, "", f"a state ({e.reason})", "another"
+                )
                 return
             self.difference = _unequal_states(name, then, made, self._links)
             if self.difference is not None:
                 return
 
 
-def _unequal_states(name: str, then: Checkpoint, now: Checkpoint, links: bool) -> Difference | None:
+def _unequal_states(
+    name: str, then: Checkpoint, now: Checkpoint, links: bool
+) -> Difference | None:
     """Where two checkpoints of one frame differ first. The fingerprint is told of by what is in it.
 
     Without ``links``, what only says which recording it was is left out.
@@ -302,7 +374,12 @@ def _unequal_states(name: str, then: Checkpoint, now: Checkpoint, links: bool) -
             found = first_unequal(checkpoint.decode_state(a), checkpoint.decode_state(b))
             place, old, new = found or ("", "", "")
             return Difference(now.frame, name, f"{part}.{place}", old, new)
-    for field in ("frame", "time_ns", "tracker", *(("recorded", "input_link", "link") if links else ())):
+    for field in (
+        "frame",
+        "time_ns",
+        "tracker",
+        *(("recorded", "input_link", "link") if links else ()),
+    ):
         a, b = getattr(then, field), getattr(now, field)
         if a != b:
             return Difference(now.frame, name, field, short(a), short(b))
@@ -310,15 +387,21 @@ def _unequal_states(name: str, then: Checkpoint, now: Checkpoint, links: bool) -
 
 
 def _first_difference(then: FrameRecord, now: Annotated, links: bool) -> Difference | None:
-    """Where a frame as the log has it differs from the one replayed: its values first, then its digests.
+    """Where a frame as the log has it differs from the one replayed: its values first, then its
+    digests.
 
-    ``links`` as well: they hold the recorded messages, so over another recording they differ without an effect.
+    ``links`` as well: they hold the recorded messages, so over another recording they differ
+    without an effect.
     """
     d = now.digest
     if then.digests and then.digest.frame != d.frame:
-        return Difference(then.digest.frame, "frames", "number", str(then.digest.frame), str(d.frame))
+        return Difference(
+            then.digest.frame, "frames", "number", str(then.digest.frame), str(d.frame)
+        )
     if then.time_ns != now.frame.time_ns:
-        return Difference(d.frame, "frames", "log time", str(then.time_ns), str(now.frame.time_ns))
+        return Difference(
+            d.frame, "frames", "log time", str(then.time_ns), str(now.frame.time_ns)
+        )
     for name in channels.ANNOTATED:
         ours = [payload for n, payload in now.payloads if n == name]
         theirs = [payload for n, payload in then.payloads if n == name]
@@ -334,7 +417,9 @@ def _unequal_digests(then: list[Digest], now: Digest, links: bool) -> Difference
     if len(then) != 1:
         return Difference(now.frame, "digest", "messages", str(len(then)), "1")
     for name in sorted({*then[0].channels, *now.channels}):
-        old, new = (digests.get(name, "none") for digests in (then[0].channels, now.channels))
+        old, new = (
+            digests.get(name, "none") for digests in (then[0].channels, now.channels)
+        )
         if old != new:
             return Difference(now.frame, "digest", name, *cut(old, new))
     if links and then[0].link != now.link:

@@ -1,4 +1,6 @@
-"""The annotated log: recorded messages byte for byte as they were, the annotated channels beside them."""
+"""The annotated log: recorded messages byte for byte as they were, the annotated channels beside
+them.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,10 @@ class ReplaySummary:
 
 
 def replay(
-    scene_path: str | Path, out: str | Path, options: ReplayOptions, progress: Progress | None = None
+    scene_path: str | Path,
+    out: str | Path,
+    options: ReplayOptions,
+    progress: Progress | None = None,
 ) -> ReplaySummary:
     """Replay a scene log into an annotated log.
 
@@ -67,14 +72,21 @@ def replay(
     if out.exists() and not options.force:
         raise OutputExistsError(out)
     if out.exists() and Path(scene_path).exists() and out.samefile(scene_path):
-        raise UsageError(f"{out}: is the recording itself; write the annotated log to another file")
-    # Decoding, painting and writing go on side by side: threads of OpenCV's own would only take turns with them.
+        raise UsageError(
+            f"{out}: is the recording itself; write the annotated log to another file"
+        )
+    # Decoding, painting and writing go on side by side: threads of OpenCV's own would only take
+    # turns with them.
     with opencv_threads(1), SceneLog(scene_path, options.camera, options.limits) as scene:
         run = Run(scene, options, progress)
         start = run.nearest_checkpoint()
         pictures = [channels.topic(scene.camera, name) for name in channels.PICTURES]
-        with LogWriter(out, force=options.force, picture_topics=pictures, limits=options.limits) as log:
-            writer = AnnotatedWriter(log, scene, options, digest.START if start is None else start.link)
+        with LogWriter(
+            out, force=options.force, picture_topics=pictures, limits=options.limits
+        ) as log:
+            writer = AnnotatedWriter(
+                log, scene, options, digest.START if start is None else start.link
+            )
             for annotated in run.frames(start, writer.keep):
                 writer.write(annotated)
                 if writer.is_past(annotated) and run.may_stop:
@@ -82,22 +94,36 @@ def replay(
             else:
                 writer.copy(scene.trailing)
                 if scene.trailing:
-                    run.input_link = digest.chained(run.input_link, digest.recorded_digest(scene.trailing))
+                    run.input_link = digest.chained(
+                        run.input_link, digest.recorded_digest(scene.trailing)
+                    )
             return writer.finish(run)
 
 
 class AnnotatedWriter:
-    """Writes annotated frames within the options' span; ``link`` is the output chain's before the first that comes."""
+    """Writes annotated frames within the options' span; ``link`` is the output chain's before the
+    first that comes.
+    """
 
-    def __init__(self, log: LogWriter, scene: SceneLog, options: ReplayOptions, link: str = digest.START) -> None:
+    def __init__(
+        self,
+        log: LogWriter,
+        scene: SceneLog,
+        options: ReplayOptions,
+        link: str = digest.START,
+    ) -> None:
         self._log = log
         self._scene = scene
         self._options = options
         self._recorded: dict[int, int] = {}
         if not options.annotations_only:
             for c in scene.recorded:
-                self._recorded[c.id] = log.channel(c.topic, c.schema, c.message_encoding, c.metadata)
-        self._annotated = {n: self._open(n) for n in channels.ANNOTATED if n not in _OPTIONAL}
+                self._recorded[c.id] = log.channel(
+                    c.topic, c.schema, c.message_encoding, c.metadata
+                )
+        self._annotated = {
+            n: self._open(n) for n in channels.ANNOTATED if n not in _OPTIONAL
+        }
         self._frames = 0
         self._first_frame: int | None = None
         self._link_before = link
@@ -109,13 +135,17 @@ class AnnotatedWriter:
 
     def _open(self, name: str) -> int:
         topic = channels.topic(self._scene.camera, name)
-        return self._log.channel(topic, channels.schema(name), channels.message_encoding(name), {})
+        return self._log.channel(
+            topic, channels.schema(name), channels.message_encoding(name), {}
+        )
 
     def _copied_attachments(self) -> Iterator[Attachment]:
         """Pass the recording's attachments through; they are hashed one by one on their way."""
         for a in self._scene.log.attachments():
             if not a.name.startswith(f"{checkpoint.PREFIX}/"):
-                self._log.attach(a.name, a.media_type, a.data, a.log_time_ns, a.create_time_ns)
+                self._log.attach(
+                    a.name, a.media_type, a.data, a.log_time_ns, a.create_time_ns
+                )
                 yield a
 
     def _copy_extras(self) -> dict[str, str]:
@@ -139,7 +169,10 @@ class AnnotatedWriter:
 
     def is_past(self, annotated: Annotated) -> bool:
         """Whether nothing of what follows this frame can lie in the span."""
-        return self._options.to_ns is not None and annotated.frame.time_ns >= self._options.to_ns
+        return (
+            self._options.to_ns is not None
+            and annotated.frame.time_ns >= self._options.to_ns
+        )
 
     def copy(self, messages: Iterable[Message]) -> None:
         """Pass recorded messages of the span through as they are."""
@@ -147,7 +180,13 @@ class AnnotatedWriter:
             return
         for m in messages:
             if self._within(m.log_time_ns):
-                self._log.write(self._recorded[m.channel.id], m.data, m.log_time_ns, m.publish_time_ns, m.sequence)
+                self._log.write(
+                    self._recorded[m.channel.id],
+                    m.data,
+                    m.log_time_ns,
+                    m.publish_time_ns,
+                    m.sequence,
+                )
 
     def write(self, annotated: Annotated) -> None:
         """Write one frame: what was recorded, then what was found."""
@@ -159,11 +198,16 @@ class AnnotatedWriter:
             return
         if self._first_frame is None:
             self._first_frame = frame.index
-        for name, payload in [*annotated.payloads, ("digest", channels.encode("digest", annotated.digest))]:
+        for name, payload in [
+            *annotated.payloads,
+            ("digest", channels.encode("digest", annotated.digest)),
+        ]:
             if name not in self._annotated:
                 self._annotated[name] = self._open(name)
             # The frame's number, so that a span's messages are those of the whole.
-            self._log.write(self._annotated[name], payload, frame.time_ns, frame.time_ns, frame.index)
+            self._log.write(
+                self._annotated[name], payload, frame.time_ns, frame.time_ns, frame.index
+            )
         self._link = annotated.digest.link
         self._frames += 1
         self._tracks.update(dict.fromkeys(annotated.track_ids))
@@ -172,7 +216,9 @@ class AnnotatedWriter:
     def keep(self, found: Checkpoint) -> None:
         """Attach a checkpoint."""
         data = checkpoint.encode(found)
-        self._log.attach(checkpoint.name(found.frame), checkpoint.MEDIA_TYPE, data, found.time_ns)
+        self._log.attach(
+            checkpoint.name(found.frame), checkpoint.MEDIA_TYPE, data, found.time_ns
+        )
         self._checkpoints[checkpoint.name(found.frame)] = sha256(data)
 
     def finish(self, run: Run) -> ReplaySummary:
@@ -200,7 +246,9 @@ class AnnotatedWriter:
             "annotations_only": str(options.annotations_only).lower(),
             "from_ns": "" if options.from_ns is None else str(options.from_ns),
             "to_ns": "" if options.to_ns is None else str(options.to_ns),
-            "checkpoint_ns": "" if options.checkpoint_ns is None else str(options.checkpoint_ns),
+            "checkpoint_ns": ""
+            if options.checkpoint_ns is None
+            else str(options.checkpoint_ns),
             "checkpoints": canonical(self._checkpoints),
             "extras": canonical(self._extras),
         }

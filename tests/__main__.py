@@ -1,6 +1,8 @@
-"""Everything that has to pass: lint, format, types, tests. `python tests` runs it; words after it go to pytest.
+"""Everything that has to pass: lint, format, types, tests. `python tests` runs it; words after it
+go to pytest.
 
-`python tests --cov` measures branch coverage as well, which nearly doubles the time that the tests take.
+`python tests --cov` measures branch coverage as well, which nearly doubles the time that the
+tests take.
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ def main(words: list[str]) -> int:
     failed = []
     for name, command in (*CHECKS, ("tests", [*TESTS, *words])):
         print(f"== {name}", flush=True)
-        if subprocess.run([sys.executable, "-m", *command], cwd=ROOT, check=False).returncode:
+        if subprocess.run(
+            [sys.executable, "-m", *command], cwd=ROOT, check=False
+        ).returncode:
             failed.append(name)
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)

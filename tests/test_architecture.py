@@ -1,4 +1,6 @@
-"""The rooms: imports point one way, each tracker stands alone, OpenCV and the clock come in at one door."""
+"""The rooms: imports point one way, each tracker stands alone, OpenCV and the clock come in at
+one door.
+"""
 
 from __future__ import annotations
 
@@ -34,17 +36,23 @@ def test_imports_point_one_way(path: Path) -> None:
     room = path.relative_to(ROOT).parts[0]
     allowed = set(MAY_IMPORT[room])
     if "cli" in path.parts:
-        allowed.add("fixtures")  # the composition root sees everything: `demo` renders a generated scene
+        allowed.add(
+            "fixtures"
+        )  # the composition root sees everything: `demo` renders a generated scene
     ours = {name.split(".")[0] for name in imported(path)} & set(ROOMS)
     assert ours <= allowed, f"{path}: {sorted(ours - allowed)}"
 
 
 @pytest.mark.parametrize("tracker", ["events", "shells", "parts"])
 def test_no_tracker_imports_another(tracker: str) -> None:
-    others = {f"replay.trackers.{name}" for name in ("events", "shells", "parts")} - {f"replay.trackers.{tracker}"}
+    others = {f"replay.trackers.{name}" for name in ("events", "shells", "parts")} - {
+        f"replay.trackers.{tracker}"
+    }
     for path in (ROOT / "replay/trackers" / tracker).rglob("*.py"):
         for name in imported(path):
-            assert not any(name.startswith(other) for other in others), f"{path} imports {name}"
+            assert not any(name.startswith(other) for other in others), (
+                f"{path} imports {name}"
+            )
 
 
 def test_opencv_is_imported_in_one_place() -> None:
@@ -55,7 +63,9 @@ def test_opencv_is_imported_in_one_place() -> None:
 def test_only_questions_read_logs_in_reasoning() -> None:
     for path in (ROOT / "reasoning").rglob("*.py"):
         if "questions" not in path.parts:
-            assert not any(name.startswith("recorders.log") for name in imported(path)), path
+            assert not any(name.startswith("recorders.log") for name in imported(path)), (
+                path
+            )
 
 
 def test_top_level_is_what_was_agreed() -> None:

@@ -1,4 +1,6 @@
-"""Who was socially together: encounters between two targets, from their boxes alone, in hindsight or live."""
+"""Who was socially together: encounters between two targets, from their boxes alone, in hindsight
+or live.
+"""
 
 from reasoning.encounters.encounters import Encounter, find_encounters
 from reasoning.encounters.pair import History

@@ -2,20 +2,23 @@
 
 The rule, in body sizes (mean diagonal of the two boxes: about a person's height) and seconds:
 
-1. *Together for sure* in a moment: distance at most ``near_sizes`` and relative speed at most ``pace_sizes_per_s``.
-   Two who pass are as near, but fast against one another; two who walk together are not.
-2. A stretch with distance at most ``far_sizes`` (gaps up to ``gap_s`` closed) is an encounter if it holds at least
-   ``least_s`` of such moments. So onset and end are back-dated: to the time when they had come within ``far_sizes``
-   and until they leave it. Live, the onset is the moment at which the evidence suffices.
-   Two who pass slowly (along the line of sight, all motion looks slow) hold it too, but go *through*: from the first
-   to the last such moment they drift from one side of the other to the other. Two who are together keep their place to
-   one another, so an encounter drifts at most ``drift_sizes_per_s`` (in hindsight; live, nobody can tell yet).
-3. Every encounter is cut into phases: *moving* (both walk, the same way), *contact* (JOINT, or abrupt against one
-   another at touching distance, and not moving), *separation* (the last way apart), else *meeting*. Its kind is the
-   phase that lasted longest (`phases`).
+1. *Together for sure* in a moment: distance at most ``near_sizes`` and relative speed at most
+   ``pace_sizes_per_s``. Two who pass are as near, but fast against one another; two who walk
+   together are not.
+2. A stretch with distance at most ``far_sizes`` (gaps up to ``gap_s`` closed) is an encounter if
+   it holds at least ``least_s`` of such moments. So onset and end are back-dated: to the time
+   when they had come within ``far_sizes`` and until they leave it. Live, the onset is the moment
+   at which the evidence suffices. Two who pass slowly (along the line of sight, all motion looks
+   slow) hold it too, but go *through*: from the first to the last such moment they drift from one
+   side of the other to the other. Two who are together keep their place to one another, so an
+   encounter drifts at most ``drift_sizes_per_s`` (in hindsight; live, nobody can tell yet).
+3. Every encounter is cut into phases: *moving* (both walk, the same way), *contact* (JOINT, or
+   abrupt against one another at touching distance, and not moving), *separation* (the last way
+   apart), else *meeting*. Its kind is the phase that lasted longest (`phases`).
 
-Distance with hysteresis and duration are the two cues that carry most (on CAVIAR, never-labelled episodes of nearness
-last 24 frames, labelled ones 190, medians); relative speed is the third. Nothing is learnt but the thresholds.
+Distance with hysteresis and duration are the two cues that carry most (on CAVIAR, never-labelled
+episodes of nearness last 24 frames, labelled ones 190, medians); relative speed is the third.
+Nothing is learnt but the thresholds.
 """
 
 from __future__ import annotations
@@ -38,7 +41,8 @@ class Encounter:
 
     Attributes:
         kind: one of `KINDS`, the phase that lasted longest.
-        confidence: in [0, 1): grows with the time together for sure, falls with relative speed and distance.
+        confidence: in [0, 1): grows with the time together for sure, falls with relative speed
+            and distance.
         near_s: time together for sure.
         distance: median distance of the moments together for sure, body sizes.
         relative_speed: their median relative speed, body sizes per second.
@@ -94,7 +98,11 @@ def find_encounters(
 
 def side_by_side(histories: Mapping[int, History]) -> Iterator[tuple[int, int]]:
     """Pairs (a < b) whose lives overlap: a sweep over the first frames, not the full product."""
-    lives = sorted((int(h.frames[0]), int(h.frames[-1]), i) for i, h in histories.items() if len(h.frames))
+    lives = sorted(
+        (int(h.frames[0]), int(h.frames[-1]), i)
+        for i, h in histories.items()
+        if len(h.frames)
+    )
     alive: list[tuple[int, int]] = []
     for first, last, i in lives:
         alive = [(end, j) for end, j in alive if end >= first]
@@ -116,18 +124,23 @@ def _of_pair(
             continue
         drifts = _drifts(pair, near)
         proven = enough - 1
-        if not live:  # live, the first moments cannot tell who goes through from who slows down to stay
+        # live, the first moments cannot tell who goes through from who slows down to stay
+        if not live:
             held = np.flatnonzero(drifts[proven:] <= p.drift_sizes_per_s)
             if drifts[-1] > p.drift_sizes_per_s:
                 continue
             proven += int(held[0])
         sure_at = int(near[proven])
-        found = _Evidence((sure_at if live else start, end), near, float(drifts[-1]), sure_at, step)
+        found = _Evidence(
+            (sure_at if live else start, end), near, float(drifts[-1]), sure_at, step
+        )
         yield _encounter((a, b), pair, found, p, joint)
 
 
 def _drifts(pair: Pair, near: Ints) -> Floats:
-    """(N,) mean relative velocity from the first moment to each, body sizes per second; 0 at the first."""
+    """(N,) mean relative velocity from the first moment to each, body sizes per second; 0 at the
+    first.
+    """
     moved = length(pair.apart[near] - pair.apart[near[:1]])
     seconds = pair.times_s[near] - pair.times_s[near[:1]]
     drift: Floats = np.where(seconds > 0, moved / np.where(seconds > 0, seconds, 1.0), 0.0)
@@ -146,7 +159,9 @@ def _closed(found: list[Span], pair: Pair, gap_s: float) -> list[Span]:
 
 @dataclass(frozen=True)
 class _Evidence:
-    """Where an encounter lies in its pair: index span, moments together for sure, the one that proved it."""
+    """Where an encounter lies in its pair: index span, moments together for sure, the one that
+    proved it.
+    """
 
     span: Span
     near: Ints
@@ -156,16 +171,27 @@ class _Evidence:
 
 
 def _encounter(
-    ids: tuple[int, int], pair: Pair, found: _Evidence, p: EncounterParameters, joint: Sequence[Span]
+    ids: tuple[int, int],
+    pair: Pair,
+    found: _Evidence,
+    p: EncounterParameters,
+    joint: Sequence[Span],
 ) -> Encounter:
     near, step, (start, end) = found.near, found.step_s, found.span
     phases = cut(pair, found.span, int(near[-1]), p, joint)
     whole = slice(start, end + 1)
-    seconds = {k: sum(x.end_s - x.start_s + step for x in phases if x.kind == k) for k in KINDS}
+    seconds = {
+        k: sum(x.end_s - x.start_s + step for x in phases if x.kind == k) for k in KINDS
+    }
     near_s = len(near) * step
-    distance, pace = float(np.median(pair.distance[near])), float(np.median(pair.relative_speed[near]))
+    distance, pace = (
+        float(np.median(pair.distance[near])),
+        float(np.median(pair.relative_speed[near])),
+    )
     support = near_s / (near_s + p.least_s) if near_s + p.least_s > 0 else 0.0
-    doubt = 0.25 * min(1.0, pace / p.pace_sizes_per_s) + 0.25 * min(1.0, distance / p.near_sizes)
+    doubt = 0.25 * min(1.0, pace / p.pace_sizes_per_s) + 0.25 * min(
+        1.0, distance / p.near_sizes
+    )
     return Encounter(
         a=ids[0], b=ids[1], kind=max(KINDS, key=lambda k: (seconds[k], -KINDS.index(k))),
         start_frame=int(pair.frames[start]), end_frame=int(pair.frames[end]),

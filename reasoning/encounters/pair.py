@@ -1,9 +1,10 @@
 """What two targets' boxes say of one another over time: distance, relative speed, speeds, heading.
 
-Places are where a target stands: the middle of the box's lower edge. Lengths are in body sizes, the mean diagonal of
-the two boxes in that frame, so that perspective needs no calibration: who stands twice as far away is drawn half as
-large, and so is the distance between two people there. Somebody upright is one body size tall, near enough; the
-diagonal, unlike the height, also holds for who lies, for animals, and for views from above.
+Places are where a target stands: the middle of the box's lower edge. Lengths are in body sizes,
+the mean diagonal of the two boxes in that frame, so that perspective needs no calibration: who
+stands twice as far away is drawn half as large, and so is the distance between two people there.
+Somebody upright is one body size tall, near enough; the diagonal, unlike the height, also holds
+for who lies, for animals, and for views from above.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ class History:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two targets over an unbroken time in which both are seen (short gaps filled); all arrays (N,).
+    """Two targets over an unbroken time in which both are seen (short gaps filled); all arrays
+    (N,).
 
     Attributes:
         frames: frame indices.
@@ -44,7 +46,8 @@ class Pair:
         distance: between the standing points, in body sizes, median filtered.
         relative_speed: of one against the other, body sizes per second.
         speed_a, speed_b: body sizes per second.
-        agitation: relative speed over half a second, median over two: high when two wrestle, low when they walk.
+        agitation: relative speed over half a second, median over two: high when two wrestle, low
+            when they walk.
         heading: cosine of the angle between the two motions, 0 where one stands.
     """
 
@@ -70,18 +73,26 @@ def spans(mask: Bools) -> list[tuple[int, int]]:
 
 
 def running_median(values: Floats, half: int, causal: bool = False) -> Floats:
-    """Median over ``half`` values on either side (over the last ``2 half + 1`` when causal); ends are repeated."""
+    """Median over ``half`` values on either side (over the last ``2 half + 1`` when causal); ends
+    are repeated.
+    """
     if half < 1 or len(values) < 2:
         return values
     width = 2 * half + 1
     before = width - 1 if causal else half
-    padded = np.concatenate([np.repeat(values[:1], before), values, np.repeat(values[-1:], width - 1 - before)])
-    middle: Floats = np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
+    padded = np.concatenate(
+        [np.repeat(values[:1], before), values, np.repeat(values[-1:], width - 1 - before)]
+    )
+    middle: Floats = np.median(
+        np.lib.stride_tricks.sliding_window_view(padded, width), axis=1
+    )
     return middle
 
 
 def velocity(places: Floats, times_s: Floats, half: int, causal: bool = False) -> Floats:
-    """Mean velocity over a window around (before, when causal) each moment; (N, 2) in, (N, 2) per second out."""
+    """Mean velocity over a window around (before, when causal) each moment; (N, 2) in, (N, 2) per
+    second out.
+    """
     index = np.arange(len(places))
     low = np.maximum(index - (2 * half if causal else half), 0)
     high = index if causal else np.minimum(index + half, len(places) - 1)
@@ -94,24 +105,42 @@ def length(vectors: Floats) -> Floats:
     return np.sqrt(vectors[:, 0] * vectors[:, 0] + vectors[:, 1] * vectors[:, 1])
 
 
-def pairs(a: History, b: History, window_s: float, gap_s: float, causal: bool = False) -> list[Pair]:
-    """Two histories side by side, one `Pair` for each stretch without a gap longer than ``gap_s``."""
-    first, last = max(int(a.frames[0]), int(b.frames[0])), min(int(a.frames[-1]), int(b.frames[-1]))
+def pairs(
+    a: History, b: History, window_s: float, gap_s: float, causal: bool = False
+) -> list[Pair]:
+    """Two histories side by side, one `Pair` for each stretch without a gap longer than
+    ``gap_s``.
+    """
+    first, last = (
+        max(int(a.frames[0]), int(b.frames[0])),
+        min(int(a.frames[-1]), int(b.frames[-1])),
+    )
     if first > last:
         return []
-    common, in_a, in_b = np.intersect1d(a.frames, b.frames, assume_unique=True, return_indices=True)
+    common, in_a, in_b = np.intersect1d(
+        a.frames, b.frames, assume_unique=True, return_indices=True
+    )
     if len(common) < 2:
         return []
     times = a.times_s[in_a]
     breaks = np.flatnonzero(np.diff(times) > gap_s) + 1
     return [
-        _measure(common[part], times[part], a.boxes[in_a[part]], b.boxes[in_b[part]], window_s, causal)
+        _measure(
+            common[part],
+            times[part],
+            a.boxes[in_a[part]],
+            b.boxes[in_b[part]],
+            window_s,
+            causal,
+        )
         for part in np.split(np.arange(len(common)), breaks)
         if len(part) > 1
     ]
 
 
-def _measure(frames: Ints, times_s: Floats, a: Floats, b: Floats, window_s: float, causal: bool) -> Pair:
+def _measure(
+    frames: Ints, times_s: Floats, a: Floats, b: Floats, window_s: float, causal: bool
+) -> Pair:
     step = float(np.median(np.diff(times_s)))
     half = max(1, round(window_s / 2 / step)) if step > 0 else 1
     size = np.maximum((length(a[:, 2:]) + length(b[:, 2:])) / 2, 1.0)
@@ -131,7 +160,9 @@ def _measure(frames: Ints, times_s: Floats, a: Floats, b: Floats, window_s: floa
         distance=running_median(length(foot_a - foot_b) / size, half, causal),
         relative_speed=length(move_a - move_b),
         agitation=running_median(
-            length(velocity(foot_a - foot_b, times_s, half, causal) / size[:, None]), 2 * wide, causal
+            length(velocity(foot_a - foot_b, times_s, half, causal) / size[:, None]),
+            2 * wide,
+            causal,
         ),
         speed_a=speed_a,
         speed_b=speed_b,

@@ -1,10 +1,12 @@
-"""The parts of an encounter: meeting, moving, contact, separation, with what was measured in each of them.
+"""The parts of an encounter: meeting, moving, contact, separation, with what was measured in each
+of them.
 
-*Contact* is JOINT, or abrupt against one another at touching distance: candidates for a fight. From pixels two are
-JOINT whenever one walks before the other, and two who merely pass are abrupt for a moment; so *abrupt* stretches are
-found on their own, without JOINT: those that do not go through. Who passes goes from one side of the other to the
-other, so the way from the first to the last moment is a straight line at the speed that was measured; two who fight
-hold on to their place.
+*Contact* is JOINT, or abrupt against one another at touching distance: candidates for a fight.
+From pixels two are JOINT whenever one walks before the other, and two who merely pass are abrupt
+for a moment; so *abrupt* stretches are found on their own, without JOINT: those that do not go
+through. Who passes goes from one side of the other to the other, so the way from the first to the
+last moment is a straight line at the speed that was measured; two who fight hold on to their
+place.
 """
 
 from __future__ import annotations
@@ -52,12 +54,15 @@ class Phase:
 
 @dataclass(frozen=True)
 class Abrupt:
-    """A time in which two at touching distance were abrupt against one another and did not go through.
+    """A time in which two at touching distance were abrupt against one another and did not go
+    through.
 
     Attributes:
         abrupt_s: time in it that is so by itself; the rest are lulls.
-        distance, agitation: medians over the moments that are so by themselves, body sizes (per second).
-        through: the way from the first to the last moment, as a share of a straight line at that agitation.
+        distance, agitation: medians over the moments that are so by themselves, body sizes (per
+            second).
+        through: the way from the first to the last moment, as a share of a straight line at that
+            agitation.
     """
 
     start_frame: int
@@ -70,7 +75,9 @@ class Abrupt:
     through: float
 
 
-def cut(pair: Pair, span: Span, last_near: int, p: EncounterParameters, joint: Sequence[Span]) -> tuple[Phase, ...]:
+def cut(
+    pair: Pair, span: Span, last_near: int, p: EncounterParameters, joint: Sequence[Span]
+) -> tuple[Phase, ...]:
     """The phases of an encounter, in order, without gaps.
 
     Args:
@@ -88,8 +95,12 @@ def cut(pair: Pair, span: Span, last_near: int, p: EncounterParameters, joint: S
     )
 
 
-def abrupt_stretches(pair: Pair, span: Span, last_near: int, p: EncounterParameters) -> tuple[Abrupt, ...]:
-    """What would be the contacts of an encounter without any JOINT, those left out that go through."""
+def abrupt_stretches(
+    pair: Pair, span: Span, last_near: int, p: EncounterParameters
+) -> tuple[Abrupt, ...]:
+    """What would be the contacts of an encounter without any JOINT, those left out that go
+    through.
+    """
     start, _ = span
     sudden = _sudden(pair, p)
     found = [
@@ -102,7 +113,11 @@ def abrupt_stretches(pair: Pair, span: Span, last_near: int, p: EncounterParamet
 
 def _sudden(pair: Pair, p: EncounterParameters) -> Bools:
     """(N,) at touching distance, abrupt against one another, and not walking the same way."""
-    found: Bools = (pair.distance <= p.touch_sizes) & (pair.agitation >= p.abrupt_sizes_per_s) & ~_moving(pair, p)
+    found: Bools = (
+        (pair.distance <= p.touch_sizes)
+        & (pair.agitation >= p.abrupt_sizes_per_s)
+        & ~_moving(pair, p)
+    )
     return found
 
 
@@ -113,7 +128,12 @@ def _moving(pair: Pair, p: EncounterParameters) -> Bools:
 
 
 def _parts(
-    pair: Pair, span: Span, last_near: int, p: EncounterParameters, joint: Sequence[Span], sudden: Bools
+    pair: Pair,
+    span: Span,
+    last_near: int,
+    p: EncounterParameters,
+    joint: Sequence[Span],
+    sudden: Bools,
 ) -> list[tuple[int, int, int]]:
     """(index into `KINDS`, first, last), indices from the encounter's first."""
     start, end = span
@@ -130,9 +150,16 @@ def _parts(
 
 
 def _contact(
-    pair: Pair, part: slice, p: EncounterParameters, joint: Sequence[Span], moving: Bools, contact: Bools
+    pair: Pair,
+    part: slice,
+    p: EncounterParameters,
+    joint: Sequence[Span],
+    moving: Bools,
+    contact: Bools,
 ) -> Bools:
-    """Not walking the same way, and JOINT or abrupt against one another at touching distance; lulls are closed."""
+    """Not walking the same way, and JOINT or abrupt against one another at touching distance;
+    lulls are closed.
+    """
     times = pair.times_s[part]
     found = spans(contact)
     for (_, end), (start, _) in pairwise(found):
@@ -145,7 +172,9 @@ def _contact(
 
 
 def _steady(code: Ints, times_s: Floats, least_s: float) -> Ints:
-    """Phases shorter than ``least_s`` go to the phase before them (the first one to the phase after it)."""
+    """Phases shorter than ``least_s`` go to the phase before them (the first one to the phase
+    after it).
+    """
     out = code.copy()
     cuts = [0, *(np.flatnonzero(np.diff(out)) + 1).tolist(), len(out)]
     for s, e in pairwise(cuts):
@@ -167,7 +196,8 @@ def _phase(pair: Pair, kind: str, first: int, last: int, sudden: Bools) -> Phase
 
 def _abrupt(pair: Pair, first: int, last: int, sudden: Bools) -> Abrupt:
     held = np.flatnonzero(sudden[first : last + 1]) + first
-    # A contact may have taken in the short phase before or after it, but never consists of nothing else.
+    # A contact may have taken in the short phase before or after it, but never consists of
+    # nothing else.
     seconds = float(pair.times_s[last] - pair.times_s[first])
     agitation = _median(pair.agitation[held])
     moved = float(length(pair.apart[last : last + 1] - pair.apart[first : first + 1])[0])

@@ -1,4 +1,6 @@
-"""What one target or a pair does for a while, for the patterns: standing still, being near one another."""
+"""What one target or a pair does for a while, for the patterns: standing still, being near one
+another.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,15 @@ from itertools import pairwise
 import numpy as np
 
 from reasoning.encounters.encounters import side_by_side
-from reasoning.encounters.pair import Bools, Floats, History, length, running_median, spans, velocity
+from reasoning.encounters.pair import (
+    Bools,
+    Floats,
+    History,
+    length,
+    running_median,
+    spans,
+    velocity,
+)
 from reasoning.encounters.parameters import EncounterParameters
 
 STILL_SIZES_PER_S = 0.08
@@ -21,8 +31,8 @@ class Stretch:
     """A closed interval in frames and seconds, with what decided about each of its moments.
 
     Attributes:
-        median, most: of nearness the distance in sizes of the larger one, of standing still the speed in own sizes per
-            second.
+        median, most: of nearness the distance in sizes of the larger one, of standing still the
+            speed in own sizes per second.
     """
 
     start_frame: int
@@ -34,31 +44,45 @@ class Stretch:
 
 
 def still(history: History, parameters: EncounterParameters | None = None) -> list[Stretch]:
-    """When a target stood still: slower than 0.08 of its own size per second for at least a second."""
+    """When a target stood still: slower than 0.08 of its own size per second for at least a
+    second.
+    """
     p = parameters or EncounterParameters()
     if len(history.frames) < 2:
         return []
     step = float(np.median(np.diff(history.times_s)))
     half = max(1, round(p.window_s / step)) if step > 0 else 1
     size = max(float(np.median(length(history.boxes[:, 2:]))), 1.0)
-    feet = np.stack([history.boxes[:, 0] + history.boxes[:, 2] / 2, history.boxes[:, 1] + history.boxes[:, 3]], axis=1)
+    feet = np.stack(
+        [
+            history.boxes[:, 0] + history.boxes[:, 2] / 2,
+            history.boxes[:, 1] + history.boxes[:, 3],
+        ],
+        axis=1,
+    )
     steady = np.stack([running_median(feet[:, k], half) for k in (0, 1)], axis=1)
     speed = length(velocity(steady, history.times_s, half)) / size
     gap = np.concatenate([[False], np.diff(history.times_s) > p.gap_s])
     return [
-        s for s in _stretches(speed <= STILL_SIZES_PER_S, gap, history, speed) if s.end_s - s.start_s >= STILL_LEAST_S
+        s
+        for s in _stretches(speed <= STILL_SIZES_PER_S, gap, history, speed)
+        if s.end_s - s.start_s >= STILL_LEAST_S
     ]
 
 
 def near(
     histories: Mapping[int, History], parameters: EncounterParameters | None = None
 ) -> list[tuple[int, int, Stretch]]:
-    """When two targets a < b stood within touching distance, in sizes of the larger one, by start, a, b."""
+    """When two targets a < b stood within touching distance, in sizes of the larger one, by
+    start, a, b.
+    """
     p = parameters or EncounterParameters()
     out: list[tuple[int, int, Stretch]] = []
     for a, b in side_by_side(histories):
         one, two = histories[a], histories[b]
-        common, in_a, in_b = np.intersect1d(one.frames, two.frames, assume_unique=True, return_indices=True)
+        common, in_a, in_b = np.intersect1d(
+            one.frames, two.frames, assume_unique=True, return_indices=True
+        )
         if len(common) < 2:
             continue
         times, box_a, box_b = one.times_s[in_a], one.boxes[in_a], two.boxes[in_b]
@@ -75,15 +99,23 @@ def near(
         distance = running_median(length(apart) / size, half)
         gap = np.concatenate([[False], np.diff(times) > p.gap_s])
         pair = History(common, times, box_a)
-        out += [(a, b, s) for s in _stretches(distance <= p.touch_sizes, gap, pair, distance)]
+        out += [
+            (a, b, s) for s in _stretches(distance <= p.touch_sizes, gap, pair, distance)
+        ]
     return sorted(out, key=lambda x: (x[2].start_frame, x[0], x[1]))
 
 
 def _stretches(mask: Bools, gap: Bools, history: History, values: Floats) -> list[Stretch]:
-    """Runs of the mask, cut where the target was not seen for a while; ``values`` decided about the mask."""
+    """Runs of the mask, cut where the target was not seen for a while; ``values`` decided about
+    the mask.
+    """
     found = []
     for start, end in spans(mask):
-        cuts = [start, *(np.flatnonzero(gap[start + 1 : end + 1]) + start + 1).tolist(), end + 1]
+        cuts = [
+            start,
+            *(np.flatnonzero(gap[start + 1 : end + 1]) + start + 1).tolist(),
+            end + 1,
+        ]
         found += [(s, e - 1) for s, e in pairwise(cuts)]
     return [
         Stretch(

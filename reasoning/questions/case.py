@@ -1,9 +1,10 @@
-"""A case: annotated logs, indexes and Parquet folders behind one set of tables, and a safe way to ask them.
+"""A case: annotated logs, indexes and Parquet folders behind one set of tables, and a safe way to
+ask them.
 
-A query reads the tables and nothing else: one SELECT (or EXPLAIN, DESCRIBE, SUMMARIZE), no other file, no setting, no
-extension, no other database, within a time and a memory limit. DuckDB enforces the file and memory part with external
-access off and its configuration locked; the kind of statement is checked before it runs, in a transaction that is read
-only; a timer interrupts it.
+A query reads the tables and nothing else: one SELECT (or EXPLAIN, DESCRIBE, SUMMARIZE), no other
+file, no setting, no extension, no other database, within a time and a memory limit. DuckDB
+enforces the file and memory part with external access off and its configuration locked; the kind
+of statement is checked before it runs, in a transaction that is read only; a timer interrupts it.
 """
 
 from __future__ import annotations
@@ -78,7 +79,9 @@ def locked_down(limits: QueryLimits) -> dict[str, str | bool | int | float | lis
 
 @dataclass(frozen=True)
 class Answer:
-    """A query's result: column names, DuckDB types, and rows that are fetched while they are read."""
+    """A query's result: column names, DuckDB types, and rows that are fetched while they are
+    read.
+    """
 
     columns: list[str]
     types: list[str]
@@ -107,13 +110,17 @@ class Case:
             inputs: annotated logs, indexes, Parquet folders.
             limits: what one query may take.
             log_limits: bounds on what a log may make us allocate.
-            encounters: the thresholds of encounters in logs; an index keeps those that it was made with.
+            encounters: the thresholds of encounters in logs; an index keeps those that it was
+                made with.
 
         Raises:
             RecordingError: an input is neither log, index nor Parquet folder, or is damaged.
         """
         if not inputs:
-            raise UsageError("no recordings to ask; give annotated logs, an index, or a folder of Parquet")
+            raise UsageError(
+                "no recordings to ask; give annotated logs, an index, or a folder of"
+                " Parquet"
+            )
         self.inputs = [Path(p) for p in inputs]
         self.limits = limits or QueryLimits()
         self._con = duckdb.connect(":memory:", config=locked_down(self.limits))
@@ -137,7 +144,10 @@ class Case:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -158,16 +168,22 @@ class Case:
         if logs:
             self._read_logs(logs, log_limits, encounters)
         for table in TABLES:
-            parts = " UNION ALL BY NAME ".join(f"SELECT * FROM {place(table)}" for _, place in self._places)  # noqa: S608
+            parts = " UNION ALL BY NAME ".join(
+                f"SELECT * FROM {place(table)}" for _, place in self._places
+            )
             try:
                 self._con.execute(f"CREATE VIEW {table} AS {parts}")
             except duckdb.Error as e:
-                raise RecordingError(f"{table} cannot be read: {_first_line(e)}", self._damaged(table)) from e
+                raise RecordingError(
+                    f"{table} cannot be read: {_first_line(e)}", self._damaged(table)
+                ) from e
         for statement in macro_statements():
             self._con.execute(statement)
         self._con.execute("SET TimeZone = 'UTC'")
         if self._files:
-            self._con.execute(f"SET allowed_paths = [{', '.join(map(_quoted, self._files))}]")
+            self._con.execute(
+                f"SET allowed_paths = [{', '.join(map(_quoted, self._files))}]"
+            )
         self._con.execute("SET enable_external_access = false")
         self._con.execute("SET lock_configuration = true")
 
@@ -175,7 +191,7 @@ class Case:
         """The input whose table cannot be read, to be named."""
         for path, place in self._places:
             try:
-                self._con.execute(f"SELECT * FROM {place(table)} LIMIT 0")  # noqa: S608
+                self._con.execute(f"SELECT * FROM {place(table)} LIMIT 0")
             except duckdb.Error:
                 return path
         return self.inputs[0]
@@ -188,36 +204,61 @@ class Case:
                 "SELECT table_name FROM duckdb_tables() WHERE database_name = ?", [name]
             ).fetchall()}  # fmt: skip
         except duckdb.Error as e:
-            raise RecordingError(f"cannot be opened as an index: {_first_line(e)}", path) from e
+            raise RecordingError(
+                f"cannot be opened as an index: {_first_line(e)}", path
+            ) from e
         missing = [t for t in TABLES if t not in tables]
         if missing:
-            old = "an index of another version" if "recordings" in tables else "no index of scenetrace"
-            raise RecordingError(f"{old}: it has no table {missing[0]}; make it with `scenetrace index`", path)
+            old = (
+                "an index of another version"
+                if "recordings" in tables
+                else "no index of scenetrace"
+            )
+            raise RecordingError(
+                f"{old}: it has no table {missing[0]}; make it with `scenetrace index`",
+                path,
+            )
         self._add(lambda table: f"{name}.{table}", path)
 
     def _folder(self, path: Path) -> None:
         parts = [p.resolve() for p in parquet_parts(path)]
         self._files += [p / f"{table}.parquet" for p in parts for table in TABLES]
-        self._add(lambda table: f"read_parquet([{', '.join(_quoted(p / f'{table}.parquet') for p in parts)}])", path)
+        self._add(
+            lambda table: (
+                f"read_parquet([{', '.join(_quoted(p / f'{table}.parquet') for p in parts)}])"
+            ),
+            path,
+        )
 
     def _add(self, place: Callable[[str], str], path: Path) -> None:
         """Take an input in, unless it holds a recording that another one holds already."""
         try:
-            rows = self._con.execute(f"SELECT digest, camera, recording FROM {place('recordings')}").fetchall()  # noqa: S608
+            rows = self._con.execute(
+                f"SELECT digest, camera, recording FROM {place('recordings')}"
+            ).fetchall()
         except duckdb.Error as e:
-            raise RecordingError(f"cannot be read as an index: {_first_line(e)}", path) from e
+            raise RecordingError(
+                f"cannot be read as an index: {_first_line(e)}", path
+            ) from e
         names = set(self._known.values())
         for digest, camera, name in rows:
             if (digest, camera) in self._known or name in names:
-                raise UsageError(f"{path}: recording {name!r} is in another input already; give one of them")
+                raise UsageError(
+                    f"{path}: recording {name!r} is in another input already; give one of"
+                    " them"
+                )
             self._known[digest, camera] = name
             names.add(name)
         self._places.append((path, place))
 
-    def _read_logs(self, logs: list[Path], limits: Limits, encounters: EncounterParameters | None) -> None:
+    def _read_logs(
+        self, logs: list[Path], limits: Limits, encounters: EncounterParameters | None
+    ) -> None:
         self._con.execute(f"CREATE SCHEMA {_LOGS}")
         for statement in create_statements():
-            self._con.execute(statement.replace("CREATE TABLE ", f"CREATE TABLE {_LOGS}.", 1))
+            self._con.execute(
+                statement.replace("CREATE TABLE ", f"CREATE TABLE {_LOGS}.", 1)
+            )
         self._con.execute(f"USE {_LOGS}")
         digests = {digest for digest, _ in self._known}
         for path in logs:
@@ -227,7 +268,12 @@ class Case:
             digests.add(digest)
             name = free_name(path.stem, self._known.values())
             for facts in read_recordings(
-                path, self._insert, name=name, digest=digest, limits=limits, encounters=encounters
+                path,
+                self._insert,
+                name=name,
+                digest=digest,
+                limits=limits,
+                encounters=encounters,
             ):
                 self._known[digest, facts.camera] = facts.recording
         self._con.execute("USE memory.main")
@@ -251,7 +297,8 @@ class Case:
     ) -> duckdb.DuckDBPyConnection:
         self._check(query)
         with self._guarded(deadline):
-            # A SELECT can hold a DELETE (in WITH ... RETURNING); the transaction is what forbids it.
+            # A SELECT can hold a DELETE (in WITH ... RETURNING); the transaction is what forbids
+            # it.
             if self._begun:
                 self._con.execute("ROLLBACK")
             self._con.execute("BEGIN TRANSACTION READ ONLY")
@@ -259,15 +306,22 @@ class Case:
             return self._con.execute(query, parameters or None)
 
     def by_recording(
-        self, make: Callable[[Recordings | None], str], chosen: Recordings | None = None, *, keeps_few: bool = False
+        self,
+        make: Callable[[Recordings | None], str],
+        chosen: Recordings | None = None,
+        *,
+        keeps_few: bool = False,
     ) -> Answer:
-        """Ask what is a question to each recording on its own, some recordings at a time, in the order of their names.
+        """Ask what is a question to each recording on its own, some recordings at a time, in the
+        order of their names.
 
-        Nothing that happens in one recording meets another's ids, so the answer is that of the whole question; but it
-        needs the memory of a few recordings, and its first rows come while the rest is not yet read.
+        Nothing that happens in one recording meets another's ids, so the answer is that of the
+        whole question; but it needs the memory of a few recordings, and its first rows come while
+        the rest is not yet read.
 
-        A question that keeps few of the rows that it looks through is asked of all recordings at once: one plan and
-        one pass instead of many. If that takes too much memory all the same, some at a time.
+        A question that keeps few of the rows that it looks through is asked of all recordings at
+        once: one plan and one pass instead of many. If that takes too much memory all the same,
+        some at a time.
 
         Args:
             make: the SQL for the recordings that it is given (None: all).
@@ -300,10 +354,16 @@ class Case:
         return _answer(first, rows())
 
     def _spans(self, query: str) -> list[Recordings]:
-        """Spans of recordings that hold few, then more rows of the tables that the query reads (by the average)."""
+        """Spans of recordings that hold few, then more rows of the tables that the query reads
+        (by the average).
+        """
         names = sorted(r[0] for r in self.rows("SELECT recording FROM recordings"))
         words = set(re.findall(r"\w+", query))
-        counts = " + ".join(f"(SELECT count(*) FROM {t})" for t in TABLES if t in words and t != "recordings")  # noqa: S608
+        counts = " + ".join(
+            f"(SELECT count(*) FROM {t})"
+            for t in TABLES
+            if t in words and t != "recordings"
+        )
         total = self.rows(f"SELECT {counts}")[0][0] if counts and len(names) > 1 else 0
         if total <= _FIRST_ROWS:
             return []
@@ -314,11 +374,15 @@ class Case:
             start, budget = end, min(4 * budget, _MOST_ROWS)
         return spans
 
-    def rows(self, query: str, parameters: Sequence[Any] | Mapping[str, Any] = ()) -> list[tuple[Any, ...]]:
+    def rows(
+        self, query: str, parameters: Sequence[Any] | Mapping[str, Any] = ()
+    ) -> list[tuple[Any, ...]]:
         """All rows of a query."""
         return list(self.sql(query, parameters).rows)
 
-    def _rows(self, cursor: duckdb.DuckDBPyConnection, deadline: float) -> Iterator[tuple[Any, ...]]:
+    def _rows(
+        self, cursor: duckdb.DuckDBPyConnection, deadline: float
+    ) -> Iterator[tuple[Any, ...]]:
         size = _FETCH
         while True:
             with self._guarded(deadline):
@@ -340,9 +404,14 @@ class Case:
         except ValueError:  # a kind that DuckDB's Python does not know by name
             kind = query.split(maxsplit=1)[0].upper()
         words = query.split()
-        if kind not in _ALLOWED or (kind == "EXPLAIN" and "ANALYZE" in (w.upper().strip("(),") for w in words)):
+        if kind not in _ALLOWED or (
+            kind == "EXPLAIN" and "ANALYZE" in (w.upper().strip("(),") for w in words)
+        ):
             shown = "EXPLAIN ANALYZE" if kind == "EXPLAIN" else kind
-            raise QueryError(f"SQL: {shown} is refused; a query may only read: SELECT, DESCRIBE, SUMMARIZE, EXPLAIN")
+            raise QueryError(
+                f"SQL: {shown} is refused; a query may only read: SELECT, DESCRIBE,"
+                " SUMMARIZE, EXPLAIN"
+            )
 
     @contextmanager
     def _guarded(self, deadline: float) -> Iterator[None]:
@@ -358,23 +427,40 @@ class Case:
         try:
             yield
         except duckdb.InterruptException as e:
-            # The timer of the batch before may have struck between two batches: it is this query's time all the same.
+            # The timer of the batch before may have struck between two batches: it is this
+            # query's time all the same.
             if not over.is_set() and time.monotonic() < deadline:
                 raise
-            raise QueryError(f"SQL: stopped after {self.limits.seconds:g} s (--time-limit)") from e
+            raise QueryError(
+                f"SQL: stopped after {self.limits.seconds:g} s (--time-limit)"
+            ) from e
         except (duckdb.OutOfMemoryException, MemoryError) as e:
-            raise QueryMemoryError(f"SQL: needs more than {self.limits.memory_mib} MiB of memory (--memory)") from e
+            raise QueryMemoryError(
+                f"SQL: needs more than {self.limits.memory_mib} MiB of memory (--memory)"
+            ) from e
         except duckdb.PermissionException as e:
-            raise QueryError(f"SQL: refused, a query may read the tables and nothing else: {_first_line(e)}") from e
+            raise QueryError(
+                "SQL: refused, a query may read the tables and nothing else:"
+                f" {_first_line(e)}"
+            ) from e
         except (duckdb.Error, RuntimeError) as e:
             if isinstance(e, duckdb.TransactionException) and "read-only" in str(e):
-                raise QueryError("SQL: refused, a query may only read: it holds a statement that writes") from e
-            if "'pytz'" in str(e):  # DuckDB hands time zones to Python through a package that is not ours to ask for
-                raise QueryError("SQL: show a TIMESTAMP WITH TIME ZONE as text: CAST(... AS VARCHAR)") from e
+                raise QueryError(
+                    "SQL: refused, a query may only read: it holds a statement that writes"
+                ) from e
+            if (
+                "'pytz'" in str(e)
+            ):  # DuckDB hands time zones to Python through a package that is not ours to ask for
+                raise QueryError(
+                    "SQL: show a TIMESTAMP WITH TIME ZONE as text: CAST(... AS VARCHAR)"
+                ) from e
             raise QueryError(f"SQL: {_told(e)}") from e
         finally:
             timer.cancel()
-            timer.join(1.0)  # a thread that still ends while the process does keeps DuckDB's objects: it complains
+            timer.join(
+                1.0
+                # a thread that still ends while the process does keeps DuckDB's objects: it complains
+            )
 
 
 def _answer(cursor: duckdb.DuckDBPyConnection, rows: Iterator[tuple[Any, ...]]) -> Answer:
@@ -390,7 +476,9 @@ def kind_of(path: Path) -> str:
     """
     if path.is_dir():
         if not parquet_parts(path):
-            raise RecordingError(f"a folder without parts ({PART_PREFIX}*/) of an index in Parquet", path)
+            raise RecordingError(
+                f"a folder without parts ({PART_PREFIX}*/) of an index in Parquet", path
+            )
         return "parquet"
     try:
         with path.open("rb") as f:
@@ -402,12 +490,18 @@ def kind_of(path: Path) -> str:
     if head[8:12] == DUCKDB_MAGIC:
         return "index"
     what = "an empty file" if not head else "neither an MCAP log nor an index"
-    raise RecordingError(f"{what}; give annotated logs, an index of `scenetrace index`, or a folder of Parquet", path)
+    raise RecordingError(
+        f"{what}; give annotated logs, an index of `scenetrace index`, or a folder of"
+        " Parquet",
+        path,
+    )
 
 
 def parquet_parts(folder: Path) -> list[Path]:
     """The whole parts of a Parquet index, in order."""
-    return sorted(p for p in folder.glob(f"{PART_PREFIX}*") if (p / "recordings.parquet").is_file())
+    return sorted(
+        p for p in folder.glob(f"{PART_PREFIX}*") if (p / "recordings.parquet").is_file()
+    )
 
 
 def free_name(stem: str, taken: Iterable[str]) -> str:
@@ -428,9 +522,13 @@ def _first_line(error: Exception) -> str:
 
 
 def _told(error: Exception) -> str:
-    """DuckDB's message on one line, with the caret's position as a column number, and its suggestion."""
+    """DuckDB's message on one line, with the caret's position as a column number, and its
+    suggestion.
+    """
     lines = [line.rstrip() for line in str(error).strip().splitlines()]
-    kept = [line.strip() for line in lines if line.strip(" ^") and not line.startswith("LINE ")]
+    kept = [
+        line.strip() for line in lines if line.strip(" ^") and not line.startswith("LINE ")
+    ]
     caret = next((line for line in lines if line.strip() and not line.strip(" ^")), None)
     marked = next((line for line in lines if line.startswith("LINE ")), None)
     if caret is not None and marked is not None:

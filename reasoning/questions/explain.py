@@ -1,9 +1,11 @@
-"""Why: the rule, the measured values with their thresholds and margins, and the chain of states that led there.
+"""Why: the rule, the measured values with their thresholds and margins, and the chain of states
+that led there.
 
-An answer row names what it rests on by references: ``event:12``, ``relation:1-2@40`` (the interval of 1 and 2 that
-frame 40 lies in; also ``encounter``, ``phase``, ``abrupt``, ``near``), ``group:3``, ``track:7@31``, ``still:4@160``,
-``zone:4@160:bench`` (the zone's name as in a URL; it may be left out where target 4 is in one zone alone). An
-explanation's own reference names its interval by the first frame, whatever frame was given.
+An answer row names what it rests on by references: ``event:12``, ``relation:1-2@40`` (the
+interval of 1 and 2 that frame 40 lies in; also ``encounter``, ``phase``, ``abrupt``, ``near``),
+``group:3``, ``track:7@31``, ``still:4@160``, ``zone:4@160:bench`` (the zone's name as in a URL;
+it may be left out where target 4 is in one zone alone). An explanation's own reference names its
+interval by the first frame, whatever frame was given.
 """
 
 from __future__ import annotations
@@ -74,10 +76,15 @@ class Explanation:
         when = f"frame {self.start_frame}, {self.start_t:.2f} s"
         if self.end_frame != self.start_frame:
             when = (
-                f"frames {self.start_frame} to {self.end_frame}, {self.start_t:.2f} to {self.end_t:.2f} s "
-                f"({self.end_t - self.start_t:.2f} s)"
+                f"frames {self.start_frame} to {self.end_frame}, {self.start_t:.2f} to"
+                f" {self.end_t:.2f} s ({self.end_t - self.start_t:.2f} s)"
             )
-        out = [f"{self.reference}: {self.kind}", f"  {self.text}", f"  when:  {when}", f"  rule:  {self.rule}"]
+        out = [
+            f"{self.reference}: {self.kind}",
+            f"  {self.text}",
+            f"  when:  {when}",
+            f"  rule:  {self.rule}",
+        ]
         if self.measures:
             out.append("  measured:")
             out += [f"    {measure_line(m)}" for m in self.measures]
@@ -96,8 +103,9 @@ def explain(case: Case, reference: str, recording: str | None = None) -> Explana
     match = _REFERENCE.fullmatch(reference.strip())
     if match is None:
         raise UsageError(
-            f"{reference!r}: give an event's number (12 or event:12) or an id of a column `explain`, "
-            "like relation:1-2@40, encounter:1-2@65, group:3, track:7@31, zone:4@160:bench"
+            f"{reference!r}: give an event's number (12 or event:12) or an id of a column"
+            " `explain`, like relation:1-2@40, encounter:1-2@65, group:3, track:7@31,"
+            " zone:4@160:bench"
         )
     only = "" if recording is None else f" AND recording = {literal(recording)}"
     if match["event"] is not None:
@@ -125,12 +133,16 @@ def _rows(case: Case, query: str, reference: str) -> list[dict[str, Any]]:
         raise UsageError(f"{reference}: there is none")
     names = sorted({str(r[0]) for r in rows})
     if len(names) > 1:
-        raise UsageError(f"{reference}: in several recordings ({', '.join(names[:5])}); give --recording")
+        raise UsageError(
+            f"{reference}: in several recordings ({', '.join(names[:5])}); give --recording"
+        )
     return [dict(zip(answer.columns, row, strict=True)) for row in rows]
 
 
 def _event(case: Case, number: int, only: str) -> Explanation:
-    row = _row(case, f"SELECT * FROM events WHERE event = {number}{only}", f"event:{number}")  # noqa: S608
+    row = _row(
+        case, f"SELECT * FROM events WHERE event = {number}{only}", f"event:{number}"
+    )
     evidence = json.loads(row["evidence"] or "{}")
     evidence = evidence if isinstance(evidence, dict) else {"evidence": evidence}
     subjects = list(row["subjects"])
@@ -142,15 +154,28 @@ def _event(case: Case, number: int, only: str) -> Explanation:
 
 
 def _group(case: Case, label: int, only: str) -> Explanation:
-    row = _row(case, f"SELECT * FROM groups WHERE group_id = {label}{only} ORDER BY start_frame", f"group:{label}")  # noqa: S608
+    row = _row(
+        case,
+        f"SELECT * FROM groups WHERE group_id = {label}{only} ORDER BY start_frame",
+        f"group:{label}",
+    )
     name, members = row["recording"], list(row["members"])
     events = case.rows(
-        f"SELECT e.event, e.kind, e.t, e.text, e.rule FROM events e JOIN event_groups g USING (recording, event) "  # noqa: S608
+        f"SELECT e.event, e.kind, e.t, e.text, e.rule FROM events e JOIN event_groups g USING (recording, event) "
         f"WHERE g.group_id = {label} AND e.recording = {literal(name)} ORDER BY e.event"
     )
-    formed = f", formed from group {_listed(row['formed_from'])}" if row["formed_from"] else ""
+    formed = (
+        f", formed from group {_listed(row['formed_from'])}" if row["formed_from"] else ""
+    )
     ended = f"; {row['ended_by']} ended it" if row["ended_by"] else "; it lasted to the end"
-    rule = next((e[4] for e in events if e[1] in ("group_formed", "group_changed", "group_entered_scene")), "")
+    rule = next(
+        (
+            e[4]
+            for e in events
+            if e[1] in ("group_formed", "group_changed", "group_entered_scene")
+        ),
+        "",
+    )
     chained = [f"{t:.2f} s: event:{n} {kind}: {text}" for n, kind, t, text, _ in events]
     return Explanation(
         f"group:{label}", name, "group", f"Group {label} of {_listed(members)}{formed}{ended}.",
@@ -161,7 +186,10 @@ def _group(case: Case, label: int, only: str) -> Explanation:
 
 _SINGLE = {
     "track": ("was present", "EVENTS 2, 3.1: the target's own state"),
-    "still": ("stood still", "ours: slower than a small part of its own size per second, for a second and more"),
+    "still": (
+        "stood still",
+        "ours: slower than a small part of its own size per second, for a second and more",
+    ),
 }
 
 
@@ -182,17 +210,23 @@ def _inside(case: Case, track: int, at: int, zone: str | None, only: str) -> Exp
     zones = sorted({row["zone"] for row in rows})
     if len(zones) > 1:
         ways = ", ".join(zone_reference(track, at, name) for name in zones[:5])
-        raise UsageError(f"{asked}: target {track} is in {len(zones)} zones then; give one of them: {ways}")
+        raise UsageError(
+            f"{asked}: target {track} is in {len(zones)} zones then; give one of them:"
+            f" {ways}"
+        )
     row = rows[0]
     reference = zone_reference(track, row["start_frame"], row["zone"])
-    text, rule = f"Target {track} was in the zone {row['zone']!r}.", "EVENTS 3.2: a target's centroid in the zone"
+    text, rule = (
+        f"Target {track} was in the zone {row['zone']!r}.",
+        "EVENTS 3.2: a target's centroid in the zone",
+    )
     return _of_one(case, row, (reference, "zone"), text, rule, _bits(case, row, at))
 
 
 def _during(kind: str, track: int, at: int, only: str) -> str:
     """A target's rows that a frame lies in, the latest first."""
     return (
-        f"SELECT * FROM {_TABLE[kind]} WHERE track = {track} AND {at} BETWEEN start_frame AND end_frame{only} "  # noqa: S608
+        f"SELECT * FROM {_TABLE[kind]} WHERE track = {track} AND {at} BETWEEN start_frame AND end_frame{only} "
         "ORDER BY start_frame DESC"
     )
 
@@ -200,14 +234,23 @@ def _during(kind: str, track: int, at: int, only: str) -> str:
 def _bits(case: Case, row: Mapping[str, Any], at: int) -> list[Measure]:
     """Whom a target was grouping with, grouped with and splitting from in a frame."""
     rows = case.rows(
-        f"SELECT bit, partners, start_frame, end_frame FROM bits WHERE track = {row['track']} AND "  # noqa: S608
-        f"{at} BETWEEN start_frame AND end_frame AND recording = {literal(row['recording'])} ORDER BY bit"
+        f"SELECT bit, partners, start_frame, end_frame FROM bits WHERE track = {row['track']} AND "
+        f"{at} BETWEEN start_frame AND end_frame AND recording ="
+        f" {literal(row['recording'])} ORDER BY bit"
     )
-    return [Measure(f"{bit} in frame {at}", f"with {_listed(p)}, frames {s} to {e}") for bit, p, s, e in rows]
+    return [
+        Measure(f"{bit} in frame {at}", f"with {_listed(p)}, frames {s} to {e}")
+        for bit, p, s, e in rows
+    ]
 
 
 def _of_one(
-    case: Case, row: Mapping[str, Any], named: tuple[str, str], text: str, rule: str, found: list[Measure]
+    case: Case,
+    row: Mapping[str, Any],
+    named: tuple[str, str],
+    text: str,
+    rule: str,
+    found: list[Measure],
 ) -> Explanation:
     reference, kind = named
     return Explanation(
@@ -217,11 +260,13 @@ def _of_one(
     )  # fmt: skip
 
 
-def _pair(case: Case, kind: str, ids: tuple[int, int], since: int, only: str) -> Explanation:
+def _pair(
+    case: Case, kind: str, ids: tuple[int, int], since: int, only: str
+) -> Explanation:
     a, b = ids
     row = _row(
         case,
-        f"SELECT * FROM {_TABLE[kind]} WHERE a = {a} AND b = {b} "  # noqa: S608
+        f"SELECT * FROM {_TABLE[kind]} WHERE a = {a} AND b = {b} "
         f"AND {since} BETWEEN start_frame AND end_frame{only} ORDER BY start_frame DESC",
         f"{kind}:{a}-{b}@{since}",
     )
@@ -234,14 +279,26 @@ def _pair(case: Case, kind: str, ids: tuple[int, int], since: int, only: str) ->
     )  # fmt: skip
 
 
-def _told_of_pair(case: Case, kind: str, row: Mapping[str, Any]) -> tuple[str, str, str, list[Measure]]:
+def _told_of_pair(
+    case: Case, kind: str, row: Mapping[str, Any]
+) -> tuple[str, str, str, list[Measure]]:
     """Kind, what the two did, rule and measures of a row about a pair."""
     if kind == "relation":
         rule = "SHELLS 2.3: shells that meet are INTERACTION, with one blob JOINT"
-        return row["state"], f"were in the relation {row['state']}", rule, measured.began_with(case, row)
+        return (
+            row["state"],
+            f"were in the relation {row['state']}",
+            rule,
+            measured.began_with(case, row),
+        )
     if kind == "near":
         rule = "ours: standing points, within touching distance"
-        return kind, "stood within touching distance", rule, measured.near_measures(case, row)
+        return (
+            kind,
+            "stood within touching distance",
+            rule,
+            measured.near_measures(case, row),
+        )
     if kind == "abrupt":
         text = "were abrupt against one another at touching distance"
         return kind, text, measured.ABRUPT_RULE, measured.abrupt_measures(case, row)
@@ -250,17 +307,28 @@ def _told_of_pair(case: Case, kind: str, row: Mapping[str, Any]) -> tuple[str, s
         rule = measured.phase_rule(case, row)
         return f"phase ({row['kind']})", text, rule, measured.phase_measures(case, row)
     text = f"were socially together, for the most part: {row['kind']}"
-    rule = "ours: encounters in hindsight (near, slow against one another, not passing, long enough)"
+    rule = (
+        "ours: encounters in hindsight (near, slow against one another, not passing, long"
+        " enough)"
+    )
     return f"encounter ({row['kind']})", text, rule, measured.encounter_measures(case, row)
 
 
-def chain(case: Case, recording: str, subjects: Sequence[int], until_t: float, reference: str) -> list[str]:
-    """The states and events of the subjects that began before a moment, oldest first, the last few of them."""
+def chain(
+    case: Case, recording: str, subjects: Sequence[int], until_t: float, reference: str
+) -> list[str]:
+    """The states and events of the subjects that began before a moment, oldest first, the last
+    few of them.
+    """
     if not subjects:
         return []
     ids = ", ".join(str(s) for s in sorted(subjects))
     within = f"[{ids}]"
-    both = f"a IN ({ids}) AND b IN ({ids})" if len(subjects) > 1 else f"(a IN ({ids}) OR b IN ({ids}))"
+    both = (
+        f"a IN ({ids}) AND b IN ({ids})"
+        if len(subjects) > 1
+        else f"(a IN ({ids}) OR b IN ({ids}))"
+    )
     rows = case.rows(
         f"""SELECT * FROM (
         SELECT start_t AS t, end_t, format('{{}} and {{}} were {{}}', a, b, state) AS what,
@@ -274,14 +342,24 @@ def chain(case: Case, recording: str, subjects: Sequence[int], until_t: float, r
         SELECT t, t, text, format('event:{{}}', event)
         FROM events WHERE recording = {literal(recording)} AND len(subjects) > 0 AND list_has_all({within}, subjects)
           AND kind <> 'mode_changed' AND t <= {until_t!r})
-        WHERE ref <> {literal(reference)} ORDER BY t DESC, end_t DESC, ref DESC LIMIT {_CHAIN}"""  # noqa: S608
+        WHERE ref <> {literal(reference)} ORDER BY t DESC, end_t DESC, ref DESC LIMIT {_CHAIN}"""
     )
     return [
-        f"{t:.2f} s: {what} ({ref})" if t == end else f"{t:.2f} to {end:.2f} s: {what} ({ref})"
+        (
+            f"{t:.2f} s: {what} ({ref})"
+            if t == end
+            else f"{t:.2f} to {end:.2f} s: {what} ({ref})"
+        )
         for t, end, what, ref in reversed(rows)
     ]
 
 
 def _listed(ids: Sequence[int]) -> str:
     words = [str(i) for i in ids]
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else "nobody"
+    return (
+        words[0]
+        if len(words) == 1
+        else f"{', '.join(words[:-1])} and {words[-1]}"
+        if words
+        else "nobody"
+    )

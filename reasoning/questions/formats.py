@@ -17,7 +17,12 @@ FORMATS = ("table", "json", "csv", "parquet")
 _MEASURED = 1_000
 _WIDEST = 80
 _MILLI = 3
-_CSV_ITSELF = (str, int, float, type(None))  # written by csv as `_text` would; no bool, which is an int
+_CSV_ITSELF = (
+    str,
+    int,
+    float,
+    type(None),
+)  # written by csv as `_text` would; no bool, which is an int
 _JSON_ITSELF = (str, int, bool, type(None))
 _TO_JSON = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 
@@ -38,7 +43,11 @@ def _json(answer: Answer, out: IO[str]) -> int:
     out.write("[")
     for row in answer.rows:
         values = [
-            json.loads(v) if is_json and isinstance(v, str) else v if type(v) in _JSON_ITSELF else plain(v)
+            json.loads(v)
+            if is_json and isinstance(v, str)
+            else v
+            if type(v) in _JSON_ITSELF
+            else plain(v)
             for v, is_json in zip(row, nested, strict=True)
         ]
         out.write(",\n " if count else "\n ")
@@ -49,7 +58,9 @@ def _json(answer: Answer, out: IO[str]) -> int:
 
 
 def plain(value: Any) -> Any:
-    """A value that JSON can hold: times as ISO 8601, bytes in hex, not finite as null, foreign things as text."""
+    """A value that JSON can hold: times as ISO 8601, bytes in hex, not finite as null, foreign
+    things as text.
+    """
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if value is None or isinstance(value, (bool, int, str)):
@@ -89,28 +100,44 @@ def _cell(value: Any, decimals: int | None = None) -> str:
     if value is None:
         return ""
     if isinstance(value, float):
-        text = f"{value:.10g}" if decimals is None or not math.isfinite(value) else f"{value:.{decimals}f}"
+        text = (
+            f"{value:.10g}"
+            if decimals is None or not math.isfinite(value)
+            else f"{value:.{decimals}f}"
+        )
     else:
         text = _text(value)
     # A recording's text must not steer the terminal.
-    clean = text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
+    clean = (
+        text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
+    )
     return clean if len(clean) <= _WIDEST else clean[: _WIDEST - 1] + "…"
 
 
 def _table(answer: Answer, out: IO[str]) -> int:
-    """Columns as wide as the first rows need; numbers to the right, with as many decimals as the longest has."""
+    """Columns as wide as the first rows need; numbers to the right, with as many decimals as the
+    longest has.
+    """
     raw = iter(answer.rows)
     measured = list(islice(raw, _MEASURED))
     columns = list(zip(*measured, strict=True)) or [()] * len(answer.columns)
-    decimals = [_decimals(name, values) for name, values in zip(answer.columns, columns, strict=True)]
-    rows: Iterator[list[str]] = ([_cell(v, d) for v, d in zip(row, decimals, strict=True)] for row in raw)
+    decimals = [
+        _decimals(name, values)
+        for name, values in zip(answer.columns, columns, strict=True)
+    ]
+    rows: Iterator[list[str]] = (
+        [_cell(v, d) for v, d in zip(row, decimals, strict=True)] for row in raw
+    )
     first = [[_cell(v, d) for v, d in zip(row, decimals, strict=True)] for row in measured]
     names = [_cell(c) for c in answer.columns]
     widths = [max(len(n), *(len(r[k]) for r in first), 0) for k, n in enumerate(names)]
     numeric = [_is_number(kind) for kind in answer.types]
 
     def line(cells: list[str]) -> str:
-        padded = (c.rjust(w) if n else c.ljust(w) for c, w, n in zip(cells, widths, numeric, strict=True))
+        padded = (
+            c.rjust(w) if n else c.ljust(w)
+            for c, w, n in zip(cells, widths, numeric, strict=True)
+        )
         return "  ".join(padded).rstrip() + "\n"
 
     out.write(line(names))
@@ -123,7 +150,8 @@ def _table(answer: Answer, out: IO[str]) -> int:
 
 
 def _decimals(name: str, values: Sequence[Any]) -> int | None:
-    """Decimals that show all of a column's numbers to ten digits; None if it has none, or very small or large ones.
+    """Decimals that show all of a column's numbers to ten digits; None if it has none, or very
+    small or large ones.
 
     Times in seconds are shown to the millisecond (JSON and CSV have all of their digits).
     """
@@ -135,4 +163,8 @@ def _decimals(name: str, values: Sequence[Any]) -> int | None:
 
 
 def _is_number(kind: str) -> bool:
-    return kind in ("DOUBLE", "FLOAT") or kind.startswith("DECIMAL") or (kind.endswith("INT") or kind == "INTEGER")
+    return (
+        kind in ("DOUBLE", "FLOAT")
+        or kind.startswith("DECIMAL")
+        or (kind.endswith("INT") or kind == "INTEGER")
+    )

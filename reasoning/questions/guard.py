@@ -1,8 +1,8 @@
 """The last line of defence of a process that answers strangers' queries.
 
-DuckDB looks for an interrupt between batches, not inside one call of a function, and a function's own strings are not
-counted against its memory limit. So a process that runs one query bounds its address space, and ends itself if a query
-has not stopped some time after it was told to.
+DuckDB looks for an interrupt between batches, not inside one call of a function, and a function's
+own strings are not counted against its memory limit. So a process that runs one query bounds its
+address space, and ends itself if a query has not stopped some time after it was told to.
 """
 
 from __future__ import annotations
@@ -36,7 +36,11 @@ def guarded(limits: QueryLimits) -> Iterator[None]:
 
 
 def _end(seconds: float) -> None:
-    print(f"scenetrace: error: SQL: stopped after {seconds:g} s (--time-limit)", file=sys.stderr, flush=True)  # noqa: T201
+    print(  # noqa: T201
+        f"scenetrace: error: SQL: stopped after {seconds:g} s (--time-limit)",
+        file=sys.stderr,
+        flush=True,
+    )
     os._exit(FAILED)
 
 

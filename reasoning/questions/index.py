@@ -1,8 +1,10 @@
-"""The index of a case: many annotated logs in one DuckDB file or in a folder of Parquet, each recording once.
+"""The index of a case: many annotated logs in one DuckDB file or in a folder of Parquet, each
+recording once.
 
-A recording is known by the SHA-256 of its file. Into a DuckDB file every log goes in a transaction of its own; into a
-folder, logs go in parts that appear whole (written beside, then renamed). So a run that was interrupted leaves what was
-finished, and the same command again does the rest.
+A recording is known by the SHA-256 of its file. Into a DuckDB file every log goes in a
+transaction of its own; into a folder, logs go in parts that appear whole (written beside, then
+renamed). So a run that was interrupted leaves what was finished, and the same command again does
+the rest.
 """
 
 from __future__ import annotations
@@ -16,7 +18,14 @@ from typing import Any
 import duckdb
 
 from reasoning.encounters import EncounterParameters
-from reasoning.questions.case import PART_PREFIX, QueryLimits, free_name, kind_of, locked_down, parquet_parts
+from reasoning.questions.case import (
+    PART_PREFIX,
+    QueryLimits,
+    free_name,
+    kind_of,
+    locked_down,
+    parquet_parts,
+)
 from reasoning.questions.reading import Facts, file_digest, read_recordings
 from reasoning.questions.schema import TABLES, create_statements
 from reasoning.questions.store import insert, reason
@@ -29,7 +38,9 @@ Told = Callable[[str, int], None]
 
 @dataclass(frozen=True)
 class IndexSummary:
-    """What a run did: recordings added, logs that were there already, and logs that could not be read (path, why)."""
+    """What a run did: recordings added, logs that were there already, and logs that could not be
+    read (path, why).
+    """
 
     added: list[Facts]
     known: list[Path]
@@ -45,7 +56,8 @@ def build_index(
     encounters: EncounterParameters | None = None,
     progress: Told | None = None,
 ) -> IndexSummary:
-    """Add logs to an index; a name with ``.duckdb`` (or ``.db``) is a file, any other a folder of Parquet.
+    """Add logs to an index; a name with ``.duckdb`` (or ``.db``) is a file, any other a folder of
+    Parquet.
 
     Args:
         logs: annotated logs.
@@ -60,7 +72,9 @@ def build_index(
     """
     was_there = out.exists()
     try:
-        target: _DuckDB | _Parquet = _DuckDB(out) if out.suffix in (".duckdb", ".db") else _Parquet(out)
+        target: _DuckDB | _Parquet = (
+            _DuckDB(out) if out.suffix in (".duckdb", ".db") else _Parquet(out)
+        )
     except BaseException:
         if not was_there:
             _remove(out)
@@ -107,12 +121,21 @@ class _Target:
     _names: list[str]
     digests: set[str]
 
-    def add(self, log: Path, digest: str, limits: Limits, encounters: EncounterParameters | None) -> list[Facts]:
+    def add(
+        self, log: Path, digest: str, limits: Limits, encounters: EncounterParameters | None
+    ) -> list[Facts]:
         """Add one log, or nothing of it."""
         name = free_name(log.stem, self._names)
         self._con.execute("BEGIN TRANSACTION")
         try:
-            found = read_recordings(log, self._insert, name=name, digest=digest, limits=limits, encounters=encounters)
+            found = read_recordings(
+                log,
+                self._insert,
+                name=name,
+                digest=digest,
+                limits=limits,
+                encounters=encounters,
+            )
             self._con.execute("COMMIT")
         except BaseException:
             self._con.execute("ROLLBACK")
@@ -134,10 +157,19 @@ class _DuckDB(_Target):
         if path.exists() and kind_of(path) != "index":
             raise RecordingError("exists and is no index", path)
         try:
-            self._con = duckdb.connect(str(path), config={**locked_down(QueryLimits()), "temp_directory": ""})
-            tables = {r[0] for r in self._con.execute("SELECT table_name FROM duckdb_tables()").fetchall()}
+            self._con = duckdb.connect(
+                str(path), config={**locked_down(QueryLimits()), "temp_directory": ""}
+            )
+            tables = {
+                r[0]
+                for r in self._con.execute(
+                    "SELECT table_name FROM duckdb_tables()"
+                ).fetchall()
+            }
             if not tables:
-                self._con.execute("BEGIN TRANSACTION")  # all of them or none, whenever it is interrupted
+                self._con.execute(
+                    "BEGIN TRANSACTION"
+                )  # all of them or none, whenever it is interrupted
                 for statement in create_statements():
                     self._con.execute(statement)
                 self._con.execute("COMMIT")
@@ -171,14 +203,23 @@ class _Parquet(_Target):
 
     def __init__(self, folder: Path) -> None:
         if folder.exists() and not folder.is_dir():
-            raise RecordingError("exists and is no folder; a database's name ends in .duckdb", folder)
+            raise RecordingError(
+                "exists and is no folder; a database's name ends in .duckdb", folder
+            )
         strangers = (
-            [p.name for p in folder.iterdir() if not p.name.lstrip(".").startswith(PART_PREFIX)]
+            [
+                p.name
+                for p in folder.iterdir()
+                if not p.name.lstrip(".").startswith(PART_PREFIX)
+            ]
             if folder.exists()
             else []
         )
         if strangers:
-            raise UsageError(f"{folder}: holds {strangers[0]!r}, which is no part of an index; give an own folder")
+            raise UsageError(
+                f"{folder}: holds {strangers[0]!r}, which is no part of an index; give an"
+                " own folder"
+            )
         folder.mkdir(parents=True, exist_ok=True)
         for leftover in folder.glob(f".{PART_PREFIX}*"):
             shutil.rmtree(leftover)
@@ -189,18 +230,23 @@ class _Parquet(_Target):
         try:
             for part in parts:
                 rows += self._con.execute(
-                    "SELECT digest, recording FROM read_parquet(?)", [str(part / "recordings.parquet")]
+                    "SELECT digest, recording FROM read_parquet(?)",
+                    [str(part / "recordings.parquet")],
                 ).fetchall()
             for statement in create_statements():
                 self._con.execute(statement)
         except duckdb.Error as e:
             raise RecordingError(f"a part cannot be read: {reason(e)}", folder) from e
-        self._next = 1 + max((int(p.name.removeprefix(PART_PREFIX)) for p in parts), default=-1)
+        self._next = 1 + max(
+            (int(p.name.removeprefix(PART_PREFIX)) for p in parts), default=-1
+        )
         self._waiting = 0
         self.digests = {digest for digest, _ in rows}
         self._names = [name for _, name in rows]
 
-    def add(self, log: Path, digest: str, limits: Limits, encounters: EncounterParameters | None) -> list[Facts]:
+    def add(
+        self, log: Path, digest: str, limits: Limits, encounters: EncounterParameters | None
+    ) -> list[Facts]:
         """Add one log; it is safe on disk once its part is written."""
         found = super().add(log, digest, limits, encounters)
         self._waiting += 1
@@ -219,7 +265,9 @@ class _Parquet(_Target):
                 self._con.execute(f"TRUNCATE {table}")
             except duckdb.Error as e:
                 shutil.rmtree(beside, ignore_errors=True)
-                raise SceneTraceError(f"{self._folder}: cannot be written: {reason(e)}") from e
+                raise SceneTraceError(
+                    f"{self._folder}: cannot be written: {reason(e)}"
+                ) from e
         beside.rename(self._folder / name)
         self._next, self._waiting = self._next + 1, 0
 

@@ -1,5 +1,6 @@
-"""Whether what a question names is there at all: an unknown target, zone, group, event or recording is an error that
-says what there is, so that an empty answer always means that nothing happened.
+"""Whether what a question names is there at all: an unknown target, zone, group, event or
+recording is an error that says what there is, so that an empty answer always means that nothing
+happened.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ _SUBJECTS = {
 }
 _NONE = {
     "track": "there are no targets at all",
-    "zone": "nobody was in a named zone (`record --regions FILE` names zones); `scene` is the whole picture",
+    "zone": (
+        "nobody was in a named zone (`record --regions FILE` names zones); `scene` is the"
+        " whole picture"
+    ),
     "group": "no group was formed",
     "event": "there are no events",
 }
@@ -36,9 +40,13 @@ def check_recording(case: Case, name: str | None) -> None:
     """
     if name is None:
         return
-    if not case.rows(f"SELECT 1 FROM recordings WHERE recording = {literal(name)}"):  # noqa: S608
-        names = [r[0] for r in case.rows("SELECT recording FROM recordings ORDER BY recording")]
-        raise UsageError(f"--recording {name}: there is none of that name; there are: {_few(names)}")
+    if not case.rows(f"SELECT 1 FROM recordings WHERE recording = {literal(name)}"):
+        names = [
+            r[0] for r in case.rows("SELECT recording FROM recordings ORDER BY recording")
+        ]
+        raise UsageError(
+            f"--recording {name}: there is none of that name; there are: {_few(names)}"
+        )
 
 
 def check_thresholds(case: Case, chosen: Mapping[str, float]) -> None:
@@ -52,17 +60,21 @@ def check_thresholds(case: Case, chosen: Mapping[str, float]) -> None:
     for name, value in chosen.items():
         wanted = f"name = {literal(name)} AND value <> {float(value)!r}"
         others = case.rows(
-            f"SELECT recording, value FROM encounter_parameters WHERE {wanted} ORDER BY recording LIMIT 1"  # noqa: S608
+            f"SELECT recording, value FROM encounter_parameters WHERE {wanted} ORDER BY recording LIMIT 1"
         )
         for recording, was in others:
             raise UsageError(
-                f"encounters.{name} = {value:g}: the encounters of {recording!r} in the index were found with {was:g}, "
-                "and it keeps them; make another index with this value, or ask the annotated logs"
+                f"encounters.{name} = {value:g}: the encounters of {recording!r} in the"
+                f" index were found with {was:g}, and it keeps them; make another index"
+                " with this value, or ask the annotated logs"
             )
 
 
-def check_words(case: Case, question: Question, words: Sequence[str], options: Options) -> None:
-    """That each target, zone, group, event and moment that a question names is in a recording that it is asked of.
+def check_words(
+    case: Case, question: Question, words: Sequence[str], options: Options
+) -> None:
+    """That each target, zone, group, event and moment that a question names is in a recording
+    that it is asked of.
 
     Raises:
         UsageError: it is in none; says which there are.
@@ -84,20 +96,22 @@ def check_moment(case: Case, at: Moment | None, recordings: Recordings | None) -
         return
     only = "true" if recordings is None else recordings.sql()
     if at.frame is not None:
-        within = f"SELECT 1 FROM frames r WHERE frame = {at.frame} AND {only} LIMIT 1"  # noqa: S608
+        within = f"SELECT 1 FROM frames r WHERE frame = {at.frame} AND {only} LIMIT 1"
     else:
         # To the millisecond, as times are shown.
         seconds = at.sql("r")
         within = (
-            f"SELECT 1 FROM recordings r WHERE {only} AND {seconds} <= r.seconds + 0.0005 AND EXISTS "  # noqa: S608
-            f"(SELECT 1 FROM frames f WHERE f.recording = r.recording AND f.t <= {seconds} + 0.0005) LIMIT 1"
+            f"SELECT 1 FROM recordings r WHERE {only} AND {seconds} <= r.seconds + 0.0005 AND EXISTS "
+            f"(SELECT 1 FROM frames f WHERE f.recording = r.recording AND f.t <= {seconds}"
+            " + 0.0005) LIMIT 1"
         )
     if case.rows(within):
         return
     spans = case.rows(
-        "SELECT recording, first_frame, (SELECT min(f.t) FROM frames f WHERE f.recording = r.recording), "  # noqa: S608
+        "SELECT recording, first_frame, (SELECT min(f.t) FROM frames f WHERE f.recording = r.recording), "
         "(SELECT max(f.frame) FROM frames f WHERE f.recording = r.recording), seconds, "
-        "CAST(wall_time(recording, 0.0) AS VARCHAR), CAST(wall_time(recording, seconds) AS VARCHAR) "
+        "CAST(wall_time(recording, 0.0) AS VARCHAR), CAST(wall_time(recording, seconds) AS"
+        " VARCHAR) "
         f"FROM recordings r WHERE {only} ORDER BY recording LIMIT 4"
     )
     told = []
@@ -108,18 +122,26 @@ def check_moment(case: Case, at: Moment | None, recordings: Recordings | None) -
             told.append(f"{name} goes from {since or 0:.3f} to {until:.3f} s")
         else:
             told.append(f"{name} goes from {wall_since} to {wall_until} UTC")
-    raise UsageError(f"--at {at.text()}: outside of the recording; {'; '.join(told)}{' ...' if len(spans) > 3 else ''}")
+    raise UsageError(
+        f"--at {at.text()}: outside of the recording;"
+        f" {'; '.join(told)}{' ...' if len(spans) > 3 else ''}"
+    )
 
 
 def check_pattern(case: Case, pattern: Pattern, recordings: Recordings | None) -> None:
-    """That each target and zone that a pattern names is in one of the recordings that it is asked of.
+    """That each target and zone that a pattern names is in one of the recordings that it is asked
+    of.
 
     Raises:
         PatternError: it is in none; says which there are, and points at it.
     """
     for item in (item for step in pattern.steps for item in step):
         for term in item.terms:
-            kind, word = ("track", str(term.number)) if term.number is not None else ("zone", term.text)
+            kind, word = (
+                ("track", str(term.number))
+                if term.number is not None
+                else ("zone", term.text)
+            )
             wrong = None if word is None else _missing(case, kind, word, recordings)
             if wrong is not None:
                 raise PatternError(wrong, pattern.text, term.position)
@@ -136,9 +158,13 @@ def _missing(case: Case, kind: str, word: str, recordings: Recordings | None) ->
     noun, column, table = _SUBJECTS[kind]
     value = word if kind == "zone" else identity(word.removeprefix(f"{kind}:"))
     only = "true" if recordings is None else recordings.sql()
-    if case.rows(f"SELECT 1 FROM {table} WHERE {column} = {literal(value)} AND {only} LIMIT 1"):  # noqa: S608
+    if case.rows(
+        f"SELECT 1 FROM {table} WHERE {column} = {literal(value)} AND {only} LIMIT 1"
+    ):
         return None
-    found = case.rows(f"SELECT DISTINCT {column} FROM {table} WHERE {only} ORDER BY 1 LIMIT 1000")  # noqa: S608
+    found = case.rows(
+        f"SELECT DISTINCT {column} FROM {table} WHERE {only} ORDER BY 1 LIMIT 1000"
+    )
     there = f"there are {_few([r[0] for r in found])}" if found else _NONE[kind]
     where = "" if recordings is None else f" in {recordings.first}"
     return f"{noun} {word!r}: there is none{where}; {there}"
@@ -153,7 +179,11 @@ def _few(names: Sequence[object]) -> str:
         while end + 1 < len(names) and _follows(names[end], names[end + 1]):
             end += 1
         parts.append(
-            str(names[k]) if end == k else f"{names[k]}-{names[end]}" if end > k + 1 else f"{names[k]}, {names[end]}"
+            str(names[k])
+            if end == k
+            else f"{names[k]}-{names[end]}"
+            if end > k + 1
+            else f"{names[k]}, {names[end]}"
         )
         k = end + 1
     return ", ".join(parts[:_SHOWN]) + (", ..." if len(parts) > _SHOWN else "")

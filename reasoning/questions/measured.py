@@ -1,7 +1,9 @@
-"""Measured values and what they are held against: the thresholds that an event names, and those of encounters.
+"""Measured values and what they are held against: the thresholds that an event names, and those
+of encounters.
 
-The thresholds of encounters are those that the recording's rows were made with (table ``encounter_parameters``),
-whatever the current call's are: a row that is there was found with them.
+The thresholds of encounters are those that the recording's rows were made with (table
+``encounter_parameters``), whatever the current call's are: a row that is there was found with
+them.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ _MEDIANS = "over its own frames"
 
 @dataclass(frozen=True)
 class Measure:
-    """A measured value; where a threshold decides, its comparison, the threshold, and by how much it was met."""
+    """A measured value; where a threshold decides, its comparison, the threshold, and by how much
+    it was met.
+    """
 
     name: str
     value: Any
@@ -46,7 +50,10 @@ def measure_line(m: Measure) -> str:
     if m.threshold is None:
         return line
     verdict = "met by" if (m.margin or 0) >= 0 else "missed by"
-    return f"{line}, wanted {m.compare} {_shown(m.threshold)}: {verdict} {_shown(abs(m.margin or 0))}"
+    return (
+        f"{line}, wanted {m.compare} {_shown(m.threshold)}: {verdict}"
+        f" {_shown(abs(m.margin or 0))}"
+    )
 
 
 def _shown(value: Any) -> str:
@@ -58,10 +65,16 @@ def _shown(value: Any) -> str:
 
 
 def event_measures(kind: str, evidence: Mapping[str, Any]) -> list[Measure]:
-    """An event's evidence as measures; thresholds are those that the evidence names and those of SHELLS' cases."""
+    """An event's evidence as measures; thresholds are those that the evidence names and those of
+    SHELLS' cases.
+    """
     out: list[Measure] = []
     for name, value in evidence.items():
-        if name.endswith(("_at_most", "_at_least", "_over", "_under")) or name in ("before", "after", "case"):
+        if name.endswith(("_at_most", "_at_least", "_over", "_under")) or name in (
+            "before",
+            "after",
+            "case",
+        ):
             continue
         compare, threshold = _threshold(kind, name, evidence)
         if threshold is None or not _is_number(value):
@@ -72,13 +85,24 @@ def event_measures(kind: str, evidence: Mapping[str, Any]) -> list[Measure]:
     return out
 
 
-def _threshold(kind: str, name: str, evidence: Mapping[str, Any]) -> tuple[str, float | None]:
-    for end, compare in (("_at_most", "<="), ("_at_least", ">="), ("_over", ">"), ("_under", "<")):
+def _threshold(
+    kind: str, name: str, evidence: Mapping[str, Any]
+) -> tuple[str, float | None]:
+    for end, compare in (
+        ("_at_most", "<="),
+        ("_at_least", ">="),
+        ("_over", ">"),
+        ("_under", "<"),
+    ):
         stated = evidence.get(f"{name}{end}")
         if _is_number(stated):
             return compare, float(stated or 0)
     if name == "shell_gap_px":  # two discs meet where the gap between them is at most 0
-        return ("<=", 0.0) if evidence.get("after") != "INDEPENDENT" and "gone" not in evidence else (">", 0.0)
+        return (
+            ("<=", 0.0)
+            if evidence.get("after") != "INDEPENDENT" and "gone" not in evidence
+            else (">", 0.0)
+        )
     if name == "safety_distance" and _is_number(evidence.get("collision_at_most")):
         limit = float(evidence["collision_at_most"])
         return (">", limit) if kind == "single" else ("<=", limit)
@@ -92,16 +116,23 @@ def _is_number(value: Any) -> bool:
 def thresholds(case: Case, recording: str) -> EncounterParameters:
     """The thresholds that a recording's encounters were found with."""
     stated = dict(
-        case.rows(f"SELECT name, value FROM encounter_parameters WHERE recording = {literal(recording)}")  # noqa: S608
+        case.rows(
+            "SELECT name, value FROM encounter_parameters WHERE recording ="
+            f" {literal(recording)}"
+        )
     )
-    return EncounterParameters(**{f.name: stated[f.name] for f in fields(EncounterParameters) if f.name in stated})
+    return EncounterParameters(
+        **{f.name: stated[f.name] for f in fields(EncounterParameters) if f.name in stated}
+    )
 
 
 def encounter_measures(case: Case, row: Mapping[str, Any]) -> list[Measure]:
-    """Of a row of ``encounters``: what made it one, and the medians over all of its frames beside it."""
+    """Of a row of ``encounters``: what made it one, and the medians over all of its frames beside
+    it.
+    """
     p = thresholds(case, row["recording"])
     found = case.rows(
-        "SELECT distance, relative_speed, drift, near_s, sure_frame, all_distance, all_relative_speed "  # noqa: S608
+        "SELECT distance, relative_speed, drift, near_s, sure_frame, all_distance, all_relative_speed "
         f"FROM encounter_evidence WHERE {_same(row)} AND start_frame = {row['start_frame']}"
     )
     if not found:
@@ -112,8 +143,16 @@ def encounter_measures(case: Case, row: Mapping[str, Any]) -> list[Measure]:
         at_least("seconds together for sure (near and slow)", near_s, p.least_s),
         at_most(f"median distance {only}, body sizes", distance, p.near_sizes),
         at_most(f"median relative speed {only}, body sizes/s", pace, p.pace_sizes_per_s),
-        at_most("drift past one another from the first to the last of them, body sizes/s", drift, p.drift_sizes_per_s),
-        at_most("median distance over all its frames, body sizes (it begins and ends at)", all_distance, p.far_sizes),
+        at_most(
+            "drift past one another from the first to the last of them, body sizes/s",
+            drift,
+            p.drift_sizes_per_s,
+        ),
+        at_most(
+            "median distance over all its frames, body sizes (it begins and ends at)",
+            all_distance,
+            p.far_sizes,
+        ),
         Measure("median relative speed over all its frames, body sizes/s", all_pace),
         Measure("confidence", row["confidence"]),
         Measure("evidence sufficed in frame", sure),
@@ -122,10 +161,17 @@ def encounter_measures(case: Case, row: Mapping[str, Any]) -> list[Measure]:
 
 
 PHASE_RULES = {
-    "meeting": "ours: together, and neither walking the same way, nor in contact, nor on the last way apart",
-    "moving": "ours: both walk, the same way (cosine between the two motions at least {same:g})",
-    "contact": "ours: JOINT, or within touching distance and abrupt against one another, and not walking the same way; "
-    "lulls up to {gap:g} s are closed",
+    "meeting": (
+        "ours: together, and neither walking the same way, nor in contact, nor on the last"
+        " way apart"
+    ),
+    "moving": (
+        "ours: both walk, the same way (cosine between the two motions at least {same:g})"
+    ),
+    "contact": (
+        "ours: JOINT, or within touching distance and abrupt against one another, and not"
+        " walking the same way; lulls up to {gap:g} s are closed"
+    ),
     "separation": "ours: the last way apart, after the last moment together for sure",
 }
 
@@ -138,7 +184,9 @@ def phase_rule(case: Case, row: Mapping[str, Any]) -> str:
 
 
 def phase_measures(case: Case, row: Mapping[str, Any]) -> list[Measure]:
-    """Of a row of ``phases``: what was measured over its own frames, with the thresholds that make its kind."""
+    """Of a row of ``phases``: what was measured over its own frames, with the thresholds that
+    make its kind.
+    """
     p = thresholds(case, row["recording"])
     distance, kind = f"median distance {_MEDIANS}, body sizes", row["kind"]
     pace = Measure(f"median relative speed {_MEDIANS}, body sizes/s", row["relative_speed"])
@@ -150,28 +198,52 @@ def phase_measures(case: Case, row: Mapping[str, Any]) -> list[Measure]:
             at_least(heading, row["heading"], SAME_WAY),
         ]  # fmt: skip
     if kind == "contact":
-        return [*_contact(case, row, p), pace, Measure(slower, row["slower"]), Measure(heading, row["heading"])]
+        return [
+            *_contact(case, row, p),
+            pace,
+            Measure(slower, row["slower"]),
+            Measure(heading, row["heading"]),
+        ]
     if kind == "separation":
         last = "distance in its last frame, body sizes"
-        return [Measure(distance, row["distance"]), at_least(last, row["end_distance"], p.near_sizes, ">"), pace]
-    return [Measure(distance, row["distance"]), pace, Measure(slower, row["slower"]), Measure(heading, row["heading"])]
+        return [
+            Measure(distance, row["distance"]),
+            at_least(last, row["end_distance"], p.near_sizes, ">"),
+            pace,
+        ]
+    return [
+        Measure(distance, row["distance"]),
+        pace,
+        Measure(slower, row["slower"]),
+        Measure(heading, row["heading"]),
+    ]
 
 
 def _contact(case: Case, row: Mapping[str, Any], p: EncounterParameters) -> list[Measure]:
-    """Both ways to a contact: whether it is one by JOINT, by touching and being abrupt, or by both."""
+    """Both ways to a contact: whether it is one by JOINT, by touching and being abrupt, or by
+    both.
+    """
     joint = case.rows(
-        f"SELECT start_frame, end_frame, start_t, end_t FROM relations WHERE {_same(row)} AND state = 'JOINT' "  # noqa: S608
-        f"AND start_frame <= {row['end_frame']} AND end_frame >= {row['start_frame']} ORDER BY start_frame"
+        f"SELECT start_frame, end_frame, start_t, end_t FROM relations WHERE {_same(row)} AND state = 'JOINT' "
+        f"AND start_frame <= {row['end_frame']} AND end_frame >= {row['start_frame']} ORDER"
+        " BY start_frame"
     )
     spans = [
-        f"relation:{row['a']}-{row['b']}@{s} (frames {s} to {e}, {until - since:.2f} s)" for s, e, since, until in joint
+        f"relation:{row['a']}-{row['b']}@{s} (frames {s} to {e}, {until - since:.2f} s)"
+        for s, e, since, until in joint
     ]
-    ways = [*(["JOINT"] if joint else []), *(["touching and abrupt"] if row["abrupt_s"] > 0 else [])]
+    ways = [
+        *(["JOINT"] if joint else []),
+        *(["touching and abrupt"] if row["abrupt_s"] > 0 else []),
+    ]
     fierce = case.rows(
-        f"SELECT start_frame FROM abrupt WHERE {_same(row)} AND start_frame <= {row['end_frame']} "  # noqa: S608
+        f"SELECT start_frame FROM abrupt WHERE {_same(row)} AND start_frame <= {row['end_frame']} "
         f"AND end_frame >= {row['start_frame']} ORDER BY start_frame"
     )
-    touch, agitation = (f"median distance {_MEDIANS}, body sizes", f"median agitation {_MEDIANS}, body sizes/s")
+    touch, agitation = (
+        f"median distance {_MEDIANS}, body sizes",
+        f"median agitation {_MEDIANS}, body sizes/s",
+    )
     by_touch = row["abrupt_s"] > 0
     return [
         Measure("a contact by", " and ".join(ways) or "a lull between contacts"),
@@ -186,8 +258,8 @@ def _contact(case: Case, row: Mapping[str, Any], p: EncounterParameters) -> list
 
 
 ABRUPT_RULE = (
-    "ours: within touching distance, abrupt against one another, not walking the same way, and not going through; "
-    "JOINT does not count"
+    "ours: within touching distance, abrupt against one another, not walking the same way,"
+    " and not going through; JOINT does not count"
 )
 
 
@@ -198,8 +270,14 @@ def abrupt_measures(case: Case, row: Mapping[str, Any]) -> list[Measure]:
     return [
         Measure("seconds that are so by themselves (the rest are lulls)", row["abrupt_s"]),
         at_most(f"median distance {held}, body sizes", row["distance"], p.touch_sizes),
-        at_least(f"median agitation {held}, body sizes/s", row["agitation"], p.abrupt_sizes_per_s),
-        at_most("way from first to last moment, share of a straight line", row["through"], p.through_share),
+        at_least(
+            f"median agitation {held}, body sizes/s", row["agitation"], p.abrupt_sizes_per_s
+        ),
+        at_most(
+            "way from first to last moment, share of a straight line",
+            row["through"],
+            p.through_share,
+        ),
     ]
 
 
@@ -208,7 +286,11 @@ def near_measures(case: Case, row: Mapping[str, Any]) -> list[Measure]:
     p = thresholds(case, row["recording"])
     return [
         Measure(f"median distance {_MEDIANS}, sizes of the larger one", row["distance"]),
-        at_most(f"largest distance {_MEDIANS}, sizes of the larger one", row["farthest"], p.touch_sizes),
+        at_most(
+            f"largest distance {_MEDIANS}, sizes of the larger one",
+            row["farthest"],
+            p.touch_sizes,
+        ),
     ]
 
 
@@ -216,7 +298,9 @@ def still_measures(row: Mapping[str, Any]) -> list[Measure]:
     """Of a row of ``still``."""
     return [
         Measure(f"median speed {_MEDIANS}, own sizes/s", row["speed"]),
-        at_most(f"highest speed {_MEDIANS}, own sizes/s", row["fastest"], STILL_SIZES_PER_S),
+        at_most(
+            f"highest speed {_MEDIANS}, own sizes/s", row["fastest"], STILL_SIZES_PER_S
+        ),
     ]
 
 
@@ -227,11 +311,14 @@ def _same(row: Mapping[str, Any]) -> str:
 def began_with(case: Case, row: Mapping[str, Any]) -> list[Measure]:
     """Of a row of ``relations``: the measures of the event that began it."""
     events = case.rows(
-        "SELECT kind, evidence, event FROM events WHERE kind IN ('interaction_started', 'joined', 'separated') "  # noqa: S608
+        "SELECT kind, evidence, event FROM events WHERE kind IN ('interaction_started', 'joined', 'separated') "
         f"AND recording = {literal(row['recording'])} AND frame = {row['start_frame']} "
         f"AND subjects = [{row['a']}, {row['b']}]"
     )
     if not events:
         return []
     kind, evidence, number = events[0]
-    return [Measure("began with", f"event:{number} {kind}"), *event_measures(kind, json.loads(evidence))]
+    return [
+        Measure("began with", f"event:{number} {kind}"),
+        *event_measures(kind, json.loads(evidence)),
+    ]

@@ -30,11 +30,15 @@ def write_parquet(answer: Answer, out: Path, limits: QueryLimits) -> None:
     con = duckdb.connect(":memory:", config={"threads": str(limits.threads)})
     try:
         names = [f'"{c.replace(chr(34), chr(34) * 2)}"' for c in unique(answer.columns)]
-        columns = ", ".join(f"{name} {kind}" for name, kind in zip(names, answer.types, strict=True))
+        columns = ", ".join(
+            f"{name} {kind}" for name, kind in zip(names, answer.types, strict=True)
+        )
         con.execute(f"CREATE TABLE answer ({columns})")
         for batch in _batches(answer.rows):
             _append(con, batch, answer.types)
-        con.execute(f"COPY answer TO '{str(part).replace(chr(39), chr(39) * 2)}' (FORMAT parquet)")
+        con.execute(
+            f"COPY answer TO '{str(part).replace(chr(39), chr(39) * 2)}' (FORMAT parquet)"
+        )
         with part.open("rb+") as f:
             os.fsync(f.fileno())
         part.replace(out)
@@ -61,7 +65,9 @@ def _batches(rows: Iterator[tuple[Any, ...]]) -> Iterator[list[tuple[Any, ...]]]
         yield batch
 
 
-def _append(con: duckdb.DuckDBPyConnection, batch: list[tuple[Any, ...]], types: list[str]) -> None:
+def _append(
+    con: duckdb.DuckDBPyConnection, batch: list[tuple[Any, ...]], types: list[str]
+) -> None:
     columns = {}
     for k, values in enumerate(zip(*batch, strict=True)):
         column = np.empty(len(values), object)
@@ -69,5 +75,5 @@ def _append(con: duckdb.DuckDBPyConnection, batch: list[tuple[Any, ...]], types:
         columns[f"c{k}"] = column
     con.register("batch", columns)
     selected = ", ".join(f"CAST(c{k} AS {kind})" for k, kind in enumerate(types))
-    con.execute(f"INSERT INTO answer SELECT {selected} FROM batch")  # noqa: S608 - our own names, DuckDB's types
+    con.execute(f"INSERT INTO answer SELECT {selected} FROM batch")
     con.unregister("batch")

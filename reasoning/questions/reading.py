@@ -1,7 +1,8 @@
 """An annotated log as rows of the tables, reading its small channels alone: no picture is touched.
 
-The log is streamed; rows of tracks are handed on in batches. What stays in memory is one open interval per running
-relation, group, zone and track, and the boxes of the tracks (40 bytes per track and frame) for the encounters.
+The log is streamed; rows of tracks are handed on in batches. What stays in memory is one open
+interval per running relation, group, zone and track, and the boxes of the tracks (40 bytes per
+track and frame) for the encounters.
 """
 
 from __future__ import annotations
@@ -85,7 +86,8 @@ def read_recordings(
     Args:
         path: an annotated log.
         sink: takes a table's name and rows in the order of its columns.
-        name: the recording's name, by default the file's stem; with several cameras ``/camera`` is appended.
+        name: the recording's name, by default the file's stem; with several cameras ``/camera``
+            is appended.
         digest: the file's digest, written into ``recordings``.
         limits: bounds on what the log may make us allocate.
         encounters: thresholds for the encounters.
@@ -95,17 +97,21 @@ def read_recordings(
     """
     with LogReader(path, limits) as log:
         topics = [channels.split(c.topic) for c in log.channels]
-        cameras = sorted({camera for camera, channel in topics if camera and channel == "tracks"})
+        cameras = sorted(
+            {camera for camera, channel in topics if camera and channel == "tracks"}
+        )
         if not cameras:
             raise RecordingError(
-                "holds no tracks, so there is nothing to ask; make an annotated log of it with "
-                f"`scenetrace replay {path} -o annotated.mcap --tracker events`",
+                "holds no tracks, so there is nothing to ask; make an annotated log of it"
+                f" with `scenetrace replay {path} -o annotated.mcap --tracker events`",
                 path,
             )
         base = name or Path(path).stem
         found = []
         for camera in cameras:
-            facts = Facts(base if len(cameras) == 1 else f"{base}/{camera}", digest, str(path), camera)
+            facts = Facts(
+                base if len(cameras) == 1 else f"{base}/{camera}", digest, str(path), camera
+            )
             _Camera(log, facts, sink, limits, encounters or EncounterParameters()).read()
             found.append(facts)
         return found
@@ -127,15 +133,23 @@ class _Open:
 
 
 class Runs:
-    """Turns what holds frame by frame into intervals: a run ends with the first frame in which it does not hold."""
+    """Turns what holds frame by frame into intervals: a run ends with the first frame in which it
+    does not hold.
+    """
 
     def __init__(self) -> None:
         self._open: dict[Hashable, _Open] = {}
 
-    def step(self, frame: int, t: float, now: dict[Hashable, Hashable]) -> list[tuple[Hashable, Hashable, Interval]]:
-        """Take what holds in this frame (key to value); the runs that are over, as (key, value, interval)."""
+    def step(
+        self, frame: int, t: float, now: dict[Hashable, Hashable]
+    ) -> list[tuple[Hashable, Hashable, Interval]]:
+        """Take what holds in this frame (key to value); the runs that are over, as (key, value,
+        interval).
+        """
         over: list[tuple[Hashable, Hashable, Interval]] = []
-        for key in [k for k, run in self._open.items() if k not in now or now[k] != run.value]:
+        for key in [
+            k for k, run in self._open.items() if k not in now or now[k] != run.value
+        ]:
             run = self._open.pop(key)
             over.append((key, run.value, run.interval))
         for key, value in now.items():
@@ -161,7 +175,9 @@ class _Boxes:
 
     def history(self) -> History:
         return History(
-            np.array(self.frames, np.int64), np.array(self.times), np.array(self.boxes, np.float64).reshape(-1, 4)
+            np.array(self.frames, np.int64),
+            np.array(self.times),
+            np.array(self.boxes, np.float64).reshape(-1, 4),
         )
 
 
@@ -169,9 +185,20 @@ class _Camera:
     """Reads one camera of one log."""
 
     def __init__(
-        self, log: LogReader, facts: Facts, sink: Sink, limits: Limits, encounters: EncounterParameters
+        self,
+        log: LogReader,
+        facts: Facts,
+        sink: Sink,
+        limits: Limits,
+        encounters: EncounterParameters,
     ) -> None:
-        self._log, self._facts, self._sink, self._limits, self._parameters = log, facts, sink, limits, encounters
+        self._log, self._facts, self._sink, self._limits, self._parameters = (
+            log,
+            facts,
+            sink,
+            limits,
+            encounters,
+        )
         self._rows: dict[str, list[Row]] = {table: [] for table in TABLES}
         self._relations, self._groups, self._presence = Runs(), Runs(), Runs()
         self._zones, self._bits, self._hidden = Runs(), Runs(), Runs()
@@ -185,7 +212,10 @@ class _Camera:
     def read(self) -> None:
         facts = self._facts
         stated = dict(next((v for n, v in self._log.metadata() if n == "scenetrace"), {}))
-        facts.tracker, facts.output_digest = stated.get("tracker", ""), stated.get("output_digest", "")
+        facts.tracker, facts.output_digest = (
+            stated.get("tracker", ""),
+            stated.get("output_digest", ""),
+        )
         facts.start_ns = self._start()
         for now, group in self._frames():
             self._take(now, group)
@@ -198,7 +228,9 @@ class _Camera:
         return [channels.topic(self._facts.camera, n) for n in names]
 
     def _start(self) -> int:
-        """Log time of frame 0; where a span was cut out, reckoned back at the frames' nominal time."""
+        """Log time of frame 0; where a span was cut out, reckoned back at the frames' nominal
+        time.
+        """
         first: tuple[int, int] | None = None
         times: list[int] = []
         for message in self._log.messages(self._topics("tracks")):
@@ -227,7 +259,10 @@ class _Camera:
             count += 1
             if count > self._limits.max_messages_per_frame:
                 limit = self._limits.max_messages_per_frame
-                raise LimitError(f"over {limit} messages at {now} ns (max_messages_per_frame)", self._facts.path)
+                raise LimitError(
+                    f"over {limit} messages at {now} ns (max_messages_per_frame)",
+                    self._facts.path,
+                )
             group.setdefault(names[message.topic], []).append(message.data)
         if now is not None and "tracks" in group:
             yield now, group
@@ -248,7 +283,9 @@ class _Camera:
         t = (now - self._facts.start_ns) / channels.NANOS
         if tracks.frame <= self._frame or tracks.frame > _INT32:
             raise RecordingError(
-                f"frame {tracks.frame} after frame {self._frame}; frames must rise", self._facts.path, record="tracks"
+                f"frame {tracks.frame} after frame {self._frame}; frames must rise",
+                self._facts.path,
+                record="tracks",
             )
         if self._frame < 0:
             self._facts.first_frame = tracks.frame
@@ -257,9 +294,18 @@ class _Camera:
         self._add("frames", tracks.frame, t)
         self._take_tracks(tracks, t)
         relations = group.get("relations")
-        self._take_relations(self._decode("relations", relations[-1]) if relations else Relations(tracks.frame), t)
+        self._take_relations(
+            (
+                self._decode("relations", relations[-1])
+                if relations
+                else Relations(tracks.frame)
+            ),
+            t,
+        )
         groups = group.get("groups")
-        self._take_groups(self._decode("groups", groups[-1]) if groups else Groups(tracks.frame), t)
+        self._take_groups(
+            self._decode("groups", groups[-1]) if groups else Groups(tracks.frame), t
+        )
         for data in group.get("events", ()):
             self._take_event(self._decode("events", data))
 
@@ -272,7 +318,8 @@ class _Camera:
     def _send(self, table: str) -> None:
         rows = self._rows[table]
         if table == "relations":
-            # A pair's rows stand together, in the order of time: who asks about a target reads few places.
+            # A pair's rows stand together, in the order of time: who asks about a target reads
+            # few places.
             rows.sort(key=itemgetter(1, 2, 4))
         if rows:
             self._sink(table, rows)
@@ -317,7 +364,9 @@ class _Camera:
 
     def _take_relations(self, relations: Relations, t: float) -> None:
         # A run is one interval of a state: the same state with a later `since` is a new interval.
-        now: dict[Hashable, Hashable] = {(r.a, r.b): (r.state, r.since_frame) for r in relations.relations}
+        now: dict[Hashable, Hashable] = {
+            (r.a, r.b): (r.state, r.since_frame) for r in relations.relations
+        }
         self._end_relations(self._relations.step(relations.frame, t, now))
 
     def _end_relations(self, over: list[tuple[Any, Any, Interval]]) -> None:
@@ -327,18 +376,24 @@ class _Camera:
                 self._joint.setdefault((a, b), []).append(interval[:2])
 
     def _take_groups(self, groups: Groups, t: float) -> None:
-        now: dict[Hashable, Hashable] = {g.label: tuple(sorted(g.members)) for g in groups.groups}
+        now: dict[Hashable, Hashable] = {
+            g.label: tuple(sorted(g.members)) for g in groups.groups
+        }
         for g in groups.groups:
             self._formed.setdefault(g.label, tuple(g.formed_from))
         self._end_groups(self._groups.step(groups.frame, t, now))
 
     def _end_groups(self, over: list[tuple[Any, Any, Interval]]) -> None:
-        self._group_rows += [(label, members, interval) for label, members, interval in over]
+        self._group_rows += [
+            (label, members, interval) for label, members, interval in over
+        ]
 
     def _take_event(self, e: Event) -> None:
         t = (e.time_ns - self._facts.start_ns) / channels.NANOS
         evidence = msgspec.json.encode(e.evidence).decode()
-        self._add("events", e.id, e.kind, e.frame, t, list(e.subjects), e.rule, evidence, e.text)
+        self._add(
+            "events", e.id, e.kind, e.frame, t, list(e.subjects), e.rule, evidence, e.text
+        )
         for label in e.groups:
             self._add("event_groups", e.id, label)
             if e.kind in ENDING:
@@ -353,12 +408,23 @@ class _Camera:
         self._end_named("hidden", self._hidden.close())
         self._end_relations(self._relations.close())
         self._end_groups(self._groups.close())
-        for label, members, interval in sorted(self._group_rows, key=lambda g: (g[2][0], g[0])):
-            self._add("groups", label, list(members), *interval, list(self._formed[label]), self._end(label, interval))
+        for label, members, interval in sorted(
+            self._group_rows, key=lambda g: (g[2][0], g[0])
+        ):
+            self._add(
+                "groups",
+                label,
+                list(members),
+                *interval,
+                list(self._formed[label]),
+                self._end(label, interval),
+            )
         self._find_encounters()
 
     def _end(self, label: int, interval: Interval) -> str | None:
-        """The kind of the first event after the group's last frame that names it; None if it lived to the end."""
+        """The kind of the first event after the group's last frame that names it; None if it
+        lived to the end.
+        """
         after = [kind for frame, kind in self._ended.get(label, ()) if frame >= interval[1]]
         return after[0] if after and interval[1] < self._frame else None
 
@@ -367,7 +433,17 @@ class _Camera:
             self._add("encounter_parameters", name, value)
         histories = {track: self._boxes[track].history() for track in sorted(self._boxes)}
         for e in find_encounters(histories, self._parameters, joint=self._joint):
-            self._add("encounters", e.a, e.b, e.kind, e.start_frame, e.end_frame, e.start_s, e.end_s, e.confidence)
+            self._add(
+                "encounters",
+                e.a,
+                e.b,
+                e.kind,
+                e.start_frame,
+                e.end_frame,
+                e.start_s,
+                e.end_s,
+                e.confidence,
+            )
             for p in e.phases:
                 self._add("phases", e.a, e.b, *astuple(p))
             for fierce in e.abrupt:

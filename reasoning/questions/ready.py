@@ -1,8 +1,8 @@
 """The ready questions: a name, its arguments, and the SQL that answers it.
 
-Every answer row has a column ``explain``: what to give to ``scenetrace explain`` to see frames, rule and values behind
-the row (``event:12``, ``relation:1-2@40``: the interval of 1 and 2 that starts in frame 40, ``group:3``,
-``encounter:1-2@65``, ``zone:4@160:bench``, ``track:7@31``).
+Every answer row has a column ``explain``: what to give to ``scenetrace explain`` to see frames,
+rule and values behind the row (``event:12``, ``relation:1-2@40``: the interval of 1 and 2 that
+starts in frame 40, ``group:3``, ``encounter:1-2@65``, ``zone:4@160:bench``, ``track:7@31``).
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ class Options:
         at: the moment of who-was-in, the start of contacts.
         least_s: shortest stay of loitered.
         within_s: how far back (before), or how close together (left-with).
-        gap_s: stays with a gap up to this are one (loitered); contact until so long before leaving (left-with).
+        gap_s: stays with a gap up to this are one (loitered); contact until so long before
+            leaving (left-with).
         depth: longest chain of contacts (3).
         by: what counts as a contact (relations).
     """
@@ -72,7 +73,8 @@ class Question:
         build: the values.
         nothing: what an empty answer means, and what to ask then.
         takes: names of the `Options` that it takes besides ``recordings``.
-        few_from: with so many arguments or more it keeps few of the rows that it looks through (None: never).
+        few_from: with so many arguments or more it keeps few of the rows that it looks through
+            (None: never).
     """
 
     name: str
@@ -86,13 +88,19 @@ class Question:
 
     def _words(self) -> list[str]:
         wanted = self.arguments.split()
-        return [w for k, w in enumerate(wanted) if not w.startswith("-") and not (k and wanted[k - 1].startswith("-"))]
+        return [
+            w
+            for k, w in enumerate(wanted)
+            if not w.startswith("-") and not (k and wanted[k - 1].startswith("-"))
+        ]
 
     def why_empty(self, words: Sequence[str]) -> str:
         """What an empty answer to these arguments means, and what to ask then."""
         text = self.nothing
         for name, word in zip(self._words(), words, strict=False):
-            text = re.sub(rf"\b{name.strip('[]')}\b", word.rpartition(":")[2].replace("\\", ""), text)
+            text = re.sub(
+                rf"\b{name.strip('[]')}\b", word.rpartition(":")[2].replace("\\", ""), text
+            )
         return text
 
     def kinds(self) -> list[str]:
@@ -100,7 +108,9 @@ class Question:
         return [_KINDS[w.strip("[]")] for w in self._words()]
 
     def keeps_few(self, words: Sequence[str]) -> bool:
-        """Whether the question to all recordings is best asked of all at once (`Case.by_recording`)."""
+        """Whether the question to all recordings is best asked of all at once
+        (`Case.by_recording`).
+        """
         return self.few_from is not None and len(words) >= self.few_from
 
     def sql(self, words: Sequence[str], options: Options) -> str:
@@ -112,9 +122,15 @@ class Question:
         names = self._words()
         least = sum(not n.startswith("[") for n in names)
         if not least <= len(words) <= len(names):
-            raise UsageError(f"--ask {self.name} {self.arguments}: {len(words)} arguments given; {self.about}")
+            raise UsageError(
+                f"--ask {self.name} {self.arguments}: {len(words)} arguments given;"
+                f" {self.about}"
+            )
         for field, flag in FLAGS.items():
-            if getattr(options, field) is not None and field not in (*self.takes, "recordings"):
+            if getattr(options, field) is not None and field not in (
+                *self.takes,
+                "recordings",
+            ):
                 taken = ", ".join(FLAGS[t] for t in (*self.takes, "recordings"))
                 raise UsageError(f"--ask {self.name} takes no {flag}; it takes: {taken}")
         values = {"only": _only(options), **self.build(words, options)}
@@ -137,7 +153,9 @@ def _met(words: Sequence[str], _: Options) -> Mapping[str, str]:
     if a == b:
         raise UsageError(f"--ask met {a} {b}: two different targets are wanted")
     # A row has a < b: of the two ways round one is empty, and need not be looked for.
-    first, second = (f" AND b = {b}", " AND false") if a < b else (" AND false", f" AND a = {b}")
+    first, second = (
+        (f" AND b = {b}", " AND false") if a < b else (" AND false", f" AND a = {b}")
+    )
     return {"a": str(a), "b": first, "a_too": second}
 
 
@@ -163,13 +181,19 @@ def _stays(words: Sequence[str]) -> Mapping[str, str]:
 
 def _zone_at(words: Sequence[str], options: Options) -> Mapping[str, str]:
     if options.at is None:
-        raise UsageError("--ask who-was-in ZONE --at T: give --at (seconds, frame:N, or RFC 3339)")
+        raise UsageError(
+            "--ask who-was-in ZONE --at T: give --at (seconds, frame:N, or RFC 3339)"
+        )
     return {**_stays(words), "at": options.at.sql("s")}
 
 
 def _loitered(words: Sequence[str], options: Options) -> Mapping[str, str]:
     least = 30.0 if options.least_s is None else options.least_s
-    return {**_stays(words), "least": repr(least), "gap": repr(2.0 if options.gap_s is None else options.gap_s)}
+    return {
+        **_stays(words),
+        "least": repr(least),
+        "gap": repr(2.0 if options.gap_s is None else options.gap_s),
+    }
 
 
 def _nothing(_: Sequence[str], __: Options) -> Mapping[str, str]:
@@ -201,7 +225,9 @@ def _contacts(words: Sequence[str], options: Options) -> Mapping[str, str]:
         "a": str(_track(words[0])),
         "contacts": Template(SOURCES[by]).substitute(only=_only(options)).strip(),
         "since": since,
-        "why": q.GROUP_WHY if by == "groups" else Template(q.PAIR_WHY).substitute(what=what),
+        "why": (
+            q.GROUP_WHY if by == "groups" else Template(q.PAIR_WHY).substitute(what=what)
+        ),
         "depth": str(depth),
     }
 
@@ -250,5 +276,7 @@ def question(name: str) -> Question:
         UsageError: there is none; names those that there are.
     """
     if name not in QUESTIONS:
-        raise UsageError(f"no ready question {name!r}; there are: {', '.join(QUESTIONS)} (--ask list)")
+        raise UsageError(
+            f"no ready question {name!r}; there are: {', '.join(QUESTIONS)} (--ask list)"
+        )
     return QUESTIONS[name]

@@ -1,6 +1,7 @@
 """The SQL of the ready questions. ``$only`` narrows to one recording; other ``$names`` are values.
 
-Times are compared as they are shown, to the millisecond: a row at a limit that it shows itself is in the answer.
+Times are compared as they are shown, to the millisecond: a row at a limit that it shows itself is
+in the answer.
 """
 
 MET = """
@@ -67,9 +68,15 @@ FROM both_left g JOIN last_contact c USING (recording, other)
 ORDER BY g.recording, abs(g.t - g.first_t), g.other
 """
 
-ZONE_STAYS = "SELECT recording, track, start_frame, end_frame, start_t, end_t FROM zones WHERE zone = $zone"
+ZONE_STAYS = (
+    "SELECT recording, track, start_frame, end_frame, start_t, end_t FROM zones WHERE zone"
+    " = $zone"
+)
 
-SCENE_STAYS = "SELECT recording, track, start_frame, end_frame, start_t, end_t FROM presence WHERE true"
+SCENE_STAYS = (
+    "SELECT recording, track, start_frame, end_frame, start_t, end_t FROM presence WHERE"
+    " true"
+)
 
 WHO_WAS_IN = """
 WITH stays AS ($stays$only)
@@ -176,7 +183,8 @@ SELECT recording, event, subject, other, how, greatest(start_t, t - $within) AS 
 FROM near ORDER BY recording, seconds_before, from_t, subject, other, how
 """
 
-# Contacts: ``id`` is ascending with the start, and says which row it was: its first frame, or its group's label.
+# Contacts: ``id`` is ascending with the start, and says which row it was: its first frame, or its
+# group's label.
 BY_RELATIONS = """
 SELECT recording, a, b, start_t, end_t, start_frame::BIGINT * 4294967296 AS id FROM relations WHERE true$only"""
 

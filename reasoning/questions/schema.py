@@ -1,14 +1,20 @@
 """The tables that questions are asked of: names, columns, types, and what a column means.
 
-Times ``t`` are seconds from the recording's start, frames count from 0, intervals include both ends. Every table has a
-``recording`` column. The first seven are the contract; those after them hold what the others cannot say.
+Times ``t`` are seconds from the recording's start, frames count from 0, intervals include both
+ends. Every table has a ``recording`` column. The first seven are the contract; those after them
+hold what the others cannot say.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-SPAN = (("start_frame", "INTEGER"), ("end_frame", "INTEGER"), ("start_t", "DOUBLE"), ("end_t", "DOUBLE"))
+SPAN = (
+    ("start_frame", "INTEGER"),
+    ("end_frame", "INTEGER"),
+    ("start_t", "DOUBLE"),
+    ("end_t", "DOUBLE"),
+)
 Columns = tuple[tuple[str, str], ...]
 
 TABLES: Mapping[str, Columns] = {
@@ -32,7 +38,13 @@ TABLES: Mapping[str, Columns] = {
         ("group_id", "INTEGER"),
         ("scene", "VARCHAR"),
     ),
-    "relations": (("recording", "VARCHAR"), ("a", "INTEGER"), ("b", "INTEGER"), ("state", "VARCHAR"), *SPAN),
+    "relations": (
+        ("recording", "VARCHAR"),
+        ("a", "INTEGER"),
+        ("b", "INTEGER"),
+        ("state", "VARCHAR"),
+        *SPAN,
+    ),
     "groups": (
         ("recording", "VARCHAR"),
         ("group_id", "INTEGER"),
@@ -75,7 +87,13 @@ TABLES: Mapping[str, Columns] = {
         ("first_frame", "INTEGER"),
     ),
     "presence": (("recording", "VARCHAR"), ("track", "INTEGER"), *SPAN),
-    "bits": (("recording", "VARCHAR"), ("track", "INTEGER"), ("bit", "VARCHAR"), ("partners", "INTEGER[]"), *SPAN),
+    "bits": (
+        ("recording", "VARCHAR"),
+        ("track", "INTEGER"),
+        ("bit", "VARCHAR"),
+        ("partners", "INTEGER[]"),
+        *SPAN,
+    ),
     "zones": (("recording", "VARCHAR"), ("track", "INTEGER"), ("zone", "VARCHAR"), *SPAN),
     "hidden": (("recording", "VARCHAR"), ("track", "INTEGER"), ("part", "VARCHAR"), *SPAN),
     "phases": (
@@ -102,7 +120,13 @@ TABLES: Mapping[str, Columns] = {
         ("agitation", "DOUBLE"),
         ("through", "DOUBLE"),
     ),
-    "still": (("recording", "VARCHAR"), ("track", "INTEGER"), *SPAN, ("speed", "DOUBLE"), ("fastest", "DOUBLE")),
+    "still": (
+        ("recording", "VARCHAR"),
+        ("track", "INTEGER"),
+        *SPAN,
+        ("speed", "DOUBLE"),
+        ("fastest", "DOUBLE"),
+    ),
     "near": (
         ("recording", "VARCHAR"),
         ("a", "INTEGER"),
@@ -124,29 +148,69 @@ TABLES: Mapping[str, Columns] = {
         ("all_distance", "DOUBLE"),
         ("all_relative_speed", "DOUBLE"),
     ),
-    "encounter_parameters": (("recording", "VARCHAR"), ("name", "VARCHAR"), ("value", "DOUBLE")),
-    "event_groups": (("recording", "VARCHAR"), ("event", "INTEGER"), ("group_id", "INTEGER")),
+    "encounter_parameters": (
+        ("recording", "VARCHAR"),
+        ("name", "VARCHAR"),
+        ("value", "DOUBLE"),
+    ),
+    "event_groups": (
+        ("recording", "VARCHAR"),
+        ("event", "INTEGER"),
+        ("group_id", "INTEGER"),
+    ),
 }
 CONTRACT = ("frames", "tracks", "relations", "groups", "encounters", "events")
 
 MEANING: Mapping[str, str] = {
     "frames": "one row per frame",
-    "tracks": "one row per track and frame; x, y, w, h in pixels, vx, vy in pixels per second",
-    "relations": "one row per interval in which a and b (a < b) were in INTERACTION or JOINT",
-    "groups": "one row per group's life; ended_by is the kind of the event that ended it, NULL at the recording's end",
-    "encounters": "who was socially together, in hindsight: meeting, moving, contact or separation",
+    "tracks": (
+        "one row per track and frame; x, y, w, h in pixels, vx, vy in pixels per second"
+    ),
+    "relations": (
+        "one row per interval in which a and b (a < b) were in INTERACTION or JOINT"
+    ),
+    "groups": (
+        "one row per group's life; ended_by is the kind of the event that ended it, NULL at"
+        " the recording's end"
+    ),
+    "encounters": (
+        "who was socially together, in hindsight: meeting, moving, contact or separation"
+    ),
     "events": "what happened, by which rule, with the measured values",
-    "recordings": "one row per recording: where it came from; start_ns is the log time of frame 0, seconds its end",
+    "recordings": (
+        "one row per recording: where it came from; start_ns is the log time of frame 0,"
+        " seconds its end"
+    ),
     "presence": "one row per unbroken time in which a track was present",
-    "bits": "one row per time in which a track was grouping, grouped or splitting with the same partners",
+    "bits": (
+        "one row per time in which a track was grouping, grouped or splitting with the same"
+        " partners"
+    ),
     "zones": "one row per stay of a track in a named zone",
-    "hidden": "one row per time in which a part of a track's body was held to be hidden (tracker parts)",
-    "phases": "the parts of each encounter, in order, with medians over their own frames, in body sizes and seconds",
-    "abrupt": "one row per time in which a and b, touching, were abrupt against one another and did not go through",
-    "still": "one row per time in which a track stood still; speeds in own sizes per second",
-    "near": "one row per time in which a and b stood within touching distance, in sizes of the larger one",
-    "encounter_evidence": "the measured values behind each encounter, in body sizes and seconds; distance and "
-    "relative_speed are medians of the moments together for sure, all_... those of all its frames",
+    "hidden": (
+        "one row per time in which a part of a track's body was held to be hidden (tracker"
+        " parts)"
+    ),
+    "phases": (
+        "the parts of each encounter, in order, with medians over their own frames, in body"
+        " sizes and seconds"
+    ),
+    "abrupt": (
+        "one row per time in which a and b, touching, were abrupt against one another and"
+        " did not go through"
+    ),
+    "still": (
+        "one row per time in which a track stood still; speeds in own sizes per second"
+    ),
+    "near": (
+        "one row per time in which a and b stood within touching distance, in sizes of the"
+        " larger one"
+    ),
+    "encounter_evidence": (
+        "the measured values behind each encounter, in body sizes and seconds; distance and"
+        " relative_speed are medians of the moments together for sure, all_... those of all"
+        " its frames"
+    ),
     "encounter_parameters": "the thresholds that a recording's encounters were found with",
     "event_groups": "the groups that an event names",
 }
@@ -155,4 +219,7 @@ MEANING: Mapping[str, str] = {
 def create_statements(temporary: bool = False) -> list[str]:
     """One CREATE TABLE per table."""
     word = "CREATE TEMP TABLE" if temporary else "CREATE TABLE"
-    return [f"{word} {name} ({', '.join(f'{c} {t}' for c, t in columns)})" for name, columns in TABLES.items()]
+    return [
+        f"{word} {name} ({', '.join(f'{c} {t}' for c, t in columns)})"
+        for name, columns in TABLES.items()
+    ]

@@ -14,7 +14,12 @@ from reasoning.questions.schema import TABLES
 from recorders.errors import SceneTraceError
 
 _BATCH = "scenetrace_batch"
-_DTYPES = {"INTEGER": np.int64, "BIGINT": np.int64, "DOUBLE": np.float64, "BOOLEAN": np.bool_}
+_DTYPES = {
+    "INTEGER": np.int64,
+    "BIGINT": np.int64,
+    "DOUBLE": np.float64,
+    "BOOLEAN": np.bool_,
+}
 
 
 def insert(con: duckdb.DuckDBPyConnection, table: str, rows: Sequence[Row]) -> None:
@@ -26,19 +31,25 @@ def insert(con: duckdb.DuckDBPyConnection, table: str, rows: Sequence[Row]) -> N
     if not rows:
         return
     batch, selected = {}, []
-    for k, ((name, kind), values) in enumerate(zip(TABLES[table], zip(*rows, strict=True), strict=True)):
+    for k, ((name, kind), values) in enumerate(
+        zip(TABLES[table], zip(*rows, strict=True), strict=True)
+    ):
         batch[f"c{k}"] = _column(kind, values)
         selected.append(f"CAST(c{k} AS {kind}) AS {name}")
     try:
         con.register(_BATCH, batch)
-        con.execute(f"INSERT INTO {table} SELECT {', '.join(selected)} FROM {_BATCH}")  # noqa: S608 - our own names
+        con.execute(f"INSERT INTO {table} SELECT {', '.join(selected)} FROM {_BATCH}")
         con.unregister(_BATCH)
     except (duckdb.Error, OverflowError) as e:
-        raise SceneTraceError(f"a row of {table} does not fit its columns: {reason(e)}") from e
+        raise SceneTraceError(
+            f"a row of {table} does not fit its columns: {reason(e)}"
+        ) from e
 
 
 def reason(error: Exception) -> str:
-    """DuckDB's message as one line; a failed write's is a JSON document in a line, of which the message is taken."""
+    """DuckDB's message as one line; a failed write's is a JSON document in a line, of which the
+    message is taken.
+    """
     text = (str(error).strip() or type(error).__name__).splitlines()[0]
     inner = re.search(r'"exception_message":"((?:[^"\\]|\\.)*)"', text)
     return inner[1].replace('\\"', '"') if inner else text

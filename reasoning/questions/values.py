@@ -26,7 +26,10 @@ def duration(text: str) -> float:
     """
     match = _DURATION.fullmatch(text.strip().lower())
     if match is None or match[2] not in ("", *_UNITS):
-        raise UsageError(f"duration {text!r}: must be a number, not negative, with ms, s, min or h, like 30s")
+        raise UsageError(
+            f"duration {text!r}: must be a number, not negative, with ms, s, min or h,"
+            " like 30s"
+        )
     seconds = float(match[1]) * _UNITS[match[2] or "s"]
     if seconds > 1e9:
         raise UsageError(f"duration {text!r}: must be at most 1e9 s")
@@ -40,7 +43,10 @@ def identity(text: str) -> int:
         UsageError: it is none.
     """
     if not re.fullmatch(r"\d{1,10}", text) or int(text) > _LARGEST:
-        raise UsageError(f"id {text!r}: must be a number from 0 to {_LARGEST}, as the table tracks gives it")
+        raise UsageError(
+            f"id {text!r}: must be a number from 0 to {_LARGEST}, as the table tracks"
+            " gives it"
+        )
     return int(text)
 
 
@@ -53,7 +59,9 @@ def literal(value: str | float) -> str:
 
 @dataclass(frozen=True)
 class Recordings:
-    """Which recordings a question is asked of: those whose names lie from ``first`` to ``last``, both included."""
+    """Which recordings a question is asked of: those whose names lie from ``first`` to ``last``,
+    both included.
+    """
 
     first: str
     last: str
@@ -71,7 +79,9 @@ def only(name: str | None) -> Recordings | None:
 
 
 def zone_word(zone: str) -> str:
-    """A zone's name within a reference, without blanks or commas: as ``url_encode`` writes it in SQL."""
+    """A zone's name within a reference, without blanks or commas: as ``url_encode`` writes it in
+    SQL.
+    """
     return quote(zone, safe="")
 
 
@@ -86,7 +96,9 @@ def zone_reference(track: int, frame: int, zone: str) -> str:
 
 @dataclass(frozen=True)
 class Moment:
-    """A moment in a recording: seconds from its start, a frame, or a wall time (``since_ns``: ns since 1970)."""
+    """A moment in a recording: seconds from its start, a frame, or a wall time (``since_ns``: ns
+    since 1970).
+    """
 
     seconds: float | None = None
     frame: int | None = None
@@ -101,9 +113,11 @@ class Moment:
         return f"{datetime.fromtimestamp((self.since_ns or 0) // _NANOS, UTC):%Y-%m-%dT%H:%M:%SZ}"
 
     def sql(self, row: str) -> str:
-        """Seconds from the start of the recording that the row (an alias with a ``recording``) belongs to.
+        """Seconds from the start of the recording that the row (an alias with a ``recording``)
+        belongs to.
 
-        The inner alias is one that no caller's row has: of two of one name the inner would be compared with itself.
+        The inner alias is one that no caller's row has: of two of one name the inner would be
+        compared with itself.
         """
         if self.seconds is not None:
             return repr(self.seconds)
@@ -111,7 +125,9 @@ class Moment:
             found, table, which = "m_.t", "frames", f" AND m_.frame = {self.frame}"
         else:
             found, table, which = f"({self.since_ns} - m_.start_ns) / 1e9", "recordings", ""
-        return f"(SELECT {found} FROM {table} m_ WHERE m_.recording = {row}.recording{which})"  # noqa: S608
+        return (
+            f"(SELECT {found} FROM {table} m_ WHERE m_.recording = {row}.recording{which})"
+        )
 
 
 def moment(text: str) -> Moment:
@@ -130,7 +146,8 @@ def moment(text: str) -> Moment:
             raise ValueError(text)
     except ValueError:
         raise UsageError(
-            f"time {text!r}: must be seconds from the start (12.5), frame:300, or RFC 3339 (2026-01-31T12:00:00Z)"
+            f"time {text!r}: must be seconds from the start (12.5), frame:300, or RFC 3339"
+            " (2026-01-31T12:00:00Z)"
         ) from None
     whole = int(when.replace(microsecond=0).timestamp())
     return Moment(since_ns=whole * _NANOS + when.microsecond * 1000)

@@ -4,4 +4,13 @@ from recorders.log.model import Attachment, ChannelInfo, LogHeader, Message, Ord
 from recorders.log.reader import LogReader
 from recorders.log.writer import LogWriter
 
-__all__ = ["Attachment", "ChannelInfo", "LogHeader", "LogReader", "LogWriter", "Message", "Order", "Schema"]
+__all__ = [
+    "Attachment",
+    "ChannelInfo",
+    "LogHeader",
+    "LogReader",
+    "LogWriter",
+    "Message",
+    "Order",
+    "Schema",
+]

@@ -1,4 +1,6 @@
-"""Blocks of messages: a chunk, or a run of records that stand in the data section without a chunk."""
+"""Blocks of messages: a chunk, or a run of records that stand in the data section without a
+chunk.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,9 @@ class Block:
 
 
 def records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """(opcode, offset, content length) of each record in ``data``, which must end with the last of them."""
+    """(opcode, offset, content length) of each record in ``data``, which must end with the last
+    of them.
+    """
     position, size = 0, len(data)
     unpack = wire.PREFIX.unpack_from
     while position < size:
@@ -46,7 +50,9 @@ def records(data: bytes) -> Iterator[tuple[int, int, int]]:
             raise wire.WireError(f"its data ends within a record, at {position} of {size}")
         opcode, length = unpack(data, position)
         if length > size - position - wire.PREFIX_BYTES:
-            raise wire.WireError(f"a record of {length} bytes at {position} reaches past its {size} bytes")
+            raise wire.WireError(
+                f"a record of {length} bytes at {position} reaches past its {size} bytes"
+            )
         yield opcode, position, length
         position += wire.PREFIX_BYTES + length
 
@@ -57,14 +63,33 @@ def read_block(file: RecordFile, block: Block) -> bytes:
         return file.read(block.offset, block.length, "Message")
     raw = file.record_at(block.offset)
     if raw.opcode != wire.CHUNK or raw.end != block.offset + block.length:
-        raise file.error("the summary says that a chunk is here, but there is none of that length", block.offset)
+        raise file.error(
+            "the summary says that a chunk is here, but there is none of that length",
+            block.offset,
+        )
     head = file.chunk_head(raw)
     index = block.index
     if index is not None and (
-        (index.start_ns, index.end_ns, index.compression, index.compressed_size, index.uncompressed_size)
-        != (head.start_ns, head.end_ns, head.compression, head.data_size, head.uncompressed_size)
+        (
+            index.start_ns,
+            index.end_ns,
+            index.compression,
+            index.compressed_size,
+            index.uncompressed_size,
+        )
+        != (
+            head.start_ns,
+            head.end_ns,
+            head.compression,
+            head.data_size,
+            head.uncompressed_size,
+        )
     ):
-        raise file.error("the chunk's head and its index in the summary differ: one is damaged", raw.offset, raw.name)
+        raise file.error(
+            "the chunk's head and its index in the summary differ: one is damaged",
+            raw.offset,
+            raw.name,
+        )
     return file.unpack(raw, head)
 
 
@@ -75,15 +100,19 @@ def read_messages(
     start_ns: int,
     end_ns: int,
 ) -> list[Message]:
-    """The block's messages from ``start_ns`` to before ``end_ns``, by log time, then place in the block.
+    """The block's messages from ``start_ns`` to before ``end_ns``, by log time, then place in the
+    block.
 
-    ``wanted`` holds every channel of the log by id: its `ChannelInfo`, or None where its messages are not wanted.
+    ``wanted`` holds every channel of the log by id: its `ChannelInfo`, or None where its messages
+    are not wanted.
     """
     data = read_block(file, block)
     try:
         found, in_order = _collect(file, block, data, wanted, start_ns, end_ns)
     except wire.WireError as error:
-        raise file.error(str(error), block.offset, "Chunk" if block.chunked else None) from error
+        raise file.error(
+            str(error), block.offset, "Chunk" if block.chunked else None
+        ) from error
     if not in_order:
         found.sort(key=_order)
     return found
@@ -94,7 +123,12 @@ def _order(message: Message) -> tuple[int, int, int]:
 
 
 def _collect(
-    file: RecordFile, block: Block, data: bytes, wanted: dict[int, ChannelInfo | None], start_ns: int, end_ns: int
+    file: RecordFile,
+    block: Block,
+    data: bytes,
+    wanted: dict[int, ChannelInfo | None],
+    start_ns: int,
+    end_ns: int,
 ) -> tuple[list[Message], bool]:
     """One pass over the records: the hot loop of reading, so it calls nothing that it need not."""
     found: list[Message] = []
@@ -106,22 +140,34 @@ def _collect(
     last, in_order, count = -1, True, 0
     most = file.limits.max_messages_per_chunk
     while size - position >= _HEAD_BYTES:
-        opcode, length, channel_id, sequence, log_time, publish_time = unpack(data, position)
+        opcode, length, channel_id, sequence, log_time, publish_time = unpack(
+            data, position
+        )
         end = position + wire.PREFIX_BYTES + length
         if end > size:
-            raise wire.WireError(f"a record of {length} bytes at {position} reaches past the chunk's {size} bytes")
+            raise wire.WireError(
+                f"a record of {length} bytes at {position} reaches past the chunk's {size}"
+                " bytes"
+            )
         if opcode == wire.MESSAGE:
             if not wire.MESSAGE_FIELDS_BYTES <= length <= limit:
                 raise _bad_length(file, block, position, length)
             if not low <= log_time <= high:
                 raise wire.WireError(
-                    f"a message has log time {log_time}, outside the {low} to {high} that the index states"
+                    f"a message has log time {log_time}, outside the {low} to {high} that"
+                    " the index states"
                 )
             if channel_id not in wanted or (known is not None and channel_id not in known):
                 raise _unknown_channel(channel_id, wanted)
             count += 1
             if count > most:
-                file.check_limit(count, "max_messages_per_chunk", "the number of messages", block.offset, "Chunk")
+                file.check_limit(
+                    count,
+                    "max_messages_per_chunk",
+                    "the number of messages",
+                    block.offset,
+                    "Chunk",
+                )
             channel = wanted[channel_id]
             if channel is not None and start_ns <= log_time < end_ns:
                 if log_time < last:
@@ -129,7 +175,17 @@ def _collect(
                 last = log_time
                 payload = data[position + _HEAD_BYTES : end]
                 order = (log_time, base, position)
-                add(Message(channel.topic, log_time, publish_time, sequence, payload, channel, order))
+                add(
+                    Message(
+                        channel.topic,
+                        log_time,
+                        publish_time,
+                        sequence,
+                        payload,
+                        channel,
+                        order,
+                    )
+                )
         position = end
     _check_tail(file, block, data, position)
     return found, in_order
@@ -142,10 +198,20 @@ def _check_tail(file: RecordFile, block: Block, data: bytes, position: int) -> N
             raise _bad_length(file, block, position + offset, length)
 
 
-def _bad_length(file: RecordFile, block: Block, position: int, length: int) -> RecordingError:
-    where = f"in the chunk at {position}" if block.chunked else f"at byte {block.offset + position}"
+def _bad_length(
+    file: RecordFile, block: Block, position: int, length: int
+) -> RecordingError:
+    where = (
+        f"in the chunk at {position}"
+        if block.chunked
+        else f"at byte {block.offset + position}"
+    )
     if length < wire.MESSAGE_FIELDS_BYTES:
-        return file.error(f"a message of {length} bytes {where} is shorter than its fields", block.offset, "Message")
+        return file.error(
+            f"a message of {length} bytes {where} is shorter than its fields",
+            block.offset,
+            "Message",
+        )
     limit = file.limits.max_message_bytes
     size = length - wire.MESSAGE_FIELDS_BYTES
     return LimitError(
@@ -156,14 +222,23 @@ def _bad_length(file: RecordFile, block: Block, position: int, length: int) -> R
     )
 
 
-def _unknown_channel(channel_id: int, wanted: dict[int, ChannelInfo | None]) -> wire.WireError:
+def _unknown_channel(
+    channel_id: int, wanted: dict[int, ChannelInfo | None]
+) -> wire.WireError:
     if channel_id not in wanted:
-        return wire.WireError(f"a message is of channel {channel_id}, which no Channel record before it defines")
-    return wire.WireError(f"a message is of channel {channel_id}, which the chunk's index does not mention")
+        return wire.WireError(
+            f"a message is of channel {channel_id}, which no Channel record before it"
+            " defines"
+        )
+    return wire.WireError(
+        f"a message is of channel {channel_id}, which the chunk's index does not mention"
+    )
 
 
 class BlockCursor:
-    """A block opened for merging: its messages in total order, forgotten and read again when memory is short."""
+    """A block opened for merging: its messages in total order, forgotten and read again when
+    memory is short.
+    """
 
     __slots__ = ("_load", "_messages", "block", "bytes_held", "position")
 
@@ -178,7 +253,9 @@ class BlockCursor:
         """All its messages; ``position`` says how many were given out."""
         if self._messages is None:
             self._messages = self._load(self.block)
-            self.bytes_held = sum(len(message.data) for message in self._messages) + 200 * len(self._messages)
+            self.bytes_held = sum(
+                len(message.data) for message in self._messages
+            ) + 200 * len(self._messages)
         return self._messages
 
     def forget(self) -> None:

@@ -18,7 +18,9 @@ class TooLargeError(Exception):
 
 
 def compress(compression: str, data: bytes | bytearray) -> bytes | bytearray:
-    """Pack ``data``; the same bytes and the same library version give the same result; ``data`` itself without."""
+    """Pack ``data``; the same bytes and the same library version give the same result; ``data``
+    itself without.
+    """
     if compression == "zstd":
         return zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(data)
     if compression == "lz4":
@@ -40,7 +42,9 @@ def decompress(compression: str, data: bytes, declared: int) -> bytes:
     elif compression == "lz4":
         result = _lz4(data, declared)
     else:
-        raise WireError(f"compression {compression!r} is unknown; known are none, lz4 and zstd")
+        raise WireError(
+            f"compression {compression!r} is unknown; known are none, lz4 and zstd"
+        )
     if len(result) > declared:
         raise TooLargeError(declared)
     if len(result) < declared:
@@ -56,9 +60,9 @@ def _zstd(data: bytes, declared: int) -> bytes:
                 return zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
             except zstandard.ZstdError:
                 pass  # several frames in a row, or damage: the stream below tells which
-        reader = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW_BYTES).stream_reader(
-            data, read_across_frames=True
-        )
+        reader = zstandard.ZstdDecompressor(
+            max_window_size=_MAX_WINDOW_BYTES
+        ).stream_reader(data, read_across_frames=True)
         return _gather(reader.read, declared)
     except zstandard.ZstdError as error:
         raise WireError(f"zstd cannot unpack it: {error}") from error

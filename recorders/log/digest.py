@@ -14,13 +14,16 @@ from recorders.log.reader import LogReader
 _HEAD = struct.Struct("<QQIQ")
 
 
-def input_digest(path: str | Path, limits: Limits = DEFAULT_LIMITS, topics: Collection[str] | None = None) -> str:
+def input_digest(
+    path: str | Path, limits: Limits = DEFAULT_LIMITS, topics: Collection[str] | None = None
+) -> str:
     """SHA-256, in hex, of what a log says, not of its bytes.
 
-    It covers every channel (topic, schema, encodings, metadata) and each channel's messages in their total order
-    with log time, publish time, sequence number and payload; not chunking, compression, channel ids, attachments,
-    metadata records, nor how messages of different channels with one log time lie in the file. A log written again
-    with the same messages has the same digest.
+    It covers every channel (topic, schema, encodings, metadata) and each channel's messages in
+    their total order with log time, publish time, sequence number and payload; not chunking,
+    compression, channel ids, attachments, metadata records, nor how messages of different
+    channels with one log time lie in the file. A log written again with the same messages has the
+    same digest.
 
     Args:
         path: the log.
@@ -44,7 +47,9 @@ def digest_of(log: LogReader, topics: Collection[str] | None = None) -> str:
     for message in log.messages(topics):
         data = message.data
         stream = by_id[message.channel.id]
-        stream.update(pack(message.log_time_ns, message.publish_time_ns, message.sequence, len(data)))
+        stream.update(
+            pack(message.log_time_ns, message.publish_time_ns, message.sequence, len(data))
+        )
         stream.update(data)
     whole = hashlib.sha256(b"scenetrace log digest 1\n")
     for key in sorted(streams):
@@ -56,7 +61,11 @@ def _describe(channel: ChannelInfo) -> bytes:
     """The channel as bytes: every field with its length before it."""
     fields = [channel.topic.encode(), channel.message_encoding.encode()]
     if channel.schema is not None:
-        fields += [channel.schema.name.encode(), channel.schema.encoding.encode(), channel.schema.data]
+        fields += [
+            channel.schema.name.encode(),
+            channel.schema.encoding.encode(),
+            channel.schema.data,
+        ]
     for name in sorted(channel.metadata):
         fields += [name.encode(), channel.metadata[name].encode()]
     parts = [struct.pack("<QB", len(fields), channel.schema is not None)]

@@ -1,4 +1,6 @@
-"""A log held against its own promises (`examine`): every CRC, every index, every count, with byte offsets."""
+"""A log held against its own promises (`examine`): every CRC, every index, every count, with byte
+offsets.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ MAX_FINDINGS = 1000
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something about a log that is wrong (``error``) or that readers may stumble over (``warning``)."""
+    """Something about a log that is wrong (``error``) or that readers may stumble over
+    (``warning``).
+    """
 
     severity: Severity
     offset: int
@@ -34,7 +38,8 @@ class Finding:
 
 
 def examine(path: str | Path, limits: Limits = DEFAULT_LIMITS) -> list[Finding]:
-    """Everything that is wrong with a log, by byte offset; empty for a sound one. Stops at `MAX_FINDINGS`.
+    """Everything that is wrong with a log, by byte offset; empty for a sound one. Stops at
+    `MAX_FINDINGS`.
 
     Raises:
         RecordingError: there is no such file, or it cannot be opened.
@@ -42,7 +47,9 @@ def examine(path: str | Path, limits: Limits = DEFAULT_LIMITS) -> list[Finding]:
     with RecordFile(path, limits) as file:
         examination = _Examination(file)
         examination.run()
-        return sorted(examination.findings, key=lambda f: (f.offset, f.severity, f.record, f.text))[:MAX_FINDINGS]
+        return sorted(
+            examination.findings, key=lambda f: (f.offset, f.severity, f.record, f.text)
+        )[:MAX_FINDINGS]
 
 
 class _Examination:
@@ -56,7 +63,11 @@ class _Examination:
         self.latest: dict[int, int] = {}
         self.backwards: dict[int, tuple[int, int]] = {}
         self.chunks: dict[int, wire.ChunkIndexRecord] = {}
-        self.found: dict[int, list[RawRecord]] = {wire.CHUNK: [], wire.ATTACHMENT: [], wire.METADATA: []}
+        self.found: dict[int, list[RawRecord]] = {
+            wire.CHUNK: [],
+            wire.ATTACHMENT: [],
+            wire.METADATA: [],
+        }
         self.pending: dict[int, list[tuple[int, int]]] = {}
         self.pending_chunk: RawRecord | None = None
         self.damaged = False
@@ -72,16 +83,28 @@ class _Examination:
         if ending.problem is not None:
             self._error(ending.problem.offset or 0, "Footer", ending.problem.reason)
         elif ending.footer is not None and not ending.footer.summary_start:
-            self._warn(ending.data_limit, "Footer", "there is no summary: readers must scan the whole file")
+            self._warn(
+                ending.data_limit,
+                "Footer",
+                "there is no summary: readers must scan the whole file",
+            )
         elif ending.footer is not None and not ending.footer.summary_crc:
-            self._no_crc(ending.footer.summary_start, "Footer", "the summary has no CRC: damage in it would not show")
+            self._no_crc(
+                ending.footer.summary_start,
+                "Footer",
+                "the summary has no CRC: damage in it would not show",
+            )
         if ending.summary is not None:
             self.chunks = {entry.offset: entry for entry in ending.summary.chunks}
         ended = False
         for found in walk(self.file, start, ending):
             if isinstance(found, Damage):
                 self.damaged = True
-                self._error(found.offset, "data section", f"{found.end - found.offset} bytes: {found.reason}")
+                self._error(
+                    found.offset,
+                    "data section",
+                    f"{found.end - found.offset} bytes: {found.reason}",
+                )
                 continue
             ended = ended or found.opcode == wire.DATA_END
             self._guarded(found)
@@ -90,8 +113,16 @@ class _Examination:
             self._error(self.file.size, "DataEnd", "the data section has no DataEnd record")
         for channel, (offset, count) in sorted(self.backwards.items()):
             topic = self.definitions.channels[channel].topic
-            self._warn(offset, "Message", f"log time goes back {count} times on {topic}, here first")
-        if ending.summary is not None and ending.footer is not None and ending.footer.summary_start:
+            self._warn(
+                offset,
+                "Message",
+                f"log time goes back {count} times on {topic}, here first",
+            )
+        if (
+            ending.summary is not None
+            and ending.footer is not None
+            and ending.footer.summary_start
+        ):
             self._summary(ending.summary, ending.footer)
 
     def _error(self, offset: int, record: str, text: str) -> None:
@@ -114,12 +145,18 @@ class _Examination:
             self._error(0, "magic bytes", "the file is empty")
             return None
         if self.file.read(0, min(size, self.file.size)) != wire.MAGIC:
-            self._error(0, "magic bytes", "this is not an MCAP file (its first bytes are not MCAP's)")
+            self._error(
+                0,
+                "magic bytes",
+                "this is not an MCAP file (its first bytes are not MCAP's)",
+            )
             return None
         try:
             raw = self.file.record_at(size)
             if raw.opcode != wire.HEADER:
-                raise self.file.error("the file does not start with a Header record", size, raw.name)
+                raise self.file.error(
+                    "the file does not start with a Header record", size, raw.name
+                )
             _, library = self.file.parse(wire.parse_header, raw)
             self.ours = library == LIBRARY
         except RecordingError as error:
@@ -155,21 +192,33 @@ class _Examination:
     def _data_end(self, raw: RawRecord) -> None:
         crc = self.file.parse(wire.parse_data_end, raw)
         if not crc:
-            self._no_crc(raw.offset, "DataEnd", "the data section has no CRC: damage outside the chunks would not show")
+            self._no_crc(
+                raw.offset,
+                "DataEnd",
+                "the data section has no CRC: damage outside the chunks would not show",
+            )
         elif self.file.crc(0, raw.offset) != crc:
-            self._error(raw.offset, "DataEnd", "the CRC of the data section differs: the file is damaged")
+            self._error(
+                raw.offset,
+                "DataEnd",
+                "the CRC of the data section differs: the file is damaged",
+            )
 
     def _chunk(self, raw: RawRecord) -> None:
         head = self.file.chunk_head(raw)
         self.pending_chunk, self.pending = raw, {}
         data = self.file.unpack(raw, head)
         if not head.uncompressed_crc:
-            self._no_crc(raw.offset, "Chunk", "the chunk has no CRC: damage in it would not show")
+            self._no_crc(
+                raw.offset, "Chunk", "the chunk has no CRC: damage in it would not show"
+            )
         low: int | None = None
         high = 0
         try:
             for opcode, position, length in records(data):
-                content = data[position + wire.PREFIX_BYTES : position + wire.PREFIX_BYTES + length]
+                content = data[
+                    position + wire.PREFIX_BYTES : position + wire.PREFIX_BYTES + length
+                ]
                 if opcode in (wire.SCHEMA, wire.CHANNEL):
                     self._content(opcode, content, raw.offset)
                 elif opcode == wire.MESSAGE:
@@ -180,22 +229,47 @@ class _Examination:
             raise self.file.error(str(error), raw.offset, raw.name) from error
         self._chunk_against_index(raw, head, 0 if low is None else low, high)
 
-    def _chunk_against_index(self, raw: RawRecord, head: wire.ChunkHead, low: int, high: int) -> None:
+    def _chunk_against_index(
+        self, raw: RawRecord, head: wire.ChunkHead, low: int, high: int
+    ) -> None:
         if (head.start_ns, head.end_ns) != (low, high):
             self._error(
                 raw.offset,
                 "Chunk",
-                f"the chunk states log times {head.start_ns} to {head.end_ns}, its messages have {low} to {high}",
+                f"the chunk states log times {head.start_ns} to {head.end_ns}, its messages"
+                f" have {low} to {high}",
             )
         entry = self.chunks.pop(raw.offset, None)
         if entry is None:
             return
-        stated = (entry.length, entry.start_ns, entry.end_ns, entry.compression, entry.compressed_size)
-        real = (raw.end - raw.offset, head.start_ns, head.end_ns, head.compression, head.data_size)
+        stated = (
+            entry.length,
+            entry.start_ns,
+            entry.end_ns,
+            entry.compression,
+            entry.compressed_size,
+        )
+        real = (
+            raw.end - raw.offset,
+            head.start_ns,
+            head.end_ns,
+            head.compression,
+            head.data_size,
+        )
         if stated != real or entry.uncompressed_size != head.uncompressed_size:
-            self._error(raw.offset, "ChunkIndex", "the summary's entry for this chunk differs from the chunk")
-        if entry.message_index_length and set(entry.message_index_offsets) != set(self.pending):
-            self._error(raw.offset, "ChunkIndex", "the summary's entry names other channels than the chunk holds")
+            self._error(
+                raw.offset,
+                "ChunkIndex",
+                "the summary's entry for this chunk differs from the chunk",
+            )
+        if entry.message_index_length and set(entry.message_index_offsets) != set(
+            self.pending
+        ):
+            self._error(
+                raw.offset,
+                "ChunkIndex",
+                "the summary's entry names other channels than the chunk holds",
+            )
 
     def _content(self, opcode: int, content: bytes, offset: int) -> tuple[int, int]:
         """Take in a schema, channel or message; gives the message's channel and log time."""
@@ -215,10 +289,17 @@ class _Examination:
             raise self.file.error(str(error), offset, wire.opcode_name(opcode)) from error
         if channel not in self.definitions.channels:
             raise self.file.error(
-                f"a message is of channel {channel}, which no Channel record before it defines", offset, "Message"
+                f"a message is of channel {channel}, which no Channel record before it"
+                " defines",
+                offset,
+                "Message",
             )
         self.counts[channel] = self.counts.get(channel, 0) + 1
-        self.times = (time, time) if self.times is None else (min(self.times[0], time), max(self.times[1], time))
+        self.times = (
+            (time, time)
+            if self.times is None
+            else (min(self.times[0], time), max(self.times[1], time))
+        )
         if time < self.latest.get(channel, 0):
             first, count = self.backwards.get(channel, (offset, 0))
             self.backwards[channel] = (first, count + 1)
@@ -230,7 +311,11 @@ class _Examination:
         if self.pending_chunk is None:
             self._error(raw.offset, "MessageIndex", "it follows no chunk")
         elif sorted(self.pending.pop(channel, [])) != sorted(entries):
-            self._error(raw.offset, "MessageIndex", f"it does not list the chunk's messages of channel {channel}")
+            self._error(
+                raw.offset,
+                "MessageIndex",
+                f"it does not list the chunk's messages of channel {channel}",
+            )
         else:
             self.pending.setdefault(-1, [])  # this chunk has message indexes
 
@@ -239,13 +324,23 @@ class _Examination:
         chunk, pending = self.pending_chunk, self.pending
         self.pending_chunk, self.pending = None, {}
         if chunk is not None and -1 in pending and len(pending) > 1:
-            missing = ", ".join(str(channel) for channel in sorted(pending) if channel != -1)
+            missing = ", ".join(
+                str(channel) for channel in sorted(pending) if channel != -1
+            )
             offset = chunk.offset if following is None else following.offset
-            self._error(offset, "MessageIndex", f"the chunk's messages of channel {missing} are in no message index")
+            self._error(
+                offset,
+                "MessageIndex",
+                f"the chunk's messages of channel {missing} are in no message index",
+            )
 
     def _summary(self, summary: Summary, footer: wire.FooterRecord) -> None:
         start = footer.summary_start
-        places = {(raw.opcode, raw.offset): raw.end - raw.offset for group in self.found.values() for raw in group}
+        places = {
+            (raw.opcode, raw.offset): raw.end - raw.offset
+            for group in self.found.values()
+            for raw in group
+        }
         listed = [(wire.ATTACHMENT, a.offset, a.length) for a in summary.attachments]
         listed += [(wire.METADATA, m.offset, m.length) for m in summary.metadata]
         listed += [(wire.CHUNK, c.offset, c.length) for c in summary.chunks]
@@ -253,18 +348,37 @@ class _Examination:
             if places.get((opcode, offset)) != length:
                 name = wire.opcode_name(opcode)
                 self._error(
-                    offset, f"{name}Index", f"the summary places a {name} of {length} bytes here; there is none"
+                    offset,
+                    f"{name}Index",
+                    f"the summary places a {name} of {length} bytes here; there is none",
                 )
         known = {(opcode, offset) for opcode, offset, _ in listed}
-        for opcode, members in ((wire.CHUNK, summary.chunks), (wire.ATTACHMENT, summary.attachments)):
-            unlisted = [raw for raw in self.found[opcode] if (opcode, raw.offset) not in known]
+        for opcode, members in (
+            (wire.CHUNK, summary.chunks),
+            (wire.ATTACHMENT, summary.attachments),
+        ):
+            unlisted = [
+                raw for raw in self.found[opcode] if (opcode, raw.offset) not in known
+            ]
             if unlisted and members:
-                self._error(unlisted[0].offset, wire.opcode_name(opcode), f"{len(unlisted)} are missing in the summary")
+                self._error(
+                    unlisted[0].offset,
+                    wire.opcode_name(opcode),
+                    f"{len(unlisted)} are missing in the summary",
+                )
             elif unlisted:
-                self._warn(start, "Footer", f"the summary has no index of the {len(unlisted)} {_plural(opcode)}")
+                self._warn(
+                    start,
+                    "Footer",
+                    f"the summary has no index of the {len(unlisted)} {_plural(opcode)}",
+                )
         missing = sorted(set(self.definitions.channels) - set(summary.definitions.channels))
         if missing:
-            self._warn(start, "Footer", f"the summary does not repeat {len(missing)} channels: readers must scan")
+            self._warn(
+                start,
+                "Footer",
+                f"the summary does not repeat {len(missing)} channels: readers must scan",
+            )
         self._statistics(summary, start)
 
     def _statistics(self, summary: Summary, start: int) -> None:
@@ -287,10 +401,20 @@ class _Examination:
         ]
         for what, stated, real in pairs:
             if stated != real:
-                self._error(start, "Statistics", f"they state {stated} {what}, the file holds {real}")
-        counted = {channel: count for channel, count in statistics.channel_message_counts.items() if count}
+                self._error(
+                    start,
+                    "Statistics",
+                    f"they state {stated} {what}, the file holds {real}",
+                )
+        counted = {
+            channel: count
+            for channel, count in statistics.channel_message_counts.items()
+            if count
+        }
         if counted and counted != self.counts:
-            self._error(start, "Statistics", "the message counts by channel differ from the file")
+            self._error(
+                start, "Statistics", "the message counts by channel differ from the file"
+            )
 
 
 def _plural(opcode: int) -> str:

@@ -1,9 +1,10 @@
 """Where everything stands in a log, from its summary where that can be trusted, else from one scan.
 
-The summary is trusted when its CRC is there and right, when its statistics count what it lists (chunks, attachments,
-metadata records, no more channels and schemas than there are), and when what it lists tiles the data section: every
-byte between the header and the end of the data belongs to a listed record, or to records that hold no messages.
-Anything else is scanned: once through the whole file, checking every CRC on the way.
+The summary is trusted when its CRC is there and right, when its statistics count what it lists
+(chunks, attachments, metadata records, no more channels and schemas than there are), and when
+what it lists tiles the data section: every byte between the header and the end of the data
+belongs to a listed record, or to records that hold no messages. Anything else is scanned: once
+through the whole file, checking every CRC on the way.
 """
 
 from __future__ import annotations
@@ -28,14 +29,20 @@ def build_index(file: RecordFile) -> LogIndex:
     header = LogHeader(profile, library)
     if footer.summary_crc and summary.is_complete:
         data_end = _data_end_before(file, footer.summary_start)
-        if data_end is not None and _tiles(file, summary, header_record.end, data_end.offset):
-            return _from_summary(file, summary, header, header_record, footer, footer_offset, data_end)
+        if data_end is not None and _tiles(
+            file, summary, header_record.end, data_end.offset
+        ):
+            return _from_summary(
+                file, summary, header, header_record, footer, footer_offset, data_end
+            )
     return Scan(file, summary).run(header, header_record, footer, footer_offset)
 
 
 def _data_end_before(file: RecordFile, summary_start: int) -> RawRecord | None:
     offset = summary_start - _DATA_END_BYTES
-    if offset < len(wire.MAGIC) or file.read(offset, wire.PREFIX_BYTES) != wire.PREFIX.pack(wire.DATA_END, 4):
+    if offset < len(wire.MAGIC) or file.read(offset, wire.PREFIX_BYTES) != wire.PREFIX.pack(
+        wire.DATA_END, 4
+    ):
         return None
     return RawRecord(wire.DATA_END, offset, 4)
 
@@ -94,7 +101,9 @@ def _from_summary(
         data_crc=file.parse(wire.parse_data_end, data_end),
         channels=summary.definitions.infos(statistics.channel_message_counts),
         blocks=blocks,
-        attachments=[_placed(wire.ATTACHMENT, a.offset, a.length) for a in summary.attachments],
+        attachments=[
+            _placed(wire.ATTACHMENT, a.offset, a.length) for a in summary.attachments
+        ],
         metadata=[_placed(wire.METADATA, m.offset, m.length) for m in summary.metadata],
         message_count=statistics.message_count,
         start_ns=statistics.start_ns if some else None,

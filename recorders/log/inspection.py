@@ -12,7 +12,15 @@ from recorders.log.model import ChannelInfo
 from recorders.log.reader import LogReader, read_attachment
 from recorders.log.storage import RecordFile
 
-__all__ = ["AttachmentInfo", "CompressionInfo", "Finding", "LogInfo", "Severity", "examine", "inspect"]
+__all__ = [
+    "AttachmentInfo",
+    "CompressionInfo",
+    "Finding",
+    "LogInfo",
+    "Severity",
+    "examine",
+    "inspect",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +67,11 @@ class LogInfo:
     @property
     def duration_ns(self) -> int:
         """From the earliest message to the latest; 0 without messages."""
-        return 0 if self.start_ns is None or self.end_ns is None else self.end_ns - self.start_ns
+        return (
+            0
+            if self.start_ns is None or self.end_ns is None
+            else self.end_ns - self.start_ns
+        )
 
 
 def inspect(path: str | Path, limits: Limits = DEFAULT_LIMITS) -> LogInfo:
@@ -88,11 +100,16 @@ def inspect(path: str | Path, limits: Limits = DEFAULT_LIMITS) -> LogInfo:
 def _attachments(log: LogReader, file: RecordFile) -> list[AttachmentInfo]:
     if log.index.attachment_indexes:
         return [
-            AttachmentInfo(a.name, a.media_type, a.data_size, a.log_time_ns, a.create_time_ns)
+            AttachmentInfo(
+                a.name, a.media_type, a.data_size, a.log_time_ns, a.create_time_ns
+            )
             for a in log.index.attachment_indexes
         ]
     found = (read_attachment(file, raw) for raw in log.index.attachments)
-    return [AttachmentInfo(a.name, a.media_type, len(a.data), a.log_time_ns, a.create_time_ns) for a in found]
+    return [
+        AttachmentInfo(a.name, a.media_type, len(a.data), a.log_time_ns, a.create_time_ns)
+        for a in found
+    ]
 
 
 def _compression(log: LogReader, file: RecordFile) -> list[CompressionInfo]:

@@ -25,20 +25,31 @@ class Definitions:
     def schema(self, found: wire.SchemaRecord, offset: int) -> None:
         """Take in a Schema record."""
         if self.schemas.setdefault(found.id, found) != found:
-            raise self.file.error(f"schema {found.id} is defined a second time, differently", offset, "Schema")
-        self.file.check_limit(len(self.schemas), "max_channels", "the number of schemas", offset, "Schema")
+            raise self.file.error(
+                f"schema {found.id} is defined a second time, differently", offset, "Schema"
+            )
+        self.file.check_limit(
+            len(self.schemas), "max_channels", "the number of schemas", offset, "Schema"
+        )
 
     def channel(self, found: wire.ChannelRecord, offset: int) -> None:
         """Take in a Channel record."""
         if found.schema_id and found.schema_id not in self.schemas:
             raise self.file.error(
-                f"channel {found.id} ({found.topic}) names schema {found.schema_id}, which no record before it defines",
+                f"channel {found.id} ({found.topic}) names schema {found.schema_id}, which"
+                " no record before it defines",
                 offset,
                 "Channel",
             )
         if self.channels.setdefault(found.id, found) != found:
-            raise self.file.error(f"channel {found.id} is defined a second time, differently", offset, "Channel")
-        self.file.check_limit(len(self.channels), "max_channels", "the number of channels", offset, "Channel")
+            raise self.file.error(
+                f"channel {found.id} is defined a second time, differently",
+                offset,
+                "Channel",
+            )
+        self.file.check_limit(
+            len(self.channels), "max_channels", "the number of channels", offset, "Channel"
+        )
 
     def infos(self, counts: dict[int, int] | None) -> dict[int, ChannelInfo]:
         """The channels by id, in the order of ids."""
@@ -92,15 +103,19 @@ class Summary:
 
     @property
     def is_complete(self) -> bool:
-        """Its statistics are there and count what it lists, and every channel that is counted or indexed is listed.
+        """Its statistics are there and count what it lists, and every channel that is counted or
+        indexed is listed.
 
-        More channels and schemas than counted are fine: some writers list those without messages too.
+        More channels and schemas than counted are fine: some writers list those without messages
+        too.
         """
         counts = self.statistics
         if counts is None:
             return False
         by_channel = counts.channel_message_counts
-        mentioned = set(by_channel).union(*(chunk.message_index_offsets for chunk in self.chunks))
+        mentioned = set(by_channel).union(
+            *(chunk.message_index_offsets for chunk in self.chunks)
+        )
         return (
             (counts.chunk_count, counts.attachment_count, counts.metadata_count)
             == (len(self.chunks), len(self.attachments), len(self.metadata))
@@ -119,12 +134,16 @@ def check_start(file: RecordFile) -> RawRecord:
         raise file.error("this is not an MCAP file (its first bytes are not MCAP's)", 0)
     raw = file.record_at(len(wire.MAGIC))
     if raw.opcode != wire.HEADER:
-        raise file.error("the file does not start with a Header record", raw.offset, raw.name)
+        raise file.error(
+            "the file does not start with a Header record", raw.offset, raw.name
+        )
     return raw
 
 
 def _end_before(file: RecordFile) -> int | None:
-    """Where the file ends before its last byte: a footer with the magic bytes behind it, if one is near."""
+    """Where the file ends before its last byte: a footer with the magic bytes behind it, if one
+    is near.
+    """
     start = max(len(wire.MAGIC), file.size - _FAR)
     tail = bytes(file.read(start, max(0, file.size - start)))
     footer = wire.PREFIX.pack(wire.FOOTER, wire.FOOTER_BODY.size)
@@ -141,29 +160,43 @@ def read_footer(file: RecordFile) -> tuple[wire.FooterRecord, int]:
     offset = file.size - len(wire.MAGIC) - wire.FOOTER_BYTES
     cut = f"the file has no end: it was cut short, or its writer was killed; {_RECOVER}"
     ends = offset >= len(wire.MAGIC) and file.read(file.size - 8, 8) == wire.MAGIC
-    opcode, length = wire.PREFIX.unpack(file.read(offset, wire.PREFIX_BYTES)) if ends else (0, 0)
+    opcode, length = (
+        wire.PREFIX.unpack(file.read(offset, wire.PREFIX_BYTES)) if ends else (0, 0)
+    )
     if opcode != wire.FOOTER or length != wire.FOOTER_BODY.size:
         end = _end_before(file)
         if end is not None:
-            raise file.error(f"{file.size - end} bytes follow the file's end: they are no part of it; {_RECOVER}", end)
+            raise file.error(
+                f"{file.size - end} bytes follow the file's end: they are no part of it;"
+                f" {_RECOVER}",
+                end,
+            )
         raise file.error(cut, offset if ends else file.size)
-    footer = wire.FooterRecord(*wire.FOOTER_BODY.unpack(file.read(offset + wire.PREFIX_BYTES, length)))
+    footer = wire.FooterRecord(
+        *wire.FOOTER_BODY.unpack(file.read(offset + wire.PREFIX_BYTES, length))
+    )
     if footer.summary_start > offset or footer.summary_offset_start > offset:
         raise file.error("the footer places the summary after itself", offset, "Footer")
     return footer, offset
 
 
-def read_summary(file: RecordFile, footer: wire.FooterRecord, footer_offset: int) -> Summary:
+def read_summary(
+    file: RecordFile, footer: wire.FooterRecord, footer_offset: int
+) -> Summary:
     """The summary's records, its CRC checked where there is one."""
     start = footer.summary_start
     summary = Summary(Definitions(file))
     if not start:
         return summary
-    file.check_limit(footer_offset - start, "max_summary_bytes", "the summary's size", start)
+    file.check_limit(
+        footer_offset - start, "max_summary_bytes", "the summary's size", start
+    )
     if footer.summary_crc:
         crc = file.crc(start, footer_offset + wire.FOOTER_BYTES - 4)
         if crc != footer.summary_crc:
-            raise file.error(f"the summary's CRC differs: it is damaged; {_RECOVER}", start, "Footer")
+            raise file.error(
+                f"the summary's CRC differs: it is damaged; {_RECOVER}", start, "Footer"
+            )
     for raw in file.walk(start, footer_offset):
         _take_summary_record(file, summary, raw)
     return summary

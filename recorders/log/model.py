@@ -12,7 +12,9 @@ Order = tuple[int, int, int]
 
 @dataclass(frozen=True, slots=True)
 class Schema:
-    """How a channel's payloads are laid out: ``encoding`` names the language that ``data`` is written in."""
+    """How a channel's payloads are laid out: ``encoding`` names the language that ``data`` is
+    written in.
+    """
 
     name: str
     encoding: str
@@ -44,8 +46,9 @@ class Message(Struct, frozen=True):
         sequence: the channel's own counter, 32 bits.
         data: the payload, undecoded.
         channel: the channel that it came by.
-        order: its place in the log's total order: log time, then file position (offset of the chunk in the file,
-            offset of the message in the chunk). No two messages of a file share it.
+        order: its place in the log's total order: log time, then file position (offset of the
+            chunk in the file, offset of the message in the chunk). No two messages of a file
+            share it.
     """
 
     topic: str

@@ -1,4 +1,6 @@
-"""An output file that appears whole or not at all: written as ``<name>.part``, renamed when it is complete."""
+"""An output file that appears whole or not at all: written as ``<name>.part``, renamed when it is
+complete.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from recorders.errors import OutputExistsError, RecordingError
 
 try:
     import fcntl
-except ImportError:  # not a POSIX system: an exclusive part file is all the protection there
+except (
+    ImportError
+):  # not a POSIX system: an exclusive part file is all the protection there
     fcntl = None  # type: ignore[assignment]
 
 
@@ -19,18 +23,22 @@ PART_SUFFIX = ".part"
 
 
 class PartFile:
-    """Writes ``<path><suffix>``; `finish` makes it ``path`` (fsync, rename, fsync of the folder), `discard` removes it.
+    """Writes ``<path><suffix>``; `finish` makes it ``path`` (fsync, rename, fsync of the folder),
+    `discard` removes it.
 
-    ``path`` is never overwritten without ``force``: checked at the start, and again by the rename itself. Two
-    writers of one output cannot meet: the part file is created exclusively and locked while it is written. A part
-    file that an interrupted run left is kept as it is, unless ``force`` is given.
+    ``path`` is never overwritten without ``force``: checked at the start, and again by the rename
+    itself. Two writers of one output cannot meet: the part file is created exclusively and locked
+    while it is written. A part file that an interrupted run left is kept as it is, unless
+    ``force`` is given.
 
     Raises:
         OutputExistsError: ``path`` exists.
         RecordingError: it cannot be written; a full disk says so.
     """
 
-    def __init__(self, path: str | Path, *, force: bool = False, suffix: str = PART_SUFFIX) -> None:
+    def __init__(
+        self, path: str | Path, *, force: bool = False, suffix: str = PART_SUFFIX
+    ) -> None:
         self.path = Path(path)
         self.part = self.path.with_name(self.path.name + suffix)
         self._force = force
@@ -41,9 +49,16 @@ class PartFile:
         self._descriptor: int | None = self._open()
 
     def _open(self) -> int:
-        flags = os.O_WRONLY | os.O_CREAT | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+        flags = (
+            os.O_WRONLY
+            | os.O_CREAT
+            | getattr(os, "O_BINARY", 0)
+            | getattr(os, "O_CLOEXEC", 0)
+        )
         try:
-            descriptor = os.open(self.part, flags | (0 if self._force else os.O_EXCL), 0o666)
+            descriptor = os.open(
+                self.part, flags | (0 if self._force else os.O_EXCL), 0o666
+            )
         except FileExistsError as error:
             raise self._occupied() from error
         except OSError as error:
@@ -53,7 +68,9 @@ class PartFile:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
                 os.close(descriptor)
-                raise RecordingError("another process is writing it now", self.part) from error
+                raise RecordingError(
+                    "another process is writing it now", self.part
+                ) from error
             except OSError:
                 pass  # a file system without locks
         os.ftruncate(descriptor, 0)
@@ -61,8 +78,9 @@ class PartFile:
 
     def _occupied(self) -> RecordingError:
         return RecordingError(
-            "exists already: another run is writing it, or one was interrupted; "
-            f"`scenetrace recover {self.part} -o NEW` keeps what is whole in it, --force overwrites it",
+            "exists already: another run is writing it, or one was interrupted;"
+            f" `scenetrace recover {self.part} -o NEW` keeps what is whole in it, --force"
+            " overwrites it",
             self.part,
         )
 
@@ -70,7 +88,9 @@ class PartFile:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             return RecordingError("the disk is full", self.path)
         if error.errno == errno.ENOENT:
-            return RecordingError(f"cannot be written: there is no folder {self.path.parent}", self.path)
+            return RecordingError(
+                f"cannot be written: there is no folder {self.path.parent}", self.path
+            )
         return RecordingError(f"cannot be written: {error.strerror or error}", self.path)
 
     @property
@@ -79,7 +99,9 @@ class PartFile:
         return self._descriptor is not None
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
-        """Append ``data``: handed to the system at once, so that a killed process loses none of it."""
+        """Append ``data``: handed to the system at once, so that a killed process loses none of
+        it.
+        """
         if self._descriptor is None:
             raise RecordingError("is closed already", self.path)
         view = memoryview(data)
@@ -106,7 +128,9 @@ class PartFile:
             self.part.replace(self.path)
             return
         try:
-            os.link(self.part, self.path)  # unlike a rename, this fails where the name exists
+            os.link(
+                self.part, self.path
+            )  # unlike a rename, this fails where the name exists
         except FileExistsError as error:
             raise OutputExistsError(self.path) from error
         except OSError:  # a file system without hard links

@@ -24,20 +24,23 @@ FOREVER_NS = 1 << 64
 class LogReader:
     """A log opened for reading; use it as a context manager.
 
-    Messages come in the total order (log time, file position), where the file position is that of the chunk, then
-    that in the chunk: equal times stay as they are in the file. Chunks that overlap in time are merged; a chunk is
-    opened only when it may hold the next message, and not at all when its index names none of the wanted channels.
-    Memory does not grow with the file (one entry per chunk).
+    Messages come in the total order (log time, file position), where the file position is that of
+    the chunk, then that in the chunk: equal times stay as they are in the file. Chunks that
+    overlap in time are merged; a chunk is opened only when it may hold the next message, and not
+    at all when its index names none of the wanted channels. Memory does not grow with the file
+    (one entry per chunk).
 
-    What is checked: the summary's CRC, on opening; a chunk's CRC and its head against the summary, when it is
-    opened; an attachment's, when it is read; a metadata record's and the header's, when they are read: by the
-    checksums that our writer adds to the summary, or by the CRC of the whole data section in files of others (one
-    pass, once). A file whose summary is missing, incomplete or without CRC is scanned on opening, every CRC in it
-    checked. Where a file has no CRC, there is nothing to check. After all messages of a file were read, their number
-    is held against the statistics.
+    What is checked: the summary's CRC, on opening; a chunk's CRC and its head against the
+    summary, when it is opened; an attachment's, when it is read; a metadata record's and the
+    header's, when they are read: by the checksums that our writer adds to the summary, or by the
+    CRC of the whole data section in files of others (one pass, once). A file whose summary is
+    missing, incomplete or without CRC is scanned on opening, every CRC in it checked. Where a
+    file has no CRC, there is nothing to check. After all messages of a file were read, their
+    number is held against the statistics.
 
     Raises:
-        RecordingError: from every method, the only exception about the file; `LimitError` where a limit is reached.
+        RecordingError: from every method, the only exception about the file; `LimitError` where a
+            limit is reached.
     """
 
     def __init__(self, path: str | Path, limits: Limits = DEFAULT_LIMITS) -> None:
@@ -49,13 +52,18 @@ class LogReader:
         except BaseException:
             self._file.close()
             raise
-        self.channels: list[ChannelInfo] = sorted(self._index.channels.values(), key=lambda c: (c.topic, c.id))
+        self.channels: list[ChannelInfo] = sorted(
+            self._index.channels.values(), key=lambda c: (c.topic, c.id)
+        )
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -108,7 +116,11 @@ class LogReader:
             end_ns: only messages before this log time.
             reverse: from the last to the first.
         """
-        chosen = None if topics is None else frozenset((topics,) if isinstance(topics, str) else topics)
+        chosen = (
+            None
+            if topics is None
+            else frozenset((topics,) if isinstance(topics, str) else topics)
+        )
         low = 0 if start_ns is None else start_ns
         high = FOREVER_NS if end_ns is None else end_ns
         wanted = {
@@ -122,7 +134,8 @@ class LogReader:
         everything = chosen is None and low <= 0 and high >= FOREVER_NS
         if everything and given != self._index.message_count:
             raise self._file.error(
-                f"the statistics count {self._index.message_count} messages, the file holds {given}",
+                f"the statistics count {self._index.message_count} messages, the file holds"
+                f" {given}",
                 self._index.footer.summary_start,
                 "Statistics",
             )
@@ -144,7 +157,11 @@ class LogReader:
         """The attachments in file order; with ``names``, only those."""
         listed = {entry.offset: entry.name for entry in self._index.attachment_indexes}
         for raw in self._index.attachments:
-            if names is not None and raw.offset in listed and listed[raw.offset] not in names:
+            if (
+                names is not None
+                and raw.offset in listed
+                and listed[raw.offset] not in names
+            ):
                 continue
             self._expect(raw)
             attachment = read_attachment(self._file, raw)
@@ -152,13 +169,17 @@ class LogReader:
                 yield attachment
 
     def check_data(self) -> None:
-        """Hold the CRC of the whole data section against the file, once; does nothing where there is no CRC."""
+        """Hold the CRC of the whole data section against the file, once; does nothing where there
+        is no CRC.
+        """
         index = self._index
         if index.data_checked:
             return
         if index.data_crc and self._file.crc(0, index.data_end.offset) != index.data_crc:
             raise self._file.error(
-                "the CRC of the data section differs: the file is damaged", index.data_end.offset, "DataEnd"
+                "the CRC of the data section differs: the file is damaged",
+                index.data_end.offset,
+                "DataEnd",
             )
         index.data_checked = True
 
@@ -166,27 +187,38 @@ class LogReader:
         """The summary says that this record is there."""
         found = self._file.record_at(raw.offset)
         if (found.opcode, found.length) != (raw.opcode, raw.length):
-            raise self._file.error("the summary says that a record is here, but there is another", raw.offset, raw.name)
+            raise self._file.error(
+                "the summary says that a record is here, but there is another",
+                raw.offset,
+                raw.name,
+            )
 
     def _check_record(self, raw: RawRecord) -> None:
         checksum = self._index.checksums.get((raw.offset, raw.end - raw.offset))
         if checksum is None:
             self.check_data()
         elif self._file.crc(raw.offset, raw.end) != checksum:
-            raise self._file.error("the record's checksum differs: it is damaged", raw.offset, raw.name)
+            raise self._file.error(
+                "the record's checksum differs: it is damaged", raw.offset, raw.name
+            )
 
-    def _blocks(self, wanted: dict[int, ChannelInfo | None], low: int, high: int) -> list[Block]:
+    def _blocks(
+        self, wanted: dict[int, ChannelInfo | None], low: int, high: int
+    ) -> list[Block]:
         ids = {identity for identity, channel in wanted.items() if channel is not None}
         return [
             block
             for block in self._index.blocks
-            if block.start_ns < high and block.end_ns >= low and (block.channels is None or block.channels & ids)
+            if block.start_ns < high
+            and block.end_ns >= low
+            and (block.channels is None or block.channels & ids)
         ]
 
     def _merge(
         self, wanted: dict[int, ChannelInfo | None], low: int, high: int, reverse: bool
     ) -> Iterator[list[Message]]:
-        """Batches of messages: the blocks' messages merged into the total order, blocks opened as late as possible.
+        """Batches of messages: the blocks' messages merged into the total order, blocks opened as
+        late as possible.
 
         Keys are negated for the reverse direction, so that one loop serves both.
         """
@@ -199,7 +231,11 @@ class LogReader:
             return found
 
         def first_key(block: Block) -> tuple[int, int]:
-            return (-block.end_ns, -block.offset) if reverse else (block.start_ns, block.offset)
+            return (
+                (-block.end_ns, -block.offset)
+                if reverse
+                else (block.start_ns, block.offset)
+            )
 
         waiting = sorted(self._blocks(wanted, low, high), key=first_key, reverse=True)
         heap: list[tuple[tuple[int, int, int], BlockCursor]] = []
@@ -223,17 +259,23 @@ class LogReader:
                         self._stay_in_memory(heap)
 
     @staticmethod
-    def _take(cursor: BlockCursor, until: tuple[int, int, int] | None, sign: int) -> list[Message]:
+    def _take(
+        cursor: BlockCursor, until: tuple[int, int, int] | None, sign: int
+    ) -> list[Message]:
         """The cursor's next messages before the key ``until``."""
         messages, start = cursor.messages(), cursor.position
         if until is None:
             cursor.position = len(messages)
         else:
-            cursor.position = bisect_left(messages, until, start, key=lambda m: _signed(m.order, sign))
+            cursor.position = bisect_left(
+                messages, until, start, key=lambda m: _signed(m.order, sign)
+            )
         return messages[start : cursor.position]
 
     def _stay_in_memory(self, heap: list[tuple[tuple[int, int, int], BlockCursor]]) -> None:
-        """Forget the decoded blocks whose turn comes last, while they are more than the limit allows."""
+        """Forget the decoded blocks whose turn comes last, while they are more than the limit
+        allows.
+        """
         held = sum(cursor.bytes_held for _, cursor in heap)
         if held <= self.limits.max_open_bytes:
             return
@@ -254,7 +296,9 @@ def _key(cursor: BlockCursor, sign: int) -> tuple[int, int, int]:
 
 def read_attachment(file: RecordFile, raw: RawRecord) -> Attachment:
     """An attachment, its CRC checked where it has one."""
-    return file.parsed(_parse_attachment, file.content(raw, "max_attachment_bytes"), raw.offset, raw.name)
+    return file.parsed(
+        _parse_attachment, file.content(raw, "max_attachment_bytes"), raw.offset, raw.name
+    )
 
 
 def _parse_attachment(content: bytes) -> Attachment:

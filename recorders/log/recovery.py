@@ -1,4 +1,6 @@
-"""Recovering a log: everything up to the last whole record, damaged chunks left out, and all of it said."""
+"""Recovering a log: everything up to the last whole record, damaged chunks left out, and all of
+it said.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from recorders.log.salvage import Damage, Ending, read_ending, walk
 from recorders.log.storage import RawRecord, RecordFile
 from recorders.log.writer import LogWriter
 
-# Not the suffix that writers use: `x.mcap.part` is recovered to `x.mcap`, and must not be written over meanwhile.
+# Not the suffix that writers use: `x.mcap.part` is recovered to `x.mcap`, and must not be written
+# over meanwhile.
 _PART_SUFFIX = ".recovering.part"
 PICTURE_SCHEMAS = frozenset(
     {
@@ -31,7 +34,9 @@ PICTURE_SCHEMAS = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """Something that is not in the recovered log: from which byte of the damaged one, what, and why."""
+    """Something that is not in the recovered log: from which byte of the damaged one, what, and
+    why.
+    """
 
     offset: int
     record: str
@@ -60,11 +65,14 @@ class RecoveryReport:
         return not self.losses
 
 
-def recover(path: str | Path, out: str | Path, force: bool = False, limits: Limits = DEFAULT_LIMITS) -> RecoveryReport:
-    """Write what is whole in the log at ``path`` to ``out``: messages with their times and sequence numbers.
+def recover(
+    path: str | Path, out: str | Path, force: bool = False, limits: Limits = DEFAULT_LIMITS
+) -> RecoveryReport:
+    """Write what is whole in the log at ``path`` to ``out``: messages with their times and
+    sequence numbers.
 
-    Works on logs that were cut short, on part files of a killed writer, and around damaged bytes. A message is kept
-    when its chunk's CRC is right, or when it stands in no chunk.
+    Works on logs that were cut short, on part files of a killed writer, and around damaged bytes.
+    A message is kept when its chunk's CRC is right, or when it stands in no chunk.
 
     Raises:
         RecordingError: ``path`` is not a log at all, or ``out`` cannot be written.
@@ -72,11 +80,15 @@ def recover(path: str | Path, out: str | Path, force: bool = False, limits: Limi
     """
     with RecordFile(path, limits) as file:
         if Path(out).exists() and Path(out).samefile(file.path):
-            raise file.error("a recovery never writes over the log that it reads; name another output")
+            raise file.error(
+                "a recovery never writes over the log that it reads; name another output"
+            )
         report = RecoveryReport(file.path, Path(out))
         start, profile = _start(file, report)
         ending = read_ending(file)
-        with LogWriter(out, force=force, limits=limits, profile=profile, part_suffix=_PART_SUFFIX) as log:
+        with LogWriter(
+            out, force=force, limits=limits, profile=profile, part_suffix=_PART_SUFFIX
+        ) as log:
             _Recovery(file, ending, log, report).run(start)
     return report
 
@@ -104,7 +116,9 @@ def _start(file: RecordFile, report: RecoveryReport) -> tuple[int, str]:
 class _Recovery:
     """One pass over the damaged file. Memory: one chunk or one attachment."""
 
-    def __init__(self, file: RecordFile, ending: Ending, log: LogWriter, report: RecoveryReport) -> None:
+    def __init__(
+        self, file: RecordFile, ending: Ending, log: LogWriter, report: RecoveryReport
+    ) -> None:
         self.file = file
         self.ending = ending
         self.log = log
@@ -119,12 +133,19 @@ class _Recovery:
         """Keep what is whole from byte ``start`` on."""
         if self.ending.problem is not None:
             problem = self.ending.problem
-            self._lose(self.file.size if problem.offset is None else problem.offset, "Footer", _plain(problem))
+            self._lose(
+                self.file.size if problem.offset is None else problem.offset,
+                "Footer",
+                _plain(problem),
+            )
         if self.ending.summary is not None:
             self._learn_from_summary()
         for found in walk(self.file, start, self.ending):
             if isinstance(found, Damage):
-                what = f"{found.end - found.offset} bytes up to byte {found.end} hold no whole record: {found.reason}"
+                what = (
+                    f"{found.end - found.offset} bytes up to byte {found.end} hold no whole"
+                    f" record: {found.reason}"
+                )
                 self._lose(found.offset, "data section", _plain_text(what))
                 continue
             try:
@@ -134,14 +155,20 @@ class _Recovery:
                     raise  # about the output
                 self._lose(found.offset, found.name, _plain(error))
         for channel, (offset, count) in sorted(self.orphans.items()):
-            self._lose(offset, "Message", f"{count} messages of channel {channel}, whose Channel record is lost")
+            self._lose(
+                offset,
+                "Message",
+                f"{count} messages of channel {channel}, whose Channel record is lost",
+            )
         self._compare_counts()
 
     def _lose(self, offset: int, record: str, reason: str) -> None:
         self.report.losses.append(Loss(offset, record, reason))
 
     def _learn_from_summary(self) -> None:
-        """The summary repeats the channels: messages are kept even where the chunk that defines theirs is lost."""
+        """The summary repeats the channels: messages are kept even where the chunk that defines
+        theirs is lost.
+        """
         summary = self.ending.summary
         assert summary is not None
         self.checksums = summary.checksums
@@ -155,8 +182,15 @@ class _Recovery:
     def _keep(self, raw: RawRecord) -> None:
         checksum = self.checksums.get((raw.offset, raw.end - raw.offset))
         if checksum is not None and self.file.crc(raw.offset, raw.end) != checksum:
-            raise self.file.error("the record's checksum differs: it is damaged", raw.offset, raw.name)
-        if checksum is None and raw.opcode in (wire.MESSAGE, wire.METADATA, wire.SCHEMA, wire.CHANNEL):
+            raise self.file.error(
+                "the record's checksum differs: it is damaged", raw.offset, raw.name
+            )
+        if checksum is None and raw.opcode in (
+            wire.MESSAGE,
+            wire.METADATA,
+            wire.SCHEMA,
+            wire.CHANNEL,
+        ):
             self.proven = False
         if raw.opcode == wire.CHUNK:
             self._chunk(raw)
@@ -164,7 +198,13 @@ class _Recovery:
             self._record(raw.opcode, self.file.content(raw), raw.offset)
         elif raw.opcode == wire.ATTACHMENT:
             found = read_attachment(self.file, raw)
-            self.log.attach(found.name, found.media_type, found.data, found.log_time_ns, found.create_time_ns)
+            self.log.attach(
+                found.name,
+                found.media_type,
+                found.data,
+                found.log_time_ns,
+                found.create_time_ns,
+            )
             self.report.attachments += 1
         elif raw.opcode == wire.METADATA:
             self.log.metadata(*self.file.parse(wire.parse_metadata, raw))
@@ -183,7 +223,9 @@ class _Recovery:
                     start = position + wire.PREFIX_BYTES
                     self._record(opcode, view[start : start + length], raw.offset)
         except wire.WireError as error:
-            raise self.file.error(f"the rest of the chunk: {error}", raw.offset, raw.name) from error
+            raise self.file.error(
+                f"the rest of the chunk: {error}", raw.offset, raw.name
+            ) from error
 
     def _record(self, opcode: int, content: bytes | memoryview, offset: int) -> None:
         try:
@@ -219,19 +261,27 @@ class _Recovery:
             self.orphans[channel] = (first, count + 1)
             return
         data = bytes(content[cursor.position :])
-        self.file.check_limit(len(data), "max_message_bytes", "a message's size", offset, "Message")
+        self.file.check_limit(
+            len(data), "max_message_bytes", "a message's size", offset, "Message"
+        )
         self.log.write(self.ids[channel], data, log_time, publish_time, sequence)
         self.report.messages += 1
 
     def _data_end(self, raw: RawRecord) -> None:
         crc = self.file.parse(wire.parse_data_end, raw)
-        # Where everything that was kept has a CRC of its own, only an index can be wrong, and that is made anew.
-        if crc and not self.proven and not self.report.losses and self.file.crc(0, raw.offset) != crc:
+        # Where everything that was kept has a CRC of its own, only an index can be wrong, and
+        # that is made anew.
+        if (
+            crc
+            and not self.proven
+            and not self.report.losses
+            and self.file.crc(0, raw.offset) != crc
+        ):
             self._lose(
                 raw.offset,
                 "DataEnd",
-                "the CRC of the data section differs, though no damaged record shows: a message outside a chunk, "
-                "or a metadata record, may be wrong",
+                "the CRC of the data section differs, though no damaged record shows: a"
+                " message outside a chunk, or a metadata record, may be wrong",
             )
 
     def _compare_counts(self) -> None:

@@ -1,4 +1,6 @@
-"""Walking a damaged file: every record that still stands, and every place where none can be made out."""
+"""Walking a damaged file: every record that still stands, and every place where none can be made
+out.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,16 @@ _OVERLAP = 64
 _WINDOW = 1 << 20
 _LONGEST_DATA_END = 4096
 _CHAIN = 3
-_CHUNK_PATTERN = re.compile(rb"(?=\x06.{36}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd))", re.DOTALL)
+_CHUNK_PATTERN = re.compile(
+    rb"(?=\x06.{36}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd))", re.DOTALL
+)
 _MESSAGE_PATTERN = re.compile(rb"(?=[\x03\x04\x05\x09\x0c\x0f].{4}\x00{4})", re.DOTALL)
-_PLAUSIBLE = frozenset(range(wire.HEADER, wire.DATA_END + 1)) | frozenset(range(0x80, 0x100))
-_UNCHUNKED = frozenset({wire.SCHEMA, wire.CHANNEL, wire.MESSAGE, wire.ATTACHMENT, wire.METADATA, wire.DATA_END})
+_PLAUSIBLE = frozenset(range(wire.HEADER, wire.DATA_END + 1)) | frozenset(
+    range(0x80, 0x100)
+)
+_UNCHUNKED = frozenset(
+    {wire.SCHEMA, wire.CHANNEL, wire.MESSAGE, wire.ATTACHMENT, wire.METADATA, wire.DATA_END}
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +41,9 @@ class Damage:
 
 @dataclass(slots=True)
 class Ending:
-    """What a file's end says: its summary, where that is whole, and where the data section must end."""
+    """What a file's end says: its summary, where that is whole, and where the data section must
+    end.
+    """
 
     summary: Summary | None
     footer: wire.FooterRecord | None
@@ -67,8 +77,9 @@ def read_ending(file: RecordFile) -> Ending:
 def walk(file: RecordFile, start: int, ending: Ending) -> Iterator[RawRecord | Damage]:
     """The records of the data section from ``start`` to its DataEnd, and the damage between them.
 
-    After a place where no record can be made out, it goes on at the next record that the summary places, or else at
-    the next bytes that look like a chunk, or, in a file without chunks, like a chain of records.
+    After a place where no record can be made out, it goes on at the next record that the summary
+    places, or else at the next bytes that look like a chunk, or, in a file without chunks, like a
+    chain of records.
     """
     known = ending.known_offsets()
     position, limit, chunked = start, ending.data_limit, False
@@ -79,7 +90,10 @@ def walk(file: RecordFile, start: int, ending: Ending) -> Iterator[RawRecord | D
             if raw.opcode not in _PLAUSIBLE or not _ends_well(raw, ending, limit):
                 reason = f"no record can start with byte 0x{raw.opcode:02x} here"
             elif bisect_left(known, raw.end) > bisect_right(known, raw.offset):
-                reason = f"a {raw.name} of {raw.length} bytes would reach over a record that the summary places"
+                reason = (
+                    f"a {raw.name} of {raw.length} bytes would reach over a record that the"
+                    " summary places"
+                )
         except RecordingError as error:
             reason = error.reason
         if not reason:
@@ -97,13 +111,17 @@ def walk(file: RecordFile, start: int, ending: Ending) -> Iterator[RawRecord | D
 def _ends_well(raw: RawRecord, ending: Ending, limit: int) -> bool:
     """A DataEnd or Footer in the middle of the data is a damaged opcode."""
     if raw.opcode == wire.DATA_END:
-        return raw.length <= _LONGEST_DATA_END and (ending.summary is None or raw.end == limit)
+        return raw.length <= _LONGEST_DATA_END and (
+            ending.summary is None or raw.end == limit
+        )
     if raw.opcode == wire.FOOTER:
         return raw.length == wire.FOOTER_BODY.size
     return True
 
 
-def _resume(file: RecordFile, position: int, limit: int, known: list[int], chunked: bool) -> int:
+def _resume(
+    file: RecordFile, position: int, limit: int, known: list[int], chunked: bool
+) -> int:
     place = bisect_right(known, position - 1)
     if place < len(known) and known[place] < limit:
         return known[place]
@@ -115,7 +133,9 @@ def _resume(file: RecordFile, position: int, limit: int, known: list[int], chunk
     return _search(file, position, limit, _MESSAGE_PATTERN, _is_chain)
 
 
-def _search(file: RecordFile, start: int, limit: int, pattern: re.Pattern[bytes], holds: object) -> int:
+def _search(
+    file: RecordFile, start: int, limit: int, pattern: re.Pattern[bytes], holds: object
+) -> int:
     assert callable(holds)
     while start < limit:
         window = file.read(start, min(_WINDOW + _OVERLAP, limit - start))
@@ -150,7 +170,9 @@ def _is_chain(file: RecordFile, offset: int, limit: int) -> bool:
             raw = file.record_at(offset, limit)
         except RecordingError:
             return False
-        if raw.opcode not in _UNCHUNKED or (raw.opcode == wire.MESSAGE and raw.length < wire.MESSAGE_FIELDS_BYTES):
+        if raw.opcode not in _UNCHUNKED or (
+            raw.opcode == wire.MESSAGE and raw.length < wire.MESSAGE_FIELDS_BYTES
+        ):
             return False
         if raw.opcode == wire.DATA_END:
             return raw.length <= _LONGEST_DATA_END

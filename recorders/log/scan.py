@@ -14,7 +14,9 @@ _RUN_BYTES = 1 << 20
 
 
 class Scan:
-    """One pass over the data section. Memory: one chunk, and one entry per chunk or run of messages."""
+    """One pass over the data section. Memory: one chunk, and one entry per chunk or run of
+    messages.
+    """
 
     def __init__(self, file: RecordFile, summary: Summary) -> None:
         self.file = file
@@ -29,14 +31,20 @@ class Scan:
         self._run_channels: set[int] = set()
 
     def run(
-        self, header: LogHeader, header_record: RawRecord, footer: wire.FooterRecord, footer_offset: int
+        self,
+        header: LogHeader,
+        header_record: RawRecord,
+        footer: wire.FooterRecord,
+        footer_offset: int,
     ) -> LogIndex:
         """Scan, check the CRC of the data section, and put the index together."""
         data_end = self._walk(header_record.end, footer.summary_start or footer_offset)
         crc = self.file.parse(wire.parse_data_end, data_end)
         if crc and self.file.crc(0, data_end.offset) != crc:
             raise self.file.error(
-                "the CRC of the data section differs: the file is damaged", data_end.offset, "DataEnd"
+                "the CRC of the data section differs: the file is damaged",
+                data_end.offset,
+                "DataEnd",
             )
         for schema in self.summary.definitions.schemas.values():
             self.definitions.schema(schema, footer.summary_start)
@@ -71,7 +79,9 @@ class Scan:
                 self.definitions.schema(self.file.parse(wire.parse_schema, raw), raw.offset)
                 continue
             if raw.opcode == wire.CHANNEL:
-                self.definitions.channel(self.file.parse(wire.parse_channel, raw), raw.offset)
+                self.definitions.channel(
+                    self.file.parse(wire.parse_channel, raw), raw.offset
+                )
                 continue
             self._close_run(raw.offset)
             if raw.opcode == wire.DATA_END:
@@ -86,11 +96,17 @@ class Scan:
 
     def _loose_message(self, raw: RawRecord) -> None:
         if raw.length < wire.MESSAGE_FIELDS_BYTES:
-            raise self.file.error("a message shorter than its fields", raw.offset, "Message")
+            raise self.file.error(
+                "a message shorter than its fields", raw.offset, "Message"
+            )
         limit = self.file.limits.max_message_bytes + wire.MESSAGE_FIELDS_BYTES
         if raw.length > limit:
             self.file.check_limit(
-                raw.length - wire.MESSAGE_FIELDS_BYTES, "max_message_bytes", "a message's size", raw.offset, "Message"
+                raw.length - wire.MESSAGE_FIELDS_BYTES,
+                "max_message_bytes",
+                "a message's size",
+                raw.offset,
+                "Message",
             )
         if self._run_start is not None and raw.end - self._run_start > _RUN_BYTES:
             self._close_run(raw.offset)
@@ -104,18 +120,34 @@ class Scan:
     def _count(self, channel_id: int, offset: int) -> None:
         if channel_id not in self.definitions.channels:
             raise self.file.error(
-                f"a message is of channel {channel_id}, which no Channel record before it defines", offset, "Message"
+                f"a message is of channel {channel_id}, which no Channel record before it defines",
+                offset,
+                "Message",
             )
         self.counts[channel_id] = self.counts.get(channel_id, 0) + 1
 
     def _close_run(self, end: int) -> None:
         if self._run_start is not None:
-            self._add(self._run_start, end - self._run_start, self._run_times, self._run_channels, chunked=False)
+            self._add(
+                self._run_start,
+                end - self._run_start,
+                self._run_times,
+                self._run_channels,
+                chunked=False,
+            )
         self._run_start = None
         self._run_times = []
         self._run_channels = set()
 
-    def _add(self, offset: int, length: int, times: list[int], channels: Iterable[int], *, chunked: bool) -> None:
+    def _add(
+        self,
+        offset: int,
+        length: int,
+        times: list[int],
+        channels: Iterable[int],
+        *,
+        chunked: bool,
+    ) -> None:
         low, high = (min(times), max(times)) if times else (0, 0)
         self.blocks.append(Block(offset, length, low, high, frozenset(channels), chunked))
 
@@ -128,13 +160,17 @@ class Scan:
             for opcode, position, length in records(data):
                 if opcode == wire.MESSAGE:
                     if length < wire.MESSAGE_FIELDS_BYTES:
-                        raise wire.WireError(f"the message at {position} is shorter than its fields")
+                        raise wire.WireError(
+                            f"the message at {position} is shorter than its fields"
+                        )
                     fields = wire.MESSAGE_HEAD.unpack_from(data, position)
                     self._count(fields[2], raw.offset)
                     channels.add(fields[2])
                     times.append(fields[4])
                 elif opcode in (wire.SCHEMA, wire.CHANNEL):
-                    content = data[position + wire.PREFIX_BYTES : position + wire.PREFIX_BYTES + length]
+                    content = data[
+                        position + wire.PREFIX_BYTES : position + wire.PREFIX_BYTES + length
+                    ]
                     self._define(opcode, content, raw.offset)
         except wire.WireError as error:
             raise self.file.error(str(error), raw.offset, raw.name) from error

@@ -1,4 +1,6 @@
-"""The file under a log: bounded reads at given places, whole records, every error with its offset."""
+"""The file under a log: bounded reads at given places, whole records, every error with its
+offset.
+"""
 
 from __future__ import annotations
 
@@ -47,9 +49,9 @@ class RawRecord:
 class RecordFile:
     """A log file opened for reading.
 
-    Every method raises `RecordingError` with path and byte offset where the file does not hold what it should,
-    `LimitError` where it asks for more than ``limits`` allows; nothing is allocated before it was checked against
-    the file's size and the limits.
+    Every method raises `RecordingError` with path and byte offset where the file does not hold
+    what it should, `LimitError` where it asks for more than ``limits`` allows; nothing is
+    allocated before it was checked against the file's size and the limits.
     """
 
     def __init__(self, path: str | Path, limits: Limits) -> None:
@@ -63,13 +65,18 @@ class RecordFile:
         except FileNotFoundError as error:
             raise RecordingError("there is no such file", self.path) from error
         except OSError as error:
-            raise RecordingError(f"cannot be opened: {error.strerror or error}", self.path) from error
+            raise RecordingError(
+                f"cannot be opened: {error.strerror or error}", self.path
+            ) from error
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -77,21 +84,35 @@ class RecordFile:
         """Release the file."""
         self._file.close()
 
-    def error(self, reason: str, offset: int | None = None, record: str | None = None) -> RecordingError:
+    def error(
+        self, reason: str, offset: int | None = None, record: str | None = None
+    ) -> RecordingError:
         """An error about this file."""
         return RecordingError(reason, self.path, offset, record)
 
-    def check_limit(self, value: int, limit: str, what: str, offset: int, record: str | None = None) -> None:
+    def check_limit(
+        self, value: int, limit: str, what: str, offset: int, record: str | None = None
+    ) -> None:
         """Raise `LimitError` when ``value`` is over the limit of that name."""
         allowed: int = getattr(self.limits, limit)
         if value > allowed:
-            raise LimitError(f"{what} is {value}, over the limit {limit} = {allowed}", self.path, offset, record)
+            raise LimitError(
+                f"{what} is {value}, over the limit {limit} = {allowed}",
+                self.path,
+                offset,
+                record,
+            )
 
     def read(self, offset: int, length: int, record: str | None = None) -> bytes:
-        """Exactly ``length`` bytes from ``offset``; the caller has checked ``length`` against a limit."""
+        """Exactly ``length`` bytes from ``offset``; the caller has checked ``length`` against a
+        limit.
+        """
         if offset + length > self.size:
             raise self.error(
-                f"{length} bytes are said to be here, but the file ends at byte {self.size}", offset, record
+                f"{length} bytes are said to be here, but the file ends at byte"
+                f" {self.size}",
+                offset,
+                record,
             )
         try:
             self._file.seek(offset)
@@ -99,7 +120,11 @@ class RecordFile:
         except (OSError, ValueError) as error:
             raise self.error(f"cannot be read: {error}", offset, record) from error
         if len(data) != length:
-            raise self.error(f"the file became shorter while it was read ({len(data)} of {length})", offset, record)
+            raise self.error(
+                f"the file became shorter while it was read ({len(data)} of {length})",
+                offset,
+                record,
+            )
         return data
 
     def pieces(self, start: int, end: int) -> Iterator[bytes]:
@@ -116,15 +141,20 @@ class RecordFile:
         return crc
 
     def record_at(self, offset: int, end: int | None = None) -> RawRecord:
-        """The record that starts at ``offset`` and must end at or before ``end`` (default: the file's end)."""
+        """The record that starts at ``offset`` and must end at or before ``end`` (default: the
+        file's end).
+        """
         end = self.size if end is None else end
         if offset + wire.PREFIX_BYTES > end:
-            raise self.error("the file ends within a record; `scenetrace recover` keeps what is whole", offset)
+            raise self.error(
+                "the file ends within a record; `scenetrace recover` keeps what is whole",
+                offset,
+            )
         opcode, length = wire.PREFIX.unpack(self.read(offset, wire.PREFIX_BYTES))
         if length > end - offset - wire.PREFIX_BYTES:
             raise self.error(
-                f"a record of {length} bytes reaches past byte {end}: the file is cut short or damaged; "
-                "`scenetrace recover` keeps what is whole",
+                f"a record of {length} bytes reaches past byte {end}: the file is cut short"
+                " or damaged; `scenetrace recover` keeps what is whole",
                 offset,
                 wire.opcode_name(opcode),
             )
@@ -146,7 +176,9 @@ class RecordFile:
         """A record's content through one of the parsers of `recorders.log.wire`."""
         return self.parsed(parser, self.content(raw), raw.offset, raw.name)
 
-    def parsed(self, parser: Callable[[bytes], Parsed], content: bytes, offset: int, record: str) -> Parsed:
+    def parsed(
+        self, parser: Callable[[bytes], Parsed], content: bytes, offset: int, record: str
+    ) -> Parsed:
         """Like `parse`, for content already read."""
         try:
             return parser(content)
@@ -156,13 +188,30 @@ class RecordFile:
     def chunk_head(self, raw: RawRecord) -> wire.ChunkHead:
         """A chunk's head, its sizes checked against the limits and its compression known."""
         content = self.read(raw.content, min(raw.length, _CHUNK_HEAD_BYTES), raw.name)
-        head = self.parsed(lambda c: wire.parse_chunk_head(c, raw.length), content, raw.offset, raw.name)
+        head = self.parsed(
+            lambda c: wire.parse_chunk_head(c, raw.length), content, raw.offset, raw.name
+        )
         if head.compression not in KNOWN:
             raise self.error(
-                f"compression {head.compression[:40]!r} is unknown; known are none, lz4 and zstd", raw.offset, raw.name
+                f"compression {head.compression[:40]!r} is unknown; known are none, lz4 and"
+                " zstd",
+                raw.offset,
+                raw.name,
             )
-        self.check_limit(head.data_size, "max_chunk_bytes", "the chunk's stored size", raw.offset, raw.name)
-        self.check_limit(head.uncompressed_size, "max_chunk_bytes", "the chunk's size", raw.offset, raw.name)
+        self.check_limit(
+            head.data_size,
+            "max_chunk_bytes",
+            "the chunk's stored size",
+            raw.offset,
+            raw.name,
+        )
+        self.check_limit(
+            head.uncompressed_size,
+            "max_chunk_bytes",
+            "the chunk's size",
+            raw.offset,
+            raw.name,
+        )
         return head
 
     def unpack(self, raw: RawRecord, head: wire.ChunkHead) -> bytes:
@@ -172,7 +221,8 @@ class RecordFile:
             data = decompress(head.compression, packed, head.uncompressed_size)
         except TooLargeError as error:
             raise LimitError(
-                f"the chunk unpacks to more than the {head.uncompressed_size} bytes that it declares",
+                f"the chunk unpacks to more than the {head.uncompressed_size} bytes that it"
+                " declares",
                 self.path,
                 raw.offset,
                 raw.name,
@@ -180,5 +230,7 @@ class RecordFile:
         except wire.WireError as error:
             raise self.error(str(error), raw.offset, raw.name) from error
         if head.uncompressed_crc and zlib.crc32(data) != head.uncompressed_crc:
-            raise self.error("the chunk's CRC differs: its data is damaged", raw.offset, raw.name)
+            raise self.error(
+                "the chunk's CRC differs: its data is damaged", raw.offset, raw.name
+            )
         return data

@@ -25,7 +25,8 @@ class SummaryBuilder:
         self.chunks.append(entry)
 
     def encode(self, start: int, counts: dict[int, int]) -> bytes:
-        """Summary, summary offsets and footer, for a summary that begins at byte ``start`` of the file.
+        """Summary, summary offsets and footer, for a summary that begins at byte ``start`` of the
+        file.
 
         ``counts`` are the numbers of messages by channel id.
         """
@@ -33,8 +34,14 @@ class SummaryBuilder:
             (wire.SCHEMA, [self.schemas[identity] for identity in sorted(self.schemas)]),
             (wire.CHANNEL, self.channels),
             (wire.STATISTICS, [self._statistics(counts)]),
-            (wire.CHUNK_INDEX, [encoding.encode_chunk_index(entry) for entry in self.chunks]),
-            (wire.ATTACHMENT_INDEX, [encoding.encode_attachment_index(entry) for entry in self.attachments]),
+            (
+                wire.CHUNK_INDEX,
+                [encoding.encode_chunk_index(entry) for entry in self.chunks],
+            ),
+            (
+                wire.ATTACHMENT_INDEX,
+                [encoding.encode_attachment_index(entry) for entry in self.attachments],
+            ),
             (wire.METADATA_INDEX, [_metadata_index(entry) for entry in self.metadata]),
             (wire.CHECKSUMS, [encoding.encode_checksums(self.checksums)]),
         ]
@@ -43,7 +50,8 @@ class SummaryBuilder:
             if members:
                 content = b"".join(members)
                 offsets += encoding.record(
-                    wire.SUMMARY_OFFSET, struct.pack("<BQQ", opcode, start + len(body), len(content))
+                    wire.SUMMARY_OFFSET,
+                    struct.pack("<BQQ", opcode, start + len(body), len(content)),
                 )
                 body += content
         footer = wire.PREFIX.pack(wire.FOOTER, wire.FOOTER_BODY.size)
@@ -70,5 +78,7 @@ class SummaryBuilder:
 
 def _metadata_index(entry: wire.MetadataIndexRecord) -> bytes:
     return encoding.record(
-        wire.METADATA_INDEX, struct.pack("<QQ", entry.offset, entry.length), encoding.text(entry.name)
+        wire.METADATA_INDEX,
+        struct.pack("<QQ", entry.offset, entry.length),
+        encoding.text(entry.name),
     )

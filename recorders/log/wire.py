@@ -1,8 +1,9 @@
-"""The bytes of MCAP records: constants, types, strict parsing with bounds (mcap.dev/spec, version 0).
+"""The bytes of MCAP records: constants, types, strict parsing with bounds (mcap.dev/spec, version
+0).
 
-The `mcap` package's parsers read past a record's end, or overrun a map's declared length, without an error; these do
-not, and say what is wrong. Bytes after a record's known fields are allowed (the specification reserves
-them for extensions).
+The `mcap` package's parsers read past a record's end, or overrun a map's declared length, without
+an error; these do not, and say what is wrong. Bytes after a record's known fields are allowed
+(the specification reserves them for extensions).
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ METADATA_INDEX = 0x0D
 SUMMARY_OFFSET = 0x0E
 DATA_END = 0x0F
 CHECKSUMS = 0x81
-"""This project's own record in the summary (`encoding.encode_checksums`); other readers skip what they do not know."""
+"""This project's own record in the summary (`encoding.encode_checksums`); other readers skip what
+they do not know.
+"""
 
 OPCODE_NAMES = {
     HEADER: "Header",
@@ -52,7 +55,9 @@ OPCODE_NAMES = {
 PREFIX = struct.Struct("<BQ")
 PREFIX_BYTES = PREFIX.size
 MESSAGE_HEAD = struct.Struct("<BQHIQQ")
-"""Opcode, record length, channel id, sequence, log time, publish time: 31 bytes before a message's payload."""
+"""Opcode, record length, channel id, sequence, log time, publish time: 31 bytes before a
+message's payload.
+"""
 MESSAGE_FIELDS_BYTES = MESSAGE_HEAD.size - PREFIX_BYTES
 CHUNK_HEAD = struct.Struct("<QQQI")
 FOOTER_BODY = struct.Struct("<QQI")
@@ -68,7 +73,9 @@ def opcode_name(opcode: int) -> str:
 
 
 class WireError(Exception):
-    """A record's content does not fit its type; `recorders.log.storage.RecordFile` adds path and offset."""
+    """A record's content does not fit its type; `recorders.log.storage.RecordFile` adds path and
+    offset.
+    """
 
 
 class Cursor:
@@ -76,7 +83,9 @@ class Cursor:
 
     __slots__ = ("content", "end", "position")
 
-    def __init__(self, content: bytes | memoryview, position: int = 0, end: int | None = None) -> None:
+    def __init__(
+        self, content: bytes | memoryview, position: int = 0, end: int | None = None
+    ) -> None:
         self.content = content
         self.position = position
         self.end = len(content) if end is None else end
@@ -241,7 +250,9 @@ def parse_schema(content: bytes | memoryview) -> SchemaRecord:
         raise WireError("schema id 0 is reserved for channels without a schema")
     name = cursor.text("name")
     encoding = cursor.text("encoding")
-    return SchemaRecord(identity, name, encoding, cursor.take(cursor.u32("length of data"), "data"))
+    return SchemaRecord(
+        identity, name, encoding, cursor.take(cursor.u32("length of data"), "data")
+    )
 
 
 def parse_channel(content: bytes | memoryview) -> ChannelRecord:
@@ -257,7 +268,9 @@ def parse_channel(content: bytes | memoryview) -> ChannelRecord:
 
 
 def parse_chunk_head(content: bytes | memoryview, length: int) -> ChunkHead:
-    """The fields before a chunk's data; ``length`` is the whole record's, ``content`` may hold less than that."""
+    """The fields before a chunk's data; ``length`` is the whole record's, ``content`` may hold
+    less than that.
+    """
     cursor = Cursor(content)
     start, end = cursor.u64("start time"), cursor.u64("end time")
     size, crc = cursor.u64("uncompressed size"), cursor.u32("uncompressed CRC")
@@ -326,7 +339,9 @@ def parse_metadata(content: bytes | memoryview) -> tuple[str, dict[str, str]]:
 def parse_metadata_index(content: bytes | memoryview) -> MetadataIndexRecord:
     """MetadataIndex: place and name."""
     cursor = Cursor(content)
-    return MetadataIndexRecord(cursor.u64("offset"), cursor.u64("length"), cursor.text("name"))
+    return MetadataIndexRecord(
+        cursor.u64("offset"), cursor.u64("length"), cursor.text("name")
+    )
 
 
 def parse_statistics(content: bytes | memoryview) -> StatisticsRecord:
@@ -341,7 +356,9 @@ def parse_statistics(content: bytes | memoryview) -> StatisticsRecord:
     while inner.position < inner.end:
         channel = inner.u16("channel id")
         counts[channel] = inner.u64("message count")
-    return StatisticsRecord(messages, schemas, channels, attachments, metadata, chunks, start, end, counts)
+    return StatisticsRecord(
+        messages, schemas, channels, attachments, metadata, chunks, start, end, counts
+    )
 
 
 def parse_header(content: bytes | memoryview) -> tuple[str, str]:

@@ -1,4 +1,6 @@
-"""The one write layer: pictures apart from the small channels, every CRC, the same calls giving the same bytes."""
+"""The one write layer: pictures apart from the small channels, every CRC, the same calls giving
+the same bytes.
+"""
 
 from __future__ import annotations
 
@@ -67,23 +69,28 @@ class _Channel:
 
 
 class LogWriter:
-    """Writes a log; use it as a context manager: leaving it makes the file appear, an exception makes it vanish.
+    """Writes a log; use it as a context manager: leaving it makes the file appear, an exception
+    makes it vanish.
 
-    Two chunks are filled side by side, one for ``picture_topics``, stored as it is, one for everything else, stored
-    with ``compression``, so that reading detections never reads pictures. Messages of one log time keep their order
-    in what is read back, except that those of picture topics come before the others; a chunk ends only where the log
-    time changes (or when it reaches four times ``chunk_bytes`` and 1 MiB), so this holds whatever the chunk size.
+    Two chunks are filled side by side, one for ``picture_topics``, stored as it is, one for
+    everything else, stored with ``compression``, so that reading detections never reads pictures.
+    Messages of one log time keep their order in what is read back, except that those of picture
+    topics come before the others; a chunk ends only where the log time changes (or when it
+    reaches four times ``chunk_bytes`` and 1 MiB), so this holds whatever the chunk size.
 
-    A chunk goes to the file when it holds ``chunk_bytes`` or spans ``flush_interval_ns`` of log time: what a killed
-    process leaves in ``<path>.part`` lacks no more than that (see `recorders.log.recovery`) where ``keep_part`` says
-    that the part counts. Else chunks are packed and written by a thread of their own, in order, while the next ones
-    are filled, and those on their way are lacking as well.
+    A chunk goes to the file when it holds ``chunk_bytes`` or spans ``flush_interval_ns`` of log
+    time: what a killed process leaves in ``<path>.part`` lacks no more than that (see
+    `recorders.log.recovery`) where ``keep_part`` says that the part counts. Else chunks are
+    packed and written by a thread of their own, in order, while the next ones are filled, and
+    those on their way are lacking as well.
 
     Raises:
         OutputExistsError: ``path`` exists and ``force`` was not given.
-        RecordingError: the file cannot be written (a full disk, a closed writer), or a value does not fit MCAP; what
-            goes wrong with a chunk is raised by one of the next calls, `close` at the latest.
-        LimitError: more than ``limits`` allows, so that nothing is written that could not be read again.
+        RecordingError: the file cannot be written (a full disk, a closed writer), or a value does
+            not fit MCAP; what goes wrong with a chunk is raised by one of the next calls, `close`
+            at the latest.
+        LimitError: more than ``limits`` allows, so that nothing is written that could not be read
+            again.
     """
 
     def __init__(
@@ -102,7 +109,10 @@ class LogWriter:
     ) -> None:
         self.path = Path(path)
         if compression not in KNOWN:
-            raise RecordingError(f"compression {compression!r} is unknown; known are '', 'lz4' and 'zstd'", path)
+            raise RecordingError(
+                f"compression {compression!r} is unknown; known are '', 'lz4' and 'zstd'",
+                path,
+            )
         self._limits = limits
         self._keep_part = keep_part
         self._picture_topics = frozenset(picture_topics)
@@ -111,7 +121,8 @@ class LogWriter:
         self._overfull_bytes = max(4 * self._chunk_bytes, 1 << 20)
         self._max_chunk_bytes = limits.max_chunk_bytes - _HEAD.size
         self._max_message_bytes = min(limits.max_message_bytes, self._max_chunk_bytes)
-        # JPEG, PNG and H.264 are compressed already: a second time costs more time than it saves space.
+        # JPEG, PNG and H.264 are compressed already: a second time costs more time than it saves
+        # space.
         self._pictures = _Chunk("")
         self._small = _Chunk(compression)
         self._channels: list[_Channel] = []
@@ -127,13 +138,18 @@ class LogWriter:
         self._pending: deque[Future[None]] = deque()
         self._cut_off = False
         self._put(wire.MAGIC)
-        self._put_checked(encoding.record(wire.HEADER, encoding.text(profile), encoding.text(LIBRARY)))
+        self._put_checked(
+            encoding.record(wire.HEADER, encoding.text(profile), encoding.text(LIBRARY))
+        )
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         if kind is None:
             self.close()
@@ -149,7 +165,8 @@ class LogWriter:
         *,
         picture: bool | None = None,
     ) -> int:
-        """Add a channel and return its id; each call makes a channel of its own, also for a topic that exists.
+        """Add a channel and return its id; each call makes a channel of its own, also for a topic
+        that exists.
 
         ``picture`` says whether its messages go with the pictures; None asks ``picture_topics``.
         """
@@ -163,10 +180,14 @@ class LogWriter:
             schema_id = self._schemas.setdefault(schema, len(self._schemas) + 1)
             if (schema_id, id(chunk)) not in self._schemas_in:
                 self._schemas_in.add((schema_id, id(chunk)))
-                encoded = encoding.encode_schema(schema_id, schema.name, schema.encoding, schema.data)
+                encoded = encoding.encode_schema(
+                    schema_id, schema.name, schema.encoding, schema.data
+                )
                 self._summary.schemas[schema_id] = encoded
                 chunk.data += encoded
-        encoded = encoding.encode_channel(identity, schema_id, topic, message_encoding, metadata or {})
+        encoded = encoding.encode_channel(
+            identity, schema_id, topic, message_encoding, metadata or {}
+        )
         self._summary.channels.append(encoded)
         chunk.data += encoded
         self._channels.append(_Channel(topic, chunk))
@@ -180,7 +201,9 @@ class LogWriter:
         publish_time_ns: int | None = None,
         sequence: int | None = None,
     ) -> None:
-        """Add a message; ``publish_time_ns`` defaults to the log time, ``sequence`` to one after the channel's last."""
+        """Add a message; ``publish_time_ns`` defaults to the log time, ``sequence`` to one after
+        the channel's last.
+        """
         if log_time_ns != self._last_ns:
             self._new_time(log_time_ns)
         try:
@@ -188,14 +211,18 @@ class LogWriter:
                 raise IndexError
             channel = self._channels[channel_id - 1]
         except IndexError:
-            raise RecordingError(f"no channel has the id {channel_id!r}", self.path) from None
+            raise RecordingError(
+                f"no channel has the id {channel_id!r}", self.path
+            ) from None
         if len(data) > self._max_message_bytes:
             self._check_message(len(data), channel.topic)
         number = channel.sequence if sequence is None else sequence
         publish_time = log_time_ns if publish_time_ns is None else publish_time_ns
         length = wire.MESSAGE_FIELDS_BYTES + len(data)
         try:
-            head = _HEAD.pack(wire.MESSAGE, length, channel_id, number, log_time_ns, publish_time)
+            head = _HEAD.pack(
+                wire.MESSAGE, length, channel_id, number, log_time_ns, publish_time
+            )
         except struct.error as error:
             self._bad_numbers(channel.topic, log_time_ns, publish_time, number, error)
         chunk = channel.chunk
@@ -213,23 +240,40 @@ class LogWriter:
         buffer += data
         channel.sequence = (number + 1) & 0xFFFFFFFF
         channel.count += 1
-        if log_time_ns < chunk.start_ns:  # noqa: PLR1730 - calling min and max costs a tenth of the whole write
+        if log_time_ns < chunk.start_ns:  # noqa: PLR1730
             chunk.start_ns = log_time_ns
         if log_time_ns > chunk.end_ns:  # noqa: PLR1730
             chunk.end_ns = log_time_ns
         if len(buffer) > self._overfull_bytes:
             self._flush()
 
-    def attach(self, name: str, media_type: str, data: bytes, log_time_ns: int = 0, create_time_ns: int = 0) -> None:
+    def attach(
+        self,
+        name: str,
+        media_type: str,
+        data: bytes,
+        log_time_ns: int = 0,
+        create_time_ns: int = 0,
+    ) -> None:
         """Keep a file inside the log."""
         self._check_limit(len(data), "max_attachment_bytes", "the attachment's size", name)
         self._settle(0)
-        head = struct.pack("<QQ", log_time_ns, create_time_ns) + encoding.text(name) + encoding.text(media_type)
+        head = (
+            struct.pack("<QQ", log_time_ns, create_time_ns)
+            + encoding.text(name)
+            + encoding.text(media_type)
+        )
         head += wire.U64.pack(len(data))
         crc = zlib.crc32(data, zlib.crc32(head))
         length = len(head) + len(data) + 4
         entry = wire.AttachmentIndexRecord(
-            self._offset, length + wire.PREFIX_BYTES, log_time_ns, create_time_ns, len(data), name, media_type
+            self._offset,
+            length + wire.PREFIX_BYTES,
+            log_time_ns,
+            create_time_ns,
+            len(data),
+            name,
+            media_type,
         )
         self._put(wire.PREFIX.pack(wire.ATTACHMENT, length) + head)
         self._put(data)
@@ -238,20 +282,30 @@ class LogWriter:
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Add a metadata record; its keys are written sorted."""
-        encoded = encoding.record(wire.METADATA, encoding.text(name), encoding.texts(values))
+        encoded = encoding.record(
+            wire.METADATA, encoding.text(name), encoding.texts(values)
+        )
         self._settle(0)
-        self._summary.metadata.append(wire.MetadataIndexRecord(self._offset, len(encoded), name))
+        self._summary.metadata.append(
+            wire.MetadataIndexRecord(self._offset, len(encoded), name)
+        )
         self._put_checked(encoded)
 
     def close(self) -> None:
-        """Finish the file: the last chunks, the summary, fsync, rename. Does nothing the second time."""
+        """Finish the file: the last chunks, the summary, fsync, rename. Does nothing the second
+        time.
+        """
         if not self._file.is_open:
             return
         try:
             self._flush()
             self._settle(0)
             data_end = encoding.record(wire.DATA_END, wire.U32.pack(self._crc))
-            counts = {k: channel.count for k, channel in enumerate(self._channels, 1) if channel.count}
+            counts = {
+                k: channel.count
+                for k, channel in enumerate(self._channels, 1)
+                if channel.count
+            }
             tail = self._summary.encode(self._offset + len(data_end), counts)
             self._put(data_end)
             self._put(tail)
@@ -263,12 +317,16 @@ class LogWriter:
             raise
 
     def abort(self) -> None:
-        """Give up: remove the part file, or with ``keep_part`` leave in it every chunk that was written."""
+        """Give up: remove the part file, or with ``keep_part`` leave in it every chunk that was
+        written.
+        """
         self._storing.shutdown(cancel_futures=not self._keep_part)
         self._file.discard(keep=self._keep_part)
 
     def _new_time(self, log_time_ns: int) -> None:
-        """Chunks end where the log time changes. The small chunk never overtakes the pictures of its time."""
+        """Chunks end where the log time changes. The small chunk never overtakes the pictures of
+        its time.
+        """
         self._last_ns = log_time_ns
         if log_time_ns >= self._due_ns or len(self._small.data) >= self._chunk_bytes:
             self._flush()
@@ -292,7 +350,9 @@ class LogWriter:
             self._pending.append(self._storing.submit(self._store, chunk.taken()))
 
     def _settle(self, most: int) -> None:
-        """Wait until no more than so many chunks are on their way; raises what went wrong with one."""
+        """Wait until no more than so many chunks are on their way; raises what went wrong with
+        one.
+        """
         while len(self._pending) > most:
             self._pending.popleft().result()
 
@@ -319,7 +379,11 @@ class LogWriter:
             start, end, offset, wire.PREFIX_BYTES + length, places, index_length, chunk.compression, len(packed),
             len(chunk.data),
         )  # fmt: skip
-        for piece in (wire.PREFIX.pack(wire.CHUNK, length) + head, packed, b"".join(indexes)):
+        for piece in (
+            wire.PREFIX.pack(wire.CHUNK, length) + head,
+            packed,
+            b"".join(indexes),
+        ):
             self._put(piece)
         self._summary.add_chunk(entry)
         self._cut_off = False
@@ -337,18 +401,29 @@ class LogWriter:
     def _check_limit(self, value: int, limit: str, what: str, record: str) -> None:
         allowed: int = getattr(self._limits, limit)
         if value > allowed:
-            raise LimitError(f"{what} is {value}, over the limit {limit} = {allowed}", self.path, record=record)
+            raise LimitError(
+                f"{what} is {value}, over the limit {limit} = {allowed}",
+                self.path,
+                record=record,
+            )
 
     def _check_message(self, size: int, topic: str) -> None:
         self._check_limit(size, "max_message_bytes", "a message's size", topic)
-        self._check_limit(size + _HEAD.size, "max_chunk_bytes", "a message's size in its chunk", topic)
+        self._check_limit(
+            size + _HEAD.size, "max_chunk_bytes", "a message's size in its chunk", topic
+        )
 
     def _bad_numbers(
-        self, topic: str, log_time_ns: int, publish_time_ns: int, sequence: int, error: struct.error
+        self,
+        topic: str,
+        log_time_ns: int,
+        publish_time_ns: int,
+        sequence: int,
+        error: struct.error,
     ) -> NoReturn:
         raise RecordingError(
-            f"log time {log_time_ns} and publish time {publish_time_ns} must be in [0, 2^64), "
-            f"sequence {sequence} in [0, 2^32)",
+            f"log time {log_time_ns} and publish time {publish_time_ns} must be in [0,"
+            f" 2^64), sequence {sequence} in [0, 2^32)",
             self.path,
             record=topic,
         ) from error
@@ -359,4 +434,6 @@ def _message_index(identity: int, entries: array[int]) -> bytes:
         entries = array("Q", entries)
         entries.byteswap()
     raw = entries.tobytes()
-    return encoding.record(wire.MESSAGE_INDEX, wire.U16.pack(identity), wire.U32.pack(len(raw)), raw)
+    return encoding.record(
+        wire.MESSAGE_INDEX, wire.U16.pack(identity), wire.U32.pack(len(raw)), raw
+    )

@@ -5,4 +5,12 @@ from recorders.recording.recording import InterruptedRecordingError, record
 from recorders.recording.stages import with_blobs
 from recorders.recording.writing import RecordSummary, utf8
 
-__all__ = ["SECTIONS", "InterruptedRecordingError", "RecordOptions", "RecordSummary", "record", "utf8", "with_blobs"]
+__all__ = [
+    "SECTIONS",
+    "InterruptedRecordingError",
+    "RecordOptions",
+    "RecordSummary",
+    "record",
+    "utf8",
+    "with_blobs",
+]

@@ -26,9 +26,10 @@ class RecordOptions:
     Attributes:
         camera: the camera's name, the first part of every topic.
         start_ns: the first frame's log time in ns; 0 where the capture's time is not known.
-        codec: how pictures are stored; None keeps JPEG and PNG bytes as they are and stores video as JPEG. Pictures
-            that are in the wanted format already are stored byte for byte.
-        detect: a name of `SEGMENTERS` or ``none``; None: ``motion`` where there are pictures without detections.
+        codec: how pictures are stored; None keeps JPEG and PNG bytes as they are and stores video
+            as JPEG. Pictures that are in the wanted format already are stored byte for byte.
+        detect: a name of `SEGMENTERS` or ``none``; None: ``motion`` where there are pictures
+            without detections.
         regions: a file of regions, see `recorders.sources.regions`.
         config: the parameters of `SECTIONS`.
         force: replace an existing output.
@@ -60,9 +61,13 @@ def decided(source: Source, options: RecordOptions) -> RecordOptions:
         raise UsageError(f"--codec {codec}: must be one of {', '.join(CODECS)}")
     if not source.has_images:
         if detect not in (None, NO_DETECTION):
-            raise UsageError(f"--detect {detect} needs pictures; {source.path} ({source.name}) has none")
+            raise UsageError(
+                f"--detect {detect} needs pictures; {source.path} ({source.name}) has none"
+            )
         if codec not in (None, "none"):
-            raise UsageError(f"--codec {codec} needs pictures; {source.path} ({source.name}) has none")
+            raise UsageError(
+                f"--codec {codec} needs pictures; {source.path} ({source.name}) has none"
+            )
         return replace(options, detect=NO_DETECTION, codec="none")
     if detect is None:
         detect = NO_DETECTION if source.has_detections else "motion"

@@ -1,7 +1,7 @@
 """Recording: a source of frames into a scene log.
 
-Frames are read and decoded in one thread, segmented in the caller's, encoded in a third, and written in order: the
-log is the same as if one did it all.
+Frames are read and decoded in one thread, segmented in the caller's, encoded in a third, and
+written in order: the log is the same as if one did it all.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from recorders.vision import opencv_threads
 FIRST_READING_PICTURES = 120
 
 Progress = Callable[[str, int, "int | None"], None]
-"""Called with the stage (``looking``, ``recording``), frames done, and frames expected, if known."""
+"""Called with the stage (``looking``, ``recording``), frames done, and frames expected, if known.
+"""
 
 
 class InterruptedRecordingError(SceneTraceError):
@@ -33,18 +34,24 @@ class InterruptedRecordingError(SceneTraceError):
 
     def __init__(self, reason: str, part: Path, frames: int) -> None:
         recovered = part.with_name("recovered-" + part.name.removesuffix(".part"))
-        super().__init__(f"{reason} after {frames} frames; keep them with: scenetrace recover {part} -o {recovered}")
+        super().__init__(
+            f"{reason} after {frames} frames; keep them with: scenetrace recover {part} -o"
+            f" {recovered}"
+        )
         self.part = part
         self.frames = frames
 
 
 def record(
-    source: Source, out: str | Path, options: RecordOptions | None = None, progress: Progress | None = None
+    source: Source,
+    out: str | Path,
+    options: RecordOptions | None = None,
+    progress: Progress | None = None,
 ) -> RecordSummary:
     """Record a source into a scene log.
 
-    The log appears whole. Where the recording ends early after its first frame, ``<out>.part`` stays, from which
-    `scenetrace recover` makes a log.
+    The log appears whole. Where the recording ends early after its first frame, ``<out>.part``
+    stays, from which `scenetrace recover` makes a log.
 
     Raises:
         UsageError: the options do not fit the source.
@@ -60,14 +67,25 @@ def record(
         raise OutputExistsError(out)
     if out.exists() and source.path.exists() and out.samefile(source.path):
         raise UsageError(f"{out}: is the source itself; record into another file")
-    regions = None if options.regions is None else read_regions(options.regions, source.width, source.height)
+    regions = (
+        None
+        if options.regions is None
+        else read_regions(options.regions, source.width, source.height)
+    )
     report = progress or _silent
     segmenter = _segmenter(source, settled, report)
     pictures = [channels.topic(options.camera, name) for name in channels.PICTURES]
-    log = LogWriter(out, force=options.force, keep_part=True, picture_topics=pictures, limits=options.limits)
+    log = LogWriter(
+        out,
+        force=options.force,
+        keep_part=True,
+        picture_topics=pictures,
+        limits=options.limits,
+    )
     writer = SceneWriter(log, source, settled, regions)
     try:
-        # Reading, segmenting and encoding run side by side; OpenCV's own threads would only take turns with them.
+        # Reading, segmenting and encoding run side by side; OpenCV's own threads would only take
+        # turns with them.
         with opencv_threads(1), closing(encoded(source, segmenter, settled)) as frames:
             for frame in frames:
                 writer.write(frame)
@@ -96,13 +114,17 @@ def _end_early(error: BaseException, log: LogWriter, out: Path, frames: int) -> 
         raise InterruptedRecordingError(str(error), part, frames) from error
 
 
-def _segmenter(source: Source, options: RecordOptions, report: Progress) -> Segmenter | None:
+def _segmenter(
+    source: Source, options: RecordOptions, report: Progress
+) -> Segmenter | None:
     """The segmenter, having read the source once to know its background in hindsight."""
     if options.detect == NO_DETECTION or options.detect is None:
         return None
     parameters = options.config["segmentation"]
     assert isinstance(parameters, SegmentationParameters)
-    segmenter = SEGMENTERS[options.detect](parameters, source.width, source.height, NANOS / source.frame_ns)
+    segmenter = SEGMENTERS[options.detect](
+        parameters, source.width, source.height, NANOS / source.frame_ns
+    )
 
     def sampled() -> Iterator[Image]:
         for k, image in enumerate(source.sample(FIRST_READING_PICTURES)):

@@ -1,4 +1,6 @@
-"""From a source's frames to bytes, in order: decoding, segmentation and encoding run side by side."""
+"""From a source's frames to bytes, in order: decoding, segmentation and encoding run side by
+side.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ class Encoded:
     detections: Detections
 
 
-def encoded(source: Source, segmenter: Segmenter | None, options: RecordOptions) -> Generator[Encoded]:
+def encoded(
+    source: Source, segmenter: Segmenter | None, options: RecordOptions
+) -> Generator[Encoded]:
     """The source's frames, segmented and encoded, in order."""
     encoder = _PictureEncoder(source, options.codec)
     waiting: deque[Future[Encoded]] = deque()
@@ -46,7 +50,10 @@ def encoded(source: Source, segmenter: Segmenter | None, options: RecordOptions)
     failures: list[SceneTraceError] = []
     ahead = _until_failure(read_ahead(source.frames(), depth, decode), failures)
     # One worker each: what detects and what encodes take the frames in their order.
-    detecting, encoding = ThreadPoolExecutor(1, "scenetrace-detect"), ThreadPoolExecutor(1, "scenetrace-encode")
+    detecting, encoding = (
+        ThreadPoolExecutor(1, "scenetrace-detect"),
+        ThreadPoolExecutor(1, "scenetrace-encode"),
+    )
     try:
         with closing(ahead) as frames:
             for frame in frames:
@@ -64,7 +71,9 @@ def encoded(source: Source, segmenter: Segmenter | None, options: RecordOptions)
         raise failures[0]
 
 
-def _until_failure(frames: Generator[SourceFrame], failures: list[SceneTraceError]) -> Generator[SourceFrame]:
+def _until_failure(
+    frames: Generator[SourceFrame], failures: list[SceneTraceError]
+) -> Generator[SourceFrame]:
     """The frames up to where the source breaks, so that those before it are still recorded."""
     with closing(frames):
         try:
@@ -86,11 +95,14 @@ def _segment(
     else:
         whole = segmenter.segment(frame.index, frame.image)
         mask, detect = whole.mask, lambda: whole.detections
-    return mask, detect if given is None else lambda: with_blobs(given, Segmented(mask, detect()))
+    return mask, detect if given is None else lambda: with_blobs(
+        given, Segmented(mask, detect())
+    )
 
 
 def with_blobs(given: Detections, found: Segmented) -> Detections:
-    """Given detections with the blobs of a segmented frame: each has the blob that fills most of its box.
+    """Given detections with the blobs of a segmented frame: each has the blob that fills most of
+    its box.
 
     Equal shares: the blob with the smaller id. `NO_BLOB` where no foreground lies in the box.
     """
@@ -99,12 +111,17 @@ def with_blobs(given: Detections, found: Segmented) -> Detections:
     blobs = []
     for x, y, w, h in given.boxes:
         left, top = max(0, round(x)), max(0, round(y))
-        right, bottom = max(left, min(width, round(x + w))), max(top, min(height, round(y + h)))
+        right, bottom = (
+            max(left, min(width, round(x + w))),
+            max(top, min(height, round(y + h))),
+        )
         areas = np.bincount(labels[top:bottom, left:right].ravel(), minlength=count + 1)
         areas[0] = 0
         best = int(areas.argmax())
         blobs.append(best if areas[best] else NO_BLOB)
-    return msgspec.structs.replace(given, blobs=blobs, components=found.detections.components)
+    return msgspec.structs.replace(
+        given, blobs=blobs, components=found.detections.components
+    )
 
 
 class _PictureEncoder:
@@ -112,12 +129,18 @@ class _PictureEncoder:
 
     def __init__(self, source: Source, codec: str | None) -> None:
         self._codec = codec
-        self.decodes = codec == "h264" or (codec != "none" and source.has_images and not source.stills)
+        self.decodes = codec == "h264" or (
+            codec != "none" and source.has_images and not source.stills
+        )
         self._video = None
         if codec == "h264":
-            self._video = VideoEncoder(source.width, source.height, Fraction(NANOS, source.frame_ns))
+            self._video = VideoEncoder(
+                source.width, source.height, Fraction(NANOS, source.frame_ns)
+            )
 
-    def encode(self, frame: SourceFrame, mask: Image | None, found: Callable[[], Detections]) -> Encoded:
+    def encode(
+        self, frame: SourceFrame, mask: Image | None, found: Callable[[], Detections]
+    ) -> Encoded:
         """One frame's bytes."""
         bits = None if mask is None else encode_mask(mask)
         return Encoded(frame.index, frame.time_ns, self._picture(frame), bits, found())
@@ -125,10 +148,18 @@ class _PictureEncoder:
     def _picture(self, frame: SourceFrame) -> tuple[bytes, str] | None:
         if self._codec == "none":
             return None
-        if frame.encoded is not None and frame.format is not None and self._codec in (None, frame.format):
+        if (
+            frame.encoded is not None
+            and frame.format is not None
+            and self._codec in (None, frame.format)
+        ):
             return frame.encoded, frame.format
         image = frame.image
         assert image is not None
         if self._video is not None:
             return self._video.encode(image), "h264"
-        return (encode_png(image), "png") if self._codec == "png" else (encode_jpeg(image), "jpeg")
+        return (
+            (encode_png(image), "png")
+            if self._codec == "png"
+            else (encode_jpeg(image), "jpeg")
+        )

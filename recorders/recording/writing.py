@@ -58,7 +58,13 @@ class RecordSummary:
 class SceneWriter:
     """Writes frames and what the log says of itself."""
 
-    def __init__(self, log: LogWriter, source: Source, options: RecordOptions, regions: Regions | None) -> None:
+    def __init__(
+        self,
+        log: LogWriter,
+        source: Source,
+        options: RecordOptions,
+        regions: Regions | None,
+    ) -> None:
         self._log = log
         self._source = source
         self._options = options
@@ -73,7 +79,9 @@ class SceneWriter:
         if name not in self._channels:
             topic = channels.topic(self._options.camera, name)
             kind = schema or name
-            self._channels[name] = self._log.channel(topic, channels.schema(kind), channels.message_encoding(kind), {})
+            self._channels[name] = self._log.channel(
+                topic, channels.schema(kind), channels.message_encoding(kind), {}
+            )
         self._log.write(self._channels[name], data, now)
 
     def _begin(self, now: int) -> None:
@@ -94,7 +102,9 @@ class SceneWriter:
             picture = channels.compressed_image(data, kind, now, camera)
             self._put("image", picture, now, "video" if kind == "h264" else None)
         if frame.mask is not None:
-            self._put("foreground", channels.compressed_image(frame.mask, "png", now, camera), now)
+            self._put(
+                "foreground", channels.compressed_image(frame.mask, "png", now, camera), now
+            )
         self._put("detections", channels.encode("detections", frame.detections), now)
         self.frames += 1
         self._detections += len(frame.detections.boxes)
@@ -112,7 +122,11 @@ class SceneWriter:
         source, options = self._source, self._options
         digests = source.digests()
         listing = "".join(f"{digest}  {utf8(name)}\n" for name, digest in digests)
-        digest = digests[0][1] if len(digests) == 1 else hashlib.sha256(listing.encode()).hexdigest()
+        digest = (
+            digests[0][1]
+            if len(digests) == 1
+            else hashlib.sha256(listing.encode()).hexdigest()
+        )
         facts = {
             **self._facts,
             "source_digest": f"sha256:{digest}",
@@ -121,7 +135,9 @@ class SceneWriter:
             "notes": _json([utf8(note) for note in source.notes]),
             "losses": _json([utf8(loss) for loss in source.losses]),
         }
-        self._log.attach(DIGESTS_ATTACHMENT, "text/plain", listing.encode(), options.start_ns)
+        self._log.attach(
+            DIGESTS_ATTACHMENT, "text/plain", listing.encode(), options.start_ns
+        )
         self._log.metadata(METADATA, facts)
         return RecordSummary(
             path=out,
@@ -139,7 +155,9 @@ class SceneWriter:
 
 
 def _known_at_start(source: Source, options: RecordOptions) -> dict[str, str]:
-    codec = options.codec or ("none" if not source.has_images else "as is" if source.stills else "jpeg")
+    codec = options.codec or (
+        "none" if not source.has_images else "as is" if source.stills else "jpeg"
+    )
     return {
         "format_version": FORMAT_VERSION,
         "kind": "scene",

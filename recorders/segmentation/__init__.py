@@ -5,7 +5,12 @@ from __future__ import annotations
 from recorders.segmentation.density import DensitySegmenter
 from recorders.segmentation.motion import MotionSegmenter
 from recorders.segmentation.parameters import SegmentationParameters
-from recorders.segmentation.segmenter import Segmented, Segmenter, SegmenterFactory, SegmenterInParts
+from recorders.segmentation.segmenter import (
+    Segmented,
+    Segmenter,
+    SegmenterFactory,
+    SegmenterInParts,
+)
 from recorders.segmentation.threshold import ThresholdSegmenter
 
 SEGMENTERS: dict[str, SegmenterFactory] = {
@@ -14,4 +19,11 @@ SEGMENTERS: dict[str, SegmenterFactory] = {
     "density": DensitySegmenter,
 }
 
-__all__ = ["SEGMENTERS", "SegmentationParameters", "Segmented", "Segmenter", "SegmenterFactory", "SegmenterInParts"]
+__all__ = [
+    "SEGMENTERS",
+    "SegmentationParameters",
+    "Segmented",
+    "Segmenter",
+    "SegmenterFactory",
+    "SegmenterInParts",
+]

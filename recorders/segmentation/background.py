@@ -1,7 +1,8 @@
 """The background: each pixel's most common value over pictures sampled from a recording.
 
-In hindsight the samples are spread over the whole recording: what stands still at the start and leaves later, or comes
-and stays, is foreground in every frame; the first frames leave no ghosts. Live they are spread over the past.
+In hindsight the samples are spread over the whole recording: what stands still at the start and
+leaves later, or comes and stays, is foreground in every frame; the first frames leave no ghosts.
+Live they are spread over the past.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ MIN_SAMPLES = 5
 class Samples:
     """Pictures spread evenly over a sequence of unknown length, in bounded memory.
 
-    Every ``stride``-th picture is kept; when there are too many, every second one is dropped and the stride doubles.
-    With ``max_stride`` the stride stops there, and the oldest picture makes room for the newest.
+    Every ``stride``-th picture is kept; when there are too many, every second one is dropped and
+    the stride doubles. With ``max_stride`` the stride stops there, and the oldest picture makes
+    room for the newest.
 
     Attributes:
         most: largest number of pictures to keep.
@@ -66,9 +68,11 @@ class Samples:
 
 
 def sort_stack(stack: list[Image]) -> list[Image]:
-    """Sort each pixel's values over a stack, by Batcher's odd-even merge network of minima and maxima.
+    """Sort each pixel's values over a stack, by Batcher's odd-even merge network of minima and
+    maxima.
 
-    K. E. Batcher, Sorting networks and their applications, 1968. A network needs whole-picture operations alone.
+    K. E. Batcher, Sorting networks and their applications, 1968. A network needs whole-picture
+    operations alone.
 
     Args:
         stack: n arrays of one shape, uint8.
@@ -86,17 +90,21 @@ def sort_stack(stack: list[Image]) -> list[Image]:
                 for i in range(min(k, n - j - k)):
                     if (i + j) // (2 * p) == (i + j + k) // (2 * p):
                         a, b = s[i + j], s[i + j + k]
-                        s[i + j], s[i + j + k] = as_image(cv2.min(a, b)), as_image(cv2.max(a, b))
+                        s[i + j], s[i + j + k] = (
+                            as_image(cv2.min(a, b)),
+                            as_image(cv2.max(a, b)),
+                        )
             k //= 2
         p *= 2
     return s
 
 
 def most_common(stack: list[Image]) -> tuple[Image, Image]:
-    """Each pixel's background and its spread: centre and width of the shortest interval with half of the values.
+    """Each pixel's background and its spread: centre and width of the shortest interval with half
+    of the values.
 
-    The shortest half (least median of squares, Rousseeuw 1984) withstands up to half of the samples showing something
-    else. Equally short intervals: the one of the smallest values.
+    The shortest half (least median of squares, Rousseeuw 1984) withstands up to half of the
+    samples showing something else. Equally short intervals: the one of the smallest values.
 
     Args:
         stack: at least one array of one shape, uint8.
@@ -121,8 +129,8 @@ class Background:
 
     Attributes:
         colour: (H, W, 3) uint8, the background.
-        level: (H, W) uint8, the least difference that is foreground, by pixel: larger where the background itself
-            changes (leaves, tape in the wind, screens, a burnt-in clock).
+        level: (H, W) uint8, the least difference that is foreground, by pixel: larger where the
+            background itself changes (leaves, tape in the wind, screens, a burnt-in clock).
         coloured: it has colours: not from an infrared or a monochrome camera.
         noisy: in most places the level follows from the spread: noise decides what is foreground.
     """
@@ -133,30 +141,49 @@ class Background:
     noisy: bool = False
 
     @classmethod
-    def learn(cls, stack: list[Image], threshold: float, spread_weight: float) -> Background:
+    def learn(
+        cls, stack: list[Image], threshold: float, spread_weight: float
+    ) -> Background:
         """From (H, W, 3) uint8 pictures in Y, Cr, Cb.
 
         Args:
             stack: the pictures.
-            threshold: the least difference on a background of middle brightness; half of it on black.
+            threshold: the least difference on a background of middle brightness; half of it on
+                black.
             spread_weight: the least difference, of the spread.
         """
         colour, spread = most_common(stack)
-        brightness = np.minimum(0.5 + colour[..., 0].astype(np.float32) / np.float32(256), np.float32(1))
+        brightness = np.minimum(
+            0.5 + colour[..., 0].astype(np.float32) / np.float32(256), np.float32(1)
+        )
         by_spread = weigh(spread).astype(np.float32) * np.float32(spread_weight)
-        noisy = bool(2 * np.count_nonzero(by_spread > threshold * brightness) > by_spread.size)
+        noisy = bool(
+            2 * np.count_nonzero(by_spread > threshold * brightness) > by_spread.size
+        )
         level = np.maximum(by_spread, threshold * brightness)
-        neutral = cv2.absdiff(colour[..., 1:], np.full_like(colour[..., 1:], NEUTRAL_CHROMA)) <= GREY_LEVELS
+        neutral = (
+            cv2.absdiff(colour[..., 1:], np.full_like(colour[..., 1:], NEUTRAL_CHROMA))
+            <= GREY_LEVELS
+        )
         coloured = bool(100 * np.count_nonzero(neutral) < 99 * neutral.size)
-        return cls(colour, np.minimum(level, np.float32(MAX_LEVEL)).astype(np.uint8), coloured, noisy)
+        return cls(
+            colour,
+            np.minimum(level, np.float32(MAX_LEVEL)).astype(np.uint8),
+            coloured,
+            noisy,
+        )
 
     def in_light_of(self, picture: Image) -> Image:
-        """The background under the picture's light: brightness shifted by the median difference (H, W, 3) uint8.
+        """The background under the picture's light: brightness shifted by the median difference
+        (H, W, 3) uint8.
 
-        Only where most of the picture agrees on the shift, so that something large does not become the light.
+        Only where most of the picture agrees on the shift, so that something large does not
+        become the light.
         """
         step = max(1, min(picture.shape[:2]) // 48)
-        difference = picture[::step, ::step, 0].astype(np.int16) - self.colour[::step, ::step, 0]
+        difference = (
+            picture[::step, ::step, 0].astype(np.int16) - self.colour[::step, ::step, 0]
+        )
         counts = np.bincount((difference + 255).ravel(), minlength=511)
         shift = int(np.searchsorted(np.cumsum(counts), difference.size / 2)) - 255
         agreeing = counts[max(0, shift + 255 - 8) : shift + 255 + 9].sum()
@@ -168,7 +195,9 @@ class Background:
         return lit
 
     def follow(self, picture: Image, still: Image) -> None:
-        """Move the background by one level towards the picture where ``still`` (H, W) is not zero."""
+        """Move the background by one level towards the picture where ``still`` (H, W) is not
+        zero.
+        """
         moved = self.colour + (picture > self.colour) - (picture < self.colour)
         cv2.copyTo(moved, still, self.colour)
 
@@ -179,7 +208,9 @@ NEUTRAL_CHROMA, GREY_LEVELS = 128, 2
 
 
 def weigh(difference: Image) -> Image:
-    """One number for a difference in Y, Cr, Cb, (H, W, 3) uint8 -> (H, W) uint8: |dY| + 2 (|dCr| + |dCb|)."""
+    """One number for a difference in Y, Cr, Cb, (H, W, 3) uint8 -> (H, W) uint8: |dY| + 2 (|dCr|
+    + |dCb|).
+    """
     dy, dr, db = cv2.split(difference)
     chroma = cv2.add(dr, db)
     return as_image(cv2.add(dy, cv2.add(chroma, chroma)))

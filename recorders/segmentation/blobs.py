@@ -1,7 +1,7 @@
 """Connected components of a mask: size filter, labels, and ellipses of first and second moments.
 
-The ellipse is the EVENTS paper's representation of a detection (section 2): a blob's first- and second-order moments
-as z = (x, y, h, w, theta).
+The ellipse is the EVENTS paper's representation of a detection (section 2): a blob's first- and
+second-order moments as z = (x, y, h, w, theta).
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ PERSISTENT = 0.25
 def ellipse_of(mask: Image, left: float = 0.0, top: float = 0.0) -> Ellipse:
     """The ellipse of a mask's non-zero pixels (EVENTS 2).
 
-    With Sxx, Syy, Sxy the central second moments over the area: theta = atan2(2 Sxy, Sxx - Syy) / 2, and the full
-    axis lengths are 4 sqrt(lambda_1) >= 4 sqrt(lambda_2) of the covariance's eigenvalues.
+    With Sxx, Syy, Sxy the central second moments over the area: theta = atan2(2 Sxy, Sxx - Syy) /
+    2, and the full axis lengths are 4 sqrt(lambda_1) >= 4 sqrt(lambda_2) of the covariance's
+    eigenvalues.
 
     Args:
         mask: (H, W) uint8 with at least one non-zero pixel.
@@ -35,7 +36,8 @@ def ellipse_of(mask: Image, left: float = 0.0, top: float = 0.0) -> Ellipse:
         top: y of the mask's top border in the picture, px.
 
     Returns:
-        Centre in px with pixel centres at integers + 0.5; theta in (-pi/2, pi/2] from the x axis to the major axis.
+        Centre in px with pixel centres at integers + 0.5; theta in (-pi/2, pi/2] from the x axis
+        to the major axis.
     """
     m = cv2.moments(mask, binaryImage=True)
     area = m["m00"]
@@ -51,26 +53,35 @@ def ellipse_of(mask: Image, left: float = 0.0, top: float = 0.0) -> Ellipse:
     )
 
 
-def _kept(mask: Image, min_area: float, before: Image | None = None) -> tuple[Labels, int, int, list[tuple[int, ...]]]:
-    """The components that are large enough, as they lie in a part of the mask that holds all of them.
+def _kept(
+    mask: Image, min_area: float, before: Image | None = None
+) -> tuple[Labels, int, int, list[tuple[int, ...]]]:
+    """The components that are large enough, as they lie in a part of the mask that holds all of
+    them.
 
     Returns:
-        The part's labels (h, w) int32, its left and top px in the mask, and label, x, y, width, height (in the part)
-        and area of each component, in the labels' order.
+        The part's labels (h, w) int32, its left and top px in the mask, and label, x, y, width,
+        height (in the part) and area of each component, in the labels' order.
     """
     left, top, w, h = (int(v) for v in cv2.boundingRect(mask))
     if w == 0:
         return np.zeros((0, 0), np.int32), 0, 0, []
-    # Labels are in scan order of 2 x 2 blocks, so a part that starts at even places has the same order as the whole.
+    # Labels are in scan order of 2 x 2 blocks, so a part that starts at even places has the same
+    # order as the whole.
     left, w, top, h = left - left % 2, w + left % 2, top - top % 2, h + top % 2
     count, numbered, stats, _ = cv2.connectedComponentsWithStatsWithAlgorithm(
-        np.ascontiguousarray(mask[top : top + h, left : left + w]), 8, cv2.CV_32S, cv2.CCL_BBDT
+        np.ascontiguousarray(mask[top : top + h, left : left + w]),
+        8,
+        cv2.CV_32S,
+        cv2.CCL_BBDT,
     )
     areas = stats[1:count, cv2.CC_STAT_AREA]
     kept = np.flatnonzero(areas >= max(1.0, min_area)) + 1
     if before is not None:
         there = before[top : top + h, left : left + w]
-        small = _persistent(np.asarray(numbered, np.int32), np.asarray(stats, np.int32), min_area, there)
+        small = _persistent(
+            np.asarray(numbered, np.int32), np.asarray(stats, np.int32), min_area, there
+        )
         kept = np.union1d(kept, small)
     if len(kept) > MOST_BLOBS:
         kept = np.sort(kept[np.argsort(-areas[kept - 1], kind="stable")[:MOST_BLOBS]])
@@ -78,10 +89,14 @@ def _kept(mask: Image, min_area: float, before: Image | None = None) -> tuple[La
     return np.asarray(numbered, np.int32), left, top, found
 
 
-def _persistent(numbered: Labels, stats: Labels, min_area: float, before: Image) -> NDArray[np.intp]:
-    """Components too small by themselves that mostly lie where there was foreground in the frame before.
+def _persistent(
+    numbered: Labels, stats: Labels, min_area: float, before: Image
+) -> NDArray[np.intp]:
+    """Components too small by themselves that mostly lie where there was foreground in the frame
+    before.
 
-    Whoever steps behind a post or a sign is still seen at its sides: what began as a body goes on in its pieces.
+    Whoever steps behind a post or a sign is still seen at its sides: what began as a body goes on
+    in its pieces.
     """
     areas = stats[:, cv2.CC_STAT_AREA]
     few = np.flatnonzero((areas < min_area) & (areas >= max(1.0, PERSISTENT * min_area)))
@@ -95,21 +110,30 @@ def _persistent(numbered: Labels, stats: Labels, min_area: float, before: Image)
 
 
 def outlines(mask: Image, min_area: float) -> list[tuple[Box, int]]:
-    """Box and area of each component that is large enough: what `components` says of them, without painting them."""
+    """Box and area of each component that is large enough: what `components` says of them,
+    without painting them.
+    """
     _, left, top, found = _kept(mask, min_area)
-    return [((float(left + x), float(top + y), float(w), float(h)), area) for _, x, y, w, h, area in found]
+    return [
+        ((float(left + x), float(top + y), float(w), float(h)), area)
+        for _, x, y, w, h, area in found
+    ]
 
 
-def components(mask: Image, min_area: float, before: Image | None = None) -> tuple[Image, Labels, list[Blob]]:
+def components(
+    mask: Image, min_area: float, before: Image | None = None
+) -> tuple[Image, Labels, list[Blob]]:
     """Keep the components that are large enough, and describe them.
 
     Args:
         mask: (H, W) uint8, non-zero is foreground, 8-connected.
         min_area: smallest area to keep, px.
-        before: the mask that was kept of the frame before, where smaller pieces of it may stay (`PERSISTENT`).
+        before: the mask that was kept of the frame before, where smaller pieces of it may stay
+            (`PERSISTENT`).
 
     Returns:
-        The mask of what was kept (0 or 255), its labels (H, W) int32 from 1, and blob k of label k in this order.
+        The mask of what was kept (0 or 255), its labels (H, W) int32 from 1, and blob k of label
+        k in this order.
     """
     height, width = mask.shape
     clean, labels = np.zeros((height, width), np.uint8), np.zeros((height, width), np.int32)
@@ -118,8 +142,10 @@ def components(mask: Image, min_area: float, before: Image | None = None) -> tup
     # Leaving some out keeps the others' order.
     for number, (k, x, y, bw, bh, area) in enumerate(found, 1):
         pixels = (numbered[y : y + bh, x : x + bw] == k).view(np.uint8)
-        x, y = left + x, top + y  # noqa: PLW2901 - from the part's pixels to the picture's
-        cv2.copyTo(np.full((bh, bw), number, np.int32), pixels, labels[y : y + bh, x : x + bw])
+        x, y = left + x, top + y  # noqa: PLW2901
+        cv2.copyTo(
+            np.full((bh, bw), number, np.int32), pixels, labels[y : y + bh, x : x + bw]
+        )
         cv2.copyTo(np.full((bh, bw), 255, np.uint8), pixels, clean[y : y + bh, x : x + bw])
         box = (float(x), float(y), float(bw), float(bh))
         blobs.append(Blob(id=number, box=box, area=area, ellipse=ellipse_of(pixels, x, y)))

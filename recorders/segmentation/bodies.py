@@ -20,8 +20,8 @@ REST_SCORE = 0.3
 REST_AREA = 0.25
 """Such a blob is a detection from this share of the area of a body's box on."""
 MAX_AREA_SPREAD = 2.0
-"""Bodies without a size model are alike, and told apart by area, if three quarters of them are not larger than this
-many times the first quarter."""
+"""Bodies without a size model are alike, and told apart by area, if three quarters of them are
+not larger than this many times the first quarter."""
 
 
 class Bodies:
@@ -43,10 +43,17 @@ class Bodies:
         if self._use_size:
             self._seen += [b.box for b in blobs]
             self._regrouped += map(
-                tuple, regrouped(np.array([b.box for b in blobs], np.float64).reshape(-1, 4)).tolist()
+                tuple,
+                regrouped(
+                    np.array([b.box for b in blobs], np.float64).reshape(-1, 4)
+                ).tolist(),
             )
             self._single_areas += single_areas(blobs)
-            del self._seen[:-MAX_BLOBS], self._regrouped[:-MAX_BLOBS], self._single_areas[:-MAX_BLOBS]
+            del (
+                self._seen[:-MAX_BLOBS],
+                self._regrouped[:-MAX_BLOBS],
+                self._single_areas[:-MAX_BLOBS],
+            )
 
     def learn(self) -> None:
         """Fit the size model to the blobs so far."""
@@ -54,8 +61,12 @@ class Bodies:
             return
         self.model = learn(np.array(self._seen, np.float64), self._width, self._height)
         if self.model is None:
-            self.model = learn(np.array(self._regrouped, np.float64), self._width, self._height)
-        self._explainer = None if self.model is None else Explainer(self.model, self._width, self._height)
+            self.model = learn(
+                np.array(self._regrouped, np.float64), self._width, self._height
+            )
+        self._explainer = (
+            None if self.model is None else Explainer(self.model, self._width, self._height)
+        )
         areas = sorted(self._single_areas)
         n = len(areas)
         alike = n >= MIN_BLOBS and areas[3 * n // 4] <= MAX_AREA_SPREAD * areas[n // 4]
@@ -67,7 +78,9 @@ class Bodies:
             self._due += self._due // 2
             self.learn()
 
-    def detect(self, index: int, mask: Image, labels: Labels, blobs: list[Blob]) -> Detections:
+    def detect(
+        self, index: int, mask: Image, labels: Labels, blobs: list[Blob]
+    ) -> Detections:
         """The detections of one frame.
 
         Args:
@@ -106,29 +119,51 @@ class Bodies:
     def _by_area(
         self, labels: Labels, blobs: list[Blob]
     ) -> tuple[list[Box], list[float], list[Ellipse | None], list[int]]:
-        """Bodies of any pose: each blob is divided into as many ellipses as its area and outline ask for."""
+        """Bodies of any pose: each blob is divided into as many ellipses as its area and outline
+        ask for.
+        """
         bodies = divide(blobs, labels, None, self._body_area)
         scores = [LONE_SCORE if b.among == 1 else REST_SCORE for b in bodies]
-        return [b.box for b in bodies], scores, [b.ellipse for b in bodies], [b.blob for b in bodies]
+        return (
+            [b.box for b in bodies],
+            scores,
+            [b.ellipse for b in bodies],
+            [b.blob for b in bodies],
+        )
 
     def _unexplained(self, rest: Image) -> list[Box]:
-        """Boxes around what no body explains, if large enough to be a body in an unusual pose or half hidden."""
+        """Boxes around what no body explains, if large enough to be a body in an unusual pose or
+        half hidden.
+        """
         assert self.model is not None
         found = outlines(rest, REST_AREA * self.model.aspect * (0.5 * self.model.low) ** 2)
         boxes = np.array([box for box, _ in found], np.float64).reshape(-1, 4)
-        least = REST_AREA * self.model.aspect * self.model.heights(boxes[:, 1] + boxes[:, 3]) ** 2
-        return [box for (box, area), enough in zip(found, least, strict=True) if area >= enough]
+        least = (
+            REST_AREA
+            * self.model.aspect
+            * self.model.heights(boxes[:, 1] + boxes[:, 3]) ** 2
+        )
+        return [
+            box for (box, area), enough in zip(found, least, strict=True) if area >= enough
+        ]
 
 
 def _clipped(box: Floats, width: int, height: int) -> Box:
     """The part of a box that lies in the picture."""
     x, y, w, h = (float(v) for v in box)
-    left, top, right, bottom = max(0.0, x), max(0.0, y), min(float(width), x + w), min(float(height), y + h)
+    left, top, right, bottom = (
+        max(0.0, x),
+        max(0.0, y),
+        min(float(width), x + w),
+        min(float(height), y + h),
+    )
     return (left, top, right - left, bottom - top)
 
 
 def _blob_in(box: Box, labels: Labels, blobs: list[Blob]) -> tuple[int, Ellipse | None]:
-    """The blob with the most pixels in the box (the lowest id of equals), and the ellipse of those pixels."""
+    """The blob with the most pixels in the box (the lowest id of equals), and the ellipse of
+    those pixels.
+    """
     x1, y1 = round(box[0]), round(box[1])
     inside = labels[y1 : round(box[1] + box[3]), x1 : round(box[0] + box[2])]
     counts = np.bincount(inside.ravel(), minlength=2)

@@ -1,13 +1,16 @@
-"""Density: foreground and background by kernel densities (SHELLS 2.1, after Sheikh and Shah, PAMI 2005).
+"""Density: foreground and background by kernel densities (SHELLS 2.1, after Sheikh and Shah, PAMI
+2005).
 
-Background: samples of the past (or, in hindsight, of the whole recording) vote for a pixel with a kernel over the
-distance of its colour from the sample's colours in a small neighbourhood, so that what sways a little is background.
-Foreground: the last frame's foreground votes in the same way in a larger neighbourhood, mixed with a uniform density.
-The logarithm of their ratio is the evidence, and in place of the original's MAP-MRF a weighted median labels each
-pixel, as SHELLS has it.
+Background: samples of the past (or, in hindsight, of the whole recording) vote for a pixel with a
+kernel over the distance of its colour from the sample's colours in a small neighbourhood, so that
+what sways a little is background. Foreground: the last frame's foreground votes in the same way
+in a larger neighbourhood, mixed with a uniform density. The logarithm of their ratio is the
+evidence, and in place of the original's MAP-MRF a weighted median labels each pixel, as SHELLS
+has it.
 
-Deviations: the kernel over position is the neighbourhood's range of colours, channel by channel, and everything is
-integer (tables over 256 levels), so that the answer is the same on every machine; shadows are removed as for motion.
+Deviations: the kernel over position is the neighbourhood's range of colours, channel by channel,
+and everything is integer (tables over 256 levels), so that the answer is the same on every
+machine; shadows are removed as for motion.
 """
 
 from __future__ import annotations
@@ -31,7 +34,9 @@ LIVE_WINDOW_S = 60.0
 BACKGROUND_REACH = 1
 """Neighbourhood of a background sample's pixel, px to each side."""
 FOREGROUND_REACH = 0.012
-"""Neighbourhood of the last foreground, of the picture's height: how far bodies move between frames."""
+"""Neighbourhood of the last foreground, of the picture's height: how far bodies move between
+frames.
+"""
 UNIFORM = 0.12
 """The uniform density of the foreground, of the kernel's peak."""
 FOREGROUND_SHARE = 0.5
@@ -55,21 +60,30 @@ class _Range:
         self.high = as_image(cv2.dilate(high, kernel))
 
     def distance(self, picture: Image) -> Image:
-        """How far each pixel's colour is outside the range, weighed as `weigh` does, (H, W) uint8."""
-        return weigh(as_image(cv2.add(cv2.subtract(self.low, picture), cv2.subtract(picture, self.high))))
+        """How far each pixel's colour is outside the range, weighed as `weigh` does, (H, W)
+        uint8.
+        """
+        return weigh(
+            as_image(
+                cv2.add(cv2.subtract(self.low, picture), cv2.subtract(picture, self.high))
+            )
+        )
 
 
 class DensitySegmenter:
     """Kernel density foreground and background with a weighted median."""
 
-    def __init__(self, parameters: SegmentationParameters, width: int, height: int, fps: float) -> None:
+    def __init__(
+        self, parameters: SegmentationParameters, width: int, height: int, fps: float
+    ) -> None:
         self._min_area = parameters.min_area * width * height
         self._window = window_of(parameters, height)
         self._shadows = Shadows(parameters, width, height)
         self._bodies = Bodies(parameters.size_model, width, height)
         fps = fps if fps > 0 else 25.0
         self._past: Samples | None = Samples(
-            most=DENSITY_SAMPLES, max_stride=max(1, round(LIVE_WINDOW_S * fps / DENSITY_SAMPLES))
+            most=DENSITY_SAMPLES,
+            max_stride=max(1, round(LIVE_WINDOW_S * fps / DENSITY_SAMPLES)),
         )
         self._observe_every = max(1, round(fps / 2))
         self._steps = 0
@@ -79,9 +93,13 @@ class DensitySegmenter:
         self._reach = max(1, round(FOREGROUND_REACH * height))
         self._kernel = _kernel(parameters.threshold_levels)
         uniform = round(255 * UNIFORM)
-        mixed = np.rint(FOREGROUND_SHARE * self._kernel + (1 - FOREGROUND_SHARE) * uniform).astype(np.uint8)
+        mixed = np.rint(
+            FOREGROUND_SHARE * self._kernel + (1 - FOREGROUND_SHARE) * uniform
+        ).astype(np.uint8)
         self._near = np.maximum(mixed, np.uint8(uniform))
-        self._log = np.array([round(LOG_STEP * math.log((v + 1) / 256)) for v in range(256)], np.int16)
+        self._log = np.array(
+            [round(LOG_STEP * math.log((v + 1) / 256)) for v in range(256)], np.int16
+        )
 
     def prepare(self, frames: Iterable[Image]) -> None:
         """Take samples of the background, and the bodies' size, from the whole recording."""
@@ -140,4 +158,6 @@ class DensitySegmenter:
 def _kernel(width_levels: float) -> NDArray[np.uint8]:
     """A Gaussian over the distance of colours, by level, as a table of 0 to 255."""
     sigma = width_levels / 2
-    return np.array([round(255 * math.exp(-0.5 * (d / sigma) ** 2)) for d in range(256)], np.uint8)
+    return np.array(
+        [round(255 * math.exp(-0.5 * (d / sigma) ** 2)) for d in range(256)], np.uint8
+    )

@@ -1,4 +1,6 @@
-"""From evidence to a mask, as the motion and the density segmenters share it: shadows, and the weighted median."""
+"""From evidence to a mask, as the motion and the density segmenters share it: shadows, and the
+weighted median.
+"""
 
 from __future__ import annotations
 
@@ -13,26 +15,38 @@ NEUTRAL = 128
 
 
 class Shadows:
-    """Tells pixels that are the background under a shadow: somewhat darker, of nearly the same colour."""
+    """Tells pixels that are the background under a shadow: somewhat darker, of nearly the same
+    colour.
+    """
 
     def __init__(self, parameters: SegmentationParameters, width: int, height: int) -> None:
         self._darkest = _shares(parameters.shadow_darkest)
-        self._darkest_grey = _shares(max(parameters.shadow_darkest, parameters.shadow_darkest_grey))
-        self._colour = np.full((height, width), int(parameters.shadow_colour_levels), np.uint8)
+        self._darkest_grey = _shares(
+            max(parameters.shadow_darkest, parameters.shadow_darkest_grey)
+        )
+        self._colour = np.full(
+            (height, width), int(parameters.shadow_colour_levels), np.uint8
+        )
 
-    def find(self, picture: Image, behind: Image, chroma: Image, coloured: bool = True) -> Image:
+    def find(
+        self, picture: Image, behind: Image, chroma: Image, coloured: bool = True
+    ) -> Image:
         """255 where there is shadow, (H, W) uint8.
 
         Args:
             picture: (H, W, 3) uint8 in Y, Cr, Cb.
             behind: the background, the same.
             chroma: (H, W) uint8, the sum of their differences in Cr and in Cb.
-            coloured: the background has colours. Where it has none, whatever is darker has its colour, too: only the
-                faintest shadows can be told from dark clothes.
+            coloured: the background has colours. Where it has none, whatever is darker has its
+                colour, too: only the faintest shadows can be told from dark clothes.
         """
         y, behind_y = cv2.extractChannel(picture, 0), cv2.extractChannel(behind, 0)
         darker = cv2.compare(y, behind_y, cv2.CMP_LT)
-        not_too_dark = cv2.compare(y, cv2.LUT(behind_y, self._darkest if coloured else self._darkest_grey), cv2.CMP_GE)
+        not_too_dark = cv2.compare(
+            y,
+            cv2.LUT(behind_y, self._darkest if coloured else self._darkest_grey),
+            cv2.CMP_GE,
+        )
         same_colour = cv2.compare(chroma, self._colour, cv2.CMP_LE)
         return as_image(cv2.bitwise_and(cv2.bitwise_and(darker, not_too_dark), same_colour))
 
@@ -50,8 +64,9 @@ def window_of(parameters: SegmentationParameters, height: int) -> int:
 def weighted_median(evidence: Image, window: int) -> Image:
     """The weighted median of the pixels' labels in a window (SHELLS 2.1), (H, W) uint8, 0 or 255.
 
-    Of two labels, the weighted median is the one with the larger sum of weights. Each pixel's evidence is its label's
-    weight with its label's sign, so the sum's sign, the blurred evidence's, decides.
+    Of two labels, the weighted median is the one with the larger sum of weights. Each pixel's
+    evidence is its label's weight with its label's sign, so the sum's sign, the blurred
+    evidence's, decides.
 
     Args:
         evidence: (H, W) uint8 around `NEUTRAL`.

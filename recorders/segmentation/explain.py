@@ -1,9 +1,10 @@
 """Foreground explained by boxes of known size, one at a time.
 
-A box explains well if it is full of foreground, and the ring around it, above all the strips above the head and under
-the feet, are empty. The best box takes its pixels away, and the rest is explained by the next one: who stands in front
-is seen whole and goes first. Boxes that do not meet are independent of one another, so each round takes every box that
-is the best of all that it meets. Everything is counted in integral images, over all boxes at once.
+A box explains well if it is full of foreground, and the ring around it, above all the strips
+above the head and under the feet, are empty. The best box takes its pixels away, and the rest is
+explained by the next one: who stands in front is seen whole and goes first. Boxes that do not
+meet are independent of one another, so each round takes every box that is the best of all that it
+meets. Everything is counted in integral images, over all boxes at once.
 """
 
 from __future__ import annotations
@@ -22,11 +23,21 @@ Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
 Integral: TypeAlias = NDArray[np.int32]
 
-# Weights of the score, all relative to the box's own foreground, and found on people walking in two recordings.
-RING, RING_WEIGHT = 0.35, 0.7  # width of the ring, of the box's width; what foreground in it costs
-STRIP, STRIP_WEIGHT = 0.2, 0.5  # height of the strips above and under the box, of its width; what a full one costs
-BESIDE_WEIGHT = 0.4  # what costs a box with as much foreground on its left as on its right: it sits between two bodies
-EXPLAINED_WEIGHT = 0.25  # explained foreground inside speaks for a body behind another, a little
+# Weights of the score, all relative to the box's own foreground, and found on people walking in
+# two recordings.
+RING, RING_WEIGHT = (
+    0.35,
+    0.7,
+)  # width of the ring, of the box's width; what foreground in it costs
+STRIP, STRIP_WEIGHT = (
+    0.2,
+    0.5,
+)  # height of the strips above and under the box, of its width; what a full one costs
+# what costs a box with as much foreground on its left as on its right: it sits between two bodies
+BESIDE_WEIGHT = 0.4
+EXPLAINED_WEIGHT = (
+    0.25  # explained foreground inside speaks for a body behind another, a little
+)
 
 UNSEEN_WEIGHT = 0.5  # what lies outside the picture counts this much as empty
 
@@ -41,20 +52,24 @@ FULL_SCORE = 0.65
 MIN_VISIBLE = 0.4
 """Least share of a box that lies in the picture."""
 PREFER_LARGE = 0.25
-"""Boxes are ranked by score * area ** this: a small box inside a body explains less than the body's own."""
+"""Boxes are ranked by score * area ** this: a small box inside a body explains less than the
+body's own.
+"""
 PROPOSAL_BONUS = 1.25
 """A proposal's score counts this much more than the size model's own boxes."""
 GRID_X, GRID_Y = 0.2, 0.08
 """Distance of neighbouring boxes, of their width and of their height."""
 ROUNDS = 8
 MOST_BOXES = 300_000
-"""Of more boxes in the grid, their distance grows until they are no more than this: bodies of a few pixels in a large
-picture would take gigabytes."""
+"""Of more boxes in the grid, their distance grows until they are no more than this: bodies of a
+few pixels in a large picture would take gigabytes."""
 
 
 def integral_of(mask: Image) -> Integral:
     """Integral image (H + 1, W + 1) int32 of a mask (H, W) uint8; each non-zero pixel counts 1."""
-    return cast("Integral", cv2.integral(cv2.min(mask, np.ones_like(mask)), sdepth=cv2.CV_32S))
+    return cast(
+        "Integral", cv2.integral(cv2.min(mask, np.ones_like(mask)), sdepth=cv2.CV_32S)
+    )
 
 
 def box_scores(integral: Integral, boxes: Floats) -> Floats:
@@ -68,7 +83,9 @@ def box_scores(integral: Integral, boxes: Floats) -> Floats:
         (N,) float64, at most 1; `MIN_SCORE` and above is an explanation.
     """
     height, width = integral.shape[0] - 1, integral.shape[1] - 1
-    return _Candidates(np.asarray(boxes, np.float64).reshape(-1, 4), width, height).scores(integral.ravel(), None)
+    return _Candidates(np.asarray(boxes, np.float64).reshape(-1, 4), width, height).scores(
+        integral.ravel(), None
+    )
 
 
 @dataclass(frozen=True)
@@ -76,9 +93,11 @@ class Explanation:
     """Boxes that explain a mask.
 
     Attributes:
-        boxes: (N, 4) float64 x, y, w, h in px, best of the first round first; they may reach out of the picture.
+        boxes: (N, 4) float64 x, y, w, h in px, best of the first round first; they may reach out
+            of the picture.
         scores: (N,) float64 in [0, 1], 1 for a body that stands alone.
-        sources: (N,) int64, the row of the proposal that the box came from, -1 for one of the size model's own.
+        sources: (N,) int64, the row of the proposal that the box came from, -1 for one of the
+            size model's own.
         rest: (H, W) uint8, 0 or 255: the foreground that no box explains.
     """
 
@@ -105,8 +124,9 @@ class Explainer:
 
         Args:
             mask: (H, W) uint8, 0 or 255.
-            proposals: (M, 4) boxes of any size that are expected, such as predictions of tracks; each is tried a
-                little shifted and scaled, together with the size model's own boxes, and used at most once.
+            proposals: (M, 4) boxes of any size that are expected, such as predictions of tracks;
+                each is tried a little shifted and scaled, together with the size model's own
+                boxes, and used at most once.
         """
         rest = mask.copy()
         explained = np.zeros_like(rest)
@@ -131,27 +151,45 @@ class Explainer:
                 rest[part] = 0
             own, behind = integral_of(rest).ravel(), integral_of(explained).ravel()
             used = np.isin(source, source[chosen][source[chosen] >= 0])
-            left = np.flatnonzero((candidates.inside(own) >= MIN_OWN * candidates.area) & ~used)
+            left = np.flatnonzero(
+                (candidates.inside(own) >= MIN_OWN * candidates.area) & ~used
+            )
             candidates, source = candidates.take(left), source[left]
         if not found:
             return Explanation(np.zeros((0, 4)), np.zeros(0), np.zeros(0, np.int64), rest)
-        all_boxes, all_scores, sources = (np.concatenate(part) for part in zip(*found, strict=True))
-        return Explanation(all_boxes, np.clip(all_scores / FULL_SCORE, 0.0, 1.0), sources, rest)
+        all_boxes, all_scores, sources = (
+            np.concatenate(part) for part in zip(*found, strict=True)
+        )
+        return Explanation(
+            all_boxes, np.clip(all_scores / FULL_SCORE, 0.0, 1.0), sources, rest
+        )
 
-    def _candidates(self, own: Integral, proposals: Floats | None) -> tuple[_Candidates, Ints]:
-        """The grid's boxes with enough foreground, and the proposals; with each the proposal's row or -1."""
-        grid = self._grid.take(np.flatnonzero(self._grid.inside(own) >= MIN_FILL * self._grid.area))
+    def _candidates(
+        self, own: Integral, proposals: Floats | None
+    ) -> tuple[_Candidates, Ints]:
+        """The grid's boxes with enough foreground, and the proposals; with each the proposal's
+        row or -1.
+        """
+        grid = self._grid.take(
+            np.flatnonzero(self._grid.inside(own) >= MIN_FILL * self._grid.area)
+        )
         source = np.full(len(grid.boxes), -1, np.int64)
         if proposals is None or not len(proposals):
             return grid, source
-        moved = _Candidates(_neighbours(np.asarray(proposals, np.float64)), self._width, self._height)
+        moved = _Candidates(
+            _neighbours(np.asarray(proposals, np.float64)), self._width, self._height
+        )
         rows = np.repeat(np.arange(len(proposals)), len(_DX))
         keep = np.flatnonzero(moved.inside(own) >= MIN_OWN * moved.area)
         moved = moved.take(keep)
-        both = _Candidates(np.concatenate([moved.boxes, grid.boxes]), self._width, self._height)
+        both = _Candidates(
+            np.concatenate([moved.boxes, grid.boxes]), self._width, self._height
+        )
         return both, np.concatenate([rows[keep], source])
 
-    def _refine(self, own: Integral, behind: Integral | None, boxes: Floats) -> tuple[Floats, Floats]:
+    def _refine(
+        self, own: Integral, behind: Integral | None, boxes: Floats
+    ) -> tuple[Floats, Floats]:
         """Shift and scale each box a little to where it scores best; the first of equals."""
         tried = _neighbours(boxes)
         candidates = _Candidates(tried, self._width, self._height)
@@ -162,19 +200,56 @@ class Explainer:
 
 
 class _Candidates:
-    """Boxes with the flat indices of their corners, their rings' and their strips', in an integral image."""
+    """Boxes with the flat indices of their corners, their rings' and their strips', in an
+    integral image.
+    """
 
     def __init__(self, boxes: Floats, width: int, height: int) -> None:
         self.boxes = boxes
         x, y, w, h = boxes.T
         ring, strip = RING * w, STRIP * w
-        # Left and right ends, top and bottom ends, of the box, its ring, and its strips above, under, left and right.
-        xs = np.stack([x, x - ring, x, x, x - strip, x + w, x + w, x + w + ring, x + w, x + w, x, x + w + strip])
-        ys = np.stack([y, y - ring, y - strip, y + h, y, y, y + h, y + h + ring, y, y + h + strip, y + h, y + h])
+        # Left and right ends, top and bottom ends, of the box, its ring, and its strips above,
+        # under, left and right.
+        xs = np.stack(
+            [
+                x,
+                x - ring,
+                x,
+                x,
+                x - strip,
+                x + w,
+                x + w,
+                x + w + ring,
+                x + w,
+                x + w,
+                x,
+                x + w + strip,
+            ]
+        )
+        ys = np.stack(
+            [
+                y,
+                y - ring,
+                y - strip,
+                y + h,
+                y,
+                y,
+                y + h,
+                y + h + ring,
+                y,
+                y + h + strip,
+                y + h,
+                y + h,
+            ]
+        )
         (left, right), (top, bottom) = _ends(xs, width), _ends(ys, height)
         row = width + 1
-        self._corners: Ints = np.stack([bottom * row + right, top * row + right, bottom * row + left, top * row + left])
-        self._areas: Floats = np.maximum((right - left) * (bottom - top), 1).astype(np.float64)
+        self._corners: Ints = np.stack(
+            [bottom * row + right, top * row + right, bottom * row + left, top * row + left]
+        )
+        self._areas: Floats = np.maximum((right - left) * (bottom - top), 1).astype(
+            np.float64
+        )
         visible = (right[0] - left[0]) * (bottom[0] - top[0])
         self.visible: Floats = visible / np.maximum(w * h, 1.0)
         self._areas[0] += UNSEEN_WEIGHT * np.maximum(w * h - visible, 0.0)
@@ -209,7 +284,9 @@ class _Candidates:
 
 
 def _ends(places: Floats, size: int) -> tuple[Ints, Ints]:
-    """Lower and upper ends, (12, N) px, as the nearest pixel borders in the picture: twice (6, N)."""
+    """Lower and upper ends, (12, N) px, as the nearest pixel borders in the picture: twice (6,
+    N).
+    """
     whole = np.minimum(np.maximum(np.rint(places), 0), size).astype(np.int64)
     return whole[:6], whole[6:]
 
@@ -222,16 +299,29 @@ def _sums(flat: Integral, corners: Ints) -> Ints:
 
 
 def _pixels(boxes: Floats) -> list[tuple[int, int, int, int]]:
-    """The pixels that `_Candidates` counts in each box: x1, y1, x2, y2, end excluded, not below 0."""
-    ends = np.stack([boxes[:, 0], boxes[:, 1], boxes[:, 0] + boxes[:, 2], boxes[:, 1] + boxes[:, 3]], axis=1)
-    return [(x1, y1, x2, y2) for x1, y1, x2, y2 in np.maximum(np.rint(ends), 0).astype(np.int64).tolist()]
+    """The pixels that `_Candidates` counts in each box: x1, y1, x2, y2, end excluded, not below
+    0.
+    """
+    ends = np.stack(
+        [boxes[:, 0], boxes[:, 1], boxes[:, 0] + boxes[:, 2], boxes[:, 1] + boxes[:, 3]],
+        axis=1,
+    )
+    return [
+        (x1, y1, x2, y2)
+        for x1, y1, x2, y2 in np.maximum(np.rint(ends), 0).astype(np.int64).tolist()
+    ]
 
 
-_DX, _DY, _SCALE = (a.ravel() for a in np.meshgrid((0.0, -0.5, 0.5), (0.0, -0.5, 0.5), (1.0, 0.9, 1.1), indexing="ij"))
+_DX, _DY, _SCALE = (
+    a.ravel()
+    for a in np.meshgrid((0.0, -0.5, 0.5), (0.0, -0.5, 0.5), (1.0, 0.9, 1.1), indexing="ij")
+)
 
 
 def _neighbours(boxes: Floats) -> Floats:
-    """Each box and 26 like it, shifted by half a grid step and scaled about the foot: (27 * N, 4)."""
+    """Each box and 26 like it, shifted by half a grid step and scaled about the foot: (27 * N,
+    4).
+    """
     x, y, w, h = (boxes[:, k, None] for k in range(4))
     width, height = w * _SCALE, h * _SCALE
     left = x + w / 2 + _DX * GRID_X * w - width / 2
@@ -246,7 +336,10 @@ def _grid(model: SizeModel, width: int, height: int) -> Floats:
         feet = _feet(model, height, wider)
         heights = model.heights(feet)
         steps = wider * np.maximum(1.0, GRID_X * model.aspect * heights)
-        if float(((width + 1.5 * model.aspect * heights) / steps + 1.0).sum()) <= MOST_BOXES:
+        if (
+            float(((width + 1.5 * model.aspect * heights) / steps + 1.0).sum())
+            <= MOST_BOXES
+        ):
             break
         wider *= 1.25
     rows: list[Floats] = []

@@ -1,8 +1,9 @@
 """Motion: whatever differs from the background, without its shadow (EVENTS 2, SHELLS 2.1, PARTS 2).
 
-Each pixel's difference from the background is evidence for or against foreground; a weighted median over a small
-window decides (SHELLS 2.1: the weighted median reconnects the parts of an object). The weighted median of two labels
-is the label with the larger sum of weights: the sign of the blurred signed evidence.
+Each pixel's difference from the background is evidence for or against foreground; a weighted
+median over a small window decides (SHELLS 2.1: the weighted median reconnects the parts of an
+object). The weighted median of two labels is the label with the larger sum of weights: the sign
+of the blurred signed evidence.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ RELEARN = 8
 GRAIN_PX = 3
 """A camera's noise is that of single pixels, whatever the picture's size."""
 SLOW_FOREGROUND = 10
-"""The background follows what is held to be foreground this many times slower: a wrong background heals."""
+"""The background follows what is held to be foreground this many times slower: a wrong background
+heals.
+"""
 
 
 def without_grain(picture: Image) -> Image:
@@ -36,9 +39,13 @@ def without_grain(picture: Image) -> Image:
 
 
 class MotionSegmenter:
-    """Background subtraction against a background in hindsight, or without `prepare` one learnt on the way."""
+    """Background subtraction against a background in hindsight, or without `prepare` one learnt
+    on the way.
+    """
 
-    def __init__(self, parameters: SegmentationParameters, width: int, height: int, fps: float) -> None:
+    def __init__(
+        self, parameters: SegmentationParameters, width: int, height: int, fps: float
+    ) -> None:
         self._p = parameters
         self._min_area = parameters.min_area * width * height
         self._window = window_of(parameters, height)
@@ -58,7 +65,9 @@ class MotionSegmenter:
         self._bodies = Bodies(parameters.size_model, width, height)
 
     def prepare(self, frames: Iterable[Image]) -> None:
-        """Learn the background and the bodies' size from pictures spread over the whole recording."""
+        """Learn the background and the bodies' size from pictures spread over the whole
+        recording.
+        """
         samples = Samples()
         for frame in frames:
             if samples.wants_next():
@@ -71,13 +80,20 @@ class MotionSegmenter:
         self._background = self._learn(samples.kept)
         for picture in samples.kept:
             self._bodies.observe(
-                components(self._foreground(self._cleaned(picture), self._background), self._min_area)[2]
+                components(
+                    self._foreground(self._cleaned(picture), self._background),
+                    self._min_area,
+                )[2]
             )
         self._bodies.learn()
 
     def _learn(self, pictures: list[Image]) -> Background:
-        """The background; where noise alone decides what is foreground, that of pictures without their grain."""
-        background = Background.learn(pictures, self._p.threshold_levels, self._p.spread_weight)
+        """The background; where noise alone decides what is foreground, that of pictures without
+        their grain.
+        """
+        background = Background.learn(
+            pictures, self._p.threshold_levels, self._p.spread_weight
+        )
         self._grainy = background.noisy
         if not self._grainy:
             return background
@@ -93,16 +109,23 @@ class MotionSegmenter:
         return Segmented(mask, detect())
 
     def begin(self, index: int, image: Image) -> tuple[Image, Callable[[], Detections]]:
-        """The next frame's foreground, and what detects the bodies in it: that alone learns and asks their sizes."""
+        """The next frame's foreground, and what detects the bodies in it: that alone learns and
+        asks their sizes.
+        """
         picture = as_image(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb))
         background = self._background_at(picture)
         picture = self._cleaned(picture)
-        mask, labels, blobs = components(self._foreground(picture, background), self._min_area, self._before)
+        mask, labels, blobs = components(
+            self._foreground(picture, background), self._min_area, self._before
+        )
         self._before = mask
         self._steps += 1
         if self._steps % self._follow_every == 0:
             everywhere = self._steps % (self._follow_every * SLOW_FOREGROUND) == 0
-            background.follow(picture, np.full_like(mask, 255) if everywhere else as_image(cv2.bitwise_not(mask)))
+            background.follow(
+                picture,
+                np.full_like(mask, 255) if everywhere else as_image(cv2.bitwise_not(mask)),
+            )
         learn = self._past is not None and self._steps % self._observe_every == 0
 
         def detect() -> Detections:
@@ -116,7 +139,9 @@ class MotionSegmenter:
     def _background_at(self, picture: Image) -> Background:
         if self._past is not None and self._past.add(picture):
             self._new_samples += 1
-            if self._background is None or RELEARN * self._new_samples > len(self._past.kept):
+            if self._background is None or RELEARN * self._new_samples > len(
+                self._past.kept
+            ):
                 self._new_samples = 0
                 self._background = self._learn(self._past.kept)
         assert self._background is not None
@@ -129,7 +154,8 @@ class MotionSegmenter:
         chroma = cv2.add(dr, db)
         difference = cv2.add(dy, cv2.add(chroma, chroma))
         difference = cv2.subtract(
-            difference, self._shadows.find(picture, behind, as_image(chroma), background.coloured)
+            difference,
+            self._shadows.find(picture, behind, as_image(chroma), background.coloured),
         )
         level = background.level
         evidence = cv2.min(difference, cv2.add(level, level))

@@ -28,8 +28,9 @@ class Segmented:
     """One frame, segmented.
 
     Attributes:
-        mask: (H, W) uint8, 0 or 255; only components that passed the size filter, so that label k of
-            ``cv2.connectedComponents(mask, connectivity=8)`` is blob k of ``detections.components``.
+        mask: (H, W) uint8, 0 or 255; only components that passed the size filter, so that label k
+            of ``cv2.connectedComponents(mask, connectivity=8)`` is blob k of
+            ``detections.components``.
         detections: the boxes found in the mask, and the components themselves.
     """
 
@@ -39,7 +40,9 @@ class Segmented:
 
 @runtime_checkable
 class Segmenter(Protocol):
-    """Foreground and detections of one recording. Its answers are a function of the pictures so far, alone."""
+    """Foreground and detections of one recording. Its answers are a function of the pictures so
+    far, alone.
+    """
 
     def prepare(self, frames: Iterable[Image]) -> None:
         """Optional first reading of the whole recording, for a background in hindsight.
@@ -61,10 +64,13 @@ class Segmenter(Protocol):
 
 @runtime_checkable
 class SegmenterInParts(Segmenter, Protocol):
-    """A segmenter whose detecting may go on in another thread while it finds the next frame's foreground."""
+    """A segmenter whose detecting may go on in another thread while it finds the next frame's
+    foreground.
+    """
 
     def begin(self, index: int, image: Image) -> tuple[Image, Callable[[], Detections]]:
-        """The next frame's mask, and what gives its detections: called once, frame after frame in their order.
+        """The next frame's mask, and what gives its detections: called once, frame after frame in
+        their order.
 
         Together they are `segment`. What is called shares no state with later frames' `begin`.
         """

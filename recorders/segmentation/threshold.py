@@ -1,7 +1,8 @@
 """Threshold: objects brighter or darker than a smooth ground, for animals that hardly move.
 
-The ground is the picture's own large median: what is small against it stands out, moving or not. Two levels: the lower
-one outlines the objects, the higher one (Otsu 1979, over the whole recording or the past) finds their cores.
+The ground is the picture's own large median: what is small against it stands out, moving or not.
+Two levels: the lower one outlines the objects, the higher one (Otsu 1979, over the whole
+recording or the past) finds their cores.
 """
 
 from __future__ import annotations
@@ -30,9 +31,13 @@ CERTAIN, DOUBTFUL = 1.0, 0.6
 
 
 class ThresholdSegmenter:
-    """Objects that differ from a smooth ground; touching ones are told apart by their cores and areas."""
+    """Objects that differ from a smooth ground; touching ones are told apart by their cores and
+    areas.
+    """
 
-    def __init__(self, parameters: SegmentationParameters, width: int, height: int, fps: float) -> None:
+    def __init__(
+        self, parameters: SegmentationParameters, width: int, height: int, fps: float
+    ) -> None:
         del fps
         self._p = parameters
         self._width, self._height = width, height
@@ -45,7 +50,9 @@ class ThresholdSegmenter:
         self._body_area = 0.0
 
     def prepare(self, frames: Iterable[Image]) -> None:
-        """Learn the levels and the area of one body from pictures spread over the whole recording."""
+        """Learn the levels and the area of one body from pictures spread over the whole
+        recording.
+        """
         samples = Samples(most=30)
         for frame in frames:
             if samples.wants_next():
@@ -78,17 +85,25 @@ class ThresholdSegmenter:
         small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
         window = min(127, 2 * int(GROUND_WINDOW * min(size) / 2) + 1)
         ground = cv2.medianBlur(small, window) if window > 1 else small
-        ground = cv2.resize(ground, (self._width, self._height), interpolation=cv2.INTER_LINEAR)
+        ground = cv2.resize(
+            ground, (self._width, self._height), interpolation=cv2.INTER_LINEAR
+        )
         difference = cv2.absdiff(grey, ground)
         if self._window > 1:
             difference = cv2.GaussianBlur(difference, (self._window, self._window), 0)
         return as_image(difference)
 
     def _count(self, difference: Image) -> None:
-        self._counts += cv2.calcHist([difference], [0], None, [256], [0.0, 256.0]).ravel().astype(np.int64)
+        self._counts += (
+            cv2.calcHist([difference], [0], None, [256], [0.0, 256.0])
+            .ravel()
+            .astype(np.int64)
+        )
 
     def _levels(self, difference: Image) -> tuple[Image, Image, Labels, list[Blob]]:
-        """The cores, and mask, labels and blobs of the lower level; a blob without a core is none."""
+        """The cores, and mask, labels and blobs of the lower level; a blob without a core is
+        none.
+        """
         high = max(self._p.threshold_levels, float(otsu(self._counts)))
         low = max(1.0, min(self._p.threshold_levels, LOW_LEVEL * high))
         mask = as_image(cv2.threshold(difference, int(low), 255, cv2.THRESH_BINARY)[1])
@@ -112,7 +127,9 @@ class ThresholdSegmenter:
         """The upper median of the single bodies' areas, 0 without any."""
         return float(sorted(self._areas)[len(self._areas) // 2]) if self._areas else 0.0
 
-    def _detect(self, index: int, core: Image, labels: Labels, blobs: list[Blob]) -> Detections:
+    def _detect(
+        self, index: int, core: Image, labels: Labels, blobs: list[Blob]
+    ) -> Detections:
         bodies = divide(blobs, labels, core, self._body_area)
         return Detections(
             frame=index,
@@ -128,7 +145,8 @@ class ThresholdSegmenter:
 
 
 def otsu(counts: NDArray[np.int64]) -> int:
-    """The level that divides a histogram best (N. Otsu 1979): the largest variance between the classes.
+    """The level that divides a histogram best (N. Otsu 1979): the largest variance between the
+    classes.
 
     Args:
         counts: (256,) how often each level occurs.

@@ -1,8 +1,8 @@
 """Touching bodies of any shape told apart: by brighter cores, and by the area that one body has.
 
-A core is a part of a blob above a second, higher level; thin and dim parts (legs, wings, blur) where bodies touch lie
-below it. A core that is as large as several bodies is split into as many ellipses. Every pixel of the blob then goes
-to the ellipse that it is nearest to.
+A core is a part of a blob above a second, higher level; thin and dim parts (legs, wings, blur)
+where bodies touch lie below it. A core that is as large as several bodies is split into as many
+ellipses. Every pixel of the blob then goes to the ellipse that it is nearest to.
 """
 
 from __future__ import annotations
@@ -41,7 +41,9 @@ def single_areas(cores: list[Blob]) -> list[int]:
 
 
 def _fill(blob: Blob) -> float:
-    """A blob's area over that of its ellipse: 1 for an ellipse, less for bodies that meet at an angle."""
+    """A blob's area over that of its ellipse: 1 for an ellipse, less for bodies that meet at an
+    angle.
+    """
     return blob.area / max(1.0, math.pi / 4 * blob.ellipse.h * blob.ellipse.w)
 
 
@@ -74,7 +76,9 @@ def split(own: Image, core: Image, body_area: float) -> list[Image]:
     for part in cores:
         wanted = bodies_in(part, body_area)
         y, x = np.nonzero(labels == part.id)
-        groups[y, x] = bodies + 1 + _clusters(x.astype(np.float64), y.astype(np.float64), wanted)
+        groups[y, x] = (
+            bodies + 1 + _clusters(x.astype(np.float64), y.astype(np.float64), wanted)
+        )
         bodies += wanted
     if bodies < 2:
         return [own]
@@ -83,7 +87,9 @@ def split(own: Image, core: Image, body_area: float) -> list[Image]:
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A body in a blob: box and ellipse in px of the picture, the blob's id, how many bodies are in that blob."""
+    """A body in a blob: box and ellipse in px of the picture, the blob's id, how many bodies are
+    in that blob.
+    """
 
     box: Box
     ellipse: Ellipse
@@ -91,7 +97,9 @@ class Body:
     among: int
 
 
-def divide(blobs: list[Blob], labels: Labels, cores: Image | None, body_area: float) -> list[Body]:
+def divide(
+    blobs: list[Blob], labels: Labels, cores: Image | None, body_area: float
+) -> list[Body]:
     """The bodies in all blobs, blob by blob, as `split` divides them.
 
     Args:
@@ -135,7 +143,9 @@ def _spread(own: Image, groups: Ints, bodies: int) -> list[Image]:
     for k in range(bodies):
         cy, cx = np.nonzero(groups == k + 1)
         if len(cx):
-            distance = np.sqrt(_mahalanobis(fx, fy, cx.astype(np.float64), cy.astype(np.float64))[0])
+            distance = np.sqrt(
+                _mahalanobis(fx, fy, cx.astype(np.float64), cy.astype(np.float64))[0]
+            )
             _take_nearer(distance, k, least, nearest)
     masks = []
     for k in range(bodies):
@@ -147,12 +157,18 @@ def _spread(own: Image, groups: Ints, bodies: int) -> list[Image]:
 
 
 def _clusters(x: Floats, y: Floats, count: int) -> Ints:
-    """Hard assignment of points to ``count`` ellipses, started from stripes across the longest extent."""
+    """Hard assignment of points to ``count`` ellipses, started from stripes across the longest
+    extent.
+    """
     own = np.zeros(len(x), np.int64)
     if count < 2 or len(x) < 4 * count:
         return own
     mx, my = x.mean(), y.mean()
-    sxx, syy, sxy = ((x - mx) ** 2).mean(), ((y - my) ** 2).mean(), ((x - mx) * (y - my)).mean()
+    sxx, syy, sxy = (
+        ((x - mx) ** 2).mean(),
+        ((y - my) ** 2).mean(),
+        ((x - mx) * (y - my)).mean(),
+    )
     theta = np.arctan2(2 * sxy, sxx - syy) / 2
     along = (x - mx) * np.cos(theta) + (y - my) * np.sin(theta)
     own[np.argsort(along, kind="stable")] = np.arange(len(x)) * count // len(x)
@@ -178,9 +194,13 @@ def _take_nearer(cost: Floats, k: int, least: Floats, nearest: Ints) -> None:
 
 
 def _mahalanobis(x: Floats, y: Floats, px: Floats, py: Floats) -> tuple[Floats, float]:
-    """Squared distance of points from the ellipse of other points, and the log of its determinant."""
+    """Squared distance of points from the ellipse of other points, and the log of its
+    determinant.
+    """
     mx, my = px.mean(), py.mean()
     dx, dy, px, py = x - mx, y - my, px - mx, py - my
     sxx, syy, sxy = (px * px).mean() + 1.0, (py * py).mean() + 1.0, (px * py).mean()
     determinant = sxx * syy - sxy * sxy
-    return (syy * dx * dx - 2 * sxy * dx * dy + sxx * dy * dy) / determinant, float(np.log(determinant))
+    return (syy * dx * dx - 2 * sxy * dx * dy + sxx * dy * dy) / determinant, float(
+        np.log(determinant)
+    )

@@ -29,15 +29,18 @@ def open_source(
     size: tuple[int, int] | None = None,
     limits: Limits = DEFAULT_LIMITS,
 ) -> Source:
-    """Open a source of frames by what it is: a folder of images, ``.txt`` (MOTChallenge), ``.xml`` (CAVIAR), a video.
+    """Open a source of frames by what it is: a folder of images, ``.txt`` (MOTChallenge),
+    ``.xml`` (CAVIAR), a video.
 
     Args:
         path: the folder or file.
-        detections: a MOTChallenge file whose detections go beside the pictures, its frame 1 with the first.
-        fps: a constant frame rate; None takes a video's own presentation times, CAVIAR's 25, and else assumes 25
-            with a note.
-        size: the picture size (width, height) that the boxes were made for. Beside pictures the boxes are scaled from
-            it; without pictures it is the recording's size (None: as far as the boxes reach, with a note).
+        detections: a MOTChallenge file whose detections go beside the pictures, its frame 1 with
+            the first.
+        fps: a constant frame rate; None takes a video's own presentation times, CAVIAR's 25, and
+            else assumes 25 with a note.
+        size: the picture size (width, height) that the boxes were made for. Beside pictures the
+            boxes are scaled from it; without pictures it is the recording's size (None: as far as
+            the boxes reach, with a note).
         limits: what the source may make us allocate.
 
     Raises:
@@ -54,20 +57,35 @@ def open_source(
     kind = path.suffix.lower()
     if kind in _TEXT or kind == ".xml":
         if detections is not None:
-            raise UsageError(f"--detections goes with pictures; {path} holds detections itself")
+            raise UsageError(
+                f"--detections goes with pictures; {path} holds detections itself"
+            )
         source: Source = (
-            MotSource(path, rate, size, limits) if kind in _TEXT else CaviarSource(path, rate, size, limits)
+            MotSource(path, rate, size, limits)
+            if kind in _TEXT
+            else CaviarSource(path, rate, size, limits)
         )
         return source
     if kind == ".mcap":
-        raise SourceError("is a log, not a source of frames: replay it, or look into it with `scenetrace info`", path)
+        raise SourceError(
+            "is a log, not a source of frames: replay it, or look into it with `scenetrace"
+            " info`",
+            path,
+        )
     if path.is_file() and kind in _PICTURES:
-        raise SourceError("one picture is not a recording: give the folder that it lies in", path)
-    pictures: Source = ImageFolderSource(path, rate, limits) if path.is_dir() else VideoSource(path, rate, limits)
+        raise SourceError(
+            "one picture is not a recording: give the folder that it lies in", path
+        )
+    pictures: Source = (
+        ImageFolderSource(path, rate, limits)
+        if path.is_dir()
+        else VideoSource(path, rate, limits)
+    )
     if detections is not None:
         return WithDetections(pictures, Path(detections), size, limits)
     if size is not None:
         raise UsageError(
-            f"--size says what size detections were made for; {path} is {pictures.width}x{pictures.height}"
+            f"--size says what size detections were made for; {path} is"
+            f" {pictures.width}x{pictures.height}"
         )
     return pictures

@@ -1,4 +1,6 @@
-"""Reading ahead: frames are read and their pictures decoded in a thread of their own, a bounded number in advance."""
+"""Reading ahead: frames are read and their pictures decoded in a thread of their own, a bounded
+number in advance.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from recorders.sources.source import SourceFrame
 _WAIT_S = 0.1
 
 
-def read_ahead(frames: Iterator[SourceFrame], depth: int, decode: bool) -> Generator[SourceFrame]:
+def read_ahead(
+    frames: Iterator[SourceFrame], depth: int, decode: bool
+) -> Generator[SourceFrame]:
     """The same frames in the same order; errors come where they would have come.
 
     Args:

@@ -18,7 +18,8 @@ class WithDetections:
     Args:
         pictures: the pictures.
         detections: the MOTChallenge file.
-        size: the picture size that the file was made for, its boxes are scaled from it; None: the pictures' own.
+        size: the picture size that the file was made for, its boxes are scaled from it; None: the
+            pictures' own.
         limits: what a source may make us allocate.
 
     Raises:
@@ -29,7 +30,11 @@ class WithDetections:
     has_detections = True
 
     def __init__(
-        self, pictures: Source, detections: Path, size: tuple[int, int] | None = None, limits: Limits = DEFAULT_LIMITS
+        self,
+        pictures: Source,
+        detections: Path,
+        size: tuple[int, int] | None = None,
+        limits: Limits = DEFAULT_LIMITS,
     ) -> None:
         self._pictures = pictures
         self._text = MotText(detections, limits)
@@ -63,7 +68,9 @@ class WithDetections:
             if ahead is not None and ahead.number == frame.index + 1:
                 mine, ahead = ahead, next(rows, None)
             boxes = [self._scaled(b) for b in mine.boxes] if mine else []
-            frame.detections = detections_of(frame.index, self.width, self.height, boxes, mine.scores if mine else [])
+            frame.detections = detections_of(
+                frame.index, self.width, self.height, boxes, mine.scores if mine else []
+            )
             yield frame
         self._sum_up([] if ahead is None else chain([ahead], rows))
 
@@ -78,8 +85,8 @@ class WithDetections:
         if count:
             last = self.frame_count
             self.losses.append(
-                f"{self._text.path.name}: {count} detections from frame {first} on come after the last picture "
-                f"({last} pictures) and were left out"
+                f"{self._text.path.name}: {count} detections from frame {first} on come"
+                f" after the last picture ({last} pictures) and were left out"
             )
 
     def sample(self, count: int) -> Iterator[Image]:

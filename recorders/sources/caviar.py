@@ -1,8 +1,8 @@
 """CAVIAR's hand-labelled sequences (CVML XML): boxes by their centre, no pixels.
 
-Only where somebody stands is taken over. Ids, roles, situations, groups and contexts are the answers that a tracker
-is to find: they never enter the recording, and boxes are ordered by place, so that the labels' order does not tell
-either.
+Only where somebody stands is taken over. Ids, roles, situations, groups and contexts are the
+answers that a tracker is to find: they never enter the recording, and boxes are ordered by place,
+so that the labels' order does not tell either.
 """
 
 from __future__ import annotations
@@ -35,10 +35,12 @@ _DIGITS = 9
 
 
 class CaviarSource:
-    """A CAVIAR XML file: frame numbers as in the file, counted from its first, 384x288 at 25 fps unless said otherwise.
+    """A CAVIAR XML file: frame numbers as in the file, counted from its first, 384x288 at 25 fps
+    unless said otherwise.
 
     Raises:
-        SourceError: not such a file, a DOCTYPE or an entity in it, a value that is not as it must be.
+        SourceError: not such a file, a DOCTYPE or an entity in it, a value that is not as it must
+            be.
         LimitError: nested too deep, too many objects in a frame.
     """
 
@@ -75,13 +77,21 @@ class CaviarSource:
         for frame in self._elements():
             number = self._whole(frame, "number", "a frame")
             if number <= previous:
-                raise SourceError(f"frame {number} after frame {previous}: numbers must increase", self.path)
+                raise SourceError(
+                    f"frame {number} after frame {previous}: numbers must increase",
+                    self.path,
+                )
             if number > MAX_FRAMES:
-                raise LimitError(f"frame {number}, over the limit of {MAX_FRAMES} frames", self.path)
+                raise LimitError(
+                    f"frame {number}, over the limit of {MAX_FRAMES} frames", self.path
+                )
             objects = frame.findall("objectlist/object")
             if len(objects) > self._limits.max_detections_per_frame:
                 limit = self._limits.max_detections_per_frame
-                text = f"frame {number}: {len(objects)} objects, over the limit of {limit} (max_detections_per_frame)"
+                text = (
+                    f"frame {number}: {len(objects)} objects, over the limit of {limit}"
+                    " (max_detections_per_frame)"
+                )
                 raise LimitError(text, self.path)
             yield number, sorted(self._box(o, number) for o in objects)
             previous = number
@@ -96,14 +106,18 @@ class CaviarSource:
         depth = elements = 0
         root: Any = None
         try:
-            for event, element in iterparse(self.path, events=("start", "end"), forbid_dtd=True):
+            for event, element in iterparse(
+                self.path, events=("start", "end"), forbid_dtd=True
+            ):
                 if event == "start":
                     depth += 1
                     elements += 1
                     root = element if root is None else root
                     if depth > _DEEPEST or elements > most:
                         what = (
-                            f"nested over {_DEEPEST} deep" if depth > _DEEPEST else f"over {most} elements in a frame"
+                            f"nested over {_DEEPEST} deep"
+                            if depth > _DEEPEST
+                            else f"over {most} elements in a frame"
                         )
                         raise LimitError(f"{what}: not CAVIAR XML", self.path)
                     continue
@@ -113,8 +127,13 @@ class CaviarSource:
                     elements = 0
                     root.clear()
         except DefusedXmlException as e:
-            kind = {"DTDForbidden": "a DOCTYPE", "EntitiesForbidden": "an entity"}.get(type(e).__name__, "a reference")
-            raise SourceError(f"{kind} in the XML: refused, it could reach for other files or grow", self.path) from e
+            kind = {"DTDForbidden": "a DOCTYPE", "EntitiesForbidden": "an entity"}.get(
+                type(e).__name__, "a reference"
+            )
+            raise SourceError(
+                f"{kind} in the XML: refused, it could reach for other files or grow",
+                self.path,
+            ) from e
         except (ParseError, ValueError, LookupError) as e:
             raise SourceError(f"not well-formed XML: {e}", self.path) from e
 
@@ -126,12 +145,15 @@ class CaviarSource:
         w, h = (self._whole(box, name, where) for name in ("w", "h"))
         xc, yc = (self._whole(box, name, where) for name in ("xc", "yc"))
         if w <= 0 or h <= 0:
-            raise SourceError(f"{where} of width {w} and height {h}: both must be over 0", self.path)
+            raise SourceError(
+                f"{where} of width {w} and height {h}: both must be over 0", self.path
+            )
         found = (xc - w / 2, yc - h / 2, float(w), float(h))
         if outside(found, self.width, self.height):
             size = f"the picture is {self.width}x{self.height}"
             raise SourceError(
-                f"detections beyond the picture: {where} at {xc}, {yc} of {w} x {h}, {size}; say with --size WxH",
+                f"detections beyond the picture: {where} at {xc}, {yc} of {w} x {h},"
+                f" {size}; say with --size WxH",
                 self.path,
             )
         return found
@@ -140,11 +162,15 @@ class CaviarSource:
         text = element.get(name, "").strip()
         digits = text.removeprefix("-")
         if not (digits.isascii() and digits.isdigit() and len(digits) <= _DIGITS):
-            raise SourceError(f'{where} with {name}="{text[:40]}": a whole number is wanted', self.path)
+            raise SourceError(
+                f'{where} with {name}="{text[:40]}": a whole number is wanted', self.path
+            )
         return int(text)
 
     def frames(self) -> Iterator[SourceFrame]:
-        """Every frame from the file's first to its last; one that the file leaves out has no detections."""
+        """Every frame from the file's first to its last; one that the file leaves out has no
+        detections.
+        """
         index = 0
         for number, boxes in self._labelled():
             for k in range(index, number - self._first + 1):
@@ -153,7 +179,7 @@ class CaviarSource:
                 yield SourceFrame(k, self._rate.time_ns(k), detections=found)
             index = number - self._first + 1
 
-    def sample(self, count: int) -> Iterator[Image]:  # noqa: ARG002 - part of the protocol
+    def sample(self, count: int) -> Iterator[Image]:  # noqa: ARG002
         """Nothing: there are no pictures."""
         return iter(())
 

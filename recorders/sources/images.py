@@ -1,4 +1,6 @@
-"""Folders of JPEG and PNG pictures, in the order of their numbers; their bytes are recorded as they are."""
+"""Folders of JPEG and PNG pictures, in the order of their numbers; their bytes are recorded as
+they are.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,13 @@ from pathlib import Path
 
 from recorders.errors import LimitError, RecordingError, SourceError
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.pictures import PictureHeader, check_size, decode_picture, is_whole, read_header
+from recorders.pictures import (
+    PictureHeader,
+    check_size,
+    decode_picture,
+    is_whole,
+    read_header,
+)
 from recorders.sources.source import Image, SourceFrame, rate_or_assumed, spread
 
 _SUFFIXES = frozenset({".jpg", ".jpeg", ".png"})
@@ -23,10 +31,11 @@ class _CutOffError(SourceError):
 
 
 class ImageFolderSource:
-    """A folder of pictures: frame k is the k-th by number (``2.jpg`` before ``10.jpg``), at a constant rate.
+    """A folder of pictures: frame k is the k-th by number (``2.jpg`` before ``10.jpg``), at a
+    constant rate.
 
-    Other files in the folder are left alone. All pictures must be of one size. A last picture that is cut off is left
-    out, any other one that is damaged ends the reading.
+    Other files in the folder are left alone. All pictures must be of one size. A last picture
+    that is cut off is left out, any other one that is damaged ends the reading.
 
     Raises:
         SourceError: no such folder, no picture in it, or one that is not a JPEG or PNG.
@@ -38,14 +47,20 @@ class ImageFolderSource:
     stills = True
     has_detections = False
 
-    def __init__(self, path: Path, fps: Fraction | None = None, limits: Limits = DEFAULT_LIMITS) -> None:
+    def __init__(
+        self, path: Path, fps: Fraction | None = None, limits: Limits = DEFAULT_LIMITS
+    ) -> None:
         self.path = path
         self.notes: list[str] = []
         self.losses: list[str] = []
         self._limits = limits
         self._digests: list[tuple[str, str]] = []
         try:
-            names = [p.name for p in path.iterdir() if p.suffix.lower() in _SUFFIXES and not p.name.startswith(".")]
+            names = [
+                p.name
+                for p in path.iterdir()
+                if p.suffix.lower() in _SUFFIXES and not p.name.startswith(".")
+            ]
         except OSError as e:
             raise SourceError(f"cannot be read: {e.strerror}", path) from e
         if not names:
@@ -88,7 +103,10 @@ class ImageFolderSource:
             size = path.stat().st_size
             if size > self._limits.max_message_bytes:
                 limit = self._limits.max_message_bytes
-                raise LimitError(f"a picture of {size} bytes, over the limit of {limit} (max_message_bytes)", path)
+                raise LimitError(
+                    f"a picture of {size} bytes, over the limit of {limit} (max_message_bytes)",
+                    path,
+                )
             data = path.read_bytes()
         except OSError as e:
             raise SourceError(f"cannot be read: {e.strerror}", path) from e
@@ -101,7 +119,10 @@ class ImageFolderSource:
         check_size(header.width, header.height, path, self._limits)
         if (header.width, header.height) != (self.width, self.height):
             first = f"{self._names[0]} is {self.width} x {self.height}"
-            raise SourceError(f"is {header.width} x {header.height}, but {first}: one size is wanted", path)
+            raise SourceError(
+                f"is {header.width} x {header.height}, but {first}: one size is wanted",
+                path,
+            )
         if not is_whole(data, header.format):
             raise _CutOffError(f"a {header.format} picture that is cut off", path)
         return data, header
@@ -131,7 +152,13 @@ class ImageFolderSource:
                 self.losses.append(f"{name}, the last picture: {e.reason}")
                 return
             self._digests.append((name, hashlib.sha256(data).hexdigest()))
-            yield SourceFrame(index, self._rate.time_ns(index), self._loader(name, data), data, header.format)
+            yield SourceFrame(
+                index,
+                self._rate.time_ns(index),
+                self._loader(name, data),
+                data,
+                header.format,
+            )
 
     def sample(self, count: int) -> Iterator[Image]:
         """``count`` pictures spread evenly over the folder."""

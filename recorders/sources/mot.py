@@ -1,8 +1,9 @@
-"""MOTChallenge text: ``frame,id,x,y,w,h[,confidence[,...]]``, frames from 1, boxes by their top left corner.
+"""MOTChallenge text: ``frame,id,x,y,w,h[,confidence[,...]]``, frames from 1, boxes by their top
+left corner.
 
-Strict on values (each message names the line), lenient on order: detectors that work in batches write unsorted files.
-The ids are never recorded; where a file has any, a frame's boxes are put in an order of their own, so that not even
-the order of the rows tells who is who.
+Strict on values (each message names the line), lenient on order: detectors that work in batches
+write unsorted files. The ids are never recorded; where a file has any, a frame's boxes are put in
+an order of their own, so that not even the order of the rows tells who is who.
 """
 
 from __future__ import annotations
@@ -54,13 +55,15 @@ class FrameRows:
 class MotText:
     """A MOTChallenge file, checked as a whole when it is opened, then read frame by frame.
 
-    Sorted files are streamed. Unsorted ones are sorted in memory, rows of one frame keeping their order.
+    Sorted files are streamed. Unsorted ones are sorted in memory, rows of one frame keeping their
+    order.
 
     Attributes:
         last_frame: the largest frame number.
         right, bottom: how far the boxes reach, in the file's pixels.
         sorted: frame numbers never decrease.
-        repeated: rows left out because they repeat another of the same frame; known after `by_frame`.
+        repeated: rows left out because they repeat another of the same frame; known after
+            `by_frame`.
 
     Raises:
         SourceError: a row that is not as it must be; names the line.
@@ -101,13 +104,25 @@ class MotText:
                 cells = text.split(",")
                 columns = columns or len(cells)
                 if len(cells) != columns or columns not in _COLUMNS:
-                    wanted = f"{columns} as in the first row" if columns in _COLUMNS else "6 to 10, separated by commas"
-                    raise SourceError(f"{len(cells)} columns, wanted {wanted}: {text[:60]!r}", self.path, number)
+                    wanted = (
+                        f"{columns} as in the first row"
+                        if columns in _COLUMNS
+                        else "6 to 10, separated by commas"
+                    )
+                    raise SourceError(
+                        f"{len(cells)} columns, wanted {wanted}: {text[:60]!r}",
+                        self.path,
+                        number,
+                    )
                 yield number, self._row(cells, number)
 
     def _text(self, line: bytes, number: int) -> str:
         if len(line) > _LONGEST_LINE:
-            raise SourceError(f"a line of over {_LONGEST_LINE} bytes: not MOTChallenge text", self.path, number)
+            raise SourceError(
+                f"a line of over {_LONGEST_LINE} bytes: not MOTChallenge text",
+                self.path,
+                number,
+            )
         try:
             return line.decode("utf-8-sig" if number == 1 else "utf-8").strip()
         except UnicodeDecodeError:
@@ -119,26 +134,50 @@ class MotText:
             try:
                 value = float(cell) if "_" not in cell else math.nan
             except ValueError:
-                raise SourceError(f"{name} {cell.strip()[:40]!r} is not a number", self.path, line) from None
+                raise SourceError(
+                    f"{name} {cell.strip()[:40]!r} is not a number", self.path, line
+                ) from None
             if not math.isfinite(value):
-                raise SourceError(f"{name} is {cell.strip()[:40]}, a finite number is wanted", self.path, line)
+                raise SourceError(
+                    f"{name} is {cell.strip()[:40]}, a finite number is wanted",
+                    self.path,
+                    line,
+                )
             values.append(value)
         frame, identity, x, y, w, h = values[:6]
         if frame != int(frame) or frame < 1:
-            raise SourceError(f"frame {cells[0].strip()[:40]}: frames are whole numbers from 1", self.path, line)
+            raise SourceError(
+                f"frame {cells[0].strip()[:40]}: frames are whole numbers from 1",
+                self.path,
+                line,
+            )
         if frame > MAX_FRAMES:
-            raise LimitError(f"frame {int(frame)}, over the limit of {MAX_FRAMES} frames", f"{self.path}:{line}")
+            raise LimitError(
+                f"frame {int(frame)}, over the limit of {MAX_FRAMES} frames",
+                f"{self.path}:{line}",
+            )
         if w <= 0 or h <= 0:
-            raise SourceError(f"a box of width {w:g} and height {h:g}: both must be over 0", self.path, line)
+            raise SourceError(
+                f"a box of width {w:g} and height {h:g}: both must be over 0",
+                self.path,
+                line,
+            )
         if max(abs(x), abs(y), w, h) > LARGEST:
-            raise SourceError(f"a box at {x:g}, {y:g} of {w:g} x {h:g}: beyond any picture", self.path, line)
+            raise SourceError(
+                f"a box at {x:g}, {y:g} of {w:g} x {h:g}: beyond any picture",
+                self.path,
+                line,
+            )
         score = values[6] if len(values) > 6 else 1.0
         if abs(score) > LARGEST:
-            raise SourceError(f"confidence {score:g}: at most {LARGEST:g} is wanted", self.path, line)
+            raise SourceError(
+                f"confidence {score:g}: at most {LARGEST:g} is wanted", self.path, line
+            )
         return int(frame), identity, x, y, w, h, score
 
     def check_inside(self, width: float, height: float, picture: str) -> None:
-        """Refuse a file with a box that shares no pixel with a picture of this size (in the file's pixels).
+        """Refuse a file with a box that shares no pixel with a picture of this size (in the
+        file's pixels).
 
         Raises:
             SourceError: names the first such line, the picture's size and how far the boxes reach.
@@ -148,8 +187,9 @@ class MotText:
             if outside((x, y, w, h), width, height):
                 reach = f"{math.ceil(self.right)}x{math.ceil(self.bottom)}"
                 raise SourceError(
-                    f"detections beyond the picture: a box at {x:g}, {y:g} of {w:g} x {h:g}, the {picture}; "
-                    f"the file's boxes reach to {reach}: say with --size WxH which size they were made for",
+                    f"detections beyond the picture: a box at {x:g}, {y:g} of {w:g} x"
+                    f" {h:g}, the {picture}; the file's boxes reach to {reach}: say with"
+                    " --size WxH which size they were made for",
                     self.path,
                     line,
                 )
@@ -169,8 +209,14 @@ class MotText:
                 if len(kept) > self._limits.max_detections_per_frame:
                     limit = self._limits.max_detections_per_frame
                     where = f"{self.path}:{line}"
-                    raise LimitError(f"over {limit} detections in frame {number} (max_detections_per_frame)", where)
-            ordered = sorted(kept, key=itemgetter(2, 3, 4, 5, 6)) if self._named else list(kept)
+                    raise LimitError(
+                        f"over {limit} detections in frame {number}"
+                        " (max_detections_per_frame)",
+                        where,
+                    )
+            ordered = (
+                sorted(kept, key=itemgetter(2, 3, 4, 5, 6)) if self._named else list(kept)
+            )
             yield FrameRows(number, [r[2:6] for r in ordered], [r[6] for r in ordered])
 
     def _in_order(self) -> Iterator[tuple[int, Row]]:
@@ -193,11 +239,15 @@ class MotText:
         if not self.repeated:
             return []
         where = f"{self.path.name}:{self.first_repeated}"
-        return [f"{self.repeated} rows repeat another row of their frame and were left out, the first at {where}"]
+        return [
+            f"{self.repeated} rows repeat another row of their frame and were left out, the"
+            f" first at {where}"
+        ]
 
 
 class MotSource:
-    """Detections from a MOTChallenge file alone, without pictures; a frame without rows has no detections.
+    """Detections from a MOTChallenge file alone, without pictures; a frame without rows has no
+    detections.
 
     Raises:
         SourceError, LimitError: as `MotText`; or boxes lie beyond the given size.
@@ -225,11 +275,14 @@ class MotSource:
         if size is None:
             size = max(1, math.ceil(self._text.right)), max(1, math.ceil(self._text.bottom))
             self.notes.append(
-                f"no picture size is known: assuming {size[0]}x{size[1]}, as far as boxes reach; say it with --size"
+                f"no picture size is known: assuming {size[0]}x{size[1]}, as far as boxes"
+                " reach; say it with --size"
             )
         self.width, self.height = size
         check_size(self.width, self.height, path, limits)
-        self._text.check_inside(self.width, self.height, f"picture is {self.width}x{self.height}")
+        self._text.check_inside(
+            self.width, self.height, f"picture is {self.width}x{self.height}"
+        )
 
     def frames(self) -> Iterator[SourceFrame]:
         """Frames 0 to the last that has detections, none left out."""
@@ -244,7 +297,7 @@ class MotSource:
             index = rows.number
         self.losses += self._text.losses()
 
-    def sample(self, count: int) -> Iterator[Image]:  # noqa: ARG002 - part of the protocol
+    def sample(self, count: int) -> Iterator[Image]:  # noqa: ARG002
         """Nothing: there are no pictures."""
         return iter(())
 

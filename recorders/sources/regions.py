@@ -1,9 +1,11 @@
-"""Regions of a scene from a JSON file: region of interest, security border, named zones (EVENTS 3.2).
+"""Regions of a scene from a JSON file: region of interest, security border, named zones (EVENTS
+3.2).
 
     {"roi": [[x, y], ...], "border": [[x, y], ...], "zones": {"door": [[x, y], ...]}}
 
-``roi`` and ``border`` are one polygon or a list of them, in pixels of the recording; ``border`` is the outer outline
-of the region of interest and its border together and may be left out (no border then), as may ``zones``.
+``roi`` and ``border`` are one polygon or a list of them, in pixels of the recording; ``border``
+is the outer outline of the region of interest and its border together and may be left out (no
+border then), as may ``zones``.
 """
 
 from __future__ import annotations
@@ -31,8 +33,9 @@ def read_regions(path: str | Path, width: int, height: int) -> Regions:
     """The regions of a file for pictures of this size.
 
     Raises:
-        SourceError: not such a file: a polygon with under three vertices, without area, that crosses itself or lies
-            wholly beyond the picture, a border that does not enclose the region of interest; names which.
+        SourceError: not such a file: a polygon with under three vertices, without area, that
+            crosses itself or lies wholly beyond the picture, a border that does not enclose the
+            region of interest; names which.
     """
     path = existing_file(Path(path))
     return _Reader(path, width, height).read()
@@ -54,7 +57,9 @@ class _Reader:
         except (ValueError, RecursionError) as e:
             self._fail(f"not JSON: {e}")
         if not isinstance(data, dict) or "roi" not in data:
-            self._fail('wanted an object with "roi": a polygon [[x, y], ...] or a list of polygons')
+            self._fail(
+                'wanted an object with "roi": a polygon [[x, y], ...] or a list of polygons'
+            )
         unknown = sorted(set(data) - {"roi", "border", "zones"})
         if unknown:
             self._fail(f"unknown field {unknown[0]!r}; known are roi, border, zones")
@@ -62,7 +67,9 @@ class _Reader:
         border = self._polygons(data["border"], "border") if "border" in data else roi
         for polygon in roi:
             if not any(_encloses(outer, polygon) for outer in border):
-                self._fail("the border does not enclose the roi: it is the outer outline of both together")
+                self._fail(
+                    "the border does not enclose the roi: it is the outer outline of both together"
+                )
         return Regions(*self._size, roi, border, self._zones(data.get("zones", {})), "file")
 
     def _object(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -80,12 +87,16 @@ class _Reader:
         for name in data:
             if not name.strip():
                 self._fail("a zone without a name")
-        return [Zone(name, self._polygon(data[name], f"zone {name!r}")) for name in sorted(data)]
+        return [
+            Zone(name, self._polygon(data[name], f"zone {name!r}")) for name in sorted(data)
+        ]
 
     def _polygons(self, data: object, name: str) -> list[Polygon]:
         if not isinstance(data, list) or not data:
             self._fail(f"{name} must be a polygon [[x, y], ...] or a list of polygons")
-        nested = isinstance(data[0], list) and bool(data[0]) and isinstance(data[0][0], list)
+        nested = (
+            isinstance(data[0], list) and bool(data[0]) and isinstance(data[0][0], list)
+        )
         if not nested:
             return [self._polygon(data, name)]
         if len(data) > MOST_POLYGONS:
@@ -136,7 +147,9 @@ def _cross(o: Point, a: Point, b: Point) -> float:
 
 def _on(p: Point, a: Point, b: Point) -> bool:
     """Whether p, in line with a and b, lies between them."""
-    return min(a[0], b[0]) <= p[0] <= max(a[0], b[0]) and min(a[1], b[1]) <= p[1] <= max(a[1], b[1])
+    return min(a[0], b[0]) <= p[0] <= max(a[0], b[0]) and min(a[1], b[1]) <= p[1] <= max(
+        a[1], b[1]
+    )
 
 
 def _meet(a: Point, b: Point, c: Point, d: Point) -> bool:
@@ -173,7 +186,9 @@ def _inside(p: Point, polygon: Polygon) -> bool:
     for a, b in _edges(polygon):
         if _cross(a, b, p) == 0 and _on(p, a, b):
             return True
-        if (a[1] > p[1]) != (b[1] > p[1]) and p[0] < a[0] + (p[1] - a[1]) * (b[0] - a[0]) / (b[1] - a[1]):
+        if (a[1] > p[1]) != (b[1] > p[1]) and p[0] < a[0] + (p[1] - a[1]) * (
+            b[0] - a[0]
+        ) / (b[1] - a[1]):
             within = not within
     return within
 
@@ -183,10 +198,16 @@ def _encloses(outer: Polygon, inner: Polygon) -> bool:
     if not all(_inside(p, outer) for p in inner):
         return False
     for a, b in _edges(inner):
-        # Between its meetings with the outer outline an edge lies on one side: ask in the middle of each piece.
-        cuts = sorted({0.0, 1.0, *(t for c, d in _edges(outer) for t in _meetings(a, b, c, d))})
+        # Between its meetings with the outer outline an edge lies on one side: ask in the middle
+        # of each piece.
+        cuts = sorted(
+            {0.0, 1.0, *(t for c, d in _edges(outer) for t in _meetings(a, b, c, d))}
+        )
         for s, t in itertools.pairwise(cuts):
-            middle = (a[0] + (b[0] - a[0]) * (s + t) / 2, a[1] + (b[1] - a[1]) * (s + t) / 2)
+            middle = (
+                a[0] + (b[0] - a[0]) * (s + t) / 2,
+                a[1] + (b[1] - a[1]) * (s + t) / 2,
+            )
             if not _inside(middle, outer) and _distance(middle, outer) > _SMALLEST_AREA:
                 return False
     return True
@@ -197,7 +218,10 @@ def _meetings(a: Point, b: Point, c: Point, d: Point) -> list[float]:
     direction = (b[0] - a[0]) * (d[1] - c[1]) - (b[1] - a[1]) * (d[0] - c[0])
     if direction == 0:
         length = (b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2
-        along = [((p[0] - a[0]) * (b[0] - a[0]) + (p[1] - a[1]) * (b[1] - a[1])) / length for p in (c, d)]
+        along = [
+            ((p[0] - a[0]) * (b[0] - a[0]) + (p[1] - a[1]) * (b[1] - a[1])) / length
+            for p in (c, d)
+        ]
         return [t for t in along if 0 < t < 1]
     t = ((c[0] - a[0]) * (d[1] - c[1]) - (c[1] - a[1]) * (d[0] - c[0])) / direction
     return [t] if 0 < t < 1 else []
@@ -207,6 +231,8 @@ def _distance(p: Point, polygon: Polygon) -> float:
     best = math.inf
     for a, b in _edges(polygon):
         dx, dy = b[0] - a[0], b[1] - a[1]
-        t = max(0.0, min(1.0, ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / (dx * dx + dy * dy)))
+        t = max(
+            0.0, min(1.0, ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / (dx * dx + dy * dy))
+        )
         best = min(best, math.hypot(p[0] - a[0] - t * dx, p[1] - a[1] - t * dy))
     return best

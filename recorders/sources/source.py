@@ -1,4 +1,6 @@
-"""What a source is: frames in order with their times, each with a picture, with detections, or with both."""
+"""What a source is: frames in order with their times, each with a picture, with detections, or
+with both.
+"""
 
 from __future__ import annotations
 
@@ -69,7 +71,8 @@ class Source(Protocol):
         has_images: every frame has a picture.
         stills: the pictures come as JPEG or PNG bytes, which can be recorded as they are.
         has_detections: every frame has detections, if only none.
-        frame_count: how many frames there are, None where only reading tells; an expectation, not a promise.
+        frame_count: how many frames there are, None where only reading tells; an expectation, not
+            a promise.
         notes: what had to be assumed, one line each.
         losses: what the last whole reading had to leave out, one line each.
     """
@@ -96,7 +99,9 @@ class Source(Protocol):
         ...
 
     def sample(self, count: int) -> Iterator[Image]:
-        """About ``count`` pictures spread evenly over the source, in order; the same ones each time."""
+        """About ``count`` pictures spread evenly over the source, in order; the same ones each
+        time.
+        """
         ...
 
     def digests(self) -> list[tuple[str, str]]:
@@ -123,26 +128,40 @@ def parse_fps(fps: float | Fraction | str) -> Fraction:
         UsageError: it is not a number over 0.
     """
     try:
-        exact = Fraction(fps) if not isinstance(fps, float) or math.isfinite(fps) else Fraction(0)
+        exact = (
+            Fraction(fps)
+            if not isinstance(fps, float) or math.isfinite(fps)
+            else Fraction(0)
+        )
         exact = exact.limit_denominator(_MAX_DENOMINATOR)
     except (ValueError, ZeroDivisionError, OverflowError):
         exact = Fraction(0)
     if not 0 < exact <= _MAX_FPS:
-        raise UsageError(f"--fps {fps}: must be a number of frames per second over 0 and at most {_MAX_FPS}")
+        raise UsageError(
+            f"--fps {fps}: must be a number of frames per second over 0 and at most"
+            f" {_MAX_FPS}"
+        )
     return exact
 
 
 def rate_or_assumed(fps: Fraction | None, notes: list[str]) -> Rate:
     """The given rate, or the assumed one with a note that says so."""
     if fps is None:
-        notes.append(f"no frame rate is known: assuming {ASSUMED_FPS} frames per second; say it with --fps")
+        notes.append(
+            f"no frame rate is known: assuming {ASSUMED_FPS} frames per second; say it with"
+            " --fps"
+        )
     return Rate(fps or ASSUMED_FPS)
 
 
-def detections_of(frame: int, width: int, height: int, boxes: Sequence[Box], scores: Sequence[float]) -> Detections:
+def detections_of(
+    frame: int, width: int, height: int, boxes: Sequence[Box], scores: Sequence[float]
+) -> Detections:
     """The detections of a frame that come without pixels."""
     n = len(boxes)
-    return Detections(frame, width, height, list(boxes), list(scores), [""] * n, [None] * n, [NO_BLOB] * n)
+    return Detections(
+        frame, width, height, list(boxes), list(scores), [""] * n, [None] * n, [NO_BLOB] * n
+    )
 
 
 def outside(box: Box, width: float, height: float) -> bool:
@@ -152,7 +171,8 @@ def outside(box: Box, width: float, height: float) -> bool:
 
 
 def spread(index: int, count: int, among: int) -> bool:
-    """Whether to take item ``index`` where ``count`` of ``among`` are wanted, evenly spaced, the first included.
+    """Whether to take item ``index`` where ``count`` of ``among`` are wanted, evenly spaced, the
+    first included.
 
     >>> [i for i in range(10) if spread(i, 4, 10)]
     [0, 3, 5, 8]

@@ -1,4 +1,6 @@
-"""Video files, read with FFmpeg's libraries through PyAV: true presentation times, one decoding thread."""
+"""Video files, read with FFmpeg's libraries through PyAV: true presentation times, one decoding
+thread.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +15,23 @@ import numpy as np
 from recorders.errors import LimitError, SourceError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.pictures import check_size, from_i420
-from recorders.sources.source import NANOS, Image, Rate, SourceFrame, existing_file, rate_or_assumed, sha256, spread
+from recorders.sources.source import (
+    NANOS,
+    Image,
+    Rate,
+    SourceFrame,
+    existing_file,
+    rate_or_assumed,
+    sha256,
+    spread,
+)
 
 if TYPE_CHECKING:
     import av
 
-# Only containers that hold their pictures themselves: playlists would reach for other files, and FFmpeg draws plain
-# text as video where nothing forbids it.
-_CONTAINERS = (
-    "avi,mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,mpeg,mpegvideo,mpegts,h264,hevc,m4v,mjpeg,flv,asf,ogg,dv,mxf,gif,nut,ivf"
-)
+# Only containers that hold their pictures themselves: playlists would reach for other files, and
+# FFmpeg draws plain text as video where nothing forbids it.
+_CONTAINERS = "avi,mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,mpeg,mpegvideo,mpegts,h264,hevc,m4v,mjpeg,flv,asf,ogg,dv,mxf,gif,nut,ivf"  # noqa: E501
 _PROBED_PACKETS = 64
 _BT709, _FULL_RANGE = 1, 2
 
@@ -30,8 +39,9 @@ _BT709, _FULL_RANGE = 1, 2
 class VideoSource:
     """A video file.
 
-    Times are the file's presentation times, counted from the first frame. A container that stores none (AVI with
-    B-frames) and ``fps`` both give a constant rate. Pictures are turned upright as the file asks.
+    Times are the file's presentation times, counted from the first frame. A container that stores
+    none (AVI with B-frames) and ``fps`` both give a constant rate. Pictures are turned upright as
+    the file asks.
 
     Raises:
         SourceError: no such file, empty, not a video, no picture in it.
@@ -43,7 +53,9 @@ class VideoSource:
     stills = False
     has_detections = False
 
-    def __init__(self, path: Path, fps: Fraction | None = None, limits: Limits = DEFAULT_LIMITS) -> None:
+    def __init__(
+        self, path: Path, fps: Fraction | None = None, limits: Limits = DEFAULT_LIMITS
+    ) -> None:
         self.path = existing_file(path)
         self.notes: list[str] = []
         self.losses: list[str] = []
@@ -53,8 +65,12 @@ class VideoSource:
             self._turns = 0
             self.width, self.height = stream.width, stream.height
             if not self.width or not self.height:
-                limit = f"the limit of {limits.max_picture_pixels} pixels (max_picture_pixels)"
-                raise LimitError(f"the video's pictures have no known size, or one over {limit}", path)
+                limit = (
+                    f"the limit of {limits.max_picture_pixels} pixels (max_picture_pixels)"
+                )
+                raise LimitError(
+                    f"the video's pictures have no known size, or one over {limit}", path
+                )
             check_size(self.width, self.height, path, limits)
             self.frame_count: int | None = stream.frames or None
             self._announced = stream.frames
@@ -65,7 +81,9 @@ class VideoSource:
                 self._rate = rate_or_assumed(None, self.notes)
             elif not timed:
                 self._rate = Rate(fps or Fraction(nominal))
-            self.frame_ns = self._rate.frame_ns if self._rate else Rate(Fraction(nominal)).frame_ns
+            self.frame_ns = (
+                self._rate.frame_ns if self._rate else Rate(Fraction(nominal)).frame_ns
+            )
             if self.frame_count is None and stream.duration and nominal:
                 self.frame_count = round(stream.duration * stream.time_base * nominal)
         self._look_at_first()
@@ -82,11 +100,16 @@ class VideoSource:
     def _open(self) -> Any:
         import av
 
-        options = {"format_whitelist": _CONTAINERS, "max_pixels": str(self._limits.max_picture_pixels)}
+        options = {
+            "format_whitelist": _CONTAINERS,
+            "max_pixels": str(self._limits.max_picture_pixels),
+        }
         try:
             return av.open(f"file:{self.path.resolve()}", options=options)
         except (av.error.FFmpegError, ValueError) as e:
-            raise SourceError(f"not a video that can be read ({_reason(e)})", self.path) from e
+            raise SourceError(
+                f"not a video that can be read ({_reason(e)})", self.path
+            ) from e
 
     def _stream(self, container: Any) -> Any:
         if not container.streams.video:
@@ -98,7 +121,9 @@ class VideoSource:
         stream.codec_context.options = {"max_pixels": str(self._limits.max_picture_pixels)}
         return stream
 
-    def _decoded(self, container: Any, trouble: _Trouble, keys_only: bool = False) -> Iterator[av.VideoFrame]:
+    def _decoded(
+        self, container: Any, trouble: _Trouble, keys_only: bool = False
+    ) -> Iterator[av.VideoFrame]:
         import av
 
         stream = self._stream(container)
@@ -115,15 +140,25 @@ class VideoSource:
             except (av.error.EOFError, StopIteration):
                 return
             except (av.error.FFmpegError, ValueError) as e:
-                check_size(stream.codec_context.width, stream.codec_context.height, self.path, self._limits)
+                check_size(
+                    stream.codec_context.width,
+                    stream.codec_context.height,
+                    self.path,
+                    self._limits,
+                )
                 if not trouble.packet(_reason(e)):
                     return
                 continue
             for frame in frames:
                 if (frame.width, frame.height) != size:
-                    now = f"{frame.width} x {frame.height}, it began with {size[0]} x {size[1]}"
+                    now = (
+                        f"{frame.width} x {frame.height}, it began with {size[0]} x"
+                        f" {size[1]}"
+                    )
                     raise SourceError(
-                        f"the pictures change size: after frame {trouble.frames} they are {now}", self.path
+                        f"the pictures change size: after frame {trouble.frames} they are"
+                        f" {now}",
+                        self.path,
                     )
                 trouble.frame(frame.is_corrupt)
                 yield frame
@@ -143,7 +178,9 @@ class VideoSource:
                 elif frame.pts is None:
                     now = last + self.frame_ns if index else 0
                 else:
-                    stamp = int(frame.pts * time_base.numerator * NANOS // time_base.denominator)
+                    stamp = int(
+                        frame.pts * time_base.numerator * NANOS // time_base.denominator
+                    )
                     first = first if index else stamp
                     now = stamp - first
                 if now <= last:
@@ -155,16 +192,24 @@ class VideoSource:
 
     def _sum_up(self, trouble: _Trouble, mended: int) -> None:
         if mended:
-            note = f"{mended} frames had times that did not increase; they follow their predecessors by one frame time"
+            note = (
+                f"{mended} frames had times that did not increase; they follow their"
+                " predecessors by one frame time"
+            )
             if note not in self.notes:
                 self.notes.append(note)
         self.losses += trouble.lines()
         if trouble.frames < self._announced:
-            self.losses.append(f"the file announces {self._announced} frames, {trouble.frames} could be read")
+            self.losses.append(
+                f"the file announces {self._announced} frames, {trouble.frames} could be"
+                " read"
+            )
         self.frame_count = trouble.frames
 
     def sample(self, count: int) -> Iterator[Image]:
-        """About ``count`` pictures spread over the video: key frames where there are enough of them."""
+        """About ``count`` pictures spread over the video: key frames where there are enough of
+        them.
+        """
         with self._open() as container:
             stream = self._stream(container)
             keys = total = 0
@@ -197,7 +242,9 @@ class _Trouble:
         self._first: tuple[int, str] = (0, "")
 
     def packet(self, reason: str) -> bool:
-        """Note a packet that cannot be decoded; False where there are so many that reading on is pointless."""
+        """Note a packet that cannot be decoded; False where there are so many that reading on is
+        pointless.
+        """
         if not self._packets:
             self._first = (self.frames, reason)
         self._packets += 1
@@ -216,10 +263,14 @@ class _Trouble:
         if self._packets:
             after, reason = self._first
             found.append(
-                f"{self._packets} packets of the video cannot be decoded, the first after frame {after} ({reason})"
+                f"{self._packets} packets of the video cannot be decoded, the first after"
+                f" frame {after} ({reason})"
             )
         if self._damaged:
-            found.append(f"{self._damaged} frames of the video are damaged, the first is frame {self._first_damaged}")
+            found.append(
+                f"{self._damaged} frames of the video are damaged, the first is frame"
+                f" {self._first_damaged}"
+            )
         return found
 
 
@@ -235,10 +286,17 @@ class Converter:
     def __call__(self, frame: Any) -> Image:
         """The frame's picture."""
         usual = int(frame.color_range) != _FULL_RANGE and int(frame.colorspace) != _BT709
-        if usual and frame.format.name == "yuv420p" and frame.width % 2 == 0 and frame.height % 2 == 0:
+        if (
+            usual
+            and frame.format.name == "yuv420p"
+            and frame.width % 2 == 0
+            and frame.height % 2 == 0
+        ):
             image = from_i420(np.asarray(frame.to_ndarray(), np.uint8))
         else:
-            image = np.asarray(self._reformatter.reformat(frame, format="bgr24").to_ndarray(), np.uint8)
+            image = np.asarray(
+                self._reformatter.reformat(frame, format="bgr24").to_ndarray(), np.uint8
+            )
         return np.ascontiguousarray(np.rot90(image, self._turns)) if self._turns else image
 
 
@@ -249,8 +307,8 @@ def _loader(to_bgr: Converter, frame: Any) -> Callable[[], Image]:
 def _has_times(container: Any, stream: Any) -> bool:
     """Whether packets carry presentation times of their own.
 
-    Where frames are stored in another order than they are shown (B-frames), true presentation times cannot grow from
-    packet to packet: those that do are the container's packet count.
+    Where frames are stored in another order than they are shown (B-frames), true presentation
+    times cannot grow from packet to packet: those that do are the container's packet count.
     """
     stamps = []
     for packet in container.demux(stream):

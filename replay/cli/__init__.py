@@ -1,4 +1,6 @@
-"""The command line: the composition root. It parses, calls, prints; the work is done by the library."""
+"""The command line: the composition root. It parses, calls, prints; the work is done by the
+library.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +17,14 @@ from typing import NoReturn
 from recorders.errors import SceneTraceError, UsageError
 from replay.cli.common import check_outputs, say
 
-# Command, the module that has it, its line in the overview. A module is imported when its command is called.
+# Command, the module that has it, its line in the overview. A module is imported when its command
+# is called.
 COMMANDS: tuple[tuple[str, str, str], ...] = (
-    ("demo", "demo", "a synthetic scene, recorded, replayed, questioned and reported; no input needed"),
+    (
+        "demo",
+        "demo",
+        "a synthetic scene, recorded, replayed, questioned and reported; no input needed",
+    ),
     ("record", "record", "a video, pictures or detections into a scene log"),
     ("replay", "replay", "a scene log through a tracker into an annotated log"),
     ("verify", "verify", "replay again and compare digests"),
@@ -37,7 +44,10 @@ COMMANDS: tuple[tuple[str, str, str], ...] = (
     ("config", "config", "every parameter with unit, range and source, as TOML"),
 )
 FAILED, WRONG_USAGE, INTERRUPTED = 1, 2, 1
-EXIT_CODES = "exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but something was lost or left out; 4 differs"
+EXIT_CODES = (
+    "exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but something was lost or left"
+    " out; 4 differs"
+)
 EXAMPLE = """example:
   scenetrace record video.avi --fps 7 -o scene.mcap
   scenetrace replay scene.mcap -o annotated.mcap --tracker events
@@ -61,7 +71,10 @@ def parser(command: str | None = None) -> Parser:
     """The parser; only the named command's options are loaded (all of them for None)."""
     top = Parser(
         prog="scenetrace",
-        description="Replay recorded camera scenes, bit for bit the same, and say who interacted with whom.",
+        description=(
+            "Replay recorded camera scenes, bit for bit the same, and say who interacted"
+            " with whom."
+        ),
         epilog=f"{EXAMPLE}\n{EXIT_CODES}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -75,7 +88,9 @@ def parser(command: str | None = None) -> Parser:
     return top
 
 
-def main(argv: Sequence[str] | None = None) -> int:  # noqa: PLR0911 - one return per kind of ending
+def main(  # noqa: PLR0911
+    argv: Sequence[str] | None = None,
+) -> int:
     """Run a command; returns the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     named = next((w for w in words if not w.startswith("-")), "")
@@ -95,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:  # noqa: PLR0911 - one retur
         check_outputs(args)
         code: int = args.run(args)
         sys.stdout.flush()
-        return code  # noqa: TRY300 - flushing belongs to the try: a closed pipe shows there
+        return code  # noqa: TRY300
     except UsageError as e:
         say(f"scenetrace: error: {e.headline}")
         for line in e.below:
@@ -105,10 +120,14 @@ def main(argv: Sequence[str] | None = None) -> int:  # noqa: PLR0911 - one retur
         say(f"scenetrace: error: {e}")
         return FAILED
     except KeyboardInterrupt:
-        print("scenetrace: error: interrupted; nothing half-written has the output's name", file=sys.stderr)
+        print(
+            "scenetrace: error: interrupted; nothing half-written has the output's name",
+            file=sys.stderr,
+        )
         return INTERRUPTED
     except BrokenPipeError:
-        # The reader of our output has gone (`| head`): not an error of ours, and nothing more to say to it.
+        # The reader of our output has gone (`| head`): not an error of ours, and nothing more to
+        # say to it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     except OSError as e:

@@ -35,14 +35,20 @@ def command(
         name,
         help=summary,
         description=description,
-        epilog="example:\n" + "\n".join(f"  {line}" for line in example.strip().splitlines()),
+        epilog="example:\n"
+        + "\n".join(f"  {line}" for line in example.strip().splitlines()),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
 
 
 def add_configuration(parser: argparse.ArgumentParser) -> None:
     """``--config`` and ``--set``."""
-    parser.add_argument("--config", type=Path, metavar="FILE", help="parameters as TOML (see `scenetrace config`)")
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="parameters as TOML (see `scenetrace config`)",
+    )
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", dest="assignments",
         help="one parameter, section.field=value; may be repeated",
@@ -57,7 +63,8 @@ _WORDS = ("words", "references")
 
 
 def check_outputs(args: argparse.Namespace) -> None:
-    """Refuse to write over what the same command reads: every output against every other file that was named.
+    """Refuse to write over what the same command reads: every output against every other file
+    that was named.
 
     Without ``--force`` nothing is written over anyway, and a command says that in its own words.
 
@@ -73,10 +80,18 @@ def check_outputs(args: argparse.Namespace) -> None:
             if other == name:
                 continue
             for path in value if isinstance(value, list | tuple) else [value]:
-                named = isinstance(path, Path) or (other in _WORDS and isinstance(path, str))
+                named = isinstance(path, Path) or (
+                    other in _WORDS and isinstance(path, str)
+                )
                 if named and _one_file(out, Path(path), both_written=other in outputs):
-                    what = f"what {_OUTPUTS[other]} is to write" if other in outputs else _INPUTS.get(other, _READ)
-                    raise UsageError(f"{_OUTPUTS[name]} {out}: is {what}; name another file")
+                    what = (
+                        f"what {_OUTPUTS[other]} is to write"
+                        if other in outputs
+                        else _INPUTS.get(other, _READ)
+                    )
+                    raise UsageError(
+                        f"{_OUTPUTS[name]} {out}: is {what}; name another file"
+                    )
 
 
 def _one_file(a: Path, b: Path, *, both_written: bool) -> bool:
@@ -95,12 +110,15 @@ def say(text: str) -> None:
 
 
 def shown(text: str) -> str:
-    r"""A text from a file as one line for a terminal: what would move its cursor or colour it is spelt out.
+    r"""A text from a file as one line for a terminal: what would move its cursor or colour it is
+    spelt out.
 
     >>> print(shown("door\x1b[2J\n"))
     door\x1b[2J\n
     """
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+    return "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text
+    )
 
 
 def parse_time(text: str, scene: SceneLog) -> int:
@@ -128,22 +146,32 @@ def parse_rfc3339(text: str) -> int:
     Raises:
         UsageError: it is none.
     """
-    match = re.fullmatch(r"(\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d)(\.\d+)?([Zz]|[+-]\d\d:\d\d)", text)
+    match = re.fullmatch(
+        r"(\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d)(\.\d+)?([Zz]|[+-]\d\d:\d\d)", text
+    )
     try:
         if match is None:
             raise ValueError(text)
         zone = "+00:00" if match[3] in "Zz" else match[3]
-        seconds = int((datetime.fromisoformat(match[1] + zone) - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())
+        seconds = int(
+            (
+                datetime.fromisoformat(match[1] + zone) - datetime(1970, 1, 1, tzinfo=UTC)
+            ).total_seconds()
+        )
     except ValueError:
         raise UsageError(
-            f"time {text!r}: must be seconds from the start (12.5), frame:N, or RFC 3339 (2026-01-31T12:00:00Z)"
+            f"time {text!r}: must be seconds from the start (12.5), frame:N, or RFC 3339"
+            " (2026-01-31T12:00:00Z)"
         ) from None
     return seconds * NANOS + int((match[2] or ".0")[1:10].ljust(9, "0"))
 
 
 @contextmanager
-def progress(total: int | None, unit: str = "frames") -> Iterator[Callable[[str, int], None]]:
-    """A progress bar on stderr, on a terminal only: a callable of the stage's name and the number done.
+def progress(
+    total: int | None, unit: str = "frames"
+) -> Iterator[Callable[[str, int], None]]:
+    """A progress bar on stderr, on a terminal only: a callable of the stage's name and the number
+    done.
 
     It shows the rate and the time left.
     """
@@ -151,7 +179,13 @@ def progress(total: int | None, unit: str = "frames") -> Iterator[Callable[[str,
         yield lambda *_: None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
 
     columns = (
         TextColumn("{task.description:>10}"),
@@ -175,10 +209,11 @@ def progress(total: int | None, unit: str = "frames") -> Iterator[Callable[[str,
 
 @contextmanager
 def interrupts_at(report: Callable[P, None]) -> Iterator[Callable[P, None]]:
-    """Let Ctrl-C take effect where a report of progress is made, between frames; a second one does so at once.
+    """Let Ctrl-C take effect where a report of progress is made, between frames; a second one
+    does so at once.
 
-    One that falls into the inside of a thread pool leaves its locks held, and whoever then waits for the pool waits for
-    ever.
+    One that falls into the inside of a thread pool leaves its locks held, and whoever then waits
+    for the pool waits for ever.
     """
     main = threading.current_thread() is threading.main_thread()
     if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:

@@ -13,11 +13,15 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "config",
         "every parameter with unit, range and source, as TOML",
-        "Print every parameter of every method as TOML: meaning, unit, range and source (paper and section, or ours).\n"
-        "The output is a file for --config; --set section.field=value reaches each parameter alone.",
-        "scenetrace config --tracker shells > s.toml\nscenetrace replay scene.mcap -o out.mcap --config s.toml",
+        "Print every parameter of every method as TOML: meaning, unit, range and source"
+        " (paper and section, or ours).\nThe output is a file for --config; --set"
+        " section.field=value reaches each parameter alone.",
+        "scenetrace config --tracker shells > s.toml\nscenetrace replay scene.mcap -o"
+        " out.mcap --config s.toml",
     )
-    p.add_argument("--tracker", metavar="NAME", help="what a replay with it reads; default: all")
+    p.add_argument(
+        "--tracker", metavar="NAME", help="what a replay with it reads; default: all"
+    )
     common.add_configuration(p)
     p.set_defaults(run=run)
 
@@ -29,5 +33,7 @@ def run(args: argparse.Namespace) -> int:
 
     everything = all_sections()
     wanted = everything if args.tracker is None else sections(args.tracker)
-    print(to_toml(configure(wanted, args.config, args.assignments, others=everything)), end="")
+    print(
+        to_toml(configure(wanted, args.config, args.assignments, others=everything)), end=""
+    )
     return 0

@@ -11,10 +11,19 @@ from replay.cli import common
 
 SCRIPT = "demo"
 QUESTION = (
-    "SELECT round(t, 1) AS t, kind, subjects, text FROM events WHERE kind IN "
-    "('entered', 'grouping', 'splitting', 'group_formed', 'group_changed', 'group_ended', 'exited') ORDER BY event"
+    "SELECT round(t, 1) AS t, kind, subjects, text FROM events WHERE kind IN ('entered',"
+    " 'grouping', 'splitting', 'group_formed', 'group_changed', 'group_ended', 'exited')"
+    " ORDER BY event"
 )
-FILES = ("scene.mp4", "truth.txt", "regions.json", "scene.mcap", "annotated.mcap", "annotated.mp4", "report.html")
+FILES = (
+    "scene.mp4",
+    "truth.txt",
+    "regions.json",
+    "scene.mcap",
+    "annotated.mcap",
+    "annotated.mp4",
+    "report.html",
+)
 
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -23,14 +32,34 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "demo",
         "a synthetic scene, recorded, replayed, questioned and reported; no input needed",
-        "Render a scripted scene into a video (people meet, group, part, hide and leave), then run the commands that\n"
-        "a recording of your own would take, printing each: record, replay, verify, query, eval, export, report.",
+        "Render a scripted scene into a video (people meet, group, part, hide and leave),"
+        " then run the commands that\na recording of your own would take, printing each:"
+        " record, replay, verify, query, eval, export, report.",
         "scenetrace demo -o demo-out",
     )
-    p.add_argument("-o", "--output", type=Path, default=Path("demo-out"), metavar="DIR", help="default: demo-out")
-    p.add_argument("--tracker", default="events", metavar="NAME", help="events (default), shells or parts")
-    p.add_argument("--seed", type=int, default=0, help="another seed moves courses, gaits, ground and noise")
-    p.add_argument("--force", action="store_true", help="overwrite an earlier demo in the same folder")
+    p.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("demo-out"),
+        metavar="DIR",
+        help="default: demo-out",
+    )
+    p.add_argument(
+        "--tracker",
+        default="events",
+        metavar="NAME",
+        help="events (default), shells or parts",
+    )
+    p.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        help="another seed moves courses, gaits, ground and noise",
+    )
+    p.add_argument(
+        "--force", action="store_true", help="overwrite an earlier demo in the same folder"
+    )
     p.set_defaults(run=run)
 
 
@@ -49,15 +78,34 @@ def run(args: argparse.Namespace) -> int:
         raise SceneTraceError(f"{folder}: is a file; name a folder for the demo's files")
     folder.mkdir(parents=True, exist_ok=True)
     scene = generate(SCRIPT, args.seed)
-    print(f"# rendering {scene.frame_count} frames into {files['scene.mp4']}, the truth into {files['truth.txt']}")
+    print(
+        f"# rendering {scene.frame_count} frames into {files['scene.mp4']}, the truth into"
+        f" {files['truth.txt']}"
+    )
     export_video(scene, files["scene.mp4"], force=True)
     write_truth(scene, files["truth.txt"], force=True)
     write_regions(scene, files["regions.json"], force=True)
 
     annotated = files["annotated.mcap"]
     for words in (
-        ["record", files["scene.mp4"], "--regions", files["regions.json"], "-o", files["scene.mcap"], "--force"],
-        ["replay", files["scene.mcap"], "-o", annotated, "--tracker", args.tracker, "--force"],
+        [
+            "record",
+            files["scene.mp4"],
+            "--regions",
+            files["regions.json"],
+            "-o",
+            files["scene.mcap"],
+            "--force",
+        ],
+        [
+            "replay",
+            files["scene.mcap"],
+            "-o",
+            annotated,
+            "--tracker",
+            args.tracker,
+            "--force",
+        ],
         ["verify", annotated],
         ["query", annotated, QUESTION],
         ["query", annotated, "--ask", "met", "1"],
@@ -66,7 +114,10 @@ def run(args: argparse.Namespace) -> int:
         ["report", annotated, "-o", files["report.html"], "--force"],
     ):
         _command(words)
-    print(f"\n# open {files['report.html']} in a browser, {files['annotated.mp4']} in a player")
+    print(
+        f"\n# open {files['report.html']} in a browser, {files['annotated.mp4']} in a"
+        " player"
+    )
     return 0
 
 
@@ -82,4 +133,6 @@ def _command(words: list[str]) -> None:
 
 def _quoted(word: str) -> str:
     """A word for a shell; SQL is full of single quotes, so double ones where they do."""
-    return f'"{word}"' if "'" in word and not set(word) & set('"$`\\!') else shlex.quote(word)
+    return (
+        f'"{word}"' if "'" in word and not set(word) & set('"$`\\!') else shlex.quote(word)
+    )

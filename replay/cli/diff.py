@@ -23,18 +23,32 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "diff",
         "what happens in one annotated log and not in another",
-        "Compare two annotated logs by what they say happened: events by kind, subjects and time; tracks by where\n"
-        "they are, so that other numbers are no difference; relations and groups by their intervals. Exit code 4\n"
-        "where they differ. The same scene, another configuration or tracker: what changed in what happened.",
-        "scenetrace diff before.mcap after.mcap\nscenetrace diff before.mcap after.mcap --tolerance 2 --html diff.html",
+        "Compare two annotated logs by what they say happened: events by kind, subjects and"
+        " time; tracks by where\nthey are, so that other numbers are no difference;"
+        " relations and groups by their intervals. Exit code 4\nwhere they differ. The same"
+        " scene, another configuration or tracker: what changed in what happened.",
+        "scenetrace diff before.mcap after.mcap\nscenetrace diff before.mcap after.mcap"
+        " --tolerance 2 --html diff.html",
     )
     p.add_argument("a", type=Path, metavar="A", help="an annotated log")
     p.add_argument("b", type=Path, metavar="B", help="the one that is compared with it")
     add_options(p)
-    p.add_argument("--all", action="store_true", help=f"print every difference, not the first {_SHOWN}")
+    p.add_argument(
+        "--all", action="store_true", help=f"print every difference, not the first {_SHOWN}"
+    )
     p.add_argument("--json", action="store_true", help="everything as JSON")
-    p.add_argument("--html", type=Path, metavar="OUT", help="a page with pictures of the first differences")
-    p.add_argument("--scene", type=Path, metavar="FILE", help="where the pictures are, if in neither A nor B")
+    p.add_argument(
+        "--html",
+        type=Path,
+        metavar="OUT",
+        help="a page with pictures of the first differences",
+    )
+    p.add_argument(
+        "--scene",
+        type=Path,
+        metavar="FILE",
+        help="where the pictures are, if in neither A nor B",
+    )
     p.add_argument("--force", action="store_true", help="overwrite an existing page")
     p.set_defaults(run=run)
 
@@ -57,16 +71,31 @@ def write_html(found: Comparison, out: Path, *, scene: Path | None, force: bool)
     from replay.compare.page import write_page
 
     write_page(found, out, scene=scene, force=force)
-    common.say(f"{out}: " + ("the first differences, side by side" if found.differences else "nothing differs"))
+    common.say(
+        f"{out}: "
+        + (
+            "the first differences, side by side"
+            if found.differences
+            else "nothing differs"
+        )
+    )
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """What `diff` and `replay --against` share."""
     parser.add_argument(
-        "--tolerance", type=float, default=0.0, metavar="PX", help="how far a box may be off; default 0"
+        "--tolerance",
+        type=float,
+        default=0.0,
+        metavar="PX",
+        help="how far a box may be off; default 0",
     )
     parser.add_argument(
-        "--time-tolerance", type=float, default=1.0, metavar="S", help="moved, not another event; default 1"
+        "--time-tolerance",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="moved, not another event; default 1",
     )
 
 
@@ -78,7 +107,10 @@ def options_of(args: argparse.Namespace) -> CompareOptions:
     """
     from replay.compare import CompareOptions
 
-    for name, value in (("--tolerance", args.tolerance), ("--time-tolerance", args.time_tolerance)):
+    for name, value in (
+        ("--tolerance", args.tolerance),
+        ("--time-tolerance", args.time_tolerance),
+    ):
         if not 0 <= value < float("inf"):
             raise UsageError(f"{name} {value}: must be at least 0")
     return CompareOptions(args.tolerance, args.time_tolerance)

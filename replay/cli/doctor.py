@@ -18,8 +18,9 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "doctor",
         "check a log's structure and checksums",
-        "Read a log whole and check every checksum, length, index and order. Each finding says where it is.\n"
-        "Exit code 1 where there is an error; warnings alone are exit code 0.",
+        "Read a log whole and check every checksum, length, index and order. Each finding"
+        " says where it is.\nExit code 1 where there is an error; warnings alone are exit"
+        " code 0.",
         "scenetrace doctor scene.mcap",
     )
     p.add_argument("log", type=Path, metavar="LOG", help="any MCAP file")
@@ -41,5 +42,8 @@ def run(args: argparse.Namespace) -> int:
         if not findings:
             print(f"{args.log}: sound")
     if errors:
-        common.say(f"{args.log}: {errors} errors; `scenetrace recover {args.log} -o OUT` keeps what is whole")
+        common.say(
+            f"{args.log}: {errors} errors; `scenetrace recover {args.log} -o OUT` keeps"
+            " what is whole"
+        )
     return FAILED if errors else 0

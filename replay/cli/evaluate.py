@@ -36,7 +36,8 @@ does not have is left out, and said.
 class Result:
     """What is scored: boxes, picture size if known, frames and seconds between them if known.
 
-    ``fitted_on`` says what the tracker's features were fitted on, if they were fitted: its truth is no fair judge.
+    ``fitted_on`` says what the tracker's features were fitted on, if they were fitted: its truth
+    is no fair judge.
     """
 
     table: MotTable
@@ -51,19 +52,52 @@ def add(commands: argparse._SubParsersAction[Any]) -> None:
     parser = commands.add_parser(
         "eval",
         help="score tracks against truth: HOTA, MOTA, IDF1",
-        description="Score tracks against a labelled truth: HOTA, CLEAR, identity, trajectories, place and size.",
+        description=(
+            "Score tracks against a labelled truth: HOTA, CLEAR, identity, trajectories,"
+            " place and size."
+        ),
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("annotated", type=Path, metavar="ANNOTATED", help="annotated log, or MOTChallenge text")
-    parser.add_argument("--truth", type=Path, required=True, metavar="FILE", help="gt.txt or CAVIAR .xml")
-    parser.add_argument("--truth-size", type=size, metavar="WxH", help="picture that the truth was labelled in")
-    parser.add_argument("--size", type=size, metavar="WxH", help="picture of the tracks, where the log does not say")
-    parser.add_argument("--frames", type=span, metavar="A:B", help="score only frames A to B (from 0, B excluded)")
-    parser.add_argument("--iou", type=float, default=0.5, help="overlap from which boxes match (default 0.5)")
+    parser.add_argument(
+        "annotated",
+        type=Path,
+        metavar="ANNOTATED",
+        help="annotated log, or MOTChallenge text",
+    )
+    parser.add_argument(
+        "--truth", type=Path, required=True, metavar="FILE", help="gt.txt or CAVIAR .xml"
+    )
+    parser.add_argument(
+        "--truth-size",
+        type=size,
+        metavar="WxH",
+        help="picture that the truth was labelled in",
+    )
+    parser.add_argument(
+        "--size",
+        type=size,
+        metavar="WxH",
+        help="picture of the tracks, where the log does not say",
+    )
+    parser.add_argument(
+        "--frames",
+        type=span,
+        metavar="A:B",
+        help="score only frames A to B (from 0, B excluded)",
+    )
+    parser.add_argument(
+        "--iou",
+        type=float,
+        default=0.5,
+        help="overlap from which boxes match (default 0.5)",
+    )
     parser.add_argument("--camera", help="which camera, where the log has several")
     parser.add_argument(
-        "--plot", type=Path, metavar="FILE", help="plot distances, MOTA and paths over time (.png .pdf .svg)"
+        "--plot",
+        type=Path,
+        metavar="FILE",
+        help="plot distances, MOTA and paths over time (.png .pdf .svg)",
     )
     parser.add_argument(
         "--also", type=Path, action="append", default=[], metavar="ANNOTATED",
@@ -77,7 +111,14 @@ def add(commands: argparse._SubParsersAction[Any]) -> None:
 def size(text: str) -> tuple[int, int]:
     """Width and height of ``768x576``."""
     width, x, height = text.lower().partition("x")
-    if not (x and text.isascii() and width.isdigit() and height.isdigit() and int(width) > 0 and int(height) > 0):
+    if not (
+        x
+        and text.isascii()
+        and width.isdigit()
+        and height.isdigit()
+        and int(width) > 0
+        and int(height) > 0
+    ):
         raise argparse.ArgumentTypeError(f"{text!r}: must be WIDTHxHEIGHT, like 768x576")
     return int(width), int(height)
 
@@ -85,7 +126,11 @@ def size(text: str) -> tuple[int, int]:
 def span(text: str) -> tuple[int, int | None]:
     """First and last frame (excluded) of ``100:200``, ``100:`` or ``:200``."""
     first, colon, last = text.partition(":")
-    if not colon or not text.isascii() or not all(x == "" or x.isdigit() for x in (first, last)):
+    if (
+        not colon
+        or not text.isascii()
+        or not all(x == "" or x.isdigit() for x in (first, last))
+    ):
         raise argparse.ArgumentTypeError(f"{text!r}: must be FIRST:LAST, like 0:300")
     return int(first or 0), int(last) if last else None
 
@@ -110,13 +155,17 @@ def run(args: argparse.Namespace) -> int:
         truth = fit_truth(truth, picture, args.truth_size)
     elif args.truth_size is not None:
         raise UsageError(
-            f"--truth-size needs the size of the tracks' picture, which {args.annotated} does not say: --size"
+            f"--truth-size needs the size of the tracks' picture, which {args.annotated}"
+            " does not say: --size"
         )
     all_true = len(truth)
     truth, table = _common(args, truth, result)
     left_out = all_true - len(truth)
     if left_out:
-        sys.stderr.write(f"scenetrace: {left_out} of {all_true} true boxes are in frames that are not scored\n")
+        sys.stderr.write(
+            f"scenetrace: {left_out} of {all_true} true boxes are in frames that are not"
+            " scored\n"
+        )
     others = [read_result(path, args.camera) for path in args.also]
     for fitted_on in dict.fromkeys(r.fitted_on for r in (result, *others) if r.fitted_on):
         sys.stderr.write(
@@ -131,9 +180,22 @@ def run(args: argparse.Namespace) -> int:
         tables = [_common(args, truth, other)[1] for other in others]
         also = list(zip(names[1:], tables, strict=True))
         name = names[0] if also else ""
-        plot(truth, table, args.plot, iou=args.iou, frame_s=result.frame_s, name=name, also=also)
+        plot(
+            truth,
+            table,
+            args.plot,
+            iou=args.iou,
+            frame_s=result.frame_s,
+            name=name,
+            also=also,
+        )
     if args.json:
-        facts = {"annotated": str(args.annotated), "truth": str(args.truth), "iou": args.iou, "size": picture}
+        facts = {
+            "annotated": str(args.annotated),
+            "truth": str(args.truth),
+            "iou": args.iou,
+            "size": picture,
+        }
         facts |= {
             "features_fitted_on": result.fitted_on,
             "truth_size": args.truth_size or picture,
@@ -146,17 +208,25 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _told_apart(paths: list[Path]) -> list[str]:
-    """Names of results for a legend: the files' names without suffix, or whole paths where those are alike."""
+    """Names of results for a legend: the files' names without suffix, or whole paths where those
+    are alike.
+    """
     stems = [path.stem for path in paths]
     return stems if len(set(stems)) == len(stems) else [str(path) for path in paths]
 
 
-def _common(args: argparse.Namespace, truth: MotTable, result: Result) -> tuple[MotTable, MotTable]:
+def _common(
+    args: argparse.Namespace, truth: MotTable, result: Result
+) -> tuple[MotTable, MotTable]:
     """Truth and result in the frames that are scored."""
     import numpy as np
 
     table = result.table
-    kept = truth if result.frames is None else truth.select(np.isin(truth.frames, result.frames))
+    kept = (
+        truth
+        if result.frames is None
+        else truth.select(np.isin(truth.frames, result.frames))
+    )
     if args.frames is not None:
         first, last = args.frames
         end = int(np.iinfo(np.int64).max) if last is None else last
@@ -164,7 +234,8 @@ def _common(args: argparse.Namespace, truth: MotTable, result: Result) -> tuple[
     if not len(kept):
         first, last = int(truth.frames[0]), int(truth.frames[-1])
         raise SceneTraceError(
-            f"{args.truth}: no truth in the frames to score; it has frames {first} to {last} (from 0)"
+            f"{args.truth}: no truth in the frames to score; it has frames {first} to"
+            f" {last} (from 0)"
         )
     return kept, table
 
@@ -191,7 +262,9 @@ def read_result(path: Path, camera: str | None) -> Result:
 
 
 def _fitted_on(tracker: str, configuration: str) -> str:
-    """What the recorded configuration of a tracker with fitted features says that they were fitted on."""
+    """What the recorded configuration of a tracker with fitted features says that they were
+    fitted on.
+    """
     try:
         section = json.loads(configuration)["part_features"] if tracker == "parts" else {}
         return shown(str(section.get("fitted_on", "")))
@@ -206,7 +279,12 @@ def show(scores: Scores, name: str) -> None:
     console = Console(file=sys.stdout)
     if not console.is_terminal:
         console = Console(file=sys.stdout, width=100)
-    for table in (_headline(scores, name), _criteria(scores), _errors(scores), _each(scores)):
+    for table in (
+        _headline(scores, name),
+        _criteria(scores),
+        _errors(scores),
+        _each(scores),
+    ):
         console.print(table)
 
 
@@ -223,14 +301,38 @@ def _table(title: str, *columns: str) -> Table:
 def _headline(s: Scores, name: str) -> Table:
     h, c, i = s.hota, s.clear, s.identity
     table = _table(
-        f"{name} (percent)", "HOTA", "DetA", "AssA", "LocA", "MOTA", "MOTP", "IDF1", "IDP", "IDR", "Prec", "Rec"
+        f"{name} (percent)",
+        "HOTA",
+        "DetA",
+        "AssA",
+        "LocA",
+        "MOTA",
+        "MOTP",
+        "IDF1",
+        "IDP",
+        "IDR",
+        "Prec",
+        "Rec",
     )
-    shares = (h.hota, h.det_a, h.ass_a, h.loc_a, c.mota, c.motp, i.idf1, i.idp, i.idr, c.precision, c.recall)
+    shares = (
+        h.hota,
+        h.det_a,
+        h.ass_a,
+        h.loc_a,
+        c.mota,
+        c.motp,
+        i.idf1,
+        i.idp,
+        i.idr,
+        c.precision,
+        c.recall,
+    )
     table.add_row(*(f"{x:.1f}" for x in shares))
     table.caption = (
-        f"switches {c.switches}, fragments {c.fragments}, false positives {c.false_positives}, "
-        f"misses {c.false_negatives}, mostly tracked {c.mostly_tracked}, partly {c.partly_tracked}, "
-        f"mostly lost {c.mostly_lost}; {s.true_ids} true and {s.result_ids} result identities"
+        f"switches {c.switches}, fragments {c.fragments}, false positives"
+        f" {c.false_positives}, misses {c.false_negatives}, mostly tracked"
+        f" {c.mostly_tracked}, partly {c.partly_tracked}, mostly lost {c.mostly_lost};"
+        f" {s.true_ids} true and {s.result_ids} result identities"
     )
     table.caption_justify = "left"
     return table
@@ -257,10 +359,27 @@ def _criteria(s: Scores) -> Table:
 
 def _errors(s: Scores) -> Table:
     t = s.trajectories
-    table = _table("Errors of place and size (PARTS 5.3)", "over", "as", "x", "y", "width", "height", "of the truth")
-    for what, e in (("matched frames", t.matched), ("all frames of the identity", t.followed)):
+    table = _table(
+        "Errors of place and size (PARTS 5.3)",
+        "over",
+        "as",
+        "x",
+        "y",
+        "width",
+        "height",
+        "of the truth",
+    )
+    for what, e in (
+        ("matched frames", t.matched),
+        ("all frames of the identity", t.followed),
+    ):
         for k, (how, values, unit) in enumerate(_normalisations(e)):
-            table.add_row("" if k else what, how, *(f"{v:.1f}{unit}" for v in values), f"{e.share:.1f} %")
+            table.add_row(
+                "" if k else what,
+                how,
+                *(f"{v:.1f}{unit}" for v in values),
+                f"{e.share:.1f} %",
+            )
     return table
 
 
@@ -275,11 +394,30 @@ def _normalisations(e: Errors) -> list[tuple[str, tuple[float, ...], str]]:
 
 def _each(s: Scores) -> Table:
     table = _table(
-        "Each trajectory", "truth", "frames", "tracked", "ids", "switches", "swaps", "fragments", "centre off"
+        "Each trajectory",
+        "truth",
+        "frames",
+        "tracked",
+        "ids",
+        "switches",
+        "swaps",
+        "fragments",
+        "centre off",
     )
     for t in s.trajectories.each:
-        ids = " ".join(map(str, t.ids[:6])) + (f" +{len(t.ids) - 6}" if len(t.ids) > 6 else "")
+        ids = " ".join(map(str, t.ids[:6])) + (
+            f" +{len(t.ids) - 6}" if len(t.ids) > 6 else ""
+        )
         tracked, off = f"{t.share:.0f} %", f"{t.error_px:.1f} px"
         where = f"{t.first_frame}-{t.last_frame}"
-        table.add_row(str(t.truth), where, tracked, ids, str(t.switches), str(t.swaps), str(t.fragments), off)
+        table.add_row(
+            str(t.truth),
+            where,
+            tracked,
+            ids,
+            str(t.switches),
+            str(t.swaps),
+            str(t.fragments),
+            off,
+        )
     return table

@@ -16,13 +16,27 @@ recorded and with overlays, the facts as JSON, the configuration, digests, and o
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
-    p = command(commands, "evidence", "a folder with clip, frames and facts of chosen events", DESCRIPTION, EXAMPLE)
+    p = command(
+        commands,
+        "evidence",
+        "a folder with clip, frames and facts of chosen events",
+        DESCRIPTION,
+        EXAMPLE,
+    )
     p.add_argument("annotated", type=Path, metavar="LOG", help="annotated log")
     p.add_argument("--events", nargs="+", action="extend", required=True, metavar="EVENT",
                    help="event numbers, or ids of a column `explain`; 12,13 works too")  # fmt: skip
-    p.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="the folder")
-    p.add_argument("--camera", metavar="NAME", help="which camera, where the log has several")
-    p.add_argument("--force", action="store_true", help="replace what an older evidence folder lists in its manifest")
+    p.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="DIR", help="the folder"
+    )
+    p.add_argument(
+        "--camera", metavar="NAME", help="which camera, where the log has several"
+    )
+    p.add_argument(
+        "--force",
+        action="store_true",
+        help="replace what an older evidence folder lists in its manifest",
+    )
     add_configuration(p)
     p.set_defaults(run=run)
 
@@ -33,14 +47,27 @@ def run(args: argparse.Namespace) -> int:
     from replay.report.evidence import MANIFEST, write_evidence
     from replay.sealing.manifest import added_files, read_manifest
 
-    references = list(dict.fromkeys(r for word in args.events for r in word.replace(",", " ").split()))
+    references = list(
+        dict.fromkeys(r for word in args.events for r in word.replace(",", " ").split())
+    )
     encounters = encounter_config(args.config, args.assignments)
     found = write_evidence(
-        args.annotated, references, args.output, camera=args.camera, force=args.force, encounters=encounters
+        args.annotated,
+        references,
+        args.output,
+        camera=args.camera,
+        force=args.force,
+        encounters=encounters,
     )
     manifest = args.output / MANIFEST
     strangers = added_files(read_manifest(manifest), manifest)
     if strangers:
-        say(f"{args.output}: {', '.join(strangers[:5])}: was there, is no part of it; `verify` will name it")
-    say(f"{args.output}: {len(found)} explained, index.html to read, manifest.json to verify")
+        say(
+            f"{args.output}: {', '.join(strangers[:5])}: was there, is no part of it;"
+            " `verify` will name it"
+        )
+    say(
+        f"{args.output}: {len(found)} explained, index.html to read, manifest.json to"
+        " verify"
+    )
     return 0

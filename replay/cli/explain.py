@@ -1,4 +1,6 @@
-"""`scenetrace explain`: the rule, the values, the frames and the pictures behind an event or an answer's row."""
+"""`scenetrace explain`: the rule, the values, the frames and the pictures behind an event or an
+answer's row.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +24,40 @@ states that led there; with -o also the frames before, during and after with eve
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
-    p = command(commands, "explain", "why an event was reported: rule, values, frames, pictures", DESCRIPTION, EXAMPLE)
-    p.add_argument("annotated", type=Path, metavar="ANNOTATED", help="annotated log (or an index, without -o)")
-    p.add_argument("references", nargs="+", metavar="EVENT", help="event number, or an id of a column `explain`")
-    p.add_argument("-o", "--output", type=Path, metavar="DIR", help="write pictures, explanation.txt and .json there")
+    p = command(
+        commands,
+        "explain",
+        "why an event was reported: rule, values, frames, pictures",
+        DESCRIPTION,
+        EXAMPLE,
+    )
+    p.add_argument(
+        "annotated",
+        type=Path,
+        metavar="ANNOTATED",
+        help="annotated log (or an index, without -o)",
+    )
+    p.add_argument(
+        "references",
+        nargs="+",
+        metavar="EVENT",
+        help="event number, or an id of a column `explain`",
+    )
+    p.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="write pictures, explanation.txt and .json there",
+    )
     p.add_argument("--recording", metavar="NAME", help="which recording of an index")
-    p.add_argument("--camera", metavar="NAME", help="which camera, where the log has several")
+    p.add_argument(
+        "--camera", metavar="NAME", help="which camera, where the log has several"
+    )
     p.add_argument("--json", action="store_true", help="as JSON")
-    p.add_argument("--force", action="store_true", help="write into an older explanation's folder")
+    p.add_argument(
+        "--force", action="store_true", help="write into an older explanation's folder"
+    )
     add_configuration(p)
     p.set_defaults(run=run)
 
@@ -50,16 +78,24 @@ def run(args: argparse.Namespace) -> int:
 
         check_folder(args.output, EXPLANATION, force=args.force)
         check_log(args.annotated)
-    with Case([args.annotated], encounters=encounter_config(args.config, args.assignments)) as case:
+    with Case(
+        [args.annotated], encounters=encounter_config(args.config, args.assignments)
+    ) as case:
         check_thresholds(case, chosen_encounters(args.config, args.assignments))
         check_recording(case, args.recording)
-        recording = args.recording if args.camera is None else _of_camera(case, args.camera, args.recording)
+        recording = (
+            args.recording
+            if args.camera is None
+            else _of_camera(case, args.camera, args.recording)
+        )
         references = [r for word in args.references for r in word.split()]
         found = [explain(case, r, recording) for r in references]
     if args.output is not None:
         from replay.report.evidence import write_explanations
 
-        count = write_explanations(args.annotated, found, args.output, camera=args.camera, force=args.force)
+        count = write_explanations(
+            args.annotated, found, args.output, camera=args.camera, force=args.force
+        )
         say(f"{args.output}: {count} pictures, explanation.txt, explanation.json")
     if args.json:
         print(json.dumps([e.as_json() for e in found], indent=1, ensure_ascii=False))
@@ -77,8 +113,15 @@ def _of_camera(case: Case, camera: str, recording: str | None) -> str:
     rows = case.rows("SELECT camera, recording FROM recordings ORDER BY recording")
     found = [name for seen, name in rows if seen == camera and recording in (None, name)]
     if not found:
-        there = ", ".join(sorted({seen for seen, name in rows if recording in (None, name)}))
-        raise UsageError(f"--camera {camera}: there is none of that name; there are: {there}")
+        there = ", ".join(
+            sorted({seen for seen, name in rows if recording in (None, name)})
+        )
+        raise UsageError(
+            f"--camera {camera}: there is none of that name; there are: {there}"
+        )
     if len(found) > 1:
-        raise UsageError(f"--camera {camera}: of several recordings ({', '.join(found[:5])}); give --recording")
+        raise UsageError(
+            f"--camera {camera}: of several recordings ({', '.join(found[:5])}); give"
+            " --recording"
+        )
     return str(found[0])

@@ -35,18 +35,57 @@ video    the pictures with boxes, shells, relations, groups, regions and events 
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
-    p = common.command(commands, "export", "tracks, tables, graph or an overlaid video", DESCRIPTION, EXAMPLE)
+    p = common.command(
+        commands,
+        "export",
+        "tracks, tables, graph or an overlaid video",
+        DESCRIPTION,
+        EXAMPLE,
+    )
     p.add_argument("annotated", type=Path, metavar="ANNOTATED", help="annotated log")
-    p.add_argument("--to", choices=FORMATS, required=True, metavar="FORMAT", help=", ".join(FORMATS))
-    p.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="file, or folder for parquet")
-    p.add_argument("--camera", metavar="NAME", help="which camera, where the log has several")
+    p.add_argument(
+        "--to", choices=FORMATS, required=True, metavar="FORMAT", help=", ".join(FORMATS)
+    )
+    p.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="OUT",
+        help="file, or folder for parquet",
+    )
+    p.add_argument(
+        "--camera", metavar="NAME", help="which camera, where the log has several"
+    )
     p.add_argument("--force", action="store_true", help="overwrite an existing output")
-    p.add_argument("--table", default="tracks", metavar="NAME", help="parquet: the table of a single file")
-    p.add_argument("--from", dest="start", metavar="T", help="video: first time, seconds, frame:N or RFC 3339")
+    p.add_argument(
+        "--table",
+        default="tracks",
+        metavar="NAME",
+        help="parquet: the table of a single file",
+    )
+    p.add_argument(
+        "--from",
+        dest="start",
+        metavar="T",
+        help="video: first time, seconds, frame:N or RFC 3339",
+    )
     p.add_argument("--until", dest="end", metavar="T", help="video: end, excluded")
-    p.add_argument("--scale", type=float, default=0.0, help="video: enlargement (default: to about 960 pixels wide)")
-    p.add_argument("--only", type=ids, metavar="IDS", help="video: draw only these tracks, such as 3,7")
-    p.add_argument("--size", type=size, metavar="WxH", help="video: the picture's size where the log does not say")
+    p.add_argument(
+        "--scale",
+        type=float,
+        default=0.0,
+        help="video: enlargement (default: to about 960 pixels wide)",
+    )
+    p.add_argument(
+        "--only", type=ids, metavar="IDS", help="video: draw only these tracks, such as 3,7"
+    )
+    p.add_argument(
+        "--size",
+        type=size,
+        metavar="WxH",
+        help="video: the picture's size where the log does not say",
+    )
     for what in ("shells", "edges", "groups", "regions", "labels", "gates", "membership"):
         p.add_argument(f"--no-{what}", action="store_true", help=f"video: draw no {what}")
     p.set_defaults(run=run)
@@ -65,7 +104,9 @@ def run(args: argparse.Namespace) -> int:
     from replay.export import write_mot
 
     # Opened first, so that every format gives the same answer to what is no annotated log.
-    with AnnotatedLog(args.annotated, args.camera if args.to in ("mot", "graphml", "video") else None) as log:
+    with AnnotatedLog(
+        args.annotated, args.camera if args.to in ("mot", "graphml", "video") else None
+    ) as log:
         if args.to == "mot":
             done = f"{write_mot(log, args.output, force=args.force)} rows"
         elif args.to == "video":
@@ -95,7 +136,9 @@ def _tables(args: argparse.Namespace, camera: str) -> str:
     from replay.export import write_graphml, write_json, write_parquet
 
     if args.to == "graphml":
-        nodes, edges = write_graphml(args.annotated, args.output, camera=camera, force=args.force)
+        nodes, edges = write_graphml(
+            args.annotated, args.output, camera=camera, force=args.force
+        )
         return f"{nodes} nodes, {edges} edges"
     chosen: dict[str, Any] = {"camera": args.camera, "force": args.force}
     if args.to == "json":
@@ -104,7 +147,9 @@ def _tables(args: argparse.Namespace, camera: str) -> str:
 
 
 def _rows(rows: Mapping[str, int]) -> str:
-    return ", ".join(f"{count} {table}" for table, count in rows.items() if count) or "no rows"
+    return (
+        ", ".join(f"{count} {table}" for table, count in rows.items() if count) or "no rows"
+    )
 
 
 def _video(args: argparse.Namespace, log: AnnotatedLog) -> str:
@@ -125,7 +170,9 @@ def _video(args: argparse.Namespace, log: AnnotatedLog) -> str:
         gates=not args.no_gates,
         membership=not args.no_membership,
     )
-    options = VideoOptions(draw, log_time(args.start, log), log_time(args.end, log), size=args.size)
+    options = VideoOptions(
+        draw, log_time(args.start, log), log_time(args.end, log), size=args.size
+    )
     if not log.has_pictures:
         common.say("the log holds no pictures; drawing on a plain ground")
     with common.progress(log.frame_count) as progress:

@@ -23,15 +23,23 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "fit",
         "fit the part features' models to annotated recordings",
-        "Fit how much the features of a person's parts differ from frame to frame (PARTS 2.2), and the weights of\n"
-        "features and parts, to recordings whose true boxes are known. The result is a configuration for\n"
-        "`replay --tracker parts`, with what it was fitted on in it: never report accuracy on those recordings\n"
-        "without saying so.",
-        "scenetrace fit scene.mcap --truth gt.txt -o features.toml\n"
-        "scenetrace fit a.mcap b.mcap --truth a.txt --truth b.txt -o features.toml --plot features.png\n"
-        "scenetrace replay other.mcap -o annotated.mcap --tracker parts --config features.toml",
+        "Fit how much the features of a person's parts differ from frame to frame (PARTS"
+        " 2.2), and the weights of\nfeatures and parts, to recordings whose true boxes are"
+        " known. The result is a configuration for\n`replay --tracker parts`, with what it"
+        " was fitted on in it: never report accuracy on those recordings\nwithout"
+        " saying so.",
+        "scenetrace fit scene.mcap --truth gt.txt -o features.toml\nscenetrace fit a.mcap"
+        " b.mcap --truth a.txt --truth b.txt -o features.toml --plot"
+        " features.png\nscenetrace replay other.mcap -o annotated.mcap --tracker parts"
+        " --config features.toml",
     )
-    p.add_argument("scenes", type=Path, nargs="+", metavar="SCENE", help="scene logs with pictures and masks")
+    p.add_argument(
+        "scenes",
+        type=Path,
+        nargs="+",
+        metavar="SCENE",
+        help="scene logs with pictures and masks",
+    )
     p.add_argument(
         "--truth", type=Path, action="append", required=True, metavar="FILE",
         help="gt.txt or CAVIAR .xml, one for each scene, in their order",
@@ -41,9 +49,23 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help="picture that the truth was labelled in; of several scenes one for each, in their order, `same` for the "
         "scene's own",
     )  # fmt: skip
-    p.add_argument("--camera", metavar="NAME", help="which camera, where the scenes have several")
-    p.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the configuration, TOML")
-    p.add_argument("--plot", type=Path, metavar="FILE", help="histograms with the models (.png .pdf .svg)")
+    p.add_argument(
+        "--camera", metavar="NAME", help="which camera, where the scenes have several"
+    )
+    p.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="the configuration, TOML",
+    )
+    p.add_argument(
+        "--plot",
+        type=Path,
+        metavar="FILE",
+        help="histograms with the models (.png .pdf .svg)",
+    )
     p.add_argument("--force", action="store_true", help="overwrite existing outputs")
     p.set_defaults(run=run)
 
@@ -60,7 +82,10 @@ def run(args: argparse.Namespace) -> int:
     from replay.fitting import collect, fit
 
     if len(args.truth) != len(args.scenes):
-        raise UsageError(f"{len(args.scenes)} scenes but {len(args.truth)} --truth; give one for each scene")
+        raise UsageError(
+            f"{len(args.scenes)} scenes but {len(args.truth)} --truth; give one for each"
+            " scene"
+        )
     if args.plot is not None:
         check_figure(args.plot)
     for path in (args.output, args.plot):
@@ -69,14 +94,16 @@ def run(args: argparse.Namespace) -> int:
     sizes = args.truth_size or [None] * len(args.truth)
     if len(sizes) != len(args.truth):
         raise UsageError(
-            f"{len(args.truth)} --truth but {len(sizes)} --truth-size; give one for each, `same` for a scene's own size"
+            f"{len(args.truth)} --truth but {len(sizes)} --truth-size; give one for each,"
+            " `same` for a scene's own size"
         )
     samples = collect(list(zip(args.scenes, args.truth, strict=True)), sizes, args.camera)
     fitted = fit(samples)
     if fitted.accuracy is not None and fitted.accuracy <= fitted.chance:
         raise SceneTraceError(
-            f"the true boxes fit no better than any others ({100 * fitted.accuracy:.1f} %, by chance "
-            f"{100 * fitted.chance:.1f} %): does the truth belong to this recording, and is --truth-size right?"
+            f"the true boxes fit no better than any others ({100 * fitted.accuracy:.1f} %,"
+            f" by chance {100 * fitted.chance:.1f} %): does the truth belong to this"
+            " recording, and is --truth-size right?"
         )
     with whole(args.output, force=args.force) as file:
         file.write(to_toml({"part_features": fitted.features}).encode())
@@ -84,10 +111,13 @@ def run(args: argparse.Namespace) -> int:
         from replay.fitting.plots import plot
 
         plot(samples, fitted.features, args.plot, force=args.force)
-    common.say(f"{args.output}: fitted on {fitted.groups} pairs of frames; {_held_out(fitted)}")
+    common.say(
+        f"{args.output}: fitted on {fitted.groups} pairs of frames; {_held_out(fitted)}"
+    )
     if fitted.groups < FEW:
         common.say(
-            f"{args.output}: fewer than {FEW} pairs of frames say little; give a longer truth, or more recordings"
+            f"{args.output}: fewer than {FEW} pairs of frames say little; give a longer"
+            " truth, or more recordings"
         )
     return 0
 
@@ -96,6 +126,7 @@ def _held_out(fitted: Fitted) -> str:
     if fitted.accuracy is None or fitted.before is None:
         return "nothing could be held out, so how good the fit is is not known"
     return (
-        f"where held out the true candidate scores highest in {100 * fitted.accuracy:.1f} % "
-        f"({100 * fitted.before:.1f} % with equal weights, {100 * fitted.chance:.1f} % by chance)"
+        f"where held out the true candidate scores highest in {100 * fitted.accuracy:.1f} %"
+        f" ({100 * fitted.before:.1f} % with equal weights, {100 * fitted.chance:.1f} % by"
+        " chance)"
     )

@@ -20,12 +20,29 @@ the rest. No picture is decoded."""
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
-    p = command(commands, "index", "many annotated logs into one database", DESCRIPTION, EXAMPLE)
-    p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help="annotated logs, or folders of them")
-    p.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="INDEX", help="NAME.duckdb, or a folder for Parquet"
+    p = command(
+        commands, "index", "many annotated logs into one database", DESCRIPTION, EXAMPLE
     )
-    p.add_argument("--keep-going", action="store_true", help="leave out logs that cannot be read (exit code 3)")
+    p.add_argument(
+        "logs",
+        nargs="+",
+        type=Path,
+        metavar="LOG",
+        help="annotated logs, or folders of them",
+    )
+    p.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="INDEX",
+        help="NAME.duckdb, or a folder for Parquet",
+    )
+    p.add_argument(
+        "--keep-going",
+        action="store_true",
+        help="leave out logs that cannot be read (exit code 3)",
+    )
     p.add_argument("--json", action="store_true", help="what was done, as JSON")
     add_configuration(p)
     p.set_defaults(run=run)
@@ -46,17 +63,28 @@ def run(args: argparse.Namespace) -> int:
     if not logs:
         raise UsageError(f"no .mcap below {args.logs[0]}")
     with progress(len(logs), "logs") as told:
-        done = build_index(logs, args.output, keep_going=args.keep_going, encounters=encounters, progress=told)
+        done = build_index(
+            logs,
+            args.output,
+            keep_going=args.keep_going,
+            encounters=encounters,
+            progress=told,
+        )
     for path, why in done.failed:
         say(f"left out {why}" if why.startswith(str(path)) else f"left out {path}: {why}")
-    say(f"{args.output}: {len(done.added)} recordings added, {len(done.known)} were there, {len(done.failed)} left out")
+    say(
+        f"{args.output}: {len(done.added)} recordings added, {len(done.known)} were there,"
+        f" {len(done.failed)} left out"
+    )
     if args.json:
         print(json.dumps({
             "added": [f.recording for f in done.added],
             "known": [str(p) for p in done.known],
             "left_out": [{"path": str(p), "why": why} for p, why in done.failed],
         }))  # fmt: skip
-    other = done.known and _found_otherwise(args.output, chosen_encounters(args.config, args.assignments))
+    other = done.known and _found_otherwise(
+        args.output, chosen_encounters(args.config, args.assignments)
+    )
     return 3 if done.failed or other else 0
 
 

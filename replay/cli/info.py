@@ -25,8 +25,9 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "info",
         "what a log holds",
-        "Print what a log holds: size, time, channels, attachments, and where a scene was recorded or replayed with\n"
-        "scenetrace, everything that its result depends on: tracker, configuration, package versions, digests.",
+        "Print what a log holds: size, time, channels, attachments, and where a scene was"
+        " recorded or replayed with\nscenetrace, everything that its result depends on:"
+        " tracker, configuration, package versions, digests.",
         "scenetrace info annotated.mcap\nscenetrace info annotated.mcap --json",
     )
     p.add_argument("log", type=Path, metavar="LOG", help="any MCAP file")
@@ -67,7 +68,9 @@ def _plain(info: LogInfo) -> dict[str, Any]:
         "indexed": info.is_indexed,
         "channels": channels,
         "attachments": [asdict(a) for a in info.attachments],
-        "metadata": [{"name": name, "values": dict(values)} for name, values in info.metadata],
+        "metadata": [
+            {"name": name, "values": dict(values)} for name, values in info.metadata
+        ],
         "compression": [asdict(c) for c in info.compression],
     }
 
@@ -83,40 +86,73 @@ def when(time_ns: int | None) -> str:
 
 
 def _print(info: LogInfo) -> None:
-    packed = ", ".join(f"{c.chunks} chunks {c.compression or 'uncompressed'}" for c in info.compression) or "no chunks"
+    packed = (
+        ", ".join(
+            f"{c.chunks} chunks {c.compression or 'uncompressed'}" for c in info.compression
+        )
+        or "no chunks"
+    )
     print(f"file      {info.path}, {info.size_bytes:,} bytes, {packed}")
-    print(common.shown(f"written   by {info.library or 'unknown'}, profile {info.profile or 'none'}"))
+    print(
+        common.shown(
+            f"written   by {info.library or 'unknown'}, profile {info.profile or 'none'}"
+        )
+    )
     if not info.is_indexed:
         print("index     none: the file was scanned (unfinished or written without one)")
-    span = f"{info.duration_ns / common.NANOS:.3f} s, from {when(info.start_ns)} to {when(info.end_ns)}"
-    print(f"messages  {info.message_count:,}" + (f" over {span}" if info.message_count else ""))
+    span = (
+        f"{info.duration_ns / common.NANOS:.3f} s, from {when(info.start_ns)} to"
+        f" {when(info.end_ns)}"
+    )
+    print(
+        f"messages  {info.message_count:,}"
+        + (f" over {span}" if info.message_count else "")
+    )
     width = max((len(c.topic) for c in info.channels), default=0)
     for c in info.channels:
-        schema = "no schema" if c.schema is None else f"{c.schema.name} [{c.schema.encoding}]"
+        schema = (
+            "no schema" if c.schema is None else f"{c.schema.name} [{c.schema.encoding}]"
+        )
         count = c.message_count if c.message_count is not None else "?"
         print(common.shown(f"  {c.topic:<{width}}  {count:>7}  {schema}"))
     for a in info.attachments:
-        print(common.shown(f"attached  {a.name}, {a.size_bytes:,} bytes, {a.media_type}, at {when(a.log_time_ns)}"))
+        print(
+            common.shown(
+                f"attached  {a.name}, {a.size_bytes:,} bytes, {a.media_type}, at"
+                f" {when(a.log_time_ns)}"
+            )
+        )
     for name, values in info.metadata:
         print(f"metadata  {common.shown(name)}")
         for key, value in sorted(values.items()):
             if name in _OURS and key == "fact_digests":
                 continue  # a digest of each of the others: for `verify`, and in --json
-            sections = _sections(value) if name in _OURS and key == "configuration" else None
+            sections = (
+                _sections(value) if name in _OURS and key == "configuration" else None
+            )
             if sections is None:
                 print(f"  {common.shown(key)}: {common.shown(value)}")
                 continue
             print(f"  {key}:")
             for section, fields in sections:
-                print(common.shown(f"    [{section}] " + ", ".join(f"{k}={v}" for k, v in sorted(fields.items()))))
+                print(
+                    common.shown(
+                        f"    [{section}] "
+                        + ", ".join(f"{k}={v}" for k, v in sorted(fields.items()))
+                    )
+                )
 
 
 def _sections(text: str) -> list[tuple[str, dict[str, Any]]] | None:
-    """A recorded configuration's sections; None where another program wrote something else under that name."""
+    """A recorded configuration's sections; None where another program wrote something else under
+    that name.
+    """
     try:
         found = json.loads(text)
     except (ValueError, RecursionError):
         return None
-    if not isinstance(found, dict) or not all(isinstance(fields, dict) for fields in found.values()):
+    if not isinstance(found, dict) or not all(
+        isinstance(fields, dict) for fields in found.values()
+    ):
         return None
     return sorted(found.items())

@@ -36,32 +36,73 @@ A query only reads: no files, no settings, no extensions, within --time-limit an
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
-    p = command(commands, "query", "ask annotated logs: SQL or a ready question", DESCRIPTION, EXAMPLE)
-    p.add_argument(
-        "words", nargs="*", metavar='ANNOTATED... "SQL"', help="logs, indexes, Parquet folders; then the SQL"
+    p = command(
+        commands,
+        "query",
+        "ask annotated logs: SQL or a ready question",
+        DESCRIPTION,
+        EXAMPLE,
     )
-    p.add_argument("--ask", nargs="+", metavar=("NAME", "ARG"), help="a ready question; `--ask list` shows them")
     p.add_argument(
-        "--pattern", metavar="PATTERN", help="a pattern over time, or the name of a shipped one; `list` shows them"
+        "words",
+        nargs="*",
+        metavar='ANNOTATED... "SQL"',
+        help="logs, indexes, Parquet folders; then the SQL",
     )
-    p.add_argument("--format", choices=("table", "json", "csv", "parquet"), help="default: table")
+    p.add_argument(
+        "--ask",
+        nargs="+",
+        metavar=("NAME", "ARG"),
+        help="a ready question; `--ask list` shows them",
+    )
+    p.add_argument(
+        "--pattern",
+        metavar="PATTERN",
+        help="a pattern over time, or the name of a shipped one; `list` shows them",
+    )
+    p.add_argument(
+        "--format", choices=("table", "json", "csv", "parquet"), help="default: table"
+    )
     p.add_argument("--json", action="store_true", help="the same as --format json")
-    p.add_argument("-o", "--output", type=Path, metavar="OUT", help="write there instead of to stdout")
+    p.add_argument(
+        "-o", "--output", type=Path, metavar="OUT", help="write there instead of to stdout"
+    )
     p.add_argument("--force", action="store_true", help="overwrite OUT")
-    p.add_argument("--show-sql", action="store_true", help="print a question's or pattern's SQL instead of its answer")
+    p.add_argument(
+        "--show-sql",
+        action="store_true",
+        help="print a question's or pattern's SQL instead of its answer",
+    )
     asking = p.add_argument_group("options of questions")
     asking.add_argument("--recording", metavar="NAME", help="only this recording")
     asking.add_argument("--at", metavar="T", help="a moment: seconds, frame:N, or RFC 3339")
-    asking.add_argument("--min", metavar="TIME", dest="least", help="shortest stay, like 30s")
+    asking.add_argument(
+        "--min", metavar="TIME", dest="least", help="shortest stay, like 30s"
+    )
     asking.add_argument("--within", metavar="TIME", help="how far apart in time, like 60s")
-    asking.add_argument("--gap", metavar="TIME", help="gaps in a stay up to this are closed, like 2s")
-    asking.add_argument("--depth", type=int, metavar="N", help="longest chain of contacts (default 3)")
-    asking.add_argument("--by", metavar="WHAT",
-                        help="a contact is: relations (default), joint, encounters, groups")  # fmt: skip
+    asking.add_argument(
+        "--gap", metavar="TIME", help="gaps in a stay up to this are closed, like 2s"
+    )
+    asking.add_argument(
+        "--depth", type=int, metavar="N", help="longest chain of contacts (default 3)"
+    )
+    asking.add_argument(
+        "--by",
+        metavar="WHAT",
+        help="a contact is: relations (default), joint, encounters, groups",
+    )
     add_configuration(p)
     limits = p.add_argument_group("limits")
-    limits.add_argument("--time-limit", type=float, default=60.0, metavar="S", help="seconds (default 60)")
-    limits.add_argument("--memory", type=int, default=2048, metavar="MIB", help="memory in MiB (default 2048)")
+    limits.add_argument(
+        "--time-limit", type=float, default=60.0, metavar="S", help="seconds (default 60)"
+    )
+    limits.add_argument(
+        "--memory",
+        type=int,
+        default=2048,
+        metavar="MIB",
+        help="memory in MiB (default 2048)",
+    )
     p.set_defaults(run=run)
     _take_words_anywhere(p)
     # `--within -1s` is a wrong time, which its reader says, and no option that lacks its argument.
@@ -69,10 +110,14 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 
 def _take_words_anywhere(parser: argparse.ArgumentParser) -> None:
-    """Let options stand between the inputs and the SQL, which argparse does not do in a subcommand by itself."""
+    """Let options stand between the inputs and the SQL, which argparse does not do in a
+    subcommand by itself.
+    """
     plain, mixing = parser.parse_known_args, False
 
-    def parse(args: Any = None, namespace: Any = None) -> tuple[argparse.Namespace, list[str]]:
+    def parse(
+        args: Any = None, namespace: Any = None
+    ) -> tuple[argparse.Namespace, list[str]]:
         nonlocal mixing
         if mixing:
             return plain(args, namespace)
@@ -101,11 +146,16 @@ def run(args: argparse.Namespace) -> int:
         print(query)
         return 0
     if not 0 < args.time_limit <= 1e6 or not 16 <= args.memory <= 1_048_576:
-        raise UsageError("--time-limit must be over 0 and at most 1e6 seconds, --memory 16 to 1048576 MiB")
+        raise UsageError(
+            "--time-limit must be over 0 and at most 1e6 seconds, --memory 16 to"
+            " 1048576 MiB"
+        )
     if args.output is not None and args.output.exists() and not args.force:
         raise OutputExistsError(args.output)
     encounters = encounter_config(args.config, args.assignments)
-    with Case(inputs, QueryLimits(args.time_limit, args.memory), encounters=encounters) as case:
+    with Case(
+        inputs, QueryLimits(args.time_limit, args.memory), encounters=encounters
+    ) as case:
         check_thresholds(case, chosen_encounters(args.config, args.assignments))
         ask, nothing = _made(case, query, args)
         with guarded(case.limits):
@@ -117,22 +167,38 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_options(args: argparse.Namespace) -> None:
-    """That options of questions stand with a question; which of them a ready question takes, it says itself."""
+    """That options of questions stand with a question; which of them a ready question takes, it
+    says itself.
+    """
     if args.ask is not None:
         return
     from reasoning.questions.ready import FLAGS
 
     kind = "SQL" if args.pattern is None else "--pattern"
-    given = {"--show-sql": args.show_sql or None, "--recording": args.recording, "--at": args.at, "--min": args.least,
-             "--within": args.within, "--gap": args.gap, "--depth": args.depth, "--by": args.by}  # fmt: skip
+    given = {
+        "--show-sql": args.show_sql or None,
+        "--recording": args.recording,
+        "--at": args.at,
+        "--min": args.least,
+        "--within": args.within,
+        "--gap": args.gap,
+        "--depth": args.depth,
+        "--by": args.by,
+    }
     taken = ("--show-sql", FLAGS["recordings"]) if args.pattern is not None else ()
     for flag, value in given.items():
         if value is not None and flag not in taken:
-            instead = "what it takes stands in it" if args.pattern is None else f"it takes: {', '.join(taken)}"
+            instead = (
+                "what it takes stands in it"
+                if args.pattern is None
+                else f"it takes: {', '.join(taken)}"
+            )
             raise UsageError(f"{kind} takes no {flag}; {instead}")
 
 
-def _made(case: Case, query: str, args: argparse.Namespace) -> tuple[Callable[[], Answer], str]:
+def _made(
+    case: Case, query: str, args: argparse.Namespace
+) -> tuple[Callable[[], Answer], str]:
     """What asks the question, and what an empty answer means; what it names is there."""
     from reasoning.questions.known import check_pattern, check_recording, check_words
     from reasoning.questions.values import only
@@ -156,7 +222,9 @@ def _made(case: Case, query: str, args: argparse.Namespace) -> tuple[Callable[[]
     def make(some: Recordings | None) -> str:
         return asked.sql(words, replace(options, recordings=some))
 
-    return lambda: case.by_recording(make, chosen, keeps_few=asked.keeps_few(words)), asked.why_empty(words)
+    return lambda: case.by_recording(
+        make, chosen, keeps_few=asked.keeps_few(words)
+    ), asked.why_empty(words)
 
 
 def _options(args: argparse.Namespace) -> Options:
@@ -215,12 +283,21 @@ def _split(args: argparse.Namespace) -> tuple[list[Path], str]:
         query = plan(args.pattern, only(args.recording))
     else:
         if not words:
-            raise UsageError('give annotated logs and a query: scenetrace query annotated.mcap "SELECT * FROM events"')
+            raise UsageError(
+                'give annotated logs and a query: scenetrace query annotated.mcap "SELECT *'
+                ' FROM events"'
+            )
         query = words.pop()
         if not words and _is_there(query):
-            raise UsageError(f"{query}: and what is the question? Give SQL, --ask NAME or --pattern PATTERN")
+            raise UsageError(
+                f"{query}: and what is the question? Give SQL, --ask NAME or --pattern"
+                " PATTERN"
+            )
     if not words and not args.show_sql:
-        raise UsageError("no annotated log given; put logs, an index or a Parquet folder before the question")
+        raise UsageError(
+            "no annotated log given; put logs, an index or a Parquet folder before the"
+            " question"
+        )
     if args.ask is not None or args.pattern is not None:
         kind = "--ask" if args.ask is not None else "--pattern"
         sql = next((w for w in words if _looks_like_sql(w) and not _is_there(w)), None)
@@ -239,7 +316,14 @@ def _is_there(word: str) -> bool:
 
 def _looks_like_sql(word: str) -> bool:
     verb, _, rest = word.lstrip(" (\n").partition(" ")
-    return bool(rest) and verb.upper() in ("SELECT", "WITH", "FROM", "DESCRIBE", "SUMMARIZE", "EXPLAIN")
+    return bool(rest) and verb.upper() in (
+        "SELECT",
+        "WITH",
+        "FROM",
+        "DESCRIBE",
+        "SUMMARIZE",
+        "EXPLAIN",
+    )
 
 
 def _answer(answer: Answer, form: str, args: argparse.Namespace) -> int | None:

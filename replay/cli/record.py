@@ -18,19 +18,25 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "record",
         "a video, pictures or detections into a scene log",
-        "Record a source into a scene log (MCAP): pictures, foreground masks, detections, regions.\n\n"
-        "SOURCE is a video file, a folder of JPEG or PNG pictures (in the order of their numbers, bytes kept as they\n"
-        "are), a MOTChallenge text file (.txt) or a CAVIAR XML file (.xml; its labelled identities are left out).\n"
-        "Exit code 3: recorded, but something had to be left out; stderr says what.",
+        "Record a source into a scene log (MCAP): pictures, foreground masks, detections,"
+        " regions.\n\nSOURCE is a video file, a folder of JPEG or PNG pictures (in the"
+        " order of their numbers, bytes kept as they\nare), a MOTChallenge text file (.txt)"
+        " or a CAVIAR XML file (.xml; its labelled identities are left out).\nExit code 3:"
+        " recorded, but something had to be left out; stderr says what.",
         "scenetrace record video.avi --fps 7 -o scene.mcap\n"
         "scenetrace record img1 --fps 7 --detections det.txt -o scene.mcap\n"
         "scenetrace record det.txt --fps 25 --size 640x480 -o scene.mcap\n"
         "scenetrace record Walk1.xml -o walk.mcap",
     )
     p.add_argument(
-        "source", type=Path, metavar="SOURCE", help="video | folder of pictures | MOTChallenge .txt | CAVIAR .xml"
+        "source",
+        type=Path,
+        metavar="SOURCE",
+        help="video | folder of pictures | MOTChallenge .txt | CAVIAR .xml",
     )
-    p.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the scene log")
+    p.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FILE", help="the scene log"
+    )
     p.add_argument(
         "--detections", type=Path, metavar="DET.TXT",
         help="MOTChallenge detections beside the pictures, its frame 1 with the first picture",
@@ -46,10 +52,22 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "--fps", metavar="F",
         help="frames per second: 7, 29.97 or 30000/1001; default a video's own times, CAVIAR 25, else 25 is assumed",
     )  # fmt: skip
-    p.add_argument("--start", metavar="RFC3339", help="when the first frame was taken; default: times start at 0")
-    p.add_argument("--camera", default="camera", metavar="NAME", help="the camera's name in the topics; default camera")
     p.add_argument(
-        "--regions", type=Path, metavar="FILE", help='JSON: {"roi": [[x, y], ...], "border": ..., "zones": {name: ...}}'
+        "--start",
+        metavar="RFC3339",
+        help="when the first frame was taken; default: times start at 0",
+    )
+    p.add_argument(
+        "--camera",
+        default="camera",
+        metavar="NAME",
+        help="the camera's name in the topics; default camera",
+    )
+    p.add_argument(
+        "--regions",
+        type=Path,
+        metavar="FILE",
+        help='JSON: {"roi": [[x, y], ...], "border": ..., "zones": {name: ...}}',
     )
     p.add_argument(
         "--size", metavar="WxH",
@@ -95,11 +113,17 @@ def run(args: argparse.Namespace) -> int:
     for note in source.notes:
         common.say(f"scenetrace: {note}")
     said = set(source.notes)
-    options = RecordOptions(args.camera, start_ns, args.codec, args.detect, args.regions, config, args.force)
+    options = RecordOptions(
+        args.camera, start_ns, args.codec, args.detect, args.regions, config, args.force
+    )
     with common.progress(source.frame_count) as bar:
 
         def progress(stage: str, done: int, total: int | None) -> None:
-            share = done if not total or not source.frame_count else done * source.frame_count // total
+            share = (
+                done
+                if not total or not source.frame_count
+                else done * source.frame_count // total
+            )
             bar(stage, share - 1)
 
         with common.interrupts_at(progress) as report:
@@ -111,8 +135,9 @@ def run(args: argparse.Namespace) -> int:
         common.say(f"scenetrace: left out: {loss}")
     seconds = done.duration_ns / common.NANOS
     common.say(
-        f"{args.output}: {done.frames} frames of {done.width}x{done.height} over {seconds:.1f} s, "
-        f"{done.detections} detections ({args.detections or source.name if source.has_detections else done.detect}), "
-        f"pictures {done.codec}"
+        f"{args.output}: {done.frames} frames of {done.width}x{done.height} over"
+        f" {seconds:.1f} s, {done.detections} detections"
+        f" ({args.detections or source.name if source.has_detections else done.detect}),"
+        f" pictures {done.codec}"
     )
     return LEFT_OUT if done.losses else 0

@@ -16,12 +16,20 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "recover",
         "what is whole of a damaged log into a new one",
-        "Copy everything that is whole of a cut, unfinished (.part) or damaged log into a new one: up to the last\n"
-        "whole chunk, and past damaged chunks where the file goes on. Says what was lost; exit code 3 if anything.",
+        "Copy everything that is whole of a cut, unfinished (.part) or damaged log into a"
+        " new one: up to the last\nwhole chunk, and past damaged chunks where the file goes"
+        " on. Says what was lost; exit code 3 if anything.",
         "scenetrace recover scene.mcap.part -o scene.mcap",
     )
-    p.add_argument("log", type=Path, metavar="LOG", help="a damaged log, or the part file of a stopped recording")
-    p.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the new log")
+    p.add_argument(
+        "log",
+        type=Path,
+        metavar="LOG",
+        help="a damaged log, or the part file of a stopped recording",
+    )
+    p.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FILE", help="the new log"
+    )
     p.add_argument("--force", action="store_true", help="overwrite an existing output")
     p.set_defaults(run=run)
 
@@ -33,8 +41,8 @@ def run(args: argparse.Namespace) -> int:
     report = recover(args.log, args.output, args.force)
     expected = "" if report.messages_expected is None else f" of {report.messages_expected}"
     print(
-        f"{args.output}: {report.messages}{expected} messages on {report.channels} channels, "
-        f"{report.metadata} metadata records, {report.attachments} attachments"
+        f"{args.output}: {report.messages}{expected} messages on {report.channels}"
+        f" channels, {report.metadata} metadata records, {report.attachments} attachments"
     )
     for loss in report.losses:
         common.say(f"lost: at byte {loss.offset} ({loss.record}): {loss.reason}")

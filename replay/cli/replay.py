@@ -24,13 +24,16 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "replay",
         "a scene log through a tracker into an annotated log",
-        "Replay a scene log through a tracker, reason over what its targets do to one another, and write everything\n"
-        "back beside the recorded messages. Same recording, same configuration: the same annotations, bit for bit.",
-        "scenetrace replay scene.mcap -o annotated.mcap --tracker events\n"
-        "scenetrace replay scene.mcap -o minute.mcap --from 60 --to 120 --annotations-only\n"
-        "scenetrace replay scene.mcap --against annotated.mcap --set interactions.safety_margin=0.5",
+        "Replay a scene log through a tracker, reason over what its targets do to one"
+        " another, and write everything\nback beside the recorded messages. Same recording,"
+        " same configuration: the same annotations, bit for bit.",
+        "scenetrace replay scene.mcap -o annotated.mcap --tracker events\nscenetrace replay"
+        " scene.mcap -o minute.mcap --from 60 --to 120 --annotations-only\nscenetrace"
+        " replay scene.mcap --against annotated.mcap --set interactions.safety_margin=0.5",
     )
-    p.add_argument("scene", type=Path, help="a scene log, or an annotated log to be replayed anew")
+    p.add_argument(
+        "scene", type=Path, help="a scene log, or an annotated log to be replayed anew"
+    )
     p.add_argument("-o", "--output", type=Path, metavar="FILE", help="the annotated log")
     p.add_argument("--tracker", metavar="NAME", help="events (default), shells or parts")
     common.add_configuration(p)
@@ -38,14 +41,31 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "--init", action="append", default=[], metavar="frame:N:x,y,w,h",
         help="parts: start a target by hand, and none by itself; may be repeated (same as --set parts.init=...)",
     )  # fmt: skip
-    p.add_argument("--from", dest="start", metavar="T", help="first time to write: seconds, frame:N or RFC 3339")
-    p.add_argument("--to", dest="end", metavar="T", help="end of what is written, excluded")
-    p.add_argument("--annotations-only", action="store_true", help="leave the recorded messages out")
-    p.add_argument("--checkpoint", type=float, metavar="SECONDS", help="store the whole state every so often")
     p.add_argument(
-        "--checkpoints", type=Path, metavar="LOG", help="an annotated log whose checkpoints make --from faster"
+        "--from",
+        dest="start",
+        metavar="T",
+        help="first time to write: seconds, frame:N or RFC 3339",
     )
-    p.add_argument("--camera", metavar="NAME", help="which camera, where the log has several")
+    p.add_argument("--to", dest="end", metavar="T", help="end of what is written, excluded")
+    p.add_argument(
+        "--annotations-only", action="store_true", help="leave the recorded messages out"
+    )
+    p.add_argument(
+        "--checkpoint",
+        type=float,
+        metavar="SECONDS",
+        help="store the whole state every so often",
+    )
+    p.add_argument(
+        "--checkpoints",
+        type=Path,
+        metavar="LOG",
+        help="an annotated log whose checkpoints make --from faster",
+    )
+    p.add_argument(
+        "--camera", metavar="NAME", help="which camera, where the log has several"
+    )
     p.add_argument("--force", action="store_true", help="overwrite an existing output")
     p.add_argument(
         "--against", type=Path, metavar="LOG",
@@ -53,8 +73,15 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "none are given; exit code 4 where it differs; -o may be left out",
     )  # fmt: skip
     diff.add_options(p)
-    p.add_argument("--json", action="store_true", help="with --against: the differences as JSON")
-    p.add_argument("--html", type=Path, metavar="OUT", help="with --against: a page with pictures of the first ones")
+    p.add_argument(
+        "--json", action="store_true", help="with --against: the differences as JSON"
+    )
+    p.add_argument(
+        "--html",
+        type=Path,
+        metavar="OUT",
+        help="with --against: a page with pictures of the first ones",
+    )
     p.set_defaults(run=run)
 
 
@@ -63,7 +90,9 @@ def run(args: argparse.Namespace) -> int:
     if args.output is None and args.against is None:
         raise UsageError("no output: give -o FILE, or --against LOG to compare alone")
     if args.against is None and (args.json or args.html is not None):
-        raise UsageError(f"{'--json' if args.json else '--html'} shows what differs: give --against LOG")
+        raise UsageError(
+            f"{'--json' if args.json else '--html'} shows what differs: give --against LOG"
+        )
     if args.html is not None and args.html.exists() and not args.force:
         raise OutputExistsError(args.html)
     if args.against is None:
@@ -78,7 +107,12 @@ def _configured(args: argparse.Namespace) -> tuple[str, Config]:
     """Tracker and configuration: of the log to compare with, then of the file, then of the words."""
     from recorders.log import LogReader
     from recorders.parameters import as_plain
-    from replay.configuration import DEFAULT_TRACKER, recorded_config, replay_config, sections
+    from replay.configuration import (
+        DEFAULT_TRACKER,
+        recorded_config,
+        replay_config,
+        sections,
+    )
     from replay.facts import facts_of
 
     if args.against is None:
@@ -88,23 +122,35 @@ def _configured(args: argparse.Namespace) -> tuple[str, Config]:
         facts = facts_of(log)
     tracker = args.tracker or facts.tracker
     known = sections(tracker)
-    recorded, notes = recorded_config(tracker, {s: v for s, v in facts.configuration.items() if s in known})
+    recorded, notes = recorded_config(
+        tracker, {s: v for s, v in facts.configuration.items() if s in known}
+    )
     for note in notes if tracker == facts.tracker else ():
         common.say(f"{args.against}: {note}")
-    return tracker, replay_config(tracker, args.config, _assignments(args, tracker), as_plain(recorded))
+    return tracker, replay_config(
+        tracker, args.config, _assignments(args, tracker), as_plain(recorded)
+    )
 
 
 def _assignments(args: argparse.Namespace, tracker: str) -> list[str]:
     """What was set, and the targets started by hand."""
     if args.init and tracker != "parts":
-        raise UsageError(f"--init: the tracker {tracker} starts its targets by itself; use --tracker parts")
-    return [*args.assignments, *([f"parts.init={'; '.join(args.init)}"] if args.init else [])]
+        raise UsageError(
+            f"--init: the tracker {tracker} starts its targets by itself; use --tracker"
+            " parts"
+        )
+    return [
+        *args.assignments,
+        *([f"parts.init={'; '.join(args.init)}"] if args.init else []),
+    ]
 
 
 def _compare(args: argparse.Namespace, out: Path) -> int:
     from replay.compare import compare
 
-    options = replace(diff.options_of(args), only_shared=args.start is not None or args.end is not None)
+    options = replace(
+        diff.options_of(args), only_shared=args.start is not None or args.end is not None
+    )
     found = compare(args.against, out, options)
     if args.html is not None:
         diff.write_html(found, args.html, scene=args.scene, force=args.force)
@@ -118,12 +164,16 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
 
     tracker, config = _configured(args)
     if args.checkpoint is not None and not 1e-9 <= args.checkpoint <= 1e9:
-        raise UsageError(f"--checkpoint {args.checkpoint}: must be over 0 and at most 1e9 seconds")
+        raise UsageError(
+            f"--checkpoint {args.checkpoint}: must be over 0 and at most 1e9 seconds"
+        )
     with SceneLog(args.scene, args.camera) as scene:
         first = None if args.start is None else common.parse_time(args.start, scene)
         end = None if args.end is None else common.parse_time(args.end, scene)
         check_span(args, first, end, scene)
-        counts = [c.message_count for c in scene.recorded if c.topic.endswith("/detections")]
+        counts = [
+            c.message_count for c in scene.recorded if c.topic.endswith("/detections")
+        ]
         starts = check_starts(config, scene, counts[0] if counts else None)
         has_masks = scene.info.has_masks
     options = ReplayOptions(
@@ -133,23 +183,34 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
         to_ns=end,
         # What is thrown away after the comparison needs no copy of the recording.
         annotations_only=args.annotations_only or args.output is None,
-        checkpoint_ns=None if args.checkpoint is None else int(args.checkpoint * common.NANOS),
+        checkpoint_ns=(
+            None if args.checkpoint is None else int(args.checkpoint * common.NANOS)
+        ),
         checkpoints=args.checkpoints,
         force=args.force,
         camera=args.camera,
     )
-    with common.progress(counts[0] if counts else None) as bar, common.interrupts_at(bar) as progress:
+    with (
+        common.progress(counts[0] if counts else None) as bar,
+        common.interrupts_at(bar) as progress,
+    ):
         done = replay(args.scene, out, options, progress)
     if args.checkpoints is not None and done.resumed is None:
-        why = "without --from there is nothing to skip" if first is None else "it holds no checkpoint before --from"
+        why = (
+            "without --from there is nothing to skip"
+            if first is None
+            else "it holds no checkpoint before --from"
+        )
         common.say(f"--checkpoints {args.checkpoints}: {why}; replayed from the start")
     made = ((done.frames, "frame"), (done.tracks, "track"), (done.events, "event"))
     said = ", ".join(number(n, name) for n, name in made)
-    common.say(f"{args.output or args.scene}: {said}, output digest {done.output_digest[:16]}")
+    common.say(
+        f"{args.output or args.scene}: {said}, output digest {done.output_digest[:16]}"
+    )
     if not done.tracks and not starts and not has_masks:
         common.say(
-            f"{args.scene}: nothing was tracked: no foreground was recorded, and no detections that were sure enough, "
-            "often enough"
+            f"{args.scene}: nothing was tracked: no foreground was recorded, and no"
+            " detections that were sure enough, often enough"
         )
     left_out = missed(starts, done)
     if left_out:
@@ -157,7 +218,9 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
     return 3 if left_out else 0
 
 
-def check_span(args: argparse.Namespace, first: int | None, end: int | None, scene: SceneLog) -> None:
+def check_span(
+    args: argparse.Namespace, first: int | None, end: int | None, scene: SceneLog
+) -> None:
     """Refuse a span that holds nothing.
 
     Raises:

@@ -14,14 +14,25 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "report",
         "one HTML file that opens offline",
-        "Write key figures, trajectories, the timeline, the interaction graph over time and the events of an\n"
-        "annotated log as one HTML file that opens offline in any browser.",
+        "Write key figures, trajectories, the timeline, the interaction graph over time and"
+        " the events of an\nannotated log as one HTML file that opens offline in any"
+        " browser.",
         "scenetrace report annotated.mcap -o report.html",
     )
     p.add_argument("annotated", type=Path, metavar="ANNOTATED", help="annotated log")
-    p.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="the HTML file")
-    p.add_argument("--thumbnails", type=int, default=160, metavar="N", help="most frames shown as pictures (160)")
-    p.add_argument("--camera", metavar="NAME", help="which camera, where the log has several")
+    p.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="OUT", help="the HTML file"
+    )
+    p.add_argument(
+        "--thumbnails",
+        type=int,
+        default=160,
+        metavar="N",
+        help="most frames shown as pictures (160)",
+    )
+    p.add_argument(
+        "--camera", metavar="NAME", help="which camera, where the log has several"
+    )
     p.add_argument("--force", action="store_true", help="overwrite OUT")
     p.set_defaults(run=run)
 
@@ -35,7 +46,12 @@ def run(args: argparse.Namespace) -> int:
     if not 2 <= args.thumbnails <= 5000:
         raise UsageError(f"--thumbnails {args.thumbnails}: must be 2 to 5000")
     options = ReportOptions(thumbnails=args.thumbnails)
-    figures = write_report(args.annotated, args.output, camera=args.camera, options=options, force=args.force)
+    figures = write_report(
+        args.annotated, args.output, camera=args.camera, options=options, force=args.force
+    )
     size = args.output.stat().st_size / 1e6
-    say(f"{args.output}: {size:.1f} MB, " + ", ".join(f"{value} {name}" for name, value in figures.items()))
+    say(
+        f"{args.output}: {size:.1f} MB, "
+        + ", ".join(f"{value} {name}" for name, value in figures.items())
+    )
     return 0

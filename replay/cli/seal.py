@@ -15,17 +15,30 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "seal",
         "a manifest of digests over a case's files",
-        "Write a manifest with the SHA-256 of every file of a case: source, scene log, annotated log, exports.\n"
-        "`scenetrace verify --manifest` names what was altered or is missing. With a key, the manifest is signed.",
+        "Write a manifest with the SHA-256 of every file of a case: source, scene log,"
+        " annotated log, exports.\n`scenetrace verify --manifest` names what was altered or"
+        " is missing. With a key, the manifest is signed.",
         "scenetrace seal video.avi scene.mcap annotated.mcap answers.csv -o case.json\n"
         "scenetrace seal --new-key lab.key\n"
         "scenetrace seal scene.mcap annotated.mcap -o case.json --key lab.key",
     )
-    p.add_argument("files", nargs="*", type=Path, metavar="FILE", help="the case's files; a folder means all in it")
+    p.add_argument(
+        "files",
+        nargs="*",
+        type=Path,
+        metavar="FILE",
+        help="the case's files; a folder means all in it",
+    )
     p.add_argument("-o", "--output", type=Path, metavar="FILE", help="the manifest")
-    p.add_argument("--note", default="", metavar="TEXT", help="a text that is sealed with the files")
-    p.add_argument("--key", type=Path, metavar="FILE", help="sign with this private key (Ed25519, PEM)")
-    p.add_argument("--new-key", type=Path, metavar="FILE", help="make a key pair: FILE and FILE.pub")
+    p.add_argument(
+        "--note", default="", metavar="TEXT", help="a text that is sealed with the files"
+    )
+    p.add_argument(
+        "--key", type=Path, metavar="FILE", help="sign with this private key (Ed25519, PEM)"
+    )
+    p.add_argument(
+        "--new-key", type=Path, metavar="FILE", help="make a key pair: FILE and FILE.pub"
+    )
     p.add_argument("--force", action="store_true", help="overwrite an existing manifest")
     p.set_defaults(run=run)
 
@@ -36,7 +49,9 @@ def run(args: argparse.Namespace) -> int:
     from replay.sealing.manifest import manifests_beside, private_keys, write_manifest
 
     if args.new_key is None and not args.files:
-        raise UsageError("nothing to seal: give the case's files, or --new-key FILE to make a key")
+        raise UsageError(
+            "nothing to seal: give the case's files, or --new-key FILE to make a key"
+        )
     if args.files and args.output is None:
         raise UsageError("no output: give -o MANIFEST.json")
     if args.files and args.output.exists() and not args.force:
@@ -45,19 +60,29 @@ def run(args: argparse.Namespace) -> int:
     if args.new_key is not None:
         public = new_key(args.new_key)
         key = key or args.new_key
-        common.say(f"{args.new_key}: the private key, keep it; {public}: the public key, hand it out")
+        common.say(
+            f"{args.new_key}: the private key, keep it; {public}: the public key, hand"
+            " it out"
+        )
     if args.files:
         manifest = seal(args.files, args.output, note=args.note)
         if key is not None:
             manifest = sign(manifest, key)
         write_manifest(manifest, args.output, force=args.force)
         for other in manifests_beside(args.files, args.output):
-            common.say(f"{other}: another manifest, not sealed with the folder; name it to seal it too")
+            common.say(
+                f"{other}: another manifest, not sealed with the folder; name it to seal"
+                " it too"
+            )
         for name in private_keys(manifest, args.output.parent):
             common.say(
-                f"{name}: is a private key: whoever gets the case can sign in its owner's name; keep it elsewhere"
+                f"{name}: is a private key: whoever gets the case can sign in its owner's"
+                " name; keep it elsewhere"
             )
         for entry in manifest.files:
             print(common.shown(f"{entry.sha256}  {entry.role:<9}  {entry.name}"))
-        common.say(f"{args.output}: {len(manifest.files)} files" + (", signed" if manifest.signature else ""))
+        common.say(
+            f"{args.output}: {len(manifest.files)} files"
+            + (", signed" if manifest.signature else "")
+        )
     return 0

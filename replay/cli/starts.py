@@ -43,9 +43,14 @@ def check_starts(config: Config, scene: SceneLog, frames: int | None) -> list[in
             held = f"frames 0 to {frames - 1}" if frames else "no frames"
             raise UsageError(f"{words}: the recording has {held}")
         if not (0 <= x + w / 2 < width and 0 <= y + h / 2 < height):
-            raise UsageError(f"{words}: its middle lies outside of the picture of {width}x{height} pixels")
+            raise UsageError(
+                f"{words}: its middle lies outside of the picture of {width}x{height}"
+                " pixels"
+            )
         if w < 2 or h < 4 or w > 2 * width or h > 2 * height:
-            raise UsageError(f"{words}: not the size of anybody in a picture of {width}x{height} pixels")
+            raise UsageError(
+                f"{words}: not the size of anybody in a picture of {width}x{height} pixels"
+            )
     return [start.frame for start in starts]
 
 
@@ -62,4 +67,7 @@ def missed(starts: Sequence[int], done: ReplaySummary) -> str:
     if done.found >= asked:
         return ""
     found = "none" if not done.found else f"{done.found}"
-    return f"{found} of {asked} targets started by hand were found: is somebody in each box in its very frame?"
+    return (
+        f"{found} of {asked} targets started by hand were found: is somebody in each box in"
+        " its very frame?"
+    )

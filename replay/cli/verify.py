@@ -25,19 +25,39 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         commands,
         "verify",
         "replay again and compare digests",
-        "Replay a recording again with the tracker and configuration that its annotated log names, and say that the\n"
-        "result is identical, or which frame, channel, track and field differ first, and why: the recording, the\n"
-        "configuration, a package's version, OpenCV's build or the log itself was changed. Exit code 4 where it\n"
-        "differs.",
+        "Replay a recording again with the tracker and configuration that its annotated log"
+        " names, and say that the\nresult is identical, or which frame, channel, track and"
+        " field differ first, and why: the recording, the\nconfiguration, a package's"
+        " version, OpenCV's build or the log itself was changed. Exit code 4 where"
+        " it\ndiffers.",
         "scenetrace verify annotated.mcap\n"
         "scenetrace verify annotated.mcap --quick\n"
         "scenetrace verify --manifest case.json --public-key lab.key.pub",
     )
     p.add_argument("annotated", type=Path, nargs="?", help="an annotated log")
-    p.add_argument("--scene", type=Path, metavar="FILE", help="the scene log, where the annotated log lacks it")
-    p.add_argument("--quick", action="store_true", help="check the digest chain alone, without replaying")
-    p.add_argument("--manifest", type=Path, metavar="FILE", help="check the files of a manifest of `scenetrace seal`")
-    p.add_argument("--public-key", type=Path, metavar="FILE", help="the key that must have signed the manifest")
+    p.add_argument(
+        "--scene",
+        type=Path,
+        metavar="FILE",
+        help="the scene log, where the annotated log lacks it",
+    )
+    p.add_argument(
+        "--quick",
+        action="store_true",
+        help="check the digest chain alone, without replaying",
+    )
+    p.add_argument(
+        "--manifest",
+        type=Path,
+        metavar="FILE",
+        help="check the files of a manifest of `scenetrace seal`",
+    )
+    p.add_argument(
+        "--public-key",
+        type=Path,
+        metavar="FILE",
+        help="the key that must have signed the manifest",
+    )
     p.add_argument("--json", action="store_true", help="the verdict as JSON")
     p.set_defaults(run=run)
 
@@ -53,7 +73,12 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         # One document, whatever was asked for: both verdicts under their names where there are two.
         plain = [asdict(verdict) for verdict in (case, log) if verdict is not None]
-        print(json.dumps(plain[0] if len(plain) == 1 else {"manifest": plain[0], "log": plain[1]}, indent=2))
+        print(
+            json.dumps(
+                plain[0] if len(plain) == 1 else {"manifest": plain[0], "log": plain[1]},
+                indent=2,
+            )
+        )
     good = (case is None or case.intact) and (log is None or log.identical)
     return 0 if good else DIFFERS
 
@@ -79,7 +104,10 @@ def _log(args: argparse.Namespace) -> Verification:
     if args.json:
         return verdict
     if verdict.identical:
-        print(f"identical: {number(verdict.frames, 'frame')}, output digest {verdict.output_digest}")
+        print(
+            f"identical: {number(verdict.frames, 'frame')}, output digest"
+            f" {verdict.output_digest}"
+        )
         for reason in verdict.reasons:
             print(common.shown(f"  without effect: {reason}"))
     else:

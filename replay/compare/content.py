@@ -1,4 +1,6 @@
-"""What an annotated log says happened, gathered frame by frame: it grows with what happens, not with the frames."""
+"""What an annotated log says happened, gathered frame by frame: it grows with what happens, not
+with the frames.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ class Happening:
 
 @dataclass
 class Lasting:
-    """A relation's or a group's members while it held without a break; ``label`` is a relation's state or a group's."""
+    """A relation's or a group's members while it held without a break; ``label`` is a relation's
+    state or a group's.
+    """
 
     label: str
     members: tuple[int, ...]
@@ -46,7 +50,8 @@ class Lasting:
 class Content:
     """One log's tracks, events, relations and groups.
 
-    Frames are counted by their place among the frames of both logs; `number` gives the recording's own count.
+    Frames are counted by their place among the frames of both logs; `number` gives the
+    recording's own count.
 
     Attributes:
         frames: which frames there are.
@@ -85,7 +90,9 @@ class Content:
         return self._places[at] if self._places else 0
 
     def distance_ns(self, frame: int, time_ns: int) -> int:
-        """From a time at a place among its frames to the nearest of them; -1 before the first and after the last."""
+        """From a time at a place among its frames to the nearest of them; -1 before the first and
+        after the last.
+        """
         if not self._places or not self._places[0] <= frame <= self._places[-1]:
             return -1
         at = self._at(frame)
@@ -108,14 +115,41 @@ class Content:
                 extend(self.tracks.setdefault(track.id, []), k, gap)
         for e in frame.events:
             whole = msgspec.json.encode(e)
-            self.events.append(Happening(e.id, e.kind, tuple(e.subjects), tuple(e.groups), k, frame.time_ns, whole))
+            self.events.append(
+                Happening(
+                    e.id,
+                    e.kind,
+                    tuple(e.subjects),
+                    tuple(e.groups),
+                    k,
+                    frame.time_ns,
+                    whole,
+                )
+            )
         for edge in frame.relations:
-            self._last("relation", f"{edge.a} {edge.b} {edge.state}", edge.state, (edge.a, edge.b), k, gap)
+            self._last(
+                "relation",
+                f"{edge.a} {edge.b} {edge.state}",
+                edge.state,
+                (edge.a, edge.b),
+                k,
+                gap,
+            )
         for group in frame.groups:
             members = tuple(sorted(group.members))
-            self._last("group", f"{group.label} {members}", str(group.label), members, k, gap)
+            self._last(
+                "group", f"{group.label} {members}", str(group.label), members, k, gap
+            )
 
-    def _last(self, what: str, key: str, label: str, members: tuple[int, ...], frame: int, gap: int) -> None:
+    def _last(
+        self,
+        what: str,
+        key: str,
+        label: str,
+        members: tuple[int, ...],
+        frame: int,
+        gap: int,
+    ) -> None:
         alive = self._alive.get((what, key))
         if alive is not None and frame - alive.last <= gap:
             alive.last = frame

@@ -8,7 +8,16 @@ from typing import Any
 from replay.counting import number
 
 CHANGES = ("appeared", "vanished", "moved", "changed")
-KINDS = ("recording", "frames", "track", "identity", "event", "relation", "group", "message")
+KINDS = (
+    "recording",
+    "frames",
+    "track",
+    "identity",
+    "event",
+    "relation",
+    "group",
+    "message",
+)
 
 
 @dataclass(frozen=True)
@@ -16,8 +25,10 @@ class Difference:
     """Something that is in one log and not, or not so, in the other.
 
     Attributes:
-        what: one of `KINDS`; ``identity``: who it is, ``message``: a value that nobody's story shows.
-        change: ``appeared`` (only in B), ``vanished`` (only in A), ``moved`` (in time or place) or ``changed``.
+        what: one of `KINDS`; ``identity``: who it is, ``message``: a value that nobody's story
+            shows.
+        change: ``appeared`` (only in B), ``vanished`` (only in A), ``moved`` (in time or place)
+            or ``changed``.
         frame: where it shows first.
         t: that frame's time in seconds from the recording's start.
         subjects: the tracks, by their ids in A (by their ids in B where A has no such track).
@@ -44,7 +55,8 @@ class Comparison:
         frames: frames that both have.
         tracks: which track of B each track of A is.
         differences: in order of time.
-        made: what differs in how the logs were made: tracker, parameters, versions. No difference by itself.
+        made: what differs in how the logs were made: tracker, parameters, versions. No difference
+            by itself.
     """
 
     a: str
@@ -78,7 +90,10 @@ class Comparison:
             why = "track numbers, or values within the tolerance, differ"
             return [*head, f"equal in meaning over {frames}: {why}"]
         shown = self.differences[:limit]
-        rows = [f"frame {d.frame:>6} {d.t:>9.2f} s  {d.what:<9} {d.change:<8}  {d.text}" for d in shown]
+        rows = [
+            f"frame {d.frame:>6} {d.t:>9.2f} s  {d.what:<9} {d.change:<8}  {d.text}"
+            for d in shown
+        ]
         if len(shown) < len(self.differences):
             rows.append(f"... and {len(self.differences) - len(shown)} more")
         counts = ", ".join(f"{n} {what}" for what, n in self.counts().items())
@@ -88,4 +103,9 @@ class Comparison:
     def as_plain(self) -> dict[str, Any]:
         """Plain data for JSON."""
         tracks = {str(a): b for a, b in self.tracks.items()}
-        return {**asdict(self), "tracks": tracks, "equal": self.equal, "counts": self.counts()}
+        return {
+            **asdict(self),
+            "tracks": tracks,
+            "equal": self.equal,
+            "counts": self.counts(),
+        }

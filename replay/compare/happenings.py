@@ -1,4 +1,6 @@
-"""Differences in what happens: events by kind, subjects and time; relations and groups by their intervals."""
+"""Differences in what happens: events by kind, subjects and time; relations and groups by their
+intervals.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +23,19 @@ _DIGITS = re.compile(r"\d+")
 class Happenings:
     """Compares what happens in two logs, as far as both can know of it.
 
-    What happens in a frame that the other log has not is looked for in the frames beside it, within the tolerance.
-    Where the other log has no frame so near, or has not begun or has ended, it is no difference.
+    What happens in a frame that the other log has not is looked for in the frames beside it,
+    within the tolerance. Where the other log has no frame so near, or has not begun or has ended,
+    it is no difference.
     """
 
     def __init__(
-        self, a: Content, b: Content, shared: Sequence[Interval], matching: Matching, tolerance_s: float, strict: bool
+        self,
+        a: Content,
+        b: Content,
+        shared: Sequence[Interval],
+        matching: Matching,
+        tolerance_s: float,
+        strict: bool,
     ) -> None:
         self.a, self.b = a, b
         self._shared = shared
@@ -50,15 +59,26 @@ class Happenings:
 
     def _known(self, content: Content, frame: int) -> bool:
         """Whether the other log could know what happens in a frame of this one."""
-        other, lag = (self.b, self._lag_ns) if content is self.a else (self.a, -self._lag_ns)
-        return 0 <= other.distance_ns(frame, content.time_ns(frame) + lag) <= self._tolerance_ns
+        other, lag = (
+            (self.b, self._lag_ns) if content is self.a else (self.a, -self._lag_ns)
+        )
+        return (
+            0
+            <= other.distance_ns(frame, content.time_ns(frame) + lag)
+            <= self._tolerance_ns
+        )
 
     @staticmethod
     def names(tracks: Sequence[int]) -> list[str]:
-        """Tracks of A by their numbers; those that A has not, as `Matching.translated` gives them, as B's."""
-        return [str(t) for t in tracks if t >= 0] + [f"B's {-1 - t}" for t in reversed(tracks) if t < 0]
+        """Tracks of A by their numbers; those that A has not, as `Matching.translated` gives
+        them, as B's.
+        """
+        return [str(t) for t in tracks if t >= 0] + [
+            f"B's {-1 - t}" for t in reversed(tracks) if t < 0
+        ]
 
-    # -- events ----------------------------------------------------------------------------------------------------
+    # -- events
+    # ----------------------------------------------------------------------------------------------------
 
     def events(self) -> Iterator[Difference]:
         """Events by kind and subjects, each matched to the nearest in time."""
@@ -71,11 +91,17 @@ class Happenings:
         for key in [*left, *(k for k in right if k not in left)]:
             yield from self._events(key, left.get(key, []), right.get(key, []))
 
-    def _events(self, key: Key, ours: list[Happening], theirs: list[Happening]) -> Iterator[Difference]:
+    def _events(
+        self, key: Key, ours: list[Happening], theirs: list[Happening]
+    ) -> Iterator[Difference]:
         kind, subjects = key
-        left, right = ([self._time_ns(c, e.frame) for e in es] for c, es in ((self.a, ours), (self.b, theirs)))
+        left, right = (
+            [self._time_ns(c, e.frame) for e in es]
+            for c, es in ((self.a, ours), (self.b, theirs))
+        )
         pairs, lost, new = nearest(left, right, self._tolerance_ns)
-        # Paired before they are left out: what one log lacks at the very time it may have beside it.
+        # Paired before they are left out: what one log lacks at the very time it may have beside
+        # it.
         for i, j in pairs:
             if self._known(self.a, ours[i].frame) or self._known(self.b, theirs[j].frame):
                 yield from self._pair(kind, subjects, ours[i], theirs[j])
@@ -84,33 +110,60 @@ class Happenings:
             who, one = words.subject(self.names(subjects), [str(g) for g in a.groups])
             text = f"{who} {words.verb(kind, one, 'no longer')} at {t:.1f} s"
             details = {"kind": kind, "event_a": a.id, "groups_a": list(a.groups)}
-            yield Difference("event", "vanished", a.frame, t, list(a.subjects), text, details)
+            yield Difference(
+                "event", "vanished", a.frame, t, list(a.subjects), text, details
+            )
         for j in (j for j in new if self._known(self.b, theirs[j].frame)):
             b, t = theirs[j], self.b.seconds(theirs[j].frame)
             who, one = words.subject(self.names(subjects), [f"{g} of B" for g in b.groups])
             text = f"{who} {words.verb(kind, one, 'now')} at {t:.1f} s"
-            details = {"kind": kind, "event_b": b.id, "groups_b": list(b.groups), "subjects_b": list(b.subjects)}
-            yield Difference("event", "appeared", b.frame, t, self._shown(subjects), text, details)
+            details = {
+                "kind": kind,
+                "event_b": b.id,
+                "groups_b": list(b.groups),
+                "subjects_b": list(b.subjects),
+            }
+            yield Difference(
+                "event", "appeared", b.frame, t, self._shown(subjects), text, details
+            )
 
     @staticmethod
     def _shown(subjects: Sequence[int]) -> list[int]:
         return [t if t >= 0 else -1 - t for t in subjects]
 
-    def _pair(self, kind: str, subjects: tuple[int, ...], a: Happening, b: Happening) -> Iterator[Difference]:
+    def _pair(
+        self, kind: str, subjects: tuple[int, ...], a: Happening, b: Happening
+    ) -> Iterator[Difference]:
         who, one = words.subject(self.names(subjects), [str(g) for g in a.groups])
         ta, tb = self.a.seconds(a.frame), self.b.seconds(b.frame)
         details: dict[str, Any] = {"kind": kind, "event_a": a.id, "event_b": b.id}
         if a.frame != b.frame:
             text = f"{who} {words.verb(kind, one)} at {tb:.2f} s, no longer at {ta:.2f} s"
-            details |= {"frame_a": self.a.number(a.frame), "frame_b": self.b.number(b.frame)}
-            yield Difference("event", "moved", min(a.frame, b.frame), min(ta, tb), list(subjects), text, details)
+            details |= {
+                "frame_a": self.a.number(a.frame),
+                "frame_b": self.b.number(b.frame),
+            }
+            yield Difference(
+                "event",
+                "moved",
+                min(a.frame, b.frame),
+                min(ta, tb),
+                list(subjects),
+                text,
+                details,
+            )
         elif self._strict and a.whole != b.whole:
             found = self._unequal_events(a, b)
             if found is not None:
                 place, x, y = found
-                text = f"{who} {words.verb(kind, one)} at {ta:.1f} s as before, but with {place} {y}, not {x}"
+                text = (
+                    f"{who} {words.verb(kind, one)} at {ta:.1f} s as before, but with"
+                    f" {place} {y}, not {x}"
+                )
                 details |= {"field": place, "a": x, "b": y}
-                yield Difference("event", "changed", a.frame, ta, list(subjects), text, details)
+                yield Difference(
+                    "event", "changed", a.frame, ta, list(subjects), text, details
+                )
 
     def _unequal_events(self, a: Happening, b: Happening) -> tuple[str, str, str] | None:
         """The first of their values that differs, and not by numbers of tracks and groups alone."""
@@ -129,9 +182,12 @@ class Happenings:
             return len(x) == len(y)
         a, b = events
         whole = type(x) is int and type(y) is int
-        return whole and (self._matching.partner.get(x) == y or (x in a.groups and y in b.groups))
+        return whole and (
+            self._matching.partner.get(x) == y or (x in a.groups and y in b.groups)
+        )
 
-    # -- relations and groups --------------------------------------------------------------------------------------
+    # -- relations and groups
+    # --------------------------------------------------------------------------------------
 
     def relations(self) -> Iterator[Difference]:
         """Relations by their intervals."""
@@ -139,7 +195,9 @@ class Happenings:
         def name(state: str, members: Sequence[str], _: Sequence[Lasting]) -> str:
             return f"{state} of {words.tracks(members)}"
 
-        yield from self._lasting("relation", self.a.relations, self.b.relations, name, by_label=True)
+        yield from self._lasting(
+            "relation", self.a.relations, self.b.relations, name, by_label=True
+        )
 
     def groups(self) -> Iterator[Difference]:
         """Groups by members; their labels are only names."""
@@ -147,18 +205,29 @@ class Happenings:
         def name(_: str, members: Sequence[str], lives: Sequence[Lasting]) -> str:
             return words.group(lives[0].label, members)
 
-        yield from self._lasting("group", self.a.groups, self.b.groups, name, by_label=False)
+        yield from self._lasting(
+            "group", self.a.groups, self.b.groups, name, by_label=False
+        )
 
     def _lasting(
-        self, what: str, ours: Sequence[Lasting], theirs: Sequence[Lasting], name: Any, by_label: bool
+        self,
+        what: str,
+        ours: Sequence[Lasting],
+        theirs: Sequence[Lasting],
+        name: Any,
+        by_label: bool,
     ) -> Iterator[Difference]:
         left: dict[Key, list[Lasting]] = {}
         right: dict[Key, list[Lasting]] = {}
         for life in ours:
-            left.setdefault((life.label if by_label else "", life.members), []).extend(self._clipped(self.a, life))
+            left.setdefault((life.label if by_label else "", life.members), []).extend(
+                self._clipped(self.a, life)
+            )
         for life in theirs:
             members = self._in_a(life.members, life.first)
-            right.setdefault((life.label if by_label else "", members), []).extend(self._clipped(self.b, life))
+            right.setdefault((life.label if by_label else "", members), []).extend(
+                self._clipped(self.b, life)
+            )
         for key in [*left, *(k for k in right if k not in left)]:
             lives = left.get(key) or right.get(key) or []
             if lives:
@@ -168,7 +237,9 @@ class Happenings:
                 words_for = name(key[0], self.names(key[1]), lives)
                 if not left.get(key) and not by_label:
                     words_for = words_for.replace("group ", "B's group ", 1)
-                yield from self._spans(what, words_for, key[1], left.get(key, []), right.get(key, []))
+                yield from self._spans(
+                    what, words_for, key[1], left.get(key, []), right.get(key, [])
+                )
 
     def _clipped(self, content: Content, life: Lasting) -> list[Lasting]:
         """What of it lies in the frames that both logs have: where one log ends is no difference.
@@ -176,18 +247,30 @@ class Happenings:
         One that no such frame has stays whole where the other log could know of it.
         """
         spans = intersect([(life.first, life.last)], self._shared)
-        if not spans and (self._known(content, life.first) or self._known(content, life.last)):
+        if not spans and (
+            self._known(content, life.first) or self._known(content, life.last)
+        ):
             return [life]
-        return [Lasting(life.label, life.members, spans[0][0], spans[-1][1])] if spans else []
+        return (
+            [Lasting(life.label, life.members, spans[0][0], spans[-1][1])] if spans else []
+        )
 
     @staticmethod
     def _numbers_of(content: Content, life: Lasting) -> list[int]:
         return [content.number(life.first), content.number(life.last)]
 
     def _spans(
-        self, what: str, name: str, members: tuple[int, ...], ours: list[Lasting], theirs: list[Lasting]
+        self,
+        what: str,
+        name: str,
+        members: tuple[int, ...],
+        ours: list[Lasting],
+        theirs: list[Lasting],
     ) -> Iterator[Difference]:
-        left, right = ([self._time_ns(c, s.first) for s in spans] for c, spans in ((self.a, ours), (self.b, theirs)))
+        left, right = (
+            [self._time_ns(c, s.first) for s in spans]
+            for c, spans in ((self.a, ours), (self.b, theirs))
+        )
         pairs, lost, new = nearest(left, right, self._tolerance_ns)
         subjects = self._shown(members)
         for i, j in pairs:
@@ -195,20 +278,43 @@ class Happenings:
             if (a.first, a.last) != (b.first, b.last):
                 then = f"{self.a.seconds(a.first):.2f} to {self.a.seconds(a.last):.2f} s"
                 now = f"{self.b.seconds(b.first):.2f} to {self.b.seconds(b.last):.2f} s"
-                frame = min(a.first, b.first) if a.first != b.first else min(a.last, b.last) + 1
-                details = {"a": self._numbers_of(self.a, a), "b": self._numbers_of(self.b, b)}
+                frame = (
+                    min(a.first, b.first) if a.first != b.first else min(a.last, b.last) + 1
+                )
+                details = {
+                    "a": self._numbers_of(self.a, a),
+                    "b": self._numbers_of(self.b, b),
+                }
                 text = f"{name}: now from {now}, no longer from {then}"
-                yield Difference(what, "moved", frame, self.a.seconds(frame), subjects, text, details)
+                yield Difference(
+                    what, "moved", frame, self.a.seconds(frame), subjects, text, details
+                )
         for i in lost:
             a = ours[i]
             t, end = self.a.seconds(a.first), self.a.seconds(a.last)
             text = f"{name}: no longer from {t:.1f} to {end:.1f} s"
-            yield Difference(what, "vanished", a.first, t, subjects, text, {"a": self._numbers_of(self.a, a)})
+            yield Difference(
+                what,
+                "vanished",
+                a.first,
+                t,
+                subjects,
+                text,
+                {"a": self._numbers_of(self.a, a)},
+            )
         for j in new:
             b = theirs[j]
             t, end = self.b.seconds(b.first), self.b.seconds(b.last)
             text = f"{name}: now from {t:.1f} to {end:.1f} s"
-            yield Difference(what, "appeared", b.first, t, subjects, text, {"b": self._numbers_of(self.b, b)})
+            yield Difference(
+                what,
+                "appeared",
+                b.first,
+                t,
+                subjects,
+                text,
+                {"b": self._numbers_of(self.b, b)},
+            )
 
 
 def _joined(lives: list[Lasting]) -> list[Lasting]:
@@ -216,18 +322,27 @@ def _joined(lives: list[Lasting]) -> list[Lasting]:
     out: list[Lasting] = []
     for life in sorted(lives, key=lambda one: one.first):
         if out and life.first <= out[-1].last + 1:
-            out[-1] = Lasting(out[-1].label, out[-1].members, out[-1].first, max(out[-1].last, life.last))
+            out[-1] = Lasting(
+                out[-1].label, out[-1].members, out[-1].first, max(out[-1].last, life.last)
+            )
         else:
             out.append(life)
     return out
 
 
 def _leaves(x: Any, y: Any, place: str) -> Iterator[tuple[str, Any, Any]]:
-    """Places where two plain values differ; lists of as many whole numbers, which may be tracks, stay together."""
+    """Places where two plain values differ; lists of as many whole numbers, which may be tracks,
+    stay together.
+    """
     if isinstance(x, dict) and isinstance(y, dict):
         for key in [*x, *(k for k in y if k not in x)]:
             yield from _leaves(x.get(key), y.get(key), f"{place}.{key}")
-    elif isinstance(x, list) and isinstance(y, list) and len(x) == len(y) and not all(type(v) is int for v in x + y):
+    elif (
+        isinstance(x, list)
+        and isinstance(y, list)
+        and len(x) == len(y)
+        and not all(type(v) is int for v in x + y)
+    ):
         for k, (p, q) in enumerate(zip(x, y, strict=True)):
             yield from _leaves(p, q, f"{place}[{k}]")
     elif x != y or type(x) is not type(y):
@@ -237,7 +352,8 @@ def _leaves(x: Any, y: Any, place: str) -> Iterator[tuple[str, Any, Any]]:
 def nearest(
     ours: Sequence[int], theirs: Sequence[int], limit: int
 ) -> tuple[list[tuple[int, int]], list[int], list[int]]:
-    """Pair times of two ascending lists, closest first (ties: earlier first), within a limit; then who is left of each.
+    """Pair times of two ascending lists, closest first (ties: earlier first), within a limit;
+    then who is left of each.
 
     >>> nearest([0, 10], [9, 30], 5)
     ([(1, 0)], [0], [1])

@@ -1,8 +1,8 @@
 """Which track of one log is which of the other: by where they are, not by their numbers.
 
-Within a frame boxes are paired by the assignment of greatest overlap (IoU >= 0.5; boxes that are equal to the bit
-first; whoever were a pair before keep a small advantage); over the recording tracks are paired by the assignment of
-most shared frames. Ties: lower ids first.
+Within a frame boxes are paired by the assignment of greatest overlap (IoU >= 0.5; boxes that are
+equal to the bit first; whoever were a pair before keep a small advantage); over the recording
+tracks are paired by the assignment of most shared frames. Ties: lower ids first.
 """
 
 from __future__ import annotations
@@ -21,11 +21,28 @@ from replay.trackers.association import assign, iou
 
 MATCH_IOU = 0.5
 _HABIT = 0.05
-# A stretch on another's place that is shorter than this, beside longer ones, is a crossing, not a change.
+# A stretch on another's place that is shorter than this, beside longer ones, is a crossing, not a
+# change.
 SHORTEST_CHANGE = 5
 DISCRETE = ("mode", "grouping", "grouped", "splitting", "scene", "zones", "hidden_parts")
-VALUES = ("ellipse", "velocity", "shell_radius", "confidence", "observed", "blob", *DISCRETE)
-EDGE_VALUES = ("grouping", "grouped", "splitting", "shell_overlap", "rule", "since_frame", "since_ns")
+VALUES = (
+    "ellipse",
+    "velocity",
+    "shell_radius",
+    "confidence",
+    "observed",
+    "blob",
+    *DISCRETE,
+)
+EDGE_VALUES = (
+    "grouping",
+    "grouped",
+    "splitting",
+    "shell_overlap",
+    "rule",
+    "since_frame",
+    "since_ns",
+)
 
 
 @dataclass
@@ -68,7 +85,8 @@ class Matching:
         edges: (edge of A, edge of B) to values that differ.
         partner: track of A to track of B; after `finish`.
         back: track of B to track of A; after `finish`.
-        elsewhere_a: track of A to the frames in which it is another one of B than its partner; after `finish`.
+        elsewhere_a: track of A to the frames in which it is another one of B than its partner;
+            after `finish`.
         elsewhere_b: the same for B's tracks.
     """
 
@@ -101,21 +119,29 @@ class Matching:
                 if at in theirs and theirs[at].state == edge.state:
                     self._take_edge(k, edge, theirs[at])
 
-    def _frame_pairs(self, left: Sequence[Track], right: Sequence[Track]) -> list[tuple[int, int]]:
+    def _frame_pairs(
+        self, left: Sequence[Track], right: Sequence[Track]
+    ) -> list[tuple[int, int]]:
         places: dict[Any, list[int]] = {}
         for j, track in enumerate(right):
             places.setdefault(track.box, []).append(j)
         ours: dict[Any, int] = {}
         for track in left:
             ours[track.box] = ours.get(track.box, 0) + 1
-        same = [(i, places[t.box][0]) for i, t in enumerate(left) if ours[t.box] == 1 == len(places.get(t.box, ()))]
+        same = [
+            (i, places[t.box][0])
+            for i, t in enumerate(left)
+            if ours[t.box] == 1 == len(places.get(t.box, ()))
+        ]
         taken_a, taken_b = {i for i, _ in same}, {j for _, j in same}
         rows = [i for i in range(len(left)) if i not in taken_a]
         columns = [j for j in range(len(right)) if j not in taken_b]
         if not rows or not columns:
             return same
         overlap = iou(_boxes([left[i] for i in rows]), _boxes([right[j] for j in columns]))
-        habit = np.array([[(left[i].id, right[j].id) in self._before for j in columns] for i in rows])
+        habit = np.array(
+            [[(left[i].id, right[j].id) in self._before for j in columns] for i in rows]
+        )
         found = assign(1.0 - overlap - _HABIT * habit, overlap >= MATCH_IOU)
         return sorted([*same, *((rows[i], columns[j]) for i, j in found)])
 
@@ -127,7 +153,9 @@ class Matching:
             return
         if a.box != b.box:
             (ax, ay, aw, ah), (bx, by, bw, bh) = a.box, b.box
-            off = max(abs(ax - bx), abs(ay - by), abs(ax + aw - bx - bw), abs(ay + ah - by - bh))
+            off = max(
+                abs(ax - bx), abs(ay - by), abs(ax + aw - bx - bw), abs(ay + ah - by - bh)
+            )
             if off > self._tolerance_px or (off == 0 and self._tolerance_px == 0):
                 pair.far += 1
                 pair.first_far = frame if pair.far == 1 else pair.first_far
@@ -136,9 +164,16 @@ class Matching:
 
     def _take_edge(self, frame: int, a: Relation, b: Relation) -> None:
         if any(getattr(a, name) != getattr(b, name) for name in EDGE_VALUES):
-            _note(self.edges.setdefault(((a.a, a.b), (b.a, b.b)), {}), EDGE_VALUES, frame, a, b)
+            _note(
+                self.edges.setdefault(((a.a, a.b), (b.a, b.b)), {}),
+                EDGE_VALUES,
+                frame,
+                a,
+                b,
+            )
 
-    # -- who is whom -----------------------------------------------------------------------------------------------
+    # -- who is whom
+    # -----------------------------------------------------------------------------------------------
 
     def finish(self) -> None:
         """Pair the tracks."""
@@ -160,18 +195,30 @@ class Matching:
             by_b.setdefault(b, []).extend(runs)
         self._runs_of_a = {a: _cleaned(found) for a, found in sorted(by_a.items())}
         self._runs_of_b = {b: _cleaned(found) for b, found in sorted(by_b.items())}
-        for sides, elsewhere in ((self._runs_of_a, self.elsewhere_a), (self._runs_of_b, self.elsewhere_b)):
+        for sides, elsewhere in (
+            (self._runs_of_a, self.elsewhere_a),
+            (self._runs_of_b, self.elsewhere_b),
+        ):
             for track, own in sides.items():
-                away = [(run.first, run.last) for run in own if self.partner.get(run.a) != run.b]
+                away = [
+                    (run.first, run.last) for run in own if self.partner.get(run.a) != run.b
+                ]
                 elsewhere[track] = union(away)
 
     def followed(self, a: int, b: int) -> list[Interval]:
         """The frames in which a track of A is this track of B, which is not its partner."""
-        runs = {run for side in (self._runs_of_a.get(a, ()), self._runs_of_b.get(b, ())) for run in side}
-        return union(sorted((run.first, run.last) for run in runs if (run.a, run.b) == (a, b)))
+        runs = {
+            run
+            for side in (self._runs_of_a.get(a, ()), self._runs_of_b.get(b, ()))
+            for run in side
+        }
+        return union(
+            sorted((run.first, run.last) for run in runs if (run.a, run.b) == (a, b))
+        )
 
     def changes(self) -> Iterator[tuple[Run, Run]]:
-        """Where a track of A goes on as another one of B, or one of B as another one of A: the runs before and after.
+        """Where a track of A goes on as another one of B, or one of B as another one of A: the
+        runs before and after.
 
         A change that both sides see is told once, as A's.
         """
@@ -184,7 +231,9 @@ class Matching:
                     yield before, after
 
     def translated(self, b: int, frame: int) -> int:
-        """A track of B by its number in A: whom it lies on then; a negative number for one that A has not."""
+        """A track of B by its number in A: whom it lies on then; a negative number for one that A
+        has not.
+        """
         runs = self._runs_of_b.get(b)
         if not runs:
             return -1 - b
@@ -192,18 +241,26 @@ class Matching:
 
 
 def _cleaned(runs: list[Run]) -> list[Run]:
-    """A track's runs in order, without those that are too short to count beside longer ones, joined where the same."""
+    """A track's runs in order, without those that are too short to count beside longer ones,
+    joined where the same.
+    """
     joined = _joined(runs, SHORTEST_CHANGE)
     long = [run for run in joined if run.last - run.first + 1 >= SHORTEST_CHANGE]
     return _joined(long or joined)
 
 
 def _joined(runs: Sequence[Run], gap: float = float("inf")) -> list[Run]:
-    """Runs in order; those of one pair that follow one another, at most ``gap`` frames apart, as one."""
+    """Runs in order; those of one pair that follow one another, at most ``gap`` frames apart, as
+    one.
+    """
     kept: list[Run] = []
     for run in sorted(runs, key=lambda r: (r.first, r.a, r.b)):
         before = kept[-1] if kept else None
-        if before is not None and (before.a, before.b) == (run.a, run.b) and run.first - before.last <= gap:
+        if (
+            before is not None
+            and (before.a, before.b) == (run.a, run.b)
+            and run.first - before.last <= gap
+        ):
             kept[-1] = Run(before.first, run.last, run.a, run.b)
         else:
             kept.append(run)
@@ -214,7 +271,9 @@ def _boxes(tracks: Sequence[Track]) -> np.ndarray:
     return np.array([t.box for t in tracks], np.float64).reshape(-1, 4)
 
 
-def _note(changes: dict[str, Change], fields: Sequence[str], frame: int, a: Any, b: Any) -> None:
+def _note(
+    changes: dict[str, Change], fields: Sequence[str], frame: int, a: Any, b: Any
+) -> None:
     for name in fields:
         x, y = getattr(a, name), getattr(b, name)
         if x != y:

@@ -1,4 +1,6 @@
-"""A comparison as one HTML file that opens offline: the first differences as pictures side by side, then all."""
+"""A comparison as one HTML file that opens offline: the first differences as pictures side by
+side, then all.
+"""
 
 from __future__ import annotations
 
@@ -41,14 +43,20 @@ class _Moment:
 
 
 def write_page(
-    found: Comparison, out: str | Path, *, scene: str | Path | None = None, force: bool = False, frames: int = FRAMES
+    found: Comparison,
+    out: str | Path,
+    *,
+    scene: str | Path | None = None,
+    force: bool = False,
+    frames: int = FRAMES,
 ) -> None:
     """Write the page.
 
     Args:
         found: what `compare` gave; its files are read again.
         out: the HTML file.
-        scene: a log with the pictures, where neither of the two has them; without any, the boxes stand on plain grey.
+        scene: a log with the pictures, where neither of the two has them; without any, the boxes
+            stand on plain grey.
         force: overwrite.
         frames: how many frames are shown as pictures.
 
@@ -62,7 +70,9 @@ def write_page(
 
 
 def _chosen(found: Comparison, frames: int) -> dict[int, list[Difference]]:
-    """The first frames in which something is to be seen; what appears, vanishes or is someone else before values."""
+    """The first frames in which something is to be seen; what appears, vanishes or is someone
+    else before values.
+    """
     seen = [d for d in found.differences if d.what in _SEEN]
     weighty = [d for d in seen if d.change != "changed" or d.what == "identity"] or seen
     first = sorted({d.frame for d in weighty})[:frames]
@@ -79,7 +89,10 @@ def _moments(found: Comparison, scene: str | Path | None, frames: int) -> Iterat
             if k not in times:
                 continue
             image = backgrounds.at(times[k], k)
-            pictures = [_picture(log, side.get(k), image) for log, side in zip((a, b), sides, strict=True)]
+            pictures = [
+                _picture(log, side.get(k), image)
+                for log, side in zip((a, b), sides, strict=True)
+            ]
             yield _Moment(k, chosen[k], pictures)
 
 
@@ -91,7 +104,9 @@ def _log(path: str) -> AnnotatedLog:
     return AnnotatedLog(path, camera)
 
 
-def _frames(log: AnnotatedLog, chosen: dict[int, list[Difference]]) -> Iterator[AnnotatedFrame]:
+def _frames(
+    log: AnnotatedLog, chosen: dict[int, list[Difference]]
+) -> Iterator[AnnotatedFrame]:
     for frame in log.frames():
         if frame.index in chosen:
             yield frame
@@ -103,7 +118,9 @@ class _Backgrounds:
     """The recorded pictures, from whichever log has them."""
 
     def __init__(self, logs: Sequence[AnnotatedLog], scene: Path | None) -> None:
-        self._size = next((size for size in (log.size() for log in logs) if size is not None), (640, 480))
+        self._size = next(
+            (size for size in (log.size() for log in logs) if size is not None), (640, 480)
+        )
         camera = logs[0].camera
         with_pictures = next((log for log in logs if log.has_pictures), None)
         self._source = (scene, camera) if scene is not None else None
@@ -115,7 +132,11 @@ class _Backgrounds:
         if self._source is not None:
             with SceneLog(*self._source) as scene:
                 frame = next(scene.frames(time_ns, index), None)
-                if frame is not None and frame.time_ns == time_ns and frame.image is not None:
+                if (
+                    frame is not None
+                    and frame.time_ns == time_ns
+                    and frame.image is not None
+                ):
                     return frame.image
         return np.full((self._size[1], self._size[0], 3), _GROUND, np.uint8)
 
@@ -125,15 +146,20 @@ def _picture(log: AnnotatedLog, frame: AnnotatedFrame | None, image: Image) -> s
     if frame is None:
         return ""
     # The events stand beside the picture as text.
-    drawing = draw_frame(image, frame_overlay(log, replace(frame, events=[])), DrawOptions())
+    drawing = draw_frame(
+        image, frame_overlay(log, replace(frame, events=[])), DrawOptions()
+    )
     height, width = drawing.shape[:2]
     if width > _WIDTH:
         size = (_WIDTH, max(1, round(height * _WIDTH / width)))
-        drawing = np.asarray(cv2.resize(drawing, size, interpolation=cv2.INTER_AREA), np.uint8)
+        drawing = np.asarray(
+            cv2.resize(drawing, size, interpolation=cv2.INTER_AREA), np.uint8
+        )
     return "data:image/jpeg;base64," + b64encode(encode_jpeg(drawing, _QUALITY)).decode()
 
 
-# -- the page ------------------------------------------------------------------------------------------------------
+# -- the page
+# ------------------------------------------------------------------------------------------------------
 
 _STYLE = """
 :root { --ground: #fbfbf9; --card: #fff; --ink: #1d2126; --soft: #626b75; --line: #dfe3e6;
@@ -174,12 +200,21 @@ def _page(found: Comparison, moments: Sequence[_Moment]) -> str:
         "<!doctype html>",
         '<html lang="en"><head><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{escape(a)} against {escape(b)}</title><style>{_STYLE}</style></head><body>",
+        (
+            f"<title>{escape(a)} against"
+            f" {escape(b)}</title><style>{_STYLE}</style></head><body>"
+        ),
         "<h1>What differs in what happened</h1>",
-        f'<p class="soft">A: <code>{escape(found.a)}</code><br>B: <code>{escape(found.b)}</code></p>',
+        (
+            f'<p class="soft">A: <code>{escape(found.a)}</code><br>B:'
+            f" <code>{escape(found.b)}</code></p>"
+        ),
         f"<p>{escape(_verdict(found))}</p>",
         '<ul class="counts">',
-        *(f'<li class="{what.rsplit(" ", 1)[1]}">{n} {escape(what)}</li>' for what, n in found.counts().items()),
+        *(
+            f'<li class="{what.rsplit(" ", 1)[1]}">{n} {escape(what)}</li>'
+            for what, n in found.counts().items()
+        ),
         "</ul>",
     ]
     if found.made:
@@ -199,13 +234,17 @@ def _verdict(found: Comparison) -> str:
     if found.identical:
         return f"Identical: {frames}."
     if found.equal:
-        return f"Equal in meaning over {frames}; track numbers or values within the tolerance differ."
+        return (
+            f"Equal in meaning over {frames}; track numbers or values within the tolerance"
+            " differ."
+        )
     return f"{number(len(found.differences), 'difference')} over {frames}."
 
 
 def _moment(moment: _Moment, a: str, b: str) -> str:
     texts = "".join(
-        f'<li><span class="{d.change}">{d.what} {d.change}</span>: {escape(d.text)}</li>' for d in moment.differences
+        f'<li><span class="{d.change}">{d.what} {d.change}</span>: {escape(d.text)}</li>'
+        for d in moment.differences
     )
     sides = "".join(
         f"<figure><figcaption>{side}: {escape(name)}</figcaption>"
@@ -218,7 +257,10 @@ def _moment(moment: _Moment, a: str, b: str) -> str:
         for side, name, picture in zip("AB", (a, b), moment.pictures, strict=True)
     )
     head = f"{moment.differences[0].t:.2f} s, frame {moment.frame}"
-    return f'<section class="moment"><h3>{head}</h3><ul>{texts}</ul><div class="sides">{sides}</div></section>'
+    return (
+        f'<section class="moment"><h3>{head}</h3><ul>{texts}</ul><div'
+        f' class="sides">{sides}</div></section>'
+    )
 
 
 def _table(differences: Sequence[Difference]) -> str:
@@ -228,4 +270,6 @@ def _table(differences: Sequence[Difference]) -> str:
         for d in differences
     )
     head = '<tr><th>s</th><th class="narrow">frame</th><th>what</th><th></th></tr>'
-    return f"<h2>All differences</h2><table><thead>{head}</thead><tbody>{rows}</tbody></table>"
+    return (
+        f"<h2>All differences</h2><table><thead>{head}</thead><tbody>{rows}</tbody></table>"
+    )

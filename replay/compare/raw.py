@@ -1,9 +1,12 @@
-"""Compare two annotated logs byte by byte: whether they are identical, and where each channel differs first."""
+"""Compare two annotated logs byte by byte: whether they are identical, and where each channel
+differs first.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import groupby, zip_longest
 from typing import Any
 
@@ -35,9 +38,11 @@ class Raw:
     """The outcome.
 
     Attributes:
-        identical: same times, same payloads in every channel; the same recording, where it was compared.
+        identical: same times, same payloads in every channel; the same recording, where it was
+            compared.
         frames: frames at the same times.
-        channels: first difference of each channel, by name; `RECORDING` for the recorded messages under them.
+        channels: first difference of each channel, by name; `RECORDING` for the recorded messages
+            under them.
     """
 
     identical: bool = True
@@ -62,12 +67,17 @@ class _Frame:
 
 
 def compare_bytes(
-    a: LogReader, b: LogReader, camera_a: str, camera_b: str, everything: bool = False, only_shared: bool = False
+    a: LogReader,
+    b: LogReader,
+    camera_a: str,
+    camera_b: str,
+    everything: bool = False,
+    only_shared: bool = False,
 ) -> Raw:
     """Compare the annotated payloads of two logs, frame by frame.
 
-    With ``everything``, the recorded messages, publish times and sequence numbers are compared, too; with
-    ``only_shared``, frames that only one of them has do not count.
+    With ``everything``, the recorded messages, publish times and sequence numbers are compared,
+    too; with ``only_shared``, frames that only one of them has do not count.
 
     Raises:
         RecordingError: a log is damaged.
@@ -90,13 +100,19 @@ def compare_bytes(
         before = ours
         ours, theirs = left.next(), right.next()
         if ours is None and theirs is None and left.trailing != right.trailing:
-            _note_recorded(out, _frame_of(before.payloads, {}) + 1, left.trailing, right.trailing)
-    out.identical = out.identical and (out.frames > 0 if only_shared else ours is None and theirs is None)
+            _note_recorded(
+                out, _frame_of(before.payloads, {}) + 1, left.trailing, right.trailing
+            )
+    out.identical = out.identical and (
+        out.frames > 0 if only_shared else ours is None and theirs is None
+    )
     return out
 
 
 class _Frames:
-    """A log's frames; ``trailing`` holds the recorded messages after the last one when they are through."""
+    """A log's frames; ``trailing`` holds the recorded messages after the last one when they are
+    through.
+    """
 
     def __init__(self, log: LogReader, camera: str, everything: bool) -> None:
         self.trailing: list[Recorded] = []
@@ -111,19 +127,30 @@ class _Frames:
 
     def _all(self) -> Iterator[_Frame]:
         log, limit = self._log, self._log.limits.max_messages_per_frame
-        wanted = None if self._everything else [c.topic for c in log.channels if c.topic in self._names]
+        wanted = (
+            None
+            if self._everything
+            else [c.topic for c in log.channels if c.topic in self._names]
+        )
         for now, group in groupby(log.messages(wanted), key=lambda m: m.log_time_ns):
             frame = _Frame(now, {}, {}, [])
             for count, m in enumerate(group):
                 if count >= limit:
-                    raise LimitError(f"over {limit} messages at {now} ns (max_messages_per_frame)", log.path)
+                    raise LimitError(
+                        f"over {limit} messages at {now} ns (max_messages_per_frame)",
+                        log.path,
+                    )
                 name = self._names.get(m.topic)
                 if name is None:
-                    frame.recorded.append((m.topic, now, m.publish_time_ns, m.sequence, m.data))
+                    frame.recorded.append(
+                        (m.topic, now, m.publish_time_ns, m.sequence, m.data)
+                    )
                     continue
                 frame.payloads.setdefault(name, []).append(m.data)
                 if self._everything:
-                    frame.stamps.setdefault(name, []).append((m.publish_time_ns, m.sequence))
+                    frame.stamps.setdefault(name, []).append(
+                        (m.publish_time_ns, m.sequence)
+                    )
             # Topics share one time in whatever order they lie in the file.
             self.trailing += sorted(frame.recorded, key=lambda r: r[0])
             if frame.payloads:
@@ -141,14 +168,19 @@ def _note(out: Raw, a: _Frame, b: _Frame) -> None:
                 told = _note_recording(out, a.payloads, b.payloads)
             pairs = zip_longest(a.payloads.get(name, []), b.payloads.get(name, []))
             x, y = next((x, y) for x, y in pairs if x != y)
-            _count(out, name, lambda name=name, x=x, y=y: First(frame, *difference_in(name, x, y)))  # type: ignore[misc]
+            _count(out, name, partial(_first_in, frame, name, x, y))
         elif a.stamps.get(name) != b.stamps.get(name):
             stamps = zip(a.stamps[name], b.stamps[name], strict=True)
             p, q = next((p, q) for p, q in stamps if p != q)
             what, k = ("publish time", 0) if p[0] != q[0] else ("sequence number", 1)
-            _count(out, name, lambda what=what, p=p[k], q=q[k]: First(frame, what, str(p), str(q)))  # type: ignore[misc]
+            _count(out, name, partial(First, frame, what, str(p[k]), str(q[k])))
     if a.recorded != b.recorded and not told:
         _note_recorded(out, frame, a.recorded, b.recorded)
+
+
+def _first_in(frame: int, name: str, x: bytes | None, y: bytes | None) -> First:
+    """Where two payloads of a channel differ."""
+    return First(frame, *difference_in(name, x, y))
 
 
 def _count(out: Raw, name: str, first: Callable[[], First]) -> None:
@@ -160,7 +192,9 @@ def _count(out: Raw, name: str, first: Callable[[], First]) -> None:
         out.channels[name] = first()
 
 
-def _note_recorded(out: Raw, frame: int, a: Sequence[Recorded], b: Sequence[Recorded]) -> None:
+def _note_recorded(
+    out: Raw, frame: int, a: Sequence[Recorded], b: Sequence[Recorded]
+) -> None:
     out.identical = False
     x, y = next((x, y) for x, y in zip_longest(a, b) if x != y)
     topic = (x or y or ("",))[0]
@@ -177,7 +211,9 @@ def _note_recorded(out: Raw, frame: int, a: Sequence[Recorded], b: Sequence[Reco
 
 
 def _frame_of(a: Payloads, b: Payloads) -> int:
-    """A frame's number, from whichever of its messages can be read: whoever needs the others says what is wrong."""
+    """A frame's number, from whichever of its messages can be read: whoever needs the others says
+    what is wrong.
+    """
     for name in ("tracks", "relations", "groups", "targets", "digest"):
         for payload in (*a.get(name, []), *b.get(name, [])):
             found = _readable(name, payload)
@@ -197,7 +233,9 @@ def _readable(name: str, payload: bytes) -> Any:
 def _note_recording(out: Raw, a: Payloads, b: Payloads) -> bool:
     """Whether two frames' digests say that their recordings differ."""
     payloads = (*a.get("digest", [])[:1], *b.get("digest", [])[:1])
-    sides = [d for d in (_readable("digest", payload) for payload in payloads) if d is not None]
+    sides = [
+        d for d in (_readable("digest", payload) for payload in payloads) if d is not None
+    ]
     if len(sides) < 2 or sides[0].recorded == sides[1].recorded:
         return False
     first = First(sides[0].frame, "digest", *cut(sides[0].recorded, sides[1].recorded))

@@ -23,8 +23,14 @@ from replay.unequal import both, short
 _INTERVALS = 3
 """So many intervals of frames are named, then the number of the others."""
 _READ = ("tracks", "relations", "groups", "events")
-# What a difference in a channel shows as; a channel that is not here is told of only where nothing else explains it.
-_SHOWN_AS = {"tracks": ("track", "identity"), "relations": ("relation",), "groups": ("group",), "events": ("event",)}
+# What a difference in a channel shows as; a channel that is not here is told of only where
+# nothing else explains it.
+_SHOWN_AS = {
+    "tracks": ("track", "identity"),
+    "relations": ("relation",),
+    "groups": ("group",),
+    "events": ("event",),
+}
 
 
 @dataclass(frozen=True)
@@ -32,10 +38,12 @@ class CompareOptions:
     """What counts as the same.
 
     Attributes:
-        tolerance_px: a matched track's box may be off by so much on each side. 0: every value counts; over 0: boxes
-            within it, modes, interaction states, places in the scene, events, relations and groups count, and the
-            measured values and pictures beneath them do not.
-        tolerance_s: an event or an interval's begin may be off by so much and counts as moved, not as another one.
+        tolerance_px: a matched track's box may be off by so much on each side. 0: every value
+            counts; over 0: boxes within it, modes, interaction states, places in the scene,
+            events, relations and groups count, and the measured values and pictures beneath them
+            do not.
+        tolerance_s: an event or an interval's begin may be off by so much and counts as moved,
+            not as another one.
         story: compare tracks, relations, groups and events alone: one of them is a golden file.
         only_shared: frames that only one log has are no difference: one of them is a span.
     """
@@ -47,12 +55,15 @@ class CompareOptions:
 
 
 def compare(
-    a: str | Path, b: str | Path, options: CompareOptions | None = None, limits: Limits = DEFAULT_LIMITS
+    a: str | Path,
+    b: str | Path,
+    options: CompareOptions | None = None,
+    limits: Limits = DEFAULT_LIMITS,
 ) -> Comparison:
     """Compare log B with log A.
 
-    Tracks are matched by place, so other numbers are no difference; events by kind, subjects and time; relations and
-    groups by their intervals. The logs are read side by side, frame by frame.
+    Tracks are matched by place, so other numbers are no difference; events by kind, subjects and
+    time; relations and groups by their intervals. The logs are read side by side, frame by frame.
 
     Raises:
         RecordingError: one of them is not an annotated log, or is damaged.
@@ -60,11 +71,18 @@ def compare(
     options = options or CompareOptions()
     with LogReader(a, limits) as left, LogReader(b, limits) as right:
         facts = facts_of(left), facts_of(right)
-        # Golden files and annotations alone have no recording; of spans, each has a part of its own.
+        # Golden files and annotations alone have no recording; of spans, each has a part of its
+        # own.
         alike = all(f.whole and not any(name == GOLDEN for name, _ in log.metadata())
                     for f, log in zip(facts, (left, right), strict=True))  # fmt: skip
-        everything = alike and options.tolerance_px == 0 and not (options.story or options.only_shared)
-        raw = compare_bytes(left, right, facts[0].camera, facts[1].camera, everything, options.only_shared)
+        everything = (
+            alike
+            and options.tolerance_px == 0
+            and not (options.story or options.only_shared)
+        )
+        raw = compare_bytes(
+            left, right, facts[0].camera, facts[1].camera, everything, options.only_shared
+        )
     made = _made(*facts)
     if raw.identical:
         return Comparison(str(a), str(b), True, raw.frames, {}, [], made)
@@ -73,19 +91,26 @@ def compare(
     _read(a, b, facts, contents, matching, limits, by_time=raw.frames > 0)
     comparer = _Comparer(*contents, matching, options, raw)
     found = comparer.all()
-    return Comparison(str(a), str(b), False, count(comparer.shared), matching.partner, found, made)
+    return Comparison(
+        str(a), str(b), False, count(comparer.shared), matching.partner, found, made
+    )
 
 
 def _read(
     a: str | Path, b: str | Path, facts: tuple[Facts, Facts], contents: tuple[Content, Content], matching: Matching,
     limits: Limits, by_time: bool,
 ) -> None:  # fmt: skip
-    """Read both logs side by side: frames of one time belong together, or of one number where no time is common."""
+    """Read both logs side by side: frames of one time belong together, or of one number where no
+    time is common.
+    """
 
     def key(frame: AnnotatedFrame) -> int:
         return frame.time_ns if by_time else frame.index
 
-    with AnnotatedLog(a, facts[0].camera, limits) as left, AnnotatedLog(b, facts[1].camera, limits) as right:
+    with (
+        AnnotatedLog(a, facts[0].camera, limits) as left,
+        AnnotatedLog(b, facts[1].camera, limits) as right,
+    ):
         for content, log in zip(contents, (left, right), strict=True):
             content.origin_ns = log.start_ns
         ours, theirs = left.frames(_READ), right.frames(_READ)
@@ -113,55 +138,92 @@ def _made(a: Facts, b: Facts) -> list[str]:
         if a.tracker != b.tracker and (not old or not new):
             continue
         lines += [
-            f"parameter: {section}.{name} = {new.get(name, 'absent')}, not {old.get(name, 'absent')}"
+            f"parameter: {section}.{name} = {new.get(name, 'absent')}, not"
+            f" {old.get(name, 'absent')}"
             for name in sorted({*old, *new})
-            if old.get(name) != new.get(name) or type(old.get(name)) is not type(new.get(name))
+            if old.get(name) != new.get(name)
+            or type(old.get(name)) is not type(new.get(name))
         ]
-    pairs = [(n, a.packages.get(n), b.packages.get(n)) for n in sorted({*a.packages, *b.packages})]
-    pairs += [(f"OpenCV: {n}", a.opencv_build.get(n), b.opencv_build.get(n)) for n in sorted(a.opencv_build)]
-    return lines + [f"version: {n} {new or 'absent'}, not {old or 'absent'}" for n, old, new in pairs if old != new]
+    pairs = [
+        (n, a.packages.get(n), b.packages.get(n))
+        for n in sorted({*a.packages, *b.packages})
+    ]
+    pairs += [
+        (f"OpenCV: {n}", a.opencv_build.get(n), b.opencv_build.get(n))
+        for n in sorted(a.opencv_build)
+    ]
+    return lines + [
+        f"version: {n} {new or 'absent'}, not {old or 'absent'}"
+        for n, old, new in pairs
+        if old != new
+    ]
 
 
 class _Comparer:
-    def __init__(self, a: Content, b: Content, matching: Matching, options: CompareOptions, raw: Raw) -> None:
+    def __init__(
+        self, a: Content, b: Content, matching: Matching, options: CompareOptions, raw: Raw
+    ) -> None:
         self.a, self.b = a, b
         self.matching = matching
         self.options = options
         self.raw = raw
         self.strict = options.tolerance_px == 0
         self.shared = intersect(a.frames, b.frames)
-        self.happenings = Happenings(a, b, self.shared, matching, options.tolerance_s, self.strict)
+        self.happenings = Happenings(
+            a, b, self.shared, matching, options.tolerance_s, self.strict
+        )
 
     def all(self) -> list[Difference]:
         """Every difference, by frame."""
         found = [*self._tracks(), *self._identities()]
         found += [] if self.options.only_shared else self._frames()
-        found += [*self.happenings.events(), *self.happenings.relations(), *self.happenings.groups()]
+        found += [
+            *self.happenings.events(),
+            *self.happenings.relations(),
+            *self.happenings.groups(),
+        ]
         if self.strict and self.options.story:
-            found += self._edge_values({(d.what, *d.subjects) for d in found if d.what == "relation"})
+            found += self._edge_values(
+                {(d.what, *d.subjects) for d in found if d.what == "relation"}
+            )
         elif self.strict:
-            found += self._edge_values({(d.what, *d.subjects) for d in found if d.what == "relation"})
+            found += self._edge_values(
+                {(d.what, *d.subjects) for d in found if d.what == "relation"}
+            )
             found += self._recording()
             found += self._messages(found)
         found.sort(key=lambda d: (d.frame, d.what, d.change, d.subjects, d.text))
         return [replace(d, frame=self._number(d)) for d in found]
 
     def _number(self, d: Difference) -> int:
-        """A difference's frame as the log counts it in which it is to be seen: B for what is only there."""
+        """A difference's frame as the log counts it in which it is to be seen: B for what is only
+        there.
+        """
         content = self.b if d.what == "frames" and d.change == "appeared" else self.a
         return content.number(d.frame) if content.frames else self.b.number(d.frame)
 
-    # -- frames and tracks -----------------------------------------------------------------------------------------
+    # -- frames and tracks
+    # -----------------------------------------------------------------------------------------
 
     def _frames(self) -> Iterator[Difference]:
-        for content, other, change, name in ((self.a, self.b, "vanished", "A"), (self.b, self.a, "appeared", "B")):
+        for content, other, change, name in (
+            (self.a, self.b, "vanished", "A"),
+            (self.b, self.a, "appeared", "B"),
+        ):
             alone = subtract(content.frames, other.frames)
             if alone:
                 first, n = alone[0][0], count(alone)
-                numbers = union((content.number(begin), content.number(end)) for begin, end in alone)
+                numbers = union(
+                    (content.number(begin), content.number(end)) for begin, end in alone
+                )
                 spans = words.intervals(numbers, _INTERVALS)
-                text = f"{n} frame{'s are' if n > 1 else ' is'} in {name} only: frame{'s' if n > 1 else ''} {spans}"
-                yield Difference("frames", change, first, content.seconds(first), [], text, {"frames": n})
+                text = (
+                    f"{n} frame{'s are' if n > 1 else ' is'} in {name} only:"
+                    f" frame{'s' if n > 1 else ''} {spans}"
+                )
+                yield Difference(
+                    "frames", change, first, content.seconds(first), [], text, {"frames": n}
+                )
 
     def _tracks(self) -> Iterator[Difference]:
         matching = self.matching
@@ -170,28 +232,40 @@ class _Comparer:
                 yield from self._matched(track)
             else:
                 here = self._own(self.a, track)
-                yield from self._alone(self.a, track, here, "vanished", f"track {track} is not in B")
+                yield from self._alone(
+                    self.a, track, here, "vanished", f"track {track} is not in B"
+                )
         for track in self.b.tracks:
             if track not in matching.back:
                 here = self._own(self.b, track)
-                yield from self._alone(self.b, track, here, "appeared", f"track {track} of B is not in A")
+                yield from self._alone(
+                    self.b, track, here, "appeared", f"track {track} of B is not in A"
+                )
         for (a, b), pair in sorted(matching.pairs.items()):
             within = [] if matching.partner.get(a) == b else matching.followed(a, b)
             if within:
-                ours, theirs = (intersect(spans, within) for spans in (self.a.tracks[a], self.b.tracks[b]))
+                ours, theirs = (
+                    intersect(spans, within)
+                    for spans in (self.a.tracks[a], self.b.tracks[b])
+                )
                 yield from self._pair(a, b, pair, ours, theirs)
 
     def _own(self, content: Content, track: int) -> list[Interval]:
-        """The frames of both logs in which a track of one is its partner of the other, or nobody of it.
+        """The frames of both logs in which a track of one is its partner of the other, or nobody
+        of it.
 
         Where it is another one, that is told as a change of identity.
         """
         matching = self.matching
         elsewhere = matching.elsewhere_a if content is self.a else matching.elsewhere_b
-        return subtract(intersect(content.tracks.get(track, []), self.shared), elsewhere.get(track, []))
+        return subtract(
+            intersect(content.tracks.get(track, []), self.shared), elsewhere.get(track, [])
+        )
 
     @staticmethod
-    def _alone(content: Content, track: int, here: list[Interval], change: str, text: str) -> Iterator[Difference]:
+    def _alone(
+        content: Content, track: int, here: list[Interval], change: str, text: str
+    ) -> Iterator[Difference]:
         n = count(here)
         if n:
             t = content.seconds(here[0][0])
@@ -201,17 +275,38 @@ class _Comparer:
     def _matched(self, track: int) -> Iterator[Difference]:
         partner = self.matching.partner[track]
         ours, theirs = self._own(self.a, track), self._own(self.b, partner)
-        for mine, other, change, name in ((ours, theirs, "vanished", "A"), (theirs, ours, "appeared", "B")):
+        for mine, other, change, name in (
+            (ours, theirs, "vanished", "A"),
+            (theirs, ours, "appeared", "B"),
+        ):
             alone = subtract(mine, other)
             if alone:
                 n, frame = count(alone), alone[0][0]
                 t = self.a.seconds(frame)
-                text = f"track {track} is in {number(n, 'frame')} of {name} only, first at {t:.1f} s"
-                yield Difference("track", change, frame, t, [track], text, {"frames": n, "partner": partner})
-        yield from self._pair(track, partner, self.matching.pairs[track, partner], ours, theirs)
+                text = (
+                    f"track {track} is in {number(n, 'frame')} of {name} only, first at"
+                    f" {t:.1f} s"
+                )
+                yield Difference(
+                    "track",
+                    change,
+                    frame,
+                    t,
+                    [track],
+                    text,
+                    {"frames": n, "partner": partner},
+                )
+        yield from self._pair(
+            track, partner, self.matching.pairs[track, partner], ours, theirs
+        )
 
     def _pair(
-        self, track: int, partner: int, pair: Pair, ours: list[Interval], theirs: list[Interval]
+        self,
+        track: int,
+        partner: int,
+        pair: Pair,
+        ours: list[Interval],
+        theirs: list[Interval],
     ) -> Iterator[Difference]:
         """How a track of A and the track of B that it is differ while both are there."""
         name = f"track {track}"
@@ -220,25 +315,43 @@ class _Comparer:
         apart = subtract(intersect(ours, theirs), pair.spans)
         n = pair.far + count(apart)
         if n:
-            frame = min([f for f in (pair.first_far, apart[0][0] if apart else -1) if f >= 0])
+            frame = min(
+                [f for f in (pair.first_far, apart[0][0] if apart else -1) if f >= 0]
+            )
             t = self.a.seconds(frame)
             far = "without overlap" if apart else f"by up to {pair.largest_px:.3g} px"
-            text = f"{name} lies elsewhere in {n} of {pair.frames + count(apart)} frames, {far}, first at {t:.1f} s"
-            details = {"frames": n, "largest_px": pair.largest_px, "frames_apart": count(apart), "partner": partner}
+            text = (
+                f"{name} lies elsewhere in {n} of {pair.frames + count(apart)} frames,"
+                f" {far}, first at {t:.1f} s"
+            )
+            details = {
+                "frames": n,
+                "largest_px": pair.largest_px,
+                "frames_apart": count(apart),
+                "partner": partner,
+            }
             yield Difference("track", "moved", frame, t, [track], text, details)
         if pair.values:
             yield self._values("track", name, [track], pair.values)
 
-    def _values(self, what: str, name: str, subjects: list[int], values: dict[str, Change]) -> Difference:
-        """One line for all values of a track or relation that differ: the first one with both sides."""
+    def _values(
+        self, what: str, name: str, subjects: list[int], values: dict[str, Change]
+    ) -> Difference:
+        """One line for all values of a track or relation that differ: the first one with both
+        sides.
+        """
         field, first = min(values.items(), key=lambda item: item[1].first)
         t = self.a.seconds(first.first)
         others = f", and {len(values) - 1} more values" if len(values) > 1 else ""
         frames = max(change.frames for change in values.values())
         old, new = both(first.a, first.b)
-        text = f"{name} has {field} {new}, not {old}, at {t:.1f} s{others}; in {number(frames, 'frame')}"
+        text = (
+            f"{name} has {field} {new}, not {old}, at {t:.1f} s{others}; in"
+            f" {number(frames, 'frame')}"
+        )
         details = {
-            n: {"frames": c.frames, "first": c.first, "a": short(c.a), "b": short(c.b)} for n, c in values.items()
+            n: {"frames": c.frames, "first": c.first, "a": short(c.a), "b": short(c.b)}
+            for n, c in values.items()
         }
         return Difference(what, "changed", first.first, t, subjects, text, details)
 
@@ -246,34 +359,61 @@ class _Comparer:
         for before, after in self.matching.changes():
             t = self.a.seconds(after.first)
             if before.a == after.a:
-                text = f"track {after.a} is B's track {after.b} from {t:.1f} s on, B's track {before.b} before"
+                text = (
+                    f"track {after.a} is B's track {after.b} from {t:.1f} s on, B's track"
+                    f" {before.b} before"
+                )
             else:
-                text = f"B's track {after.b} is track {after.a} from {t:.1f} s on, track {before.a} before"
+                text = (
+                    f"B's track {after.b} is track {after.a} from {t:.1f} s on, track"
+                    f" {before.a} before"
+                )
             details = {"a": [before.a, after.a], "b": [before.b, after.b]}
-            yield Difference("identity", "changed", after.first, t, sorted({before.a, after.a}), text, details)
+            yield Difference(
+                "identity",
+                "changed",
+                after.first,
+                t,
+                sorted({before.a, after.a}),
+                text,
+                details,
+            )
 
-    # -- what only bytes show --------------------------------------------------------------------------------------
+    # -- what only bytes show
+    # --------------------------------------------------------------------------------------
 
     def _edge_values(self, known: set[tuple[str | int, ...]]) -> Iterator[Difference]:
         for (a, b), values in self.matching.edges.items():
             translated = tuple(sorted(self.matching.back.get(track, -1) for track in b))
             if translated == a and ("relation", *a) not in known:
-                yield self._values("relation", f"the relation of {a[0]} and {a[1]}", list(a), values)
+                yield self._values(
+                    "relation", f"the relation of {a[0]} and {a[1]}", list(a), values
+                )
 
     def _recording(self) -> Iterator[Difference]:
         first = self.raw.channels.get(RECORDING)
         if first is not None:
             n = first.frames
             where = f"the recorded messages differ in {number(n, 'frame')}"
-            text = f"{where}: another recording, or an altered one ({first.field}: {first.b}, not {first.a})"
+            text = (
+                f"{where}: another recording, or an altered one ({first.field}: {first.b},"
+                f" not {first.a})"
+            )
             details = {"frames": n, "a": first.a, "b": first.b}
             place = self.a.place(first.frame)
-            yield Difference("recording", "changed", place, self.a.seconds(place), [], text, details)
+            yield Difference(
+                "recording", "changed", place, self.a.seconds(place), [], text, details
+            )
 
     def _messages(self, found: list[Difference]) -> Iterator[Difference]:
-        """Channels whose bytes differ where nothing above says so. Other track numbers alone change bytes, too."""
+        """Channels whose bytes differ where nothing above says so. Other track numbers alone
+        change bytes, too.
+        """
         ids = {*self.a.tracks, *self.b.tracks}
-        if any(self.matching.partner.get(i, i) != i or self.matching.back.get(i, i) != i for i in ids):
+        if any(
+            self.matching.partner.get(i, i) != i or self.matching.back.get(i, i) != i
+            for i in ids
+        ):
             return
         explained = min((d.frame for d in found), default=None)
         kinds = {d.what for d in found}
@@ -284,6 +424,15 @@ class _Comparer:
             if name == RECORDING or (kinds & set(shown_as) if shown_as else covered):
                 continue
             n, t = first.frames, self.a.seconds(place)
-            text = f"channel {name}: {first.field} {first.b}, not {first.a}; in {number(n, 'frame')}"
-            details = {"channel": name, "field": first.field, "a": first.a, "b": first.b, "frames": n}
+            text = (
+                f"channel {name}: {first.field} {first.b}, not {first.a}; in"
+                f" {number(n, 'frame')}"
+            )
+            details = {
+                "channel": name,
+                "field": first.field,
+                "a": first.a,
+                "b": first.b,
+                "frames": n,
+            }
             yield Difference("message", "changed", place, t, [], text, details)

@@ -31,7 +31,10 @@ VERBS = {
     "group_ended": ("ends", "end"),
     "group_entered_scene": ("enters as a group", "enter as a group"),
     "mode_changed": ("changes its mode", "change their modes"),
-    "disagreement": ("is judged differently by the two papers", "are judged differently by the two papers"),
+    "disagreement": (
+        "is judged differently by the two papers",
+        "are judged differently by the two papers",
+    ),
     "anomaly": ("shows an anomaly", "show an anomaly"),
     "zone_entered": ("enters a zone", "enter a zone"),
     "zone_left": ("leaves a zone", "leave a zone"),
@@ -44,7 +47,13 @@ def listed(names: Sequence[str]) -> str:
     >>> listed(["1"]), listed(["1", "2", "B's 7"])
     ('1', "1, 2 and B's 7")
     """
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else "nobody"
+    return (
+        names[0]
+        if len(names) == 1
+        else f"{', '.join(names[:-1])} and {names[-1]}"
+        if names
+        else "nobody"
+    )
 
 
 def tracks(names: Sequence[str]) -> str:
@@ -56,7 +65,9 @@ def tracks(names: Sequence[str]) -> str:
     ours = [name for name in names if not name.startswith(_THEIRS)]
     theirs = [name.removeprefix(_THEIRS) for name in names if name.startswith(_THEIRS)]
     sides = [("", ours)] * bool(ours or not theirs) + [(_THEIRS, theirs)] * bool(theirs)
-    return " and ".join(f"{of}track{'s' if len(side) != 1 else ''} {listed(side)}" for of, side in sides)
+    return " and ".join(
+        f"{of}track{'s' if len(side) != 1 else ''} {listed(side)}" for of, side in sides
+    )
 
 
 def intervals(spans: Sequence[tuple[int, int]], most: int) -> str:
@@ -65,8 +76,12 @@ def intervals(spans: Sequence[tuple[int, int]], most: int) -> str:
     >>> intervals([(0, 249), (300, 300)], 3), intervals([(1, 1), (3, 3), (5, 5)], 2)
     ('0 to 249 and 300', '1, 3 and 1 more interval')
     """
-    told = [f"{first} to {last}" if last > first else f"{first}" for first, last in spans[:most]]
-    return listed(told + ([number(len(spans) - most, "more interval")] if len(spans) > most else []))
+    told = [
+        f"{first} to {last}" if last > first else f"{first}" for first, last in spans[:most]
+    ]
+    return listed(
+        told + ([number(len(spans) - most, "more interval")] if len(spans) > most else [])
+    )
 
 
 def group(label: str, members: Sequence[str]) -> str:
@@ -79,7 +94,9 @@ def group(label: str, members: Sequence[str]) -> str:
 
 
 def subject(names: Sequence[str], groups: Sequence[str]) -> tuple[str, bool]:
-    """Who an event is about, and whether that is one: its group where it names exactly one, else its tracks."""
+    """Who an event is about, and whether that is one: its group where it names exactly one, else
+    its tracks.
+    """
     if len(groups) == 1:
         return group(groups[0], names), True
     if not names:
@@ -100,4 +117,8 @@ def verb(kind: str, one: bool, adverb: str = "") -> str:
     auxiliary, _, rest = said.partition(" ")
     if not adverb:
         return said
-    return f"{auxiliary} {adverb} {rest}" if auxiliary in ("is", "are", "has", "have") else f"{adverb} {said}"
+    return (
+        f"{auxiliary} {adverb} {rest}"
+        if auxiliary in ("is", "are", "has", "have")
+        else f"{adverb} {said}"
+    )

@@ -1,4 +1,5 @@
-"""How good a result is against a labelled truth: HOTA, CLEAR, Identity, and the trajectory criteria of PARTS.
+"""How good a result is against a labelled truth: HOTA, CLEAR, Identity, and the trajectory
+criteria of PARTS.
 
 >>> truth = MotTable.from_rows([(f, 1, 10.0 + f, 20.0, 30.0, 60.0, 1.0) for f in range(5)])
 >>> scores = evaluate(truth, truth)
@@ -51,9 +52,10 @@ class Scores:
     def __str__(self) -> str:
         c = self.clear
         return (
-            f"HOTA {self.hota.hota:.1f}  MOTA {c.mota:.1f}  IDF1 {self.identity.idf1:.1f}  "
-            f"switches {c.switches}  fragments {c.fragments}  MT {c.mostly_tracked}  ML {c.mostly_lost}  "
-            f"P {c.precision:.1f}  R {c.recall:.1f}  DetA {self.hota.det_a:.1f}  AssA {self.hota.ass_a:.1f}"
+            f"HOTA {self.hota.hota:.1f}  MOTA {c.mota:.1f}  IDF1 {self.identity.idf1:.1f} "
+            f" switches {c.switches}  fragments {c.fragments}  MT {c.mostly_tracked}  ML"
+            f" {c.mostly_lost}  P {c.precision:.1f}  R {c.recall:.1f}  DetA"
+            f" {self.hota.det_a:.1f}  AssA {self.hota.ass_a:.1f}"
         )
 
     def as_plain(self) -> dict[str, Any]:
@@ -77,10 +79,12 @@ class Scores:
 
 
 def evaluate(truth: MotTable, result: MotTable, iou: float = 0.5) -> Scores:
-    """Score a result against a truth, figures as TrackEval's (HOTA, CLEAR, Identity) plus PARTS 5.2 and 5.3.
+    """Score a result against a truth, figures as TrackEval's (HOTA, CLEAR, Identity) plus PARTS
+    5.2 and 5.3.
 
     Args:
-        truth: only what counts (`read_truth` drops the rows of confidence 0), in the same pixels as the result.
+        truth: only what counts (`read_truth` drops the rows of confidence 0), in the same pixels
+            as the result.
         result: what a tracker said.
         iou: overlap from which on two boxes match, in CLEAR and Identity.
     """
@@ -89,5 +93,12 @@ def evaluate(truth: MotTable, result: MotTable, iou: float = 0.5) -> Scores:
     given = identity(both, iou)
     n, m = both.shape
     return Scores(
-        hota(both), clear(both, matches), given, trajectories(both, matches, given, iou), len(truth), len(result), n, m
+        hota(both),
+        clear(both, matches),
+        given,
+        trajectories(both, matches, given, iou),
+        len(truth),
+        len(result),
+        n,
+        m,
     )

@@ -14,8 +14,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m replay.evaluate", description=__doc__)
     parser.add_argument("truth", help="MOTChallenge text or CAVIAR XML")
     parser.add_argument("result", help="MOTChallenge text")
-    parser.add_argument("--scale", type=float, default=1.0, help="the result's pixels over the truth's (default 1)")
-    parser.add_argument("--iou", type=float, default=0.5, help="overlap of a match (default 0.5)")
+    parser.add_argument(
+        "--scale",
+        type=float,
+        default=1.0,
+        help="the result's pixels over the truth's (default 1)",
+    )
+    parser.add_argument(
+        "--iou", type=float, default=0.5, help="overlap of a match (default 0.5)"
+    )
     args = parser.parse_args()
     try:
         truth = read_truth(args.truth).scaled(args.scale, args.scale)

@@ -1,7 +1,7 @@
 """CLEAR MOT scores: Bernardin and Stiefelhagen 2008, with the matching of TrackEval.
 
-In every frame a true identity first keeps the result identity that it had in the frame before, if they still
-overlap enough; what is left is matched so that the overlap is largest.
+In every frame a true identity first keeps the result identity that it had in the frame before, if
+they still overlap enough; what is left is matched so that the overlap is largest.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ NONE = -1
 class Clear:
     """CLEAR scores; shares in percent.
 
-    ``motp`` is the mean overlap of the matches. Mostly tracked: more than 80 % of its frames matched; mostly lost: less
-    than 20 % (PARTS draws its line at 40 %, see `trajectories`); partly tracked: the rest.
+    ``motp`` is the mean overlap of the matches. Mostly tracked: more than 80 % of its frames
+    matched; mostly lost: less than 20 % (PARTS draws its line at 40 %, see `trajectories`);
+    partly tracked: the rest.
     """
 
     mota: float
@@ -64,7 +65,8 @@ def match(both: Overlap, iou: float) -> Matches:
     pairs: list[IntArray] = []
     switched: list[NDArray[np.bool_]] = []
     rows, columns = np.diff(both.true_start), np.diff(both.result_start)
-    # A frame with only truth or only results leaves the memory of the frame before untouched, as in TrackEval.
+    # A frame with only truth or only results leaves the memory of the frame before untouched, as
+    # in TrackEval.
     for k in np.flatnonzero((rows > 0) & (columns > 0)).tolist():
         begin, end = int(both.start[k]), int(both.start[k + 1])
         true = both.true_ids[both.true_start[k] : both.true_start[k + 1]]

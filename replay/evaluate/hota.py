@@ -1,7 +1,7 @@
 """HOTA: Luiten et al., HOTA: A Higher Order Metric for Evaluating Multi-Object Tracking, IJCV 2020.
 
-Figures are those of TrackEval: one assignment per frame that favours pairs of identities which agree over the whole
-recording, then a threshold alpha on the overlap from 0.05 to 0.95.
+Figures are those of TrackEval: one assignment per frame that favours pairs of identities which
+agree over the whole recording, then a threshold alpha on the overlap from 0.05 to 0.95.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ ALPHAS = np.arange(0.05, 0.99, 0.05)
 
 @dataclass(frozen=True)
 class Hota:
-    """HOTA and its parts in percent: means over all alphas, and HOTA, DetA, AssA, LocA at each of `alphas`."""
+    """HOTA and its parts in percent: means over all alphas, and HOTA, DetA, AssA, LocA at each of
+    `alphas`.
+    """
 
     hota: float
     det_a: float
@@ -41,7 +43,12 @@ def hota(both: Overlap) -> Hota:
     matched = _match(both)
     true_count, result_count = both.counts()
     similarity = both.iou[matched]
-    parts = np.array([_at(both, matched, similarity, alpha, true_count, result_count) for alpha in ALPHAS])
+    parts = np.array(
+        [
+            _at(both, matched, similarity, alpha, true_count, result_count)
+            for alpha in ALPHAS
+        ]
+    )
     det_a, ass_a, loc_a, det_re, det_pr, ass_re, ass_pr = (100 * parts.T).tolist()
     each = (100 * np.sqrt(parts[:, 0] * parts[:, 1])).tolist()
     return Hota(
@@ -62,20 +69,28 @@ def hota(both: Overlap) -> Hota:
 
 
 def _match(both: Overlap) -> IntArray:
-    """The pairs that are matched, before any threshold: IJCV 2020, section 5 (as TrackEval does it)."""
+    """The pairs that are matched, before any threshold: IJCV 2020, section 5 (as TrackEval does
+    it).
+    """
     alignment = _alignment(both)
-    score = alignment[both.true_ids[both.true_row], both.result_ids[both.result_row]] * both.iou
+    score = (
+        alignment[both.true_ids[both.true_row], both.result_ids[both.result_row]] * both.iou
+    )
     chosen: list[IntArray] = []
     rows, columns = np.diff(both.true_start), np.diff(both.result_start)
     for k in np.flatnonzero((rows > 0) & (columns > 0)).tolist():
         begin, end = int(both.start[k]), int(both.start[k + 1])
-        r, c = linear_sum_assignment(score[begin:end].reshape(rows[k], columns[k]), maximize=True)
+        r, c = linear_sum_assignment(
+            score[begin:end].reshape(rows[k], columns[k]), maximize=True
+        )
         chosen.append(begin + r * columns[k] + c)
     return np.concatenate(chosen).astype(np.int64) if chosen else np.zeros(0, np.int64)
 
 
 def _alignment(both: Overlap) -> FloatArray:
-    """How well each two identities agree over the recording: (true identities, result identities), in [0, 1]."""
+    """How well each two identities agree over the recording: (true identities, result
+    identities), in [0, 1].
+    """
     per_true = np.bincount(both.true_row, both.iou, minlength=len(both.truth))
     per_result = np.bincount(both.result_row, both.iou, minlength=len(both.result))
     rest = per_true[both.true_row] + per_result[both.result_row] - both.iou

@@ -1,7 +1,8 @@
-"""Identity scores: Ristani et al., Performance Measures and a Data Set for Multi-Target Multi-Camera Tracking, 2016.
+"""Identity scores: Ristani et al., Performance Measures and a Data Set for Multi-Target
+Multi-Camera Tracking, 2016.
 
-Every true identity is given to at most one result identity, so that the frames in which both agree are as many
-as can be.
+Every true identity is given to at most one result identity, so that the frames in which both
+agree are as many as can be.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from replay.evaluate.truth import IntArray
 class Identity:
     """IDF1, IDP, IDR in percent, their counts, and the assignment of identities.
 
-    ``pairs`` is (K, 2) int64: positions of the true and the result identity, only where they agree in a frame at least.
+    ``pairs`` is (K, 2) int64: positions of the true and the result identity, only where they
+    agree in a frame at least.
     """
 
     idf1: float
@@ -32,10 +34,12 @@ class Identity:
 
 
 def identity(both: Overlap, iou: float) -> Identity:
-    """Score identities over the whole recording; a pair of boxes agrees where they overlap by ``iou``."""
+    """Score identities over the whole recording; a pair of boxes agrees where they overlap by
+    ``iou``.
+    """
     agree = both.per_identity(np.flatnonzero(both.iou >= iou))
-    # The cost of Ristani's assignment is (truth + result - 2 x agreement), unassigned ones cost their own
-    # rows: its minimum is where the agreement is largest.
+    # The cost of Ristani's assignment is (truth + result - 2 x agreement), unassigned ones cost
+    # their own rows: its minimum is where the agreement is largest.
     r, c = linear_sum_assignment(agree, maximize=True)
     keep = agree[r, c] > 0
     pairs = np.stack([r[keep], c[keep]], axis=1).astype(np.int64)

@@ -1,4 +1,6 @@
-"""Truth and result side by side: identities from 0 without gaps, and the overlap of every pair within a frame."""
+"""Truth and result side by side: identities from 0 without gaps, and the overlap of every pair
+within a frame.
+"""
 
 from __future__ import annotations
 
@@ -51,12 +53,21 @@ class Overlap:
     def matrix(self, k: int) -> FloatArray:
         """The (true rows, result rows) overlap of frame k."""
         rows = int(self.true_start[k + 1] - self.true_start[k])
-        return self.iou[self.start[k] : self.start[k + 1]].reshape(rows, -1) if rows else np.zeros((0, 0))
+        return (
+            self.iou[self.start[k] : self.start[k + 1]].reshape(rows, -1)
+            if rows
+            else np.zeros((0, 0))
+        )
 
-    def per_identity(self, pairs: IntArray, weights: FloatArray | None = None) -> FloatArray:
+    def per_identity(
+        self, pairs: IntArray, weights: FloatArray | None = None
+    ) -> FloatArray:
         """Sum over pairs (indices) into a (true identities, result identities) table."""
         n, m = self.shape
-        cells = self.true_ids[self.true_row[pairs]] * m + self.result_ids[self.result_row[pairs]]
+        cells = (
+            self.true_ids[self.true_row[pairs]] * m
+            + self.result_ids[self.result_row[pairs]]
+        )
         return np.bincount(cells, weights, minlength=n * m).astype(np.float64).reshape(n, m)
 
     def counts(self) -> tuple[FloatArray, FloatArray]:
@@ -91,7 +102,9 @@ def overlap(truth: MotTable, result: MotTable) -> Overlap:
 
 
 def box_iou(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Intersection over union of boxes row by row, (P, 4) each: x, y, w, h; 0 where a box has no area."""
+    """Intersection over union of boxes row by row, (P, 4) each: x, y, w, h; 0 where a box has no
+    area.
+    """
     a_end, b_end = a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:]
     side = np.maximum(np.minimum(a_end, b_end) - np.maximum(a[:, :2], b[:, :2]), 0)
     common = side[:, 0] * side[:, 1]

@@ -22,9 +22,20 @@ from replay.evaluate.truth import FloatArray, IntArray, MotTable
 MOST_TRAJECTORIES = 12
 MOST_LABELS = 6
 COLOURS = 10
-_PAPER = {"savefig.dpi": 130, "font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}
+_PAPER = {
+    "savefig.dpi": 130,
+    "font.size": 9,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.axisbelow": True,
+}
 
-_BESIDE: dict[str, Any] = {"fontsize": 7, "loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.4}
+_BESIDE: dict[str, Any] = {
+    "fontsize": 7,
+    "loc": "upper left",
+    "bbox_to_anchor": (1.0, 1.0),
+    "borderaxespad": 0.4,
+}
 """Legends stand beside the curves, never over them."""
 _DASHES = ("--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
 """One after the other for the tracks of one result that follow one true identity."""
@@ -40,13 +51,16 @@ def _matplotlib() -> Any:
         import matplotlib as mpl
     except ImportError as e:
         raise SceneTraceError(
-            "--plot needs matplotlib, which is not installed: pip install 'scenetrace[plot]', or matplotlib alone"
+            "--plot needs matplotlib, which is not installed: pip install"
+            " 'scenetrace[plot]', or matplotlib alone"
         ) from e
     return mpl
 
 
 def mota_over_time(both: Overlap, matches: Matches) -> FloatArray:
-    """MOTA in percent over all frames up to each of ``both.frames``, (F,); nan before the first true box."""
+    """MOTA in percent over all frames up to each of ``both.frames``, (F,); nan before the first
+    true box.
+    """
     true = np.diff(both.true_start)
     result = np.diff(both.result_start)
     frame_of = np.searchsorted(both.frames, both.truth.frames[both.true_row[matches.pairs]])
@@ -58,16 +72,19 @@ def mota_over_time(both: Overlap, matches: Matches) -> FloatArray:
 
 
 def own_pairs(both: Overlap, iou: float = 0.5) -> IntArray:
-    """Pairs (indices) of every true identity with the track that has its identity, wherever that track is.
+    """Pairs (indices) of every true identity with the track that has its identity, wherever that
+    track is.
 
-    The track is the one that IDF1 gives to the identity. Once it follows somebody else it is still the same track:
-    that it is far off then is what an error of identity looks like.
+    The track is the one that IDF1 gives to the identity. Once it follows somebody else it is
+    still the same track: that it is far off then is what an error of identity looks like.
     """
     n, m = both.shape
     track = np.full(n, m)
     given = identity(both, iou).pairs
     track[given[:, 0]] = given[:, 1]
-    return np.flatnonzero(track[both.true_ids[both.true_row]] == both.result_ids[both.result_row])
+    return np.flatnonzero(
+        track[both.true_ids[both.true_row]] == both.result_ids[both.result_row]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +129,9 @@ def plot(
         both = overlap(truth, table)
         sides.append(_Side(label, both, match(both, iou), own_pairs(both, iou)))
     both = sides[0].both
-    longest = np.argsort(-np.bincount(both.true_ids, minlength=both.shape[0]), kind="stable")[:MOST_TRAJECTORIES]
+    longest = np.argsort(
+        -np.bincount(both.true_ids, minlength=both.shape[0]), kind="stable"
+    )[:MOST_TRAJECTORIES]
     shown = np.sort(longest).tolist()
     rows, above = -(-len(shown) // 3), len(sides)
     with mpl.rc_context(_PAPER):
@@ -142,7 +161,9 @@ def _metadata(path: str | Path) -> dict[str, Any]:
 
 
 def _distances(axes: Any, side: _Side, shown: list[int], step: float, unit: str) -> None:
-    """Every true identity's distance to its own track; crosses where another track took over what is matched."""
+    """Every true identity's distance to its own track; crosses where another track took over what
+    is matched.
+    """
     both, true_row = side.both, side.both.true_row[side.own]
     distance = centre_distance(both, side.own)
     switched = side.matches.pairs[side.matches.switched]
@@ -151,12 +172,26 @@ def _distances(axes: Any, side: _Side, shown: list[int], step: float, unit: str)
         frames = both.truth.frames[true_row[mine]]
         x, y = _broken(frames, frames * step, distance[mine])
         if len(x):
-            (line,) = axes.plot(x, y, "-" if k < COLOURS else ":", lw=1, label=str(int(both.true_names[i])))
-            at = both.truth.frames[both.true_row[switched[both.true_ids[both.true_row[switched]] == i]]]
+            (line,) = axes.plot(
+                x, y, "-" if k < COLOURS else ":", lw=1, label=str(int(both.true_names[i]))
+            )
+            at = both.truth.frames[
+                both.true_row[switched[both.true_ids[both.true_row[switched]] == i]]
+            ]
             there = np.isin(frames, at)
-            axes.plot(frames[there] * step, distance[mine][there], "x", ms=5, color=line.get_color())
+            axes.plot(
+                frames[there] * step,
+                distance[mine][there],
+                "x",
+                ms=5,
+                color=line.get_color(),
+            )
     of = f": {side.name}" if side.name else ""
-    axes.set(title=f"Distance of each identity's own track to the truth{of} (x: switch)", xlabel=unit, ylabel="px")
+    axes.set(
+        title=f"Distance of each identity's own track to the truth{of} (x: switch)",
+        xlabel=unit,
+        ylabel="px",
+    )
     if len(axes.lines):
         axes.legend(ncols=2, title="truth", **_BESIDE)
 
@@ -165,17 +200,27 @@ def _mota(axes: Any, sides: Sequence[_Side], step: float, unit: str) -> None:
     for k, side in enumerate(sides):
         both, matches = side.both, side.matches
         label = side.name or "MOTA so far"
-        axes.plot(both.frames * step, mota_over_time(both, matches), lw=1.4, color=_colour(k), label=label)
+        axes.plot(
+            both.frames * step,
+            mota_over_time(both, matches),
+            lw=1.4,
+            color=_colour(k),
+            label=label,
+        )
     both, matches = sides[0].both, sides[0].matches
     at = both.truth.frames[both.true_row[matches.pairs[matches.switched]]] * step
     of = f" of {sides[0].name}" if sides[0].name else ""
     for k, x in enumerate(at.tolist()):
-        axes.axvline(x, color="0.3", ls=":", lw=0.8, label=f"identity switch{of}" if k == 0 else None)
+        axes.axvline(
+            x, color="0.3", ls=":", lw=0.8, label=f"identity switch{of}" if k == 0 else None
+        )
     axes.set(title="MOTA over all frames so far", xlabel=unit, ylabel="%", ylim=(None, 102))
     axes.legend(**_BESIDE)
 
 
-def _broken(frames: IntArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _broken(
+    frames: IntArray, x: FloatArray, y: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """A line over frames, broken where frames are missing."""
     gaps = np.flatnonzero(np.diff(frames) > 1) + 1
     return np.insert(x.astype(np.float64), gaps, np.nan), np.insert(y, gaps, np.nan)
@@ -195,15 +240,23 @@ def _path(axes: Any, sides: Sequence[_Side], i: int) -> None:
         centres = both.result.centres[part]
         x, y = _broken(both.result.frames[part], centres[:, 0], centres[:, 1])
         label = (
-            f"{sides[0].name} {int(both.result_names[r])}" if sides[0].name else f"track {int(both.result_names[r])}"
+            f"{sides[0].name} {int(both.result_names[r])}"
+            if sides[0].name
+            else f"track {int(both.result_names[r])}"
         )
         axes.plot(x, y, ls=_DASHES[k % len(_DASHES)], lw=1.1, color=_colour(0), label=label)
     for k, side in enumerate(sides[1:], 1):
-        theirs = side.both.result_row[side.own[side.both.true_ids[side.both.true_row[side.own]] == i]]
+        theirs = side.both.result_row[
+            side.own[side.both.true_ids[side.both.true_row[side.own]] == i]
+        ]
         centres = side.both.result.centres[theirs]
         x, y = _broken(side.both.result.frames[theirs], centres[:, 0], centres[:, 1])
         axes.plot(x, y, "-", lw=0.9, color=_colour(k), label=side.name)
-    axes.set_title(f"Truth {int(both.true_names[i])}: {100 * len(mine) / max(1, len(truth)):.0f} % tracked", fontsize=8)
+    axes.set_title(
+        f"Truth {int(both.true_names[i])}: {100 * len(mine) / max(1, len(truth)):.0f} %"
+        " tracked",
+        fontsize=8,
+    )
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_yaxis()
     axes.set_xlabel("x, px", fontsize=7)

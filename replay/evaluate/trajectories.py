@@ -1,8 +1,9 @@
 """Trajectory criteria and errors of place and size: PARTS 5.2 (Table 1) and 5.3 (Table 2).
 
-What the paper leaves open is fixed here. A frame of a trajectory counts as tracked where CLEAR matches it. Averages
-per trajectory run over the trajectories that were found at all: the fractions printed in Table 1 (3.11, 1.44 and 2.33
-with one of ten missed) are ninths. Mostly lost does not include missed, as in the table.
+What the paper leaves open is fixed here. A frame of a trajectory counts as tracked where CLEAR
+matches it. Averages per trajectory run over the trajectories that were found at all: the
+fractions printed in Table 1 (3.11, 1.44 and 2.33 with one of ten missed) are ninths. Mostly lost
+does not include missed, as in the table.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ class Errors:
     """Mean absolute differences of centre x, centre y, width, height, in three normalisations.
 
     Attributes:
-        coordinate: percent of the true value itself (centre x of centre x, width of width): x and y hang on
-            where the picture's corner lies. At least one pixel is divided by.
+        coordinate: percent of the true value itself (centre x of centre x, width of width): x and
+            y hang on where the picture's corner lies. At least one pixel is divided by.
         size: percent of the true size: x and width of the width, y and height of the height.
         pixels: in pixels.
         frames: pairs of boxes that the means run over.
@@ -41,13 +42,16 @@ class Errors:
 
     @property
     def headline(self) -> tuple[float, float, float, float]:
-        """Centre x and y by coordinate, width and height by true size, in percent: as in PARTS, Table 2."""
+        """Centre x and y by coordinate, width and height by true size, in percent: as in PARTS,
+        Table 2.
+        """
         return self.coordinate[0], self.coordinate[1], self.size[2], self.size[3]
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """One true trajectory: how it was tracked. Frames count from 0, ids are those of truth and result.
+    """One true trajectory: how it was tracked. Frames count from 0, ids are those of truth and
+    result.
 
     Attributes:
         truth: its identity.
@@ -57,7 +61,8 @@ class Trajectory:
         share: percent of `frames` tracked.
         ids: result identities matched to it, by the first frame of each.
         switches: changes from one result identity to another (CLEAR).
-        swaps: of them to an identity whose last match was another trajectory (PARTS: ids swapped at a meeting).
+        swaps: of them to an identity whose last match was another trajectory (PARTS: ids swapped
+            at a meeting).
         fragments: times it was found again after a gap.
         under_segmented: the first identity that it got had belonged to another trajectory before.
         error_px: mean distance of the matched centres in pixels, 0 if never matched.
@@ -90,8 +95,8 @@ class Trajectories:
         under_segmented: taken for a trajectory that existed already.
         over_segmented: given more than one identity.
         swaps_per_trajectory, ids_per_trajectory: means over the trajectories found.
-        ids_per_frame: responses per true box that has one; a response is its match, and every unmatched result
-            box that overlaps it enough, and no other true box more.
+        ids_per_frame: responses per true box that has one; a response is its match, and every
+            unmatched result box that overlaps it enough, and no other true box more.
         matched: errors over all matched frames.
         followed: errors over all frames in which a trajectory and the one result identity that the
             identity score gives it both exist, however far apart.
@@ -113,7 +118,9 @@ class Trajectories:
     each: tuple[Trajectory, ...]
 
 
-def trajectories(both: Overlap, matches: Matches, given: Identity, iou: float) -> Trajectories:
+def trajectories(
+    both: Overlap, matches: Matches, given: Identity, iou: float
+) -> Trajectories:
     """Judge every true trajectory."""
     each = _each(both, matches)
     found = [t for t in each if t.tracked]
@@ -155,7 +162,9 @@ def _each(both: Overlap, matches: Matches) -> list[Trajectory]:
     first, last = np.full(n, np.iinfo(np.int64).max), np.full(n, -1)
     np.minimum.at(first, both.true_ids, both.truth.frames)
     np.maximum.at(last, both.true_ids, both.truth.frames)
-    distance = np.bincount(who, centre_distance(both, matches.pairs), minlength=n) / np.maximum(tracked, 1)
+    distance = np.bincount(
+        who, centre_distance(both, matches.pairs), minlength=n
+    ) / np.maximum(tracked, 1)
     return [
         Trajectory(
             int(both.true_names[i]), int(first[i]), int(last[i]), int(rows[i]), int(tracked[i]),
@@ -168,7 +177,10 @@ def _each(both: Overlap, matches: Matches) -> list[Trajectory]:
 
 def centre_distance(both: Overlap, pairs: IntArray) -> FloatArray:
     """Distance in pixels between the centres of each of ``pairs``."""
-    d = both.truth.centres[both.true_row[pairs]] - both.result.centres[both.result_row[pairs]]
+    d = (
+        both.truth.centres[both.true_row[pairs]]
+        - both.result.centres[both.result_row[pairs]]
+    )
     return np.hypot(d[:, 0], d[:, 1])
 
 
@@ -189,7 +201,9 @@ def _given_pairs(both: Overlap, given: Identity) -> IntArray:
     """All pairs of boxes whose identities were given to one another."""
     table = np.full(both.shape[0] + 1, NONE)
     table[given.pairs[:, 0]] = given.pairs[:, 1]
-    return np.flatnonzero(table[both.true_ids[both.true_row]] == both.result_ids[both.result_row])
+    return np.flatnonzero(
+        table[both.true_ids[both.true_row]] == both.result_ids[both.result_row]
+    )
 
 
 def _errors(both: Overlap, pairs: IntArray) -> Errors:

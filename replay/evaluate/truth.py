@@ -1,4 +1,6 @@
-"""Tables of labelled boxes, from MOTChallenge text or CAVIAR XML: the truth, or what a tracker said."""
+"""Tables of labelled boxes, from MOTChallenge text or CAVIAR XML: the truth, or what a tracker
+said.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ BoolArray = NDArray[np.bool_]
 Row = tuple[int, int, float, float, float, float, float]
 
 OUTSIDE_SHARE = 0.01
-"""More of the true centres than this outside the recording's picture: truth and recording differ in size."""
+"""More of the true centres than this outside the recording's picture: truth and recording differ
+in size.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +73,9 @@ class MotTable:
 
     def select(self, keep: BoolArray) -> MotTable:
         """The rows where ``keep``, (N,) bool, is true."""
-        return MotTable(self.frames[keep], self.ids[keep], self.boxes[keep], self.confidences[keep])
+        return MotTable(
+            self.frames[keep], self.ids[keep], self.boxes[keep], self.confidences[keep]
+        )
 
     def scaled(self, sx: float, sy: float) -> MotTable:
         """The same boxes in a picture that is ``sx`` times as wide and ``sy`` times as high."""
@@ -86,11 +92,13 @@ class MotTable:
 
 
 def read_mot(path: str | Path) -> MotTable:
-    """Read MOTChallenge text: ``frame,id,x,y,w,h[,conf,...]``, frames from 1 (here from 0), in any order of rows.
+    """Read MOTChallenge text: ``frame,id,x,y,w,h[,conf,...]``, frames from 1 (here from 0), in
+    any order of rows.
 
     Raises:
-        SourceError: with the line, if the file cannot be read, a row has fewer than six numbers, a frame or identity is
-            not a whole number, a value is not finite, a size is negative, or an identity occurs twice in a frame.
+        SourceError: with the line, if the file cannot be read, a row has fewer than six numbers,
+            a frame or identity is not a whole number, a value is not finite, a size is negative,
+            or an identity occurs twice in a frame.
     """
     rows: list[Row] = []
     seen: dict[tuple[int, int], int] = {}
@@ -100,7 +108,10 @@ def read_mot(path: str | Path) -> MotTable:
         if before != number:
             hint = "; these are detections, not tracks" if row[1] < 0 else ""
             raise SourceError(
-                f"identity {row[1]} occurs twice in frame {row[0] + 1} (line {before}){hint}", path, number
+                f"identity {row[1]} occurs twice in frame {row[0] + 1} (line"
+                f" {before}){hint}",
+                path,
+                number,
             )
         rows.append(row)
     return MotTable.from_rows(rows)
@@ -123,23 +134,34 @@ def _mot_row(path: str | Path, number: int, text: str) -> Row:
     try:
         values = [float(x) for x in fields[:7]]
     except ValueError:
-        raise SourceError(f"not MOTChallenge text (frame,id,x,y,w,h,conf,...): {text[:60]!r}", path, number) from None
+        raise SourceError(
+            f"not MOTChallenge text (frame,id,x,y,w,h,conf,...): {text[:60]!r}",
+            path,
+            number,
+        ) from None
     if len(values) < 6:
-        raise SourceError(f"{len(values)} numbers in the row, frame,id,x,y,w,h are needed", path, number)
+        raise SourceError(
+            f"{len(values)} numbers in the row, frame,id,x,y,w,h are needed", path, number
+        )
     if not all(math.isfinite(v) for v in values):
         raise SourceError("a value is not finite", path, number)
     frame, identity, x, y, w, h = values[:6]
     if frame != int(frame) or frame < 1:
-        raise SourceError(f"frame {fields[0].strip()}: must be a whole number from 1", path, number)
+        raise SourceError(
+            f"frame {fields[0].strip()}: must be a whole number from 1", path, number
+        )
     if identity != int(identity) or abs(identity) >= 2**53:
-        raise SourceError(f"identity {fields[1].strip()}: must be a whole number", path, number)
+        raise SourceError(
+            f"identity {fields[1].strip()}: must be a whole number", path, number
+        )
     if w < 0 or h < 0:
         raise SourceError(f"size {w:g} x {h:g}: must not be negative", path, number)
     return int(frame) - 1, int(identity), x, y, w, h, values[6] if len(values) > 6 else 1.0
 
 
 def read_caviar(path: str | Path) -> MotTable:
-    """Read a CAVIAR XML: boxes by their centre, labelled identities, frames from 0. A DOCTYPE is refused.
+    """Read a CAVIAR XML: boxes by their centre, labelled identities, frames from 0. A DOCTYPE is
+    refused.
 
     Raises:
         SourceError: if it is not such a file or lacks a number.
@@ -174,15 +196,20 @@ def _caviar_rows(path: str | Path, element: Any) -> list[Row]:
             box = item.find("box")
             xc, yc, w, h = (float(box.get(k, "")) for k in ("xc", "yc", "w", "h"))
             if not all(math.isfinite(v) for v in (xc, yc, w, h)) or w < 0 or h < 0:
-                raise SourceError(f"frame {frame}: a box is not finite or has a negative size", path)
+                raise SourceError(
+                    f"frame {frame}: a box is not finite or has a negative size", path
+                )
             rows.append((frame, int(item.get("id", "")), xc - w / 2, yc - h / 2, w, h, 1.0))
     except (ValueError, AttributeError) as e:
-        raise SourceError(f"frame {element.get('number')!r}: an object without id or box: {e}", path) from e
+        raise SourceError(
+            f"frame {element.get('number')!r}: an object without id or box: {e}", path
+        ) from e
     return rows
 
 
 def read_truth(path: str | Path) -> MotTable:
-    """Read a truth: CAVIAR XML (``.xml``) or MOTChallenge text, there without the rows of confidence 0.
+    """Read a truth: CAVIAR XML (``.xml``) or MOTChallenge text, there without the rows of
+    confidence 0.
 
     Raises:
         SourceError: if it cannot be read or holds nothing.
@@ -196,16 +223,20 @@ def read_truth(path: str | Path) -> MotTable:
     return kept
 
 
-def fit_truth(truth: MotTable, size: tuple[int, int], truth_size: tuple[int, int] | None) -> MotTable:
+def fit_truth(
+    truth: MotTable, size: tuple[int, int], truth_size: tuple[int, int] | None
+) -> MotTable:
     """The truth in the recording's pixels.
 
     Args:
         truth: in the pixels of its own picture.
         size: (width, height) of the recording.
-        truth_size: (width, height) of the picture that the truth was labelled in, None: the recording's.
+        truth_size: (width, height) of the picture that the truth was labelled in, None: the
+            recording's.
 
     Raises:
-        SceneTraceError: boxes of the truth do not lie in its picture, so its size must be another one.
+        SceneTraceError: boxes of the truth do not lie in its picture, so its size must be another
+            one.
     """
     width, height = truth_size or size
     centres = truth.centres
@@ -213,9 +244,10 @@ def fit_truth(truth: MotTable, size: tuple[int, int], truth_size: tuple[int, int
     if np.count_nonzero(outside) > OUTSIDE_SHARE * len(truth):
         right, bottom = np.max(truth.boxes[:, :2] + truth.boxes[:, 2:], axis=0)
         raise SceneTraceError(
-            f"the truth reaches to ({right:.0f}, {bottom:.0f}) but the "
-            f"{'picture given by --truth-size' if truth_size else 'recording'} is {width}x{height}: say the size of "
-            "the picture that the truth was labelled in with --truth-size WxH"
+            f"the truth reaches to ({right:.0f}, {bottom:.0f}) but the"
+            f" {'picture given by --truth-size' if truth_size else 'recording'} is"
+            f" {width}x{height}: say the size of the picture that the truth was labelled in"
+            " with --truth-size WxH"
         )
     if truth_size is None or truth_size == size:
         return truth

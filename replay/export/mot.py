@@ -1,4 +1,6 @@
-"""MOTChallenge text: ``frame,id,x,y,w,h,conf,-1,-1,-1``, frames from 1, only tracks held to be present."""
+"""MOTChallenge text: ``frame,id,x,y,w,h,conf,-1,-1,-1``, frames from 1, only tracks held to be
+present.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,11 @@ def write_mot(log: AnnotatedLog, out: str | Path, *, force: bool = False) -> int
     rows = 0
     with whole(out, force=force) as file:
         for frame in log.frames(("tracks",)):
-            lines = [mot_row(frame.index, t) for t in sorted(frame.tracks, key=lambda t: t.id) if t.present]
+            lines = [
+                mot_row(frame.index, t)
+                for t in sorted(frame.tracks, key=lambda t: t.id)
+                if t.present
+            ]
             rows += len(lines)
             file.write("".join(lines).encode())
     return rows
@@ -40,6 +46,8 @@ def mot_row(frame: int, track: Track) -> str:
 
 
 def number(value: float) -> str:
-    """A number with three decimals at most, without trailing zeros and without a minus before zero."""
+    """A number with three decimals at most, without trailing zeros and without a minus before
+    zero.
+    """
     text = f"{value:.{DECIMALS}f}".rstrip("0").rstrip(".")
     return "0" if text == "-0" else text

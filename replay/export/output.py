@@ -41,7 +41,8 @@ def whole(path: str | Path, *, force: bool) -> Iterator[PartFile]:
 
 
 def check_folder(path: Path, mark: str | None, *, force: bool) -> None:
-    """That a folder may be written: it is not there, or empty, or was written by us and ``force`` is set.
+    """That a folder may be written: it is not there, or empty, or was written by us and ``force``
+    is set.
 
     Args:
         path: the folder.
@@ -59,12 +60,18 @@ def check_folder(path: Path, mark: str | None, *, force: bool) -> None:
     if not force:
         raise OutputExistsError(path)
     if mark is not None and mark not in held:
-        raise UsageError(f"{path}: holds {held[0]!r} and no {mark}, so it is no folder of ours; give another name")
+        raise UsageError(
+            f"{path}: holds {held[0]!r} and no {mark}, so it is no folder of ours; give"
+            " another name"
+        )
 
 
 @contextmanager
-def whole_folder(path: Path, mark: str | None, *, force: bool = False, stale: Iterable[str] = ()) -> Iterator[Path]:
-    """A folder beside ``path`` to write into: its files get there when the block ends well, and none when it does not.
+def whole_folder(
+    path: Path, mark: str | None, *, force: bool = False, stale: Iterable[str] = ()
+) -> Iterator[Path]:
+    """A folder beside ``path`` to write into: its files get there when the block ends well, and
+    none when it does not.
 
     A folder that is there already keeps its other files.
 
@@ -84,7 +91,8 @@ def whole_folder(path: Path, mark: str | None, *, force: bool = False, stale: It
     try:
         yield part
         if path.is_dir():
-            # What is new comes first: names of what is old are another file's word, and one of them may be no name.
+            # What is new comes first: names of what is old are another file's word, and one of
+            # them may be no name.
             new = {file.relative_to(part) for file in part.rglob("*")}
             _move_into(part, path)
             _remove(path, [name for name in stale if Path(name) not in new])
@@ -107,7 +115,9 @@ def _remove(path: Path, names: Iterable[str]) -> None:
     for name in names:
         file = path / name
         try:
-            ours = file.parent.resolve().is_relative_to(root) and (file.is_file() or file.is_symlink())
+            ours = file.parent.resolve().is_relative_to(root) and (
+                file.is_file() or file.is_symlink()
+            )
         except (OSError, ValueError):
             continue
         if not ours:

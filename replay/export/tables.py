@@ -1,6 +1,7 @@
 """The tables that questions are asked of, as one JSON document or as Parquet.
 
-Rows go through temporary files, one per table, so that memory stays flat over the length of the recording.
+Rows go through temporary files, one per table, so that memory stays flat over the length of the
+recording.
 """
 
 from __future__ import annotations
@@ -24,13 +25,16 @@ _BLOCK = 1 << 20
 
 
 class Spool:
-    """An annotated log's tables on disk, one JSON object per line, until the block that holds it ends.
+    """An annotated log's tables on disk, one JSON object per line, until the block that holds it
+    ends.
 
     Attributes:
         rows: how many rows each table has.
     """
 
-    def __init__(self, log: str | Path, camera: str | None = None, limits: Limits = DEFAULT_LIMITS) -> None:
+    def __init__(
+        self, log: str | Path, camera: str | None = None, limits: Limits = DEFAULT_LIMITS
+    ) -> None:
         self.rows = dict.fromkeys(TABLES, 0)
         self._camera = camera
         self._log, self._limits = log, limits
@@ -50,7 +54,10 @@ class Spool:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self._folder.cleanup()
 
@@ -72,7 +79,11 @@ class Spool:
             b"".join(
                 msgspec.json.encode(
                     {
-                        name: msgspec.Raw(value.encode()) if is_raw and value is not None else value
+                        name: (
+                            msgspec.Raw(value.encode())
+                            if is_raw and value is not None
+                            else value
+                        )
                         for name, value, is_raw in zip(names, row, raw, strict=True)
                     }
                 )
@@ -84,11 +95,18 @@ class Spool:
 
     def _is_wanted(self, recording: str) -> bool:
         # With several cameras in a log, its recordings are called name/camera.
-        return self._camera is None or "/" not in recording or recording.rsplit("/", 1)[1] == self._camera
+        return (
+            self._camera is None
+            or "/" not in recording
+            or recording.rsplit("/", 1)[1] == self._camera
+        )
 
 
-def write_json(log: str | Path, out: str | Path, *, camera: str | None = None, force: bool = False) -> dict[str, int]:
-    """Write all tables as one JSON document, an object of lists of objects; returns each table's rows.
+def write_json(
+    log: str | Path, out: str | Path, *, camera: str | None = None, force: bool = False
+) -> dict[str, int]:
+    """Write all tables as one JSON document, an object of lists of objects; returns each table's
+    rows.
 
     Raises:
         OutputExistsError: ``out`` exists and ``force`` is not set.
@@ -96,7 +114,9 @@ def write_json(log: str | Path, out: str | Path, *, camera: str | None = None, f
     """
     with whole(out, force=force) as file, Spool(log, camera) as spool:
         for k, table in enumerate(TABLES):
-            file.write(f"{',' if k else '{'}\n{msgspec.json.encode(table).decode()}: [".encode())
+            file.write(
+                f"{',' if k else '{'}\n{msgspec.json.encode(table).decode()}: [".encode()
+            )
             pending = b""
             for n, line in enumerate(spool.lines(table)):
                 pending += (b",\n  " if n else b"\n  ") + line
@@ -109,9 +129,15 @@ def write_json(log: str | Path, out: str | Path, *, camera: str | None = None, f
 
 
 def write_parquet(
-    log: str | Path, out: str | Path, *, table: str = "tracks", camera: str | None = None, force: bool = False
+    log: str | Path,
+    out: str | Path,
+    *,
+    table: str = "tracks",
+    camera: str | None = None,
+    force: bool = False,
 ) -> dict[str, int]:
-    """Write Parquet: one table where ``out`` is a file name with a suffix, else a folder with one file per table.
+    """Write Parquet: one table where ``out`` is a file name with a suffix, else a folder with one
+    file per table.
 
     Returns:
         the rows of each table written.
@@ -140,11 +166,13 @@ def _copy(spool: Spool, table: str, out: Path) -> None:
     columns = ", ".join(f"{name}: '{kind}'" for name, kind in TABLES[table])
     with duckdb.connect(config={"threads": 1}) as db:
         rows = (
-            f"read_json($rows, format = 'newline_delimited', columns = {{{columns}}}, maximum_object_size = 134217728)"
+            f"read_json($rows, format = 'newline_delimited', columns = {{{columns}}},"
+            " maximum_object_size = 134217728)"
         )
         try:
             db.execute(
-                f"COPY (SELECT * FROM {rows}) TO $out (FORMAT parquet, COMPRESSION zstd, USE_TMP_FILE false)",  # noqa: S608
+                f"COPY (SELECT * FROM {rows}) TO $out (FORMAT parquet, COMPRESSION zstd,"  # noqa: S608
+                " USE_TMP_FILE false)",
                 {"rows": str(spool.path(table)), "out": str(out)},
             )
         except duckdb.Error as e:

@@ -58,7 +58,8 @@ def write_video(
     force: bool = False,
     progress: Progress | None = None,
 ) -> int:
-    """Write the overlaid video; every picture stays as long as it did in the recording. Returns the frames written.
+    """Write the overlaid video; every picture stays as long as it did in the recording. Returns
+    the frames written.
 
     A recording without pictures is drawn on a plain ground.
 
@@ -93,7 +94,9 @@ def overlaid(log: AnnotatedLog, options: VideoOptions) -> Iterator[tuple[int, Im
     for frame in log.frames():
         if options.to_ns is not None and frame.time_ns >= options.to_ns:
             return
-        recent.extend(e for e in frame.events if e.kind not in options.quiet and options.draw.tells(e))
+        recent.extend(
+            e for e in frame.events if e.kind not in options.quiet and options.draw.tells(e)
+        )
         while recent and frame.time_ns - recent[0].time_ns > options.events_s * NANOS:
             recent.popleft()
         if options.from_ns is None or frame.time_ns >= options.from_ns:
@@ -101,12 +104,24 @@ def overlaid(log: AnnotatedLog, options: VideoOptions) -> Iterator[tuple[int, Im
             yield frame.time_ns, draw_frame(pictures(frame.time_ns), overlay, options.draw)
 
 
-def frame_overlay(log: AnnotatedLog, frame: AnnotatedFrame, events: list[Event] | None = None) -> Overlay:
+def frame_overlay(
+    log: AnnotatedLog, frame: AnnotatedFrame, events: list[Event] | None = None
+) -> Overlay:
     """What `draw_frame` draws of an annotated frame; ``events`` in place of the frame's own."""
     seconds = (frame.time_ns - log.start_ns) / NANOS
-    title = "   ".join(x for x in (f"frame {frame.index}", f"{seconds:.2f} s", log.tracker) if x)
+    title = "   ".join(
+        x for x in (f"frame {frame.index}", f"{seconds:.2f} s", log.tracker) if x
+    )
     shown = frame.events if events is None else events
-    return Overlay(frame.tracks, frame.relations, frame.groups, shown, frame.regions, log.membership(frame), title)
+    return Overlay(
+        frame.tracks,
+        frame.relations,
+        frame.groups,
+        shown,
+        frame.regions,
+        log.membership(frame),
+        title,
+    )
 
 
 def _pictures(log: AnnotatedLog, options: VideoOptions) -> Callable[[int], Image]:
@@ -114,7 +129,9 @@ def _pictures(log: AnnotatedLog, options: VideoOptions) -> Callable[[int], Image
     if not log.has_pictures:
         size = log.size() or options.size
         if size is None:
-            raise UsageError(f"{log.path}: holds neither pictures nor their size; give --size WxH")
+            raise UsageError(
+                f"{log.path}: holds neither pictures nor their size; give --size WxH"
+            )
         ground = np.full((size[1], size[0], 3), GROUND, np.uint8)
         return lambda _: ground
     pictures = log.pictures()
@@ -145,8 +162,12 @@ class _Encoder:
         self._last = -1
         # 4:2:0 colours need even sides: the last odd row or column is left out.
         self._height, self._width = first.shape[0] // 2 * 2, first.shape[1] // 2 * 2
-        self._container: Any = av.open(str(path), "w", format="mp4", options={"movflags": "faststart"})
-        stream: Any = self._container.add_stream("libx264", rate=25, options={"preset": "veryfast", "crf": CRF})
+        self._container: Any = av.open(
+            str(path), "w", format="mp4", options={"movflags": "faststart"}
+        )
+        stream: Any = self._container.add_stream(
+            "libx264", rate=25, options={"preset": "veryfast", "crf": CRF}
+        )
         stream.width, stream.height, stream.pix_fmt = self._width, self._height, "yuv420p"
         stream.codec_context.time_base = Fraction(1, CLOCK)
         stream.codec_context.thread_count = THREADS

@@ -1,4 +1,6 @@
-"""Histograms of the differences with their fits (PARTS, Figure 3). Needs matplotlib, imported when asked for."""
+"""Histograms of the differences with their fits (PARTS, Figure 3). Needs matplotlib, imported
+when asked for.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,11 @@ BINS = 64
 OTHERS = "other places, and boxes off the target, against what was learnt a second before"
 
 
-def plot(samples: Samples, features: PartFeatures, out: Path, *, force: bool = False) -> None:
-    """A row per feature, a column per part: the matching case's histogram, the model over it, the rest in grey.
+def plot(
+    samples: Samples, features: PartFeatures, out: Path, *, force: bool = False
+) -> None:
+    """A row per feature, a column per part: the matching case's histogram, the model over it, the
+    rest in grey.
 
     Raises:
         SceneTraceError: matplotlib is not installed.
@@ -29,7 +34,8 @@ def plot(samples: Samples, features: PartFeatures, out: Path, *, force: bool = F
         from matplotlib.figure import Figure
     except ImportError as e:
         raise SceneTraceError(
-            "--plot needs matplotlib, which is not installed: pip install 'scenetrace[plot]', or matplotlib alone"
+            "--plot needs matplotlib, which is not installed: pip install"
+            " 'scenetrace[plot]', or matplotlib alone"
         ) from e
     figure = Figure(figsize=(14, 14), layout="constrained")
     FigureCanvasAgg(figure)
@@ -39,7 +45,14 @@ def plot(samples: Samples, features: PartFeatures, out: Path, *, force: bool = F
     for i, feature in enumerate(FEATURES):
         for j, words in enumerate(split_models(getattr(features, feature), feature)):
             ax, model = axes[i][j], density(words, at)
-            ax.hist(others[:, j, i], bins=BINS, range=(0, 1), density=True, color="0.85", label=OTHERS)
+            ax.hist(
+                others[:, j, i],
+                bins=BINS,
+                range=(0, 1),
+                density=True,
+                color="0.85",
+                label=OTHERS,
+            )
             tall, _, _ = ax.hist(
                 steps[:, j, i], bins=BINS, range=(0, 1), density=True, color="tab:blue", alpha=0.7,
                 label="the same target from frame to frame",
@@ -48,9 +61,16 @@ def plot(samples: Samples, features: PartFeatures, out: Path, *, force: bool = F
             # What is far off may lie in one bar, which would press the rest to the ground.
             ax.set_ylim(0, 1.1 * max(float(tall.max()), float(model.max()), 1e-3))
             kind, _, numbers = words.partition(" ")
-            ax.set_title(f"{feature}, {PARTS[j].replace('_', ' ')}\n{kind}\n{numbers}", fontsize=6.5)
+            ax.set_title(
+                f"{feature}, {PARTS[j].replace('_', ' ')}\n{kind}\n{numbers}", fontsize=6.5
+            )
             ax.tick_params(labelsize=6)
     figure.suptitle("Absolute differences of features, by part", fontsize=10)
-    figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=9)
+    figure.legend(
+        *axes[0][0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=3,
+        fontsize=9,
+    )
     with whole(out, force=force) as file:
         figure.savefig(file.part, format=out.suffix.lstrip(".") or "png", dpi=110)

@@ -1,4 +1,6 @@
-"""Differences of features from frame to frame: of the same target, and of what it could be taken for."""
+"""Differences of features from frame to frame: of the same target, and of what it could be taken
+for.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,14 @@ from recorders.scene import Frame, SceneLog
 from replay.evaluate.truth import MotTable, fit_truth, read_truth
 from replay.sealing.manifest import file_digest
 from replay.trackers.association import intersection
-from replay.trackers.parts.features import ONE, Measured, PartsModel, Pixels, differences, measure
+from replay.trackers.parts.features import (
+    ONE,
+    Measured,
+    PartsModel,
+    Pixels,
+    differences,
+    measure,
+)
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.regions import ALPHA, BETA, PARTS, parts_of
 
@@ -23,7 +32,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 COVERED = 0.15
-"""Targets that a nearer one covers more than this are left out: what would be compared is the other's."""
+"""Targets that a nearer one covers more than this are left out: what would be compared is the
+other's.
+"""
 SHIFTS = ((-0.6, 0.0), (0.6, 0.0), (0.0, -0.25), (0.0, 0.25), (-0.4, 0.15), (0.4, -0.15))
 """Misaligned candidates, in widths and heights."""
 LATER_S = 1.0
@@ -38,7 +49,9 @@ OFF = (
     (-0.05, -0.02, 1.05),
     (0.1, 0.0, 0.9),
 )
-"""How far a tracker's boxes are off, in turn: in widths, in heights, and in size. Truth alone would be too strict."""
+"""How far a tracker's boxes are off, in turn: in widths, in heights, and in size. Truth alone
+would be too strict.
+"""
 MOST = 400
 """Pairs of frames from one recording, so that none outweighs the others."""
 NEAR = 2.0
@@ -50,11 +63,15 @@ class Samples:
     """Differences of one or several recordings.
 
     Attributes:
-        steps: (S, 5, 6) in [0, 255]: the same target in frames that follow one another, which the models are fitted to.
-        step_folds: (S,) part of the cross-validation: the recording, or the half of its truth where there is only one.
-        differences: (N, 5, 6) of candidates against what was learnt `LATER_S` before, from a place that is not exactly
-            known, as after an occlusion: what the weights are fitted to.
-        groups: (N,) target and frame that the row belongs to; rows of a group follow one another, the match first.
+        steps: (S, 5, 6) in [0, 255]: the same target in frames that follow one another, which the
+            models are fitted to.
+        step_folds: (S,) part of the cross-validation: the recording, or the half of its truth
+            where there is only one.
+        differences: (N, 5, 6) of candidates against what was learnt `LATER_S` before, from a
+            place that is not exactly known, as after an occlusion: what the weights are fitted
+            to.
+        groups: (N,) target and frame that the row belongs to; rows of a group follow one another,
+            the match first.
         folds: (N,) as ``step_folds``.
         names: the recordings, with what was taken from each.
     """
@@ -81,7 +98,8 @@ def collect(
 
     Args:
         pairs: scene log and truth of each.
-        truth_sizes: (width, height) of the picture that each truth was labelled in, None: its recording's.
+        truth_sizes: (width, height) of the picture that each truth was labelled in, None: its
+            recording's.
         camera: which camera, where the logs have several.
 
     Raises:
@@ -98,20 +116,28 @@ def collect(
         found: list[tuple[int, Ints, Ints]] = []
         with SceneLog(scene, camera) as log:
             if not (log.info.has_images and log.info.has_masks):
-                raise SceneTraceError(f"{scene}: no pictures or no foreground masks; the features are made of them")
+                raise SceneTraceError(
+                    f"{scene}: no pictures or no foreground masks; the features are made of"
+                    " them"
+                )
             table = fit_truth(read_truth(truth), (log.info.width, log.info.height), size)
             for window in _windows(log, table):
                 half = int(window[-1].share * 2) if len(pairs) == 1 else fold
                 found += [(half, step, group) for step, group in _of_frame(window)]
         if not found:
-            raise SceneTraceError(f"{truth}: no target is seen free in two frames of {scene} that follow one another")
+            raise SceneTraceError(
+                f"{truth}: no target is seen free in two frames of {scene} that follow one"
+                " another"
+            )
         every = -(-len(found) // MOST)
         for half, step, group in found[::every]:
             steps.append(step)
             step_folds.append(half)
             rows.append(group)
             folds += [half] * len(group)
-        names.append(f"{scene.name} with {truth.name} ({len(found[::every])} pairs of frames)")
+        names.append(
+            f"{scene.name} with {truth.name} ({len(found[::every])} pairs of frames)"
+        )
     groups = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
     return Samples(
         np.stack(steps), np.array(step_folds, np.int64), np.concatenate(rows), groups, np.array(folds, np.int64),
@@ -125,13 +151,17 @@ def _all_different(scenes: list[Path]) -> None:
     for path in scenes:
         _, digest = file_digest(path)
         if digest in known:
-            raise SceneTraceError(f"{path}: the same recording as {known[digest]}; give each once")
+            raise SceneTraceError(
+                f"{path}: the same recording as {known[digest]}; give each once"
+            )
         known[digest] = path
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """One frame's truth: ids, boxes (T, 4), gates (T,), who is free (T,); its pixels; its place in the recording."""
+    """One frame's truth: ids, boxes (T, 4), gates (T,), who is free (T,); its pixels; its place
+    in the recording.
+    """
 
     index: int
     ids: list[int]
@@ -159,7 +189,9 @@ def _windows(log: SceneLog, table: MotTable) -> Iterator[list[_Seen]]:
     frame_s = log.info.frame_ns * 1e-9
     window: deque[_Seen] = deque(maxlen=max(2, round(LATER_S / max(frame_s, 1e-3))) + 1)
     # The truth may reach beyond the recording, on either side.
-    shared = table.frames[np.isin(table.frames, [index for index, _ in enumerate(log.frame_times())])]
+    shared = table.frames[
+        np.isin(table.frames, [index for index, _ in enumerate(log.frame_times())])
+    ]
     span = (int(shared[0]), int(shared[-1]) + 1) if len(shared) else (0, 1)
     for frame in log.frames():
         window.append(_look(frame, table, frame_s, span))
@@ -171,7 +203,9 @@ def _look(frame: Frame, table: MotTable, frame_s: float, span: tuple[int, int]) 
     low, high = np.searchsorted(table.frames, [frame.index, frame.index + 1])
     boxes = table.boxes[low:high]
     ids = table.ids[low:high].tolist()
-    earlier_low, earlier_high = np.searchsorted(table.frames, [frame.index - 1, frame.index])
+    earlier_low, earlier_high = np.searchsorted(
+        table.frames, [frame.index - 1, frame.index]
+    )
     last_ids = table.ids[earlier_low:earlier_high].tolist()
     earlier = dict(zip(last_ids, table.centres[earlier_low:earlier_high], strict=True))
     speed = np.array(
@@ -180,7 +214,8 @@ def _look(frame: Frame, table: MotTable, frame_s: float, span: tuple[int, int]) 
     )  # fmt: skip
     p = PartsParameters()
     gates = np.minimum(
-        np.maximum(p.gate_sizes * boxes[:, 3], p.gate_speeds * speed * frame_s), p.gate_most * boxes[:, 3]
+        np.maximum(p.gate_sizes * boxes[:, 3], p.gate_speeds * speed * frame_s),
+        p.gate_most * boxes[:, 3],
     )
     foot = boxes[:, 1] + boxes[:, 3]
     share = intersection(boxes, boxes) / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)[:, None]
@@ -193,12 +228,18 @@ def _look(frame: Frame, table: MotTable, frame_s: float, span: tuple[int, int]) 
 
 
 def _of_frame(window: list[_Seen]) -> Iterator[tuple[Ints, Ints]]:
-    """For every target that is free in this frame and the one before: its step, and its candidates."""
+    """For every target that is free in this frame and the one before: its step, and its
+    candidates.
+    """
     now, before = window[-1], window[-2]
     for k, identity in enumerate(now.ids):
         if not now.free[k] or not before.is_free(identity):
             continue
-        box, old, gate = _off(now.boxes[k], now.index + identity), before.box(identity), before.gate(identity)
+        box, old, gate = (
+            _off(now.boxes[k], now.index + identity),
+            before.box(identity),
+            before.gate(identity),
+        )
         one = np.zeros(1, np.intp)
         step = _measured(now.pixels, box[None], old[None], old[None], np.array([gate]))
         recent = _learnt(before, window[-3] if len(window) > 2 else before, identity)
@@ -206,19 +247,33 @@ def _of_frame(window: list[_Seen]) -> Iterator[tuple[Ints, Ints]]:
         learnt = _learnt(window[oldest], window[max(oldest - 1, 0)], identity)
         away = np.abs(now.boxes[:, :2] - box[:2]).max(axis=1)
         others = [j for j in range(len(now.ids)) if j != k and away[j] <= NEAR * box[3]]
-        shifted = [box + np.array([dx * box[2], dy * box[3], 0.0, 0.0]) for dx, dy in SHIFTS]
+        shifted = [
+            box + np.array([dx * box[2], dy * box[3], 0.0, 0.0]) for dx, dy in SHIFTS
+        ]
         tried = np.concatenate([box[None], now.boxes[others], np.array(shifted)])
         dx, dy = UNSURE[(now.index + identity) % len(UNSURE)]
-        was = np.repeat((old + np.array([dx * gate, dy * gate, 0.0, 0.0]))[None], len(tried), axis=0)
+        was = np.repeat(
+            (old + np.array([dx * gate, dy * gate, 0.0, 0.0]))[None], len(tried), axis=0
+        )
         m = _measured(now.pixels, tried, was, was, np.full(len(tried), gate))
-        yield differences(recent, one, step)[0], differences(learnt, np.zeros(len(tried), np.intp), m)
+        yield (
+            differences(recent, one, step)[0],
+            differences(learnt, np.zeros(len(tried), np.intp), m),
+        )
 
 
 def _off(box: Floats, turn: int) -> Floats:
     """A box as a tracker might have found it."""
     dx, dy, size = OFF[turn % len(OFF)]
     x, y, w, h = box.tolist()
-    return np.array([x + dx * w + w * (1 - size) / 2, y + dy * h + h * (1 - size) / 2, w * size, h * size])
+    return np.array(
+        [
+            x + dx * w + w * (1 - size) / 2,
+            y + dy * h + h * (1 - size) / 2,
+            w * size,
+            h * size,
+        ]
+    )
 
 
 def _learnt(seen: _Seen, before: _Seen, identity: int) -> PartsModel:
@@ -226,13 +281,21 @@ def _learnt(seen: _Seen, before: _Seen, identity: int) -> PartsModel:
     box = seen.box(identity)
     old = before.box(identity) if identity in before.ids else box
     model = PartsModel.empty(1)
-    m = _measured(seen.pixels, box[None], box[None], old[None], np.array([seen.gate(identity)]))
+    m = _measured(
+        seen.pixels, box[None], box[None], old[None], np.array([seen.gate(identity)])
+    )
     model.learn(0, m, 0, np.full(len(PARTS), ONE, np.int64))
     return model
 
 
-def _measured(pixels: Pixels, boxes: Floats, expected: Floats, before: Floats, gates: Floats) -> Measured:
+def _measured(
+    pixels: Pixels, boxes: Floats, expected: Floats, before: Floats, gates: Floats
+) -> Measured:
     alpha, beta = np.full(len(boxes), ALPHA), np.full(len(boxes), BETA)
     return measure(
-        pixels, parts_of(boxes, alpha, beta), parts_of(expected, alpha, beta), parts_of(before, alpha, beta), gates
+        pixels,
+        parts_of(boxes, alpha, beta),
+        parts_of(expected, alpha, beta),
+        parts_of(before, alpha, beta),
+        gates,
     )

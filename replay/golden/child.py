@@ -1,4 +1,5 @@
-"""A replay in a process of its own: reads an order as JSON, prints the digest, and, watched, whom the tracker asked.
+"""A replay in a process of its own: reads an order as JSON, prints the digest, and, watched, whom
+the tracker asked.
 
 Run by `replay.golden.running`; a result must not depend on this process being another one.
 """
@@ -28,7 +29,8 @@ _TIMES = frozenset(
         "process_time_ns", "thread_time", "thread_time_ns", "localtime", "gmtime", "ctime",
     }
 )  # fmt: skip
-# What moves so slowly that two replays agree by chance; asked by the tracker's own code, not by a logger's.
+# What moves so slowly that two replays agree by chance; asked by the tracker's own code, not by a
+# logger's.
 _CALENDAR_TIMES = frozenset({"time", "time_ns", "localtime", "gmtime", "ctime"})
 _OWN = Path(__file__).resolve().parent.parent
 _FOREIGN = tuple(
@@ -42,7 +44,9 @@ _FOREIGN = tuple(
 
 
 class Watch:
-    """Notes from where clocks and sources of chance are asked, through the interpreter's profiling hook."""
+    """Notes from where clocks and sources of chance are asked, through the interpreter's
+    profiling hook.
+    """
 
     def __init__(self) -> None:
         self.asked: dict[str, dict[str, int]] = {_CLOCK: {}, _CALENDAR: {}, _CHANCE: {}}
@@ -57,7 +61,9 @@ class Watch:
             if caller is not None:
                 words = f"{caller} calls {_name(function)}()"
                 self._note(kind, words)
-                slow = function.__name__ in _CALENDAR_TIMES or isinstance(function.__self__, type)
+                slow = function.__name__ in _CALENDAR_TIMES or isinstance(
+                    function.__self__, type
+                )
                 if kind == _CLOCK and direct and slow:
                     self._note(_CALENDAR, words)
 
@@ -69,9 +75,15 @@ def _kind(function: Any) -> str | None:
     name, owner = function.__name__, getattr(function, "__self__", None)
     if getattr(owner, "__name__", "") == "time" and name in _TIMES:
         return _CLOCK
-    if isinstance(owner, type) and issubclass(owner, datetime.date) and name in ("now", "utcnow", "today"):
+    if (
+        isinstance(owner, type)
+        and issubclass(owner, datetime.date)
+        and name in ("now", "utcnow", "today")
+    ):
         return _CLOCK
-    if (isinstance(owner, random.Random) and name in ("random", "getrandbits")) or name == "urandom":
+    if (
+        isinstance(owner, random.Random) and name in ("random", "getrandbits")
+    ) or name == "urandom":
         return _CHANCE
     return None
 
@@ -83,19 +95,29 @@ def _name(function: Any) -> str:
         return f"{owner.__module__}.{owner.__qualname__}.{name}"
     if isinstance(owner, random.Random):
         # The module's functions are methods of an instance that it keeps.
-        return f"random.{name}" if type(owner) is random.Random else f"{type(owner).__qualname__}.{name}"
+        return (
+            f"random.{name}"
+            if type(owner) is random.Random
+            else f"{type(owner).__qualname__}.{name}"
+        )
     return f"{'os' if name == 'urandom' else getattr(owner, '__name__', None) or function.__module__}.{name}"
 
 
 def _caller(frame: FrameType | None) -> tuple[str | None, bool]:
-    """The nearest place in the tracker's own code, None where the call is the machinery's; whether it called itself."""
+    """The nearest place in the tracker's own code, None where the call is the machinery's;
+    whether it called itself.
+    """
     direct = True
     while frame is not None:
         file = Path(frame.f_code.co_filename).resolve()
         inside = file.is_relative_to(_OWN) and not file.is_relative_to(_OWN / "trackers")
         if inside:
             return None, False
-        if not str(file).startswith(_FOREIGN) and "site-packages" not in file.parts and file.exists():
+        if (
+            not str(file).startswith(_FOREIGN)
+            and "site-packages" not in file.parts
+            and file.exists()
+        ):
             return f"{file.name}:{frame.f_lineno}", direct
         frame = frame.f_back
         direct = False
@@ -105,10 +127,14 @@ def _caller(frame: FrameType | None) -> tuple[str | None, bool]:
 def main() -> int:
     """Replay once."""
     order = json.load(sys.stdin)
-    tracker = order["tracker"] if isinstance(order["tracker"], str) else imported(order["tracker"])
+    tracker = (
+        order["tracker"]
+        if isinstance(order["tracker"], str)
+        else imported(order["tracker"])
+    )
     job = Job(Path(order["scene"]), tracker, configured(tracker, order["config"]))
     watch = Watch()
-    before = random.getstate(), str(np.random.get_state(legacy=False))  # noqa: NPY002 - is it touched?
+    before = random.getstate(), str(np.random.get_state(legacy=False))  # noqa: NPY002
     if order["watched"]:
         sys.setprofile(watch)
     try:
@@ -117,7 +143,11 @@ def main() -> int:
         sys.setprofile(None)
     if str(np.random.get_state(legacy=False)) != before[1]:  # noqa: NPY002
         watch.asked[_CHANCE]["numpy's global random state was used"] = 1
-    asked = {"clock": watch.asked[_CLOCK], "calendar": watch.asked[_CALENDAR], "chance": watch.asked[_CHANCE]}
+    asked = {
+        "clock": watch.asked[_CLOCK],
+        "calendar": watch.asked[_CALENDAR],
+        "chance": watch.asked[_CHANCE],
+    }
     print(json.dumps({"digest": digest, **asked}))  # noqa: T201
     return 0
 

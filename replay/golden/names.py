@@ -1,4 +1,6 @@
-"""Golden files' names: the test's own, unless two tests would have one file. Nothing heavy: pytest reads it early."""
+"""Golden files' names: the test's own, unless two tests would have one file. Nothing heavy:
+pytest reads it early.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,9 @@ class Owners:
             given: the call named it; else it is the test's own name, which others may share.
         """
         alike = [] if given else self._tests.get((folder, name), [])
-        other = next((n for n in alike if n != node), None) or self._claimed.get((folder, name), node)
+        other = next((n for n in alike if n != node), None) or self._claimed.get(
+            (folder, name), node
+        )
         self._claimed.setdefault((folder, name), node)
         if other == node:
             return None

@@ -1,4 +1,6 @@
-"""The pytest plugin: fixture `golden_scene`, option `--scenetrace-update NAME`. See docs/golden.md."""
+"""The pytest plugin: fixture `golden_scene`, option `--scenetrace-update NAME`. See
+docs/golden.md.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="write the golden file NAME.mcap anew (the run fails); may be repeated, there is no way to name them all",
+        help=(
+            "write the golden file NAME.mcap anew (the run fails); may be repeated, there"
+            " is no way to name them all"
+        ),
     )
 
 
@@ -32,16 +37,25 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
-    """Note which tests would name a golden file: two of one name in a folder are told when they run."""
-    users = (item for item in session.items if "golden_scene" in getattr(item, "fixturenames", ()))
-    session.config.stash[_OWNERS].collected((item.path.parent, item.name, item.nodeid) for item in users)
+    """Note which tests would name a golden file: two of one name in a folder are told when they
+    run.
+    """
+    users = (
+        item
+        for item in session.items
+        if "golden_scene" in getattr(item, "fixturenames", ())
+    )
+    session.config.stash[_OWNERS].collected(
+        (item.path.parent, item.name, item.nodeid) for item in users
+    )
 
 
 @pytest.fixture
 def golden_scene(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., object]:
     """Replay a scene log through a tracker and hold it against the golden file beside the test.
 
-    ``golden_scene(log, tracker="events", config=None, tolerance=0.0)``; see `replay.golden.scene.GoldenScene`.
+    ``golden_scene(log, tracker="events", config=None, tolerance=0.0)``; see
+    `replay.golden.scene.GoldenScene`.
     """
     from replay.golden.scene import GoldenError, GoldenScene
 
@@ -77,14 +91,22 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
         session.exitstatus = pytest.ExitCode.USAGE_ERROR
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
     """Say which names were not used."""
     for name in _missing(config):
-        terminalreporter.write_line(f"--scenetrace-update {name}: no test that ran has a golden file of that name")
+        terminalreporter.write_line(
+            f"--scenetrace-update {name}: no test that ran has a golden file of that name"
+        )
 
 
 def _missing(config: pytest.Config) -> list[str]:
     # With pytest-xdist the tests run in workers, and this process sees none of the names.
     if getattr(config.option, "numprocesses", None):
         return []
-    return [name for name in config.getoption("--scenetrace-update") if name not in config.stash[_USED]]
+    return [
+        name
+        for name in config.getoption("--scenetrace-update")
+        if name not in config.stash[_USED]
+    ]

@@ -41,15 +41,23 @@ class Job:
         """The replay's options."""
         factory = None if isinstance(self.tracker, str) else self.tracker
         return ReplayOptions(
-            tracker=self.name, config=self.config, annotations_only=True, force=True, factory=factory, **more
+            tracker=self.name,
+            config=self.config,
+            annotations_only=True,
+            force=True,
+            factory=factory,
+            **more,
         )
 
     def run(self, out: Path, **more: Any) -> str:
         """Replay here, with a fresh instance; the output digest."""
         return replay(self.scene, out, self.options(**more)).output_digest
 
-    def elsewhere(self, out: Path, hash_seed: int, watched: bool = False) -> tuple[str, dict[str, Any]]:
-        """Replay in a new process with another hash seed; the output digest, and what was seen if ``watched``.
+    def elsewhere(
+        self, out: Path, hash_seed: int, watched: bool = False
+    ) -> tuple[str, dict[str, Any]]:
+        """Replay in a new process with another hash seed; the output digest, and what was seen if
+        ``watched``.
 
         Raises:
             SceneTraceError: the process failed; the text ends with its last words.
@@ -58,7 +66,9 @@ class Job:
         order = {
             "scene": str(self.scene.resolve()),
             "out": str(out.resolve()),
-            "tracker": self.tracker if isinstance(self.tracker, str) else _address(self.tracker),
+            "tracker": (
+                self.tracker if isinstance(self.tracker, str) else _address(self.tracker)
+            ),
             "config": as_plain(self.config),
             "watched": watched,
         }
@@ -72,7 +82,9 @@ class Job:
             env={**os.environ, "PYTHONHASHSEED": str(hash_seed), "PYTHONPATH": path},
         )
         if done.returncode:
-            raise SceneTraceError(f"{self.name} fails in a process of its own:\n{done.stderr.strip()[-2000:]}")
+            raise SceneTraceError(
+                f"{self.name} fails in a process of its own:\n{done.stderr.strip()[-2000:]}"
+            )
         answer = json.loads(done.stdout.splitlines()[-1])
         return str(answer["digest"]), answer
 
@@ -95,7 +107,8 @@ def _address(factory: TrackerFactory) -> dict[str, str]:
         file = None
     if not name or "<" in name or file is None:
         raise NotImportableError(
-            f"{tracker_name(factory)} is not at the top level of a module, so no other process can import it"
+            f"{tracker_name(factory)} is not at the top level of a module, so no other"
+            " process can import it"
         )
     return {"module": str(getattr(factory, "__module__", "")), "file": file, "name": name}
 
@@ -106,7 +119,11 @@ def imported(address: Mapping[str, str]) -> TrackerFactory:
         module = importlib.import_module(address["module"])
     except ImportError:
         module = None
-    if module is None or Path(getattr(module, "__file__", None) or "").resolve() != Path(address["file"]).resolve():
+    if (
+        module is None
+        or Path(getattr(module, "__file__", None) or "").resolve()
+        != Path(address["file"]).resolve()
+    ):
         spec = importlib.util.spec_from_file_location(address["module"], address["file"])
         if spec is None or spec.loader is None:
             raise NotImportableError(f"{address['file']}: not a Python module")
@@ -123,7 +140,11 @@ def imported(address: Mapping[str, str]) -> TrackerFactory:
 def configured(tracker: str | TrackerFactory, values: Values | Config | None) -> Config:
     """A configuration from plain values or parameters; what is not named has its default."""
     plain = {
-        section: dict(fields) if isinstance(fields, Mapping) else as_plain({section: fields})[section]
+        section: (
+            dict(fields)
+            if isinstance(fields, Mapping)
+            else as_plain({section: fields})[section]
+        )
         for section, fields in (values or {}).items()
     }
     return replay_config(tracker, values=plain)

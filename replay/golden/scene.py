@@ -1,4 +1,6 @@
-"""What the fixture `golden_scene` does, without pytest: replay more than once, compare with the golden file."""
+"""What the fixture `golden_scene` does, without pytest: replay more than once, compare with the
+golden file.
+"""
 
 from __future__ import annotations
 
@@ -24,15 +26,17 @@ from replay.golden.story import write_story
 from replay.trackers.tracker import TrackerFactory
 
 _LINES = 30
-# A set of two has but two orders, and half of all seeds share one: four seeds miss it once in sixteen times, in
-# whatever process a test is run. Trackers of the catalogue are tried over ten seeds by the benchmark of determinism:
-# one is enough for them here.
+# A set of two has but two orders, and half of all seeds share one: four seeds miss it once in
+# sixteen times, in whatever process a test is run. Trackers of the catalogue are tried over ten
+# seeds by the benchmark of determinism: one is enough for them here.
 _SEEDS_OF_A_USERS_TRACKER = 4
 _SEEDS = (1, 7, 2, 5, 3)
 
 
 class GoldenError(AssertionError):
-    """The replay is not what the golden file says, or not deterministic; the text is for the test's reader."""
+    """The replay is not what the golden file says, or not deterministic; the text is for the
+    test's reader.
+    """
 
 
 class GoldenScene:
@@ -44,7 +48,8 @@ class GoldenScene:
         scratch: a folder for the replays.
         update: names of golden files that are to be written anew.
         used: called with every name that is asked for.
-        claim: called with every name and whether the call gave it; says in words that another test has that file.
+        claim: called with every name and whether the call gave it; says in words that another
+            test has that file.
     """
 
     def __init__(
@@ -80,10 +85,13 @@ class GoldenScene:
 
         Args:
             log: the scene log.
-            tracker: a name of scenetrace's catalogue, or a tracker class (or function) of one's own.
+            tracker: a name of scenetrace's catalogue, or a tracker class (or function) of one's
+                own.
             config: section to parameters, plain or as `Parameters`; the others have their defaults.
-            tolerance: how far a box may be off in pixels; 0: to the bit. See `replay.compare.CompareOptions`.
-            time_tolerance: how far an event may move in seconds and still be called the same one, moved.
+            tolerance: how far a box may be off in pixels; 0: to the bit. See
+                `replay.compare.CompareOptions`.
+            time_tolerance: how far an event may move in seconds and still be called the same one,
+                moved.
             name: the golden file's name without ``.mcap``; the test's name without.
             other_process: replay in another process with another hash seed, too.
             checkpoint: replay from a state in the middle, too.
@@ -92,14 +100,18 @@ class GoldenScene:
             The comparison, which holds no difference.
 
         Raises:
-            GoldenError: a difference, a missing golden file (it is written), or no determinism; says which and why.
+            GoldenError: a difference, a missing golden file (it is written), or no determinism;
+                says which and why.
             SceneTraceError: the log or the configuration is not usable.
         """
         chosen = name or self._name
         if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", chosen):
             raise GoldenError(f"name={chosen!r}: must be letters, digits, '_', '-', '.'")
         if chosen in self._taken:
-            raise GoldenError(f"golden_scene was called twice for {chosen!r} in one test: give each call a name=")
+            raise GoldenError(
+                f"golden_scene was called twice for {chosen!r} in one test: give each call"
+                " a name="
+            )
         self._taken.append(chosen)
         self._used(chosen)
         shared = self._claim(chosen, name is not None)
@@ -113,19 +125,31 @@ class GoldenScene:
         if not golden.exists():
             write_story(replayed, golden)
             raise GoldenError(
-                f"there was no golden file, so it was written: {golden}\n"
-                "Look at it (`scenetrace query`, `scenetrace info`), commit it, and run the test again."
+                f"there was no golden file, so it was written: {golden}\nLook at it"
+                " (`scenetrace query`, `scenetrace info`), commit it, and run the test"
+                " again."
             )
-        found = compare(golden, replayed, CompareOptions(tolerance, time_tolerance, story=True))
+        found = compare(
+            golden, replayed, CompareOptions(tolerance, time_tolerance, story=True)
+        )
         if chosen in self._update:
             write_story(replayed, golden)
-            said = "\n".join(found.lines(_LINES)) if found.differences else "nothing in it differs"
-            raise GoldenError(f"the golden file was written anew: {golden}\n{said}\nRun again without the option.")
+            said = (
+                "\n".join(found.lines(_LINES))
+                if found.differences
+                else "nothing in it differs"
+            )
+            raise GoldenError(
+                f"the golden file was written anew: {golden}\n{said}\nRun again without the"
+                " option."
+            )
         if found.differences:
             raise GoldenError(self._differs(job, golden, replayed, found, chosen))
         return found
 
-    def _replayed(self, job: Job, scratch: Path, other_process: bool, checkpoint: bool) -> Path:
+    def _replayed(
+        self, job: Job, scratch: Path, other_process: bool, checkpoint: bool
+    ) -> Path:
         """Replay at least twice; the first one's log.
 
         Raises:
@@ -137,7 +161,9 @@ class GoldenScene:
         digest = job.run(first, checkpoint_ns=middle[1] if checkpoint else None)
         after = diagnosis.shared_state(job)
         if job.run(second) != digest:
-            raise GoldenError(diagnosis.same_process(job, scratch, first, second, before, after))
+            raise GoldenError(
+                diagnosis.same_process(job, scratch, first, second, before, after)
+            )
         if other_process:
             with suppress(NotImportableError):
                 self._elsewhere(job, scratch, first, digest)
@@ -146,7 +172,9 @@ class GoldenScene:
             try:
                 again = job.run(part, checkpoints=first, from_ns=middle[0])
             except SceneTraceError as e:
-                raise GoldenError(f"{job.name}: a replay from the middle of {job.scene.name} fails: {e}") from e
+                raise GoldenError(
+                    f"{job.name}: a replay from the middle of {job.scene.name} fails: {e}"
+                ) from e
             if again != digest:
                 raise GoldenError(diagnosis.restored(job, first, part))
         return first
@@ -170,7 +198,9 @@ class GoldenScene:
         if found == digest:
             with ThreadPoolExecutor(os.cpu_count()) as pool:
                 answers = pool.map(there, seeds[1:])
-                digests |= dict(zip(seeds[1:], (found for found, _ in answers), strict=True))
+                digests |= dict(
+                    zip(seeds[1:], (found for found, _ in answers), strict=True)
+                )
         odd = next((seed for seed, found in digests.items() if found != digest), None)
         if odd is not None:
             raise GoldenError(diagnosis.other_process(job, scratch, here, digests, odd))
@@ -178,7 +208,9 @@ class GoldenScene:
             raise GoldenError(diagnosis.calendar(job, seen["calendar"]))
 
     @staticmethod
-    def _differs(job: Job, golden: Path, replayed: Path, found: Comparison, name: str) -> str:
+    def _differs(
+        job: Job, golden: Path, replayed: Path, found: Comparison, name: str
+    ) -> str:
         with LogReader(golden) as a, LogReader(replayed) as b:
             then, now = cut(facts_of(a).input_digest, facts_of(b).input_digest)
         other = "" if then == now else (
@@ -186,14 +218,17 @@ class GoldenScene:
             f"(input digest {then}, now {now})"
         )  # fmt: skip
         return (
-            f"{job.name} no longer says of {job.scene.name} what {golden.name} says (A: golden, B: now){other}\n"
+            f"{job.name} no longer says of {job.scene.name} what {golden.name} says (A:"
+            f" golden, B: now){other}\n"
             + "\n".join(found.lines(_LINES))
             + f"\nIf that is right: pytest --scenetrace-update {name}"
         )
 
 
 def _middle(path: Path) -> tuple[int | None, int | None]:
-    """A time just behind the middle of a scene and the time from its start, None for scenes of few frames."""
+    """A time just behind the middle of a scene and the time from its start, None for scenes of
+    few frames.
+    """
     with SceneLog(path) as scene:
         times = list(scene.frame_times())
     if len(times) < 4:

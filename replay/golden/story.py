@@ -1,6 +1,7 @@
 """A golden file: what an annotated log says happened, small enough to lie beside a test.
 
-It is an annotated log with tracks, relations, groups and events alone: no recording, no pictures, no digests.
+It is an annotated log with tracks, relations, groups and events alone: no recording, no pictures,
+no digests.
 """
 
 from __future__ import annotations
@@ -24,13 +25,17 @@ def write_story(annotated: str | Path, out: str | Path) -> None:
         facts = facts_of(log)
         topics = [channels.topic(facts.camera, name) for name in STORY]
         # One chunk, if it fits: it compresses best.
-        with LogWriter(out, force=True, flush_interval_ns=1 << 62, chunk_bytes=4 << 20) as writer:
+        with LogWriter(
+            out, force=True, flush_interval_ns=1 << 62, chunk_bytes=4 << 20
+        ) as writer:
             ids = {
                 c.id: writer.channel(c.topic, c.schema, c.message_encoding, c.metadata)
                 for c in log.channels
                 if c.topic in topics
             }
             for m in log.messages(topics):
-                writer.write(ids[m.channel.id], m.data, m.log_time_ns, m.publish_time_ns, m.sequence)
+                writer.write(
+                    ids[m.channel.id], m.data, m.log_time_ns, m.publish_time_ns, m.sequence
+                )
             writer.metadata(METADATA, facts.values)
             writer.metadata(GOLDEN, {"channels": ",".join(STORY)})

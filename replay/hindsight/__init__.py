@@ -1,4 +1,6 @@
-"""What the recording says of its tracks once it is over: fragments joined, gaps filled, paths smoothed."""
+"""What the recording says of its tracks once it is over: fragments joined, gaps filled, paths
+smoothed.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Identities that a tracker found to be exchanged are exchanged from when it happened, not from when it was found.
+"""Identities that a tracker found to be exchanged are exchanged from when it happened, not from
+when it was found.
 
-A tracker says so in a ``track_recovered`` notice with two subjects and the evidence ``since_frame``: from that frame on
-until the notice each had the other's id.
+A tracker says so in a ``track_recovered`` notice with two subjects and the evidence
+``since_frame``: from that frame on until the notice each had the other's id.
 """
 
 from __future__ import annotations
@@ -29,13 +30,21 @@ def exchanges_of(answer: Targets) -> list[Exchange]:
     found: list[Exchange] = []
     for notice in answer.notices:
         since = notice.evidence.get("since_frame")
-        if notice.kind == "track_recovered" and len(notice.subjects) == 2 and isinstance(since, int):
-            found.append(Exchange(notice.subjects[0], notice.subjects[1], since, answer.frame))
+        if (
+            notice.kind == "track_recovered"
+            and len(notice.subjects) == 2
+            and isinstance(since, int)
+        ):
+            found.append(
+                Exchange(notice.subjects[0], notice.subjects[1], since, answer.frame)
+            )
     return found
 
 
 def undone(stream: Iterable[Targets], exchanges: list[Exchange]) -> Iterator[Targets]:
-    """The answers with every exchange undone in the frames where it held, in the order in which they were found."""
+    """The answers with every exchange undone in the frames where it held, in the order in which
+    they were found.
+    """
     ordered = sorted(exchanges, key=lambda e: e.end)
     for answer in stream:
         name: dict[int, int] = {}
@@ -51,5 +60,7 @@ def _renamed(answer: Targets, name: dict[int, int]) -> Targets:
     targets = [replace(t, id=name.get(t.id, t.id)) for t in answer.targets]
     groups = answer.group_tracks
     if groups is not None:
-        groups = [replace(g, members=sorted(name.get(k, k) for k in g.members)) for g in groups]
+        groups = [
+            replace(g, members=sorted(name.get(k, k) for k in g.members)) for g in groups
+        ]
     return replace(answer, targets=sorted(targets, key=lambda t: t.id), group_tracks=groups)

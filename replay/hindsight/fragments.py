@@ -27,8 +27,8 @@ class Sighting:
 
 
 class Path:
-    """Sightings in order, held as bare numbers: every fragment of a recording is kept until its end is known, and
-    as objects they would take five times the space.
+    """Sightings in order, held as bare numbers: every fragment of a recording is kept until its
+    end is known, and as objects they would take five times the space.
     """
 
     __slots__ = ("_boxes", "_when")
@@ -75,10 +75,11 @@ class Fragment:
         head, tail: the first and the last observations, at most `ENDS_S` long.
         hits: number of observations.
         sizes: sum of the observations' sizes.
-        left: it went out of the scene: whoever comes in later is not held to be the same by the path alone.
+        left: it went out of the scene: whoever comes in later is not held to be the same by the
+            path alone.
         signature: sum of the appearance signatures, of ``signatures`` frames.
-        told: the tracker held it present at some time. Of who was only ever followed aside nothing is told, but such a
-            fragment may be where somebody else's life goes on.
+        told: the tracker held it present at some time. Of who was only ever followed aside
+            nothing is told, but such a fragment may be where somebody else's life goes on.
     """
 
     id: int
@@ -112,7 +113,9 @@ class Fragment:
         """Take the next observation."""
         self.hits += 1
         self.sizes += math.sqrt(max(box[2] * box[3], 1.0))
-        if not len(self.head) or (time_ns - self.head.first_ns <= ENDS_S * 1e9 and len(self.head) < _MOST_ENDS):
+        if not len(self.head) or (
+            time_ns - self.head.first_ns <= ENDS_S * 1e9 and len(self.head) < _MOST_ENDS
+        ):
             self.head.add(at, time_ns, box)
         self.tail.add(at, time_ns, box)
         if len(self.tail) > _MOST_ENDS:
@@ -136,7 +139,9 @@ class Fragment:
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """A path's state at one of its ends: centre, velocity (pixels per second), size, width, height, time."""
+    """A path's state at one of its ends: centre, velocity (pixels per second), size, width,
+    height, time.
+    """
 
     x: float
     y: float
@@ -153,7 +158,9 @@ class End:
 
 
 def end_of(sightings: Sequence[Sighting], at_start: bool) -> End:
-    """Fit a straight path to sightings by least squares, its state at the first or the last of them."""
+    """Fit a straight path to sightings by least squares, its state at the first or the last of
+    them.
+    """
     n = len(sightings)
     origin = sightings[0 if at_start else -1].time_ns
     t = [(s.time_ns - origin) * 1e-9 for s in sightings]
@@ -162,8 +169,16 @@ def end_of(sightings: Sequence[Sighting], at_start: bool) -> End:
     mean = math.fsum(t) / n
     spread = math.fsum((u - mean) ** 2 for u in t)
     mx, my = math.fsum(x) / n, math.fsum(y) / n
-    vx = math.fsum((u - mean) * v for u, v in zip(t, x, strict=True)) / spread if spread > 0.01 else 0.0
-    vy = math.fsum((u - mean) * v for u, v in zip(t, y, strict=True)) / spread if spread > 0.01 else 0.0
+    vx = (
+        math.fsum((u - mean) * v for u, v in zip(t, x, strict=True)) / spread
+        if spread > 0.01
+        else 0.0
+    )
+    vy = (
+        math.fsum((u - mean) * v for u, v in zip(t, y, strict=True)) / spread
+        if spread > 0.01
+        else 0.0
+    )
     w = math.fsum(s.box[2] for s in sightings) / n
     h = math.fsum(s.box[3] for s in sightings) / n
     return End(mx - mean * vx, my - mean * vy, vx, vy, w, h, origin)
@@ -199,7 +214,9 @@ def gather(stream: Iterable[Targets], times: Sequence[int]) -> dict[int, Fragmen
     return {k: fragments[k] for k in sorted(fragments) if fragments[k].hits}
 
 
-def _take_note(fragment: Fragment, notice: Notice, at_frame: dict[int, int], times: Sequence[int]) -> None:
+def _take_note(
+    fragment: Fragment, notice: Notice, at_frame: dict[int, int], times: Sequence[int]
+) -> None:
     """What the tracker said of a fragment's beginning and end."""
     if notice.kind == "track_confirmed":
         _back_date(fragment, notice, at_frame, times)
@@ -207,7 +224,9 @@ def _take_note(fragment: Fragment, notice: Notice, at_frame: dict[int, int], tim
         fragment.left |= notice.evidence.get("left_scene") is True
 
 
-def _back_date(fragment: Fragment, notice: Notice, at_frame: dict[int, int], times: Sequence[int]) -> None:
+def _back_date(
+    fragment: Fragment, notice: Notice, at_frame: dict[int, int], times: Sequence[int]
+) -> None:
     """The sightings of the time before the confirmation, as the confirmation recorded them."""
     for row in notice.evidence.get("sightings", []):
         at = at_frame.get(int(row[0]))
@@ -217,11 +236,15 @@ def _back_date(fragment: Fragment, notice: Notice, at_frame: dict[int, int], tim
         fragment.head = Path([*fragment.earlier, *fragment.head][:_MOST_ENDS])
         fragment.tail = Path([*fragment.earlier, *fragment.tail][-_MOST_ENDS:])
         fragment.hits += len(fragment.earlier)
-        fragment.sizes += math.fsum(math.sqrt(max(s.box[2] * s.box[3], 1.0)) for s in fragment.earlier)
+        fragment.sizes += math.fsum(
+            math.sqrt(max(s.box[2] * s.box[3], 1.0)) for s in fragment.earlier
+        )
 
 
 def typical_size(fragments: Sequence[Fragment]) -> float:
-    """The median of the fragments' sizes, each counted as often as it was observed; 0 without any."""
+    """The median of the fragments' sizes, each counted as often as it was observed; 0 without
+    any.
+    """
     ordered = sorted((f.size, f.hits) for f in fragments)
     half, below = sum(hits for _, hits in ordered) / 2, 0
     for size, hits in ordered:

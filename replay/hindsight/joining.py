@@ -1,9 +1,11 @@
-"""Which fragments are one life: a global assignment of ends to later beginnings, by motion and appearance.
+"""Which fragments are one life: a global assignment of ends to later beginnings, by motion and
+appearance.
 
-A join's cost is a sum of recorded terms: how far the straight paths out of the gap's two sides miss one another (in
-standard deviations that grow with the gap), how much the sizes differ, how much the colours differ (Hellinger
-distance), and the gap's length. Joining must cost less than leaving both ends loose (`join_cost`). Ties follow
-`scipy.optimize.linear_sum_assignment` on costs quantised to 2**-20, fragments in the order of their ids.
+A join's cost is a sum of recorded terms: how far the straight paths out of the gap's two sides
+miss one another (in standard deviations that grow with the gap), how much the sizes differ, how
+much the colours differ (Hellinger distance), and the gap's length. Joining must cost less than
+leaving both ends loose (`join_cost`). Ties follow `scipy.optimize.linear_sum_assignment` on costs
+quantised to 2**-20, fragments in the order of their ids.
 """
 
 from __future__ import annotations
@@ -44,8 +46,12 @@ def hellinger(a: Sequence[float], b: Sequence[float]) -> float:
     return math.sqrt(max(0.0, 1.0 - shared))
 
 
-def price(a: Fragment, b: Fragment, ends: tuple[End, End], p: HindsightParameters) -> Join | None:
-    """What it costs to let b follow a; None outside the gates, and where a life that is told would begin before it."""
+def price(
+    a: Fragment, b: Fragment, ends: tuple[End, End], p: HindsightParameters
+) -> Join | None:
+    """What it costs to let b follow a; None outside the gates, and where a life that is told
+    would begin before it.
+    """
     if a.left:
         return None
     out, into = ends
@@ -54,8 +60,8 @@ def price(a: Fragment, b: Fragment, ends: tuple[End, End], p: HindsightParameter
         return None
     size = (out.size + into.size) / 2
     sigma = size * (p.drift + p.drift_rate * gap)
-    # Each side alone, straight or standing still, and both sides meeting in the middle: people stop and turn behind
-    # an occluder, so the best of these explanations counts.
+    # Each side alone, straight or standing still, and both sides meeting in the middle: people
+    # stop and turn behind an occluder, so the best of these explanations counts.
     misses = [
         math.hypot(
             out.x + u * gap * out.vx - (into.x - v * gap * into.vx),
@@ -66,12 +72,21 @@ def price(a: Fragment, b: Fragment, ends: tuple[End, End], p: HindsightParameter
     motion = 0.5 * (min(misses) / sigma) ** 2
     ratio = abs(math.log(out.h / into.h)) + abs(math.log(out.w / into.w))
     colours = hellinger(a.signature, b.signature) if a.signatures and b.signatures else None
-    cost = motion + 0.5 * ratio + p.gap_weight * gap + (p.appearance_weight * colours if colours is not None else 0.0)
-    return Join(a.id, b.id, gap, cost, motion, ratio, colours) if cost < p.join_cost else None
+    cost = (
+        motion
+        + 0.5 * ratio
+        + p.gap_weight * gap
+        + (p.appearance_weight * colours if colours is not None else 0.0)
+    )
+    return (
+        Join(a.id, b.id, gap, cost, motion, ratio, colours) if cost < p.join_cost else None
+    )
 
 
 def join(fragments: dict[int, Fragment], p: HindsightParameters) -> list[Join]:
-    """The cheapest set of joins over all fragments, each end and each beginning used once, by later fragment."""
+    """The cheapest set of joins over all fragments, each end and each beginning used once, by
+    later fragment.
+    """
     items = sorted(fragments.values(), key=lambda f: (f.first.time_ns, f.id))
     outs = [end_of(list(f.tail), False) for f in items]
     intos = [end_of(list(f.head), True) for f in items]
@@ -79,7 +94,9 @@ def join(fragments: dict[int, Fragment], p: HindsightParameters) -> list[Join]:
     prices: dict[tuple[int, int], Join] = {}
     for i, a in enumerate(items):
         ended = a.last.time_ns
-        for j in range(bisect_right(starts, ended), bisect_right(starts, ended + int(p.join_s * 1e9))):
+        for j in range(
+            bisect_right(starts, ended), bisect_right(starts, ended + int(p.join_s * 1e9))
+        ):
             found = price(a, items[j], (outs[i], intos[j]), p)
             if found is not None:
                 prices[i, j] = found
@@ -90,7 +107,9 @@ def join(fragments: dict[int, Fragment], p: HindsightParameters) -> list[Join]:
 
 
 def _components(pairs: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:
-    """Split possible joins into sets that share neither an end nor a beginning, so that long recordings stay cheap."""
+    """Split possible joins into sets that share neither an end nor a beginning, so that long
+    recordings stay cheap.
+    """
     parent: dict[tuple[str, int], tuple[str, int]] = {}
 
     def root(node: tuple[str, int]) -> tuple[str, int]:
@@ -117,4 +136,8 @@ def _solve(prices: dict[tuple[int, int], Join], loose: float) -> list[Join]:
     for k in range(len(rows)):
         cost[k, len(columns) + k] = loose
     r, c = linear_sum_assignment(cost)
-    return [prices[rows[i], columns[j]] for i, j in zip(r.tolist(), c.tolist(), strict=True) if j < len(columns)]
+    return [
+        prices[rows[i], columns[j]]
+        for i, j in zip(r.tolist(), c.tolist(), strict=True)
+        if j < len(columns)
+    ]

@@ -12,12 +12,28 @@ class HindsightParameters(Parameters):
     """What may be joined, filled, smoothed and dropped once the whole recording is known."""
 
     join_s: float = param(5.0, "longest gap that is joined", unit="s", low=0.0, high=3600.0)
-    join_cost: float = param(1.0, "dearest join; a join costs less than two loose ends", low=0.0, high=100.0)
-    drift: float = param(0.5, "standard deviation of a straight path at once", unit="sizes", low=0.01, high=100.0)
-    drift_rate: float = param(0.8, "and its growth over a gap", unit="sizes/s", low=0.0, high=100.0)
-    appearance_weight: float = param(2.0, "cost of entirely different colours", low=0.0, high=100.0)
-    gap_weight: float = param(0.1, "cost of a second without any sighting", unit="1/s", low=0.0, high=100.0)
-    fill_s: float = param(3.0, "longest gap that is filled with a path", unit="s", low=0.0, high=60.0)
+    join_cost: float = param(
+        1.0, "dearest join; a join costs less than two loose ends", low=0.0, high=100.0
+    )
+    drift: float = param(
+        0.5,
+        "standard deviation of a straight path at once",
+        unit="sizes",
+        low=0.01,
+        high=100.0,
+    )
+    drift_rate: float = param(
+        0.8, "and its growth over a gap", unit="sizes/s", low=0.0, high=100.0
+    )
+    appearance_weight: float = param(
+        2.0, "cost of entirely different colours", low=0.0, high=100.0
+    )
+    gap_weight: float = param(
+        0.1, "cost of a second without any sighting", unit="1/s", low=0.0, high=100.0
+    )
+    fill_s: float = param(
+        3.0, "longest gap that is filled with a path", unit="s", low=0.0, high=60.0
+    )
     min_life_s: float = param(
         0.8,
         "a path shorter than this (half of it where the recording cuts it off) is dropped",
@@ -25,7 +41,9 @@ class HindsightParameters(Parameters):
         low=0.0,
         high=60.0,
     )
-    min_support: float = param(0.3, "least share of frames with an observation", low=0.0, high=1.0)
+    min_support: float = param(
+        0.3, "least share of frames with an observation", low=0.0, high=1.0
+    )
     min_size: float = param(
         0.5,
         "a path of smaller targets, too far away to be judged, is dropped; 0 keeps all",
@@ -33,7 +51,15 @@ class HindsightParameters(Parameters):
         low=0.0,
         high=1.0,
     )
-    place_noise: float = param(0.10, "standard deviation of an observed centre", unit="sizes", low=0.001, high=10.0)
-    size_noise: float = param(0.15, "standard deviation of an observed extent", unit="sizes", low=0.001, high=10)
-    agility: float = param(1.0, "standard deviation of acceleration", unit="sizes/s^2", low=0.001, high=1000.0)
-    size_agility: float = param(0.1, "the same of width and height", unit="sizes/s^2", low=0.001, high=1000.0)
+    place_noise: float = param(
+        0.10, "standard deviation of an observed centre", unit="sizes", low=0.001, high=10.0
+    )
+    size_noise: float = param(
+        0.15, "standard deviation of an observed extent", unit="sizes", low=0.001, high=10
+    )
+    agility: float = param(
+        1.0, "standard deviation of acceleration", unit="sizes/s^2", low=0.001, high=1000.0
+    )
+    size_agility: float = param(
+        0.1, "the same of width and height", unit="sizes/s^2", low=0.001, high=1000.0
+    )

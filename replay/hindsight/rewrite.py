@@ -1,9 +1,11 @@
-"""The hindsight step: read the forward pass twice, write the tracks as they look once everything is known.
+"""The hindsight step: read the forward pass twice, write the tracks as they look once everything
+is known.
 
-The first reading gathers fragments (`fragments`) and joins them (`joining`); the second rewrites the frames, block by
-block with a margin on both sides, so that memory does not grow with the recording: gaps filled, paths smoothed
-(`smoothing`), births back-dated to the first sighting, short and unsupported paths dropped. Only what the forward
-pass wrote is read, so the answer is as deterministic as that was.
+The first reading gathers fragments (`fragments`) and joins them (`joining`); the second rewrites
+the frames, block by block with a margin on both sides, so that memory does not grow with the
+recording: gaps filled, paths smoothed (`smoothing`), births back-dated to the first sighting,
+short and unsupported paths dropped. Only what the forward pass wrote is read, so the answer is as
+deterministic as that was.
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ _BLOCK = 64
 _CALM = ((1.0, 0.25), (1.0, 1.0), (1.0, 4.0), (1.0, 16.0), (1.0, 64.0))
 """Times the variances of measurement and acceleration."""
 _LIVELY = ((1.0, 256.0), (1 / 4, 256.0), (1 / 16, 4096.0), (1 / 64, 65536.0))
-"""The same of targets that dash and turn, and of boxes that follow limbs: none of the calm does them justice."""
+"""The same of targets that dash and turn, and of boxes that follow limbs: none of the calm does
+them justice.
+"""
 _MARGIN = 0.6
 """By so much likelier (log, by sighting) a place, or a size, has to be under one of those."""
 _RULE = "EVENTS hindsight"
@@ -72,21 +76,26 @@ class _Row:
 
 
 def rewrite(
-    targets: Reading, scene: SceneInfo, times: Sequence[int], config: Config, names: dict[int, int] | None = None
+    targets: Reading,
+    scene: SceneInfo,
+    times: Sequence[int],
+    config: Config,
+    names: dict[int, int] | None = None,
 ) -> Iterator[Targets]:
     """Rewrite a forward pass in hindsight.
 
     Args:
-        targets: called twice, gives the forward pass's answers in order each time; a third time where the tracker
-            found that identities had been exchanged.
+        targets: called twice, gives the forward pass's answers in order each time; a third time
+            where the tracker found that identities had been exchanged.
         scene: what is known of the recording.
         times: capture time in ns of the k-th answer.
         config: section ``hindsight``.
         names: gets every kept forward id's final id before the first answer.
 
     Yields:
-        One answer per frame, in order, with the forward pass's group tracks; notices of births, losses, joins,
-        mode changes and ends are written anew, all others kept under their targets' final ids.
+        One answer per frame, in order, with the forward pass's group tracks; notices of births,
+        losses, joins, mode changes and ends are written anew, all others kept under their
+        targets' final ids.
     """
     p = config["hindsight"]
     assert isinstance(p, HindsightParameters)
@@ -108,9 +117,15 @@ def _noting(stream: Iterable[Targets], exchanges: list[Exchange]) -> Iterator[Ta
 
 
 def _lives(
-    fragments: dict[int, Fragment], joins: list[Join], p: HindsightParameters, scene: SceneInfo, times: Sequence[int]
+    fragments: dict[int, Fragment],
+    joins: list[Join],
+    p: HindsightParameters,
+    scene: SceneInfo,
+    times: Sequence[int],
 ) -> dict[int, _Life]:
-    """Every forward id's life; ids of dropped paths are left out. A life has the id of its first fragment."""
+    """Every forward id's life; ids of dropped paths are left out. A life has the id of its first
+    fragment.
+    """
     followed = {j.later: j for j in joins}
     chains: dict[int, list[int]] = {}
     root: dict[int, int] = {}
@@ -126,13 +141,22 @@ def _lives(
         seconds = (last.time_ns - first.time_ns + scene.frame_ns) * 1e-9
         frames = sum(f.last.at - f.first.at + 1 for f in parts)
         hits = sum(f.hits for f in parts)
-        # Who is there in the first or the last frame was cut off by the recording, and lived longer than is seen.
-        least = p.min_life_s * (_CUT_OFF if first.at == 0 or last.at == len(times) - 1 else 1.0)
+        # Who is there in the first or the last frame was cut off by the recording, and lived
+        # longer than is seen.
+        least = p.min_life_s * (
+            _CUT_OFF if first.at == 0 or last.at == len(times) - 1 else 1.0
+        )
         if not parts[0].told or seconds < least or hits < p.min_support * frames:
             continue
         if math.fsum(f.sizes for f in parts) < smallest * hits:
             continue
-        life = _Life(identity, parts, [followed[k] for k in chain if k in followed], first.at, last.at)
+        life = _Life(
+            identity,
+            parts,
+            [followed[k] for k in chain if k in followed],
+            first.at,
+            last.at,
+        )
         life.why = {
             "life_s": seconds, "life_s_at_least": least,
             "support": hits / frames, "support_at_least": p.min_support,
@@ -147,7 +171,13 @@ def _lives(
 class _Writer:
     """The second reading, in blocks of `_BLOCK` frames with a margin before and after."""
 
-    def __init__(self, lives: dict[int, _Life], scene: SceneInfo, times: Sequence[int], p: HindsightParameters) -> None:
+    def __init__(
+        self,
+        lives: dict[int, _Life],
+        scene: SceneInfo,
+        times: Sequence[int],
+        p: HindsightParameters,
+    ) -> None:
         self._lives = lives
         self._p = p
         self._times = times
@@ -174,12 +204,17 @@ class _Writer:
             window = window[drop:]
             start += drop
 
-    def _block(self, window: list[Targets], start: int, block: int, end: int) -> Iterator[Targets]:
+    def _block(
+        self, window: list[Targets], start: int, block: int, end: int
+    ) -> Iterator[Targets]:
         self._go_on(start, start + len(window))
         rows = self._rows(window, start)
         rows = [r for r in rows if r.at[0] < end and r.at[-1] >= block]
         values, rates, lively = self._smooth(rows, start, len(window))
-        known = [{t.id: t for t in answer.targets} for answer in window[block - start : end - start]]
+        known = [
+            {t.id: t for t in answer.targets}
+            for answer in window[block - start : end - start]
+        ]
         living = self._living(block, end, {row.life.id for row in rows})
         for at in range(block, end):
             answer, forward = window[at - start], known[at - block]
@@ -195,26 +230,43 @@ class _Writer:
                     out.append(_target(row, at, seen, value, rates[at - start, k]))
             out += self._unseen(living, at, forward, {t.id for t in out})
             out.sort(key=lambda t: t.id)
-            yield Targets(answer.frame, out, self._groups(answer, out), self._notices(living, answer, at, out))
+            yield Targets(
+                answer.frame,
+                out,
+                self._groups(answer, out),
+                self._notices(living, answer, at, out),
+            )
 
     def _go_on(self, start: int, end: int) -> None:
-        """Whoever begins within the window joins in, whoever ended before it and was said to have ended leaves."""
+        """Whoever begins within the window joins in, whoever ended before it and was said to have
+        ended leaves.
+        """
         while self._waiting and self._waiting[0].first_at < end:
             self._begun.append(self._waiting.popleft())
-        self._begun = [life for life in self._begun if life.last_at + 1 >= start or life.present]
+        self._begun = [
+            life for life in self._begun if life.last_at + 1 >= start or life.present
+        ]
 
     def _living(self, block: int, end: int, seen: set[int]) -> list[_Life]:
-        """Those of whom something may have to be said in a block, by id: few of all that a long recording has."""
+        """Those of whom something may have to be said in a block, by id: few of all that a long
+        recording has.
+        """
         living = [
             life
             for life in self._begun
-            if (life.first_at < end and life.last_at + 1 >= block) or life.present or life.id in seen
+            if (life.first_at < end and life.last_at + 1 >= block)
+            or life.present
+            or life.id in seen
         ]
         return sorted(living, key=lambda life: life.id)
 
     @staticmethod
-    def _unseen(living: Sequence[_Life], at: int, forward: dict[int, Target], here: set[int]) -> list[Target]:
-        """Those in a gap that is too long to fill, as long as the forward pass expected them: they are not present."""
+    def _unseen(
+        living: Sequence[_Life], at: int, forward: dict[int, Target], here: set[int]
+    ) -> list[Target]:
+        """Those in a gap that is too long to fill, as long as the forward pass expected them:
+        they are not present.
+        """
         out: list[Target] = []
         for life in living:
             if not life.first_at <= at <= life.last_at or life.id in here:
@@ -239,7 +291,9 @@ class _Writer:
         for at, answer in enumerate(window, start):
             found = list(earlier.get(at, ()))
             found += [
-                (self._lives[t.id], t.measured or t.box) for t in answer.targets if t.observed and t.id in self._lives
+                (self._lives[t.id], t.measured or t.box)
+                for t in answer.targets
+                if t.observed and t.id in self._lives
             ]
             for life, box in found:
                 row = open_rows.get(life.id)
@@ -251,7 +305,9 @@ class _Writer:
                     row.boxes.append(box)
         return rows
 
-    def _smooth(self, rows: list[_Row], start: int, frames: int) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    def _smooth(
+        self, rows: list[_Row], start: int, frames: int
+    ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         p = self._p
         measured = np.zeros((frames, len(rows), 4))
         seen = np.zeros((frames, len(rows)), bool)
@@ -259,32 +315,48 @@ class _Writer:
         for k, row in enumerate(rows):
             b = np.array(row.boxes, np.float64)
             index = np.array(row.at) - start
-            measured[index, k] = np.stack([b[:, 0] + b[:, 2] / 2, b[:, 1] + b[:, 3] / 2, b[:, 2], b[:, 3]], axis=1)
+            measured[index, k] = np.stack(
+                [b[:, 0] + b[:, 2] / 2, b[:, 1] + b[:, 3] / 2, b[:, 2], b[:, 3]], axis=1
+            )
             seen[index, k] = True
             size[k] = np.sqrt(np.maximum(b[:, 2] * b[:, 3], 1.0)).mean()
         if not rows:
             return measured, measured, np.zeros(0, bool)
-        steps = np.diff(np.array(self._times[start : start + frames], np.float64), prepend=0.0) * 1e-9
+        steps = (
+            np.diff(np.array(self._times[start : start + frames], np.float64), prepend=0.0)
+            * 1e-9
+        )
         noise = np.array([p.place_noise, p.place_noise, p.size_noise, p.size_noise])
         agility = np.array([p.agility, p.agility, p.size_agility, p.size_agility])
-        variance, acceleration = (size[:, None] * noise) ** 2, (size[:, None] * agility) ** 2
+        variance, acceleration = (
+            (size[:, None] * noise) ** 2,
+            (size[:, None] * agility) ** 2,
+        )
         rate = (size[:, None] * np.array([1.5, 1.5, 0.2, 0.2])) ** 2
         return _smooth_lively(measured, seen, steps, (variance, acceleration, rate))
 
     def _groups(self, answer: Targets, out: list[Target]) -> list[GroupTrack] | None:
-        """The group tracks under the members' final ids; one with fewer than two members left is none."""
+        """The group tracks under the members' final ids; one with fewer than two members left is
+        none.
+        """
         if answer.group_tracks is None:
             return None
         here = {t.id for t in out}
         kept: list[GroupTrack] = []
         for group in answer.group_tracks:
-            members = sorted({self._lives[k].id for k in group.members if k in self._lives} & here)
+            members = sorted(
+                {self._lives[k].id for k in group.members if k in self._lives} & here
+            )
             if not group.members or len(members) >= 2:
                 kept.append(replace(group, members=members))
         return kept
 
-    def _notices(self, living: Sequence[_Life], answer: Targets, at: int, out: list[Target]) -> list[Notice]:
-        """The lifecycle as it now is, and everything else that the forward pass said, under the final ids."""
+    def _notices(
+        self, living: Sequence[_Life], answer: Targets, at: int, out: list[Target]
+    ) -> list[Notice]:
+        """The lifecycle as it now is, and everything else that the forward pass said, under the
+        final ids.
+        """
         notices: list[Notice] = []
         present = {t.id: t for t in out}
         for life in living:
@@ -300,57 +372,101 @@ class _Writer:
         if target is None or not target.present:
             was, life.present = life.present, False
             if at == life.last_at + 1:
-                return [Notice("track_removed", [life.id], f"{_RULE}: the last sighting", {"last": life.last_at})]
-            return [Notice("track_lost", [life.id], f"{_RULE}: a gap too long to fill")] if was else []
+                return [
+                    Notice(
+                        "track_removed",
+                        [life.id],
+                        f"{_RULE}: the last sighting",
+                        {"last": life.last_at},
+                    )
+                ]
+            return (
+                [Notice("track_lost", [life.id], f"{_RULE}: a gap too long to fill")]
+                if was
+                else []
+            )
         notices: list[Notice] = []
         if at == life.first_at:
-            evidence = {"sightings": sum(f.hits for f in life.fragments), "fragments": [f.id for f in life.fragments]}
+            evidence = {
+                "sightings": sum(f.hits for f in life.fragments),
+                "fragments": [f.id for f in life.fragments],
+            }
             evidence |= life.why
-            notices.append(Notice("track_confirmed", [life.id], f"{_RULE}: the first sighting", evidence))
+            notices.append(
+                Notice(
+                    "track_confirmed", [life.id], f"{_RULE}: the first sighting", evidence
+                )
+            )
             life.mode = target.mode
         elif not life.present:
             notices.append(Notice("track_recovered", [life.id], f"{_RULE}: seen again"))
         for j, f in zip(life.joins, life.fragments[1:], strict=True):
             if f.first.at == at:
-                costs = {"fragment": j.later, "after": j.earlier, "gap_s": j.gap_s, "cost": j.cost}
+                costs = {
+                    "fragment": j.later,
+                    "after": j.earlier,
+                    "gap_s": j.gap_s,
+                    "cost": j.cost,
+                }
                 costs |= {"gap_s_at_most": self._p.join_s, "cost_under": self._p.join_cost}
                 costs |= {"motion": j.motion, "size": j.size}
                 costs |= {} if j.appearance is None else {"appearance": j.appearance}
-                notices.append(Notice("track_recovered", [life.id], f"{_RULE}: fragments joined", costs))
+                notices.append(
+                    Notice(
+                        "track_recovered", [life.id], f"{_RULE}: fragments joined", costs
+                    )
+                )
         if target.mode != life.mode:
             change = {"from": life.mode, "to": target.mode}
-            notices.append(Notice("mode_changed", [life.id], "EVENTS 2: matching case", change))
+            notices.append(
+                Notice("mode_changed", [life.id], "EVENTS 2: matching case", change)
+            )
             life.mode = target.mode
         life.present = True
         return notices
 
 
 def _smooth_lively(
-    measured: Floats, seen: NDArray[np.bool_], steps: Floats, model: tuple[Floats, Floats, Floats]
+    measured: Floats,
+    seen: NDArray[np.bool_],
+    steps: Floats,
+    model: tuple[Floats, Floats, Floats],
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Smooth paths (T, N, 4), each as lively or calm as is likeliest of it; values, rates, whose places are lively.
+    """Smooth paths (T, N, 4), each as lively or calm as is likeliest of it; values, rates, whose
+    places are lively.
 
-    Tried are `_CALM` and `_LIVELY`, and the likeliest is kept, one for the place and one for the size; of equals the
-    calmer.
+    Tried are `_CALM` and `_LIVELY`, and the likeliest is kept, one for the place and one for the
+    size; of equals the calmer.
     """
     variance, acceleration, rate = model
     tried = (*_CALM, *_LIVELY)
     several = len(tried)
-    # Components do not know of one another, so a path's four under every factor are filtered as components of one.
+    # Components do not know of one another, so a path's four under every factor are filtered as
+    # components of one.
     measured, rate = (np.concatenate([v] * several, axis=-1) for v in (measured, rate))
     variance = np.concatenate([variance * factor for factor, _ in tried], axis=-1)
     acceleration = np.concatenate([acceleration * factor for _, factor in tried], axis=-1)
     made = filtered(measured, seen, steps, variance, acceleration, rate)
     found = made.likelihood(measured, seen, variance).reshape(-1, several, 4)
     doubt = seen.sum(axis=0)[:, None] * np.repeat([0.0, 1.0], [len(_CALM), len(_LIVELY)])
-    place = np.argmax(np.round((found[:, :, :2].sum(axis=2) - _MARGIN * doubt) * 2.0**20), axis=1)
-    size = np.argmax(np.round((found[:, :, 2:].sum(axis=2) - _MARGIN * doubt) * 2.0**20), axis=1)
-    chosen = np.concatenate([4 * place[:, None] + [0, 1], 4 * size[:, None] + [2, 3]], axis=1)
+    place = np.argmax(
+        np.round((found[:, :, :2].sum(axis=2) - _MARGIN * doubt) * 2.0**20), axis=1
+    )
+    size = np.argmax(
+        np.round((found[:, :, 2:].sum(axis=2) - _MARGIN * doubt) * 2.0**20), axis=1
+    )
+    chosen = np.concatenate(
+        [4 * place[:, None] + [0, 1], 4 * size[:, None] + [2, 3]], axis=1
+    )
     return *made.components(chosen).smoothed(), place >= len(_CALM)
 
 
-def _target(row: _Row, at: int, forward: Target | None, value: Floats, rate: Floats) -> Target:
-    """A target of the rewritten frame: smoothed place, everything else as the forward pass had it."""
+def _target(
+    row: _Row, at: int, forward: Target | None, value: Floats, rate: Floats
+) -> Target:
+    """A target of the rewritten frame: smoothed place, everything else as the forward pass had
+    it.
+    """
     cx, cy, w, h = value.tolist()
     w, h = max(w, 1.0), max(h, 1.0)
     box = (cx - w / 2, cy - h / 2, w, h)
@@ -369,5 +485,12 @@ def _target(row: _Row, at: int, forward: Target | None, value: Floats, rate: Flo
             born_of_split=newborn and row.life.fragments[0].born_of_split,
         )
     return replace(
-        forward, id=row.life.id, box=box, velocity=(vx, vy), present=True, newborn=newborn, measured=None, signature=[]
+        forward,
+        id=row.life.id,
+        box=box,
+        velocity=(vx, vy),
+        present=True,
+        newborn=newborn,
+        measured=None,
+        signature=[],
     )

@@ -1,7 +1,8 @@
 """Rauch-Tung-Striebel smoothing of many paths at once, in closed form.
 
 Every component (centre x, centre y, width, height) is its own constant-velocity filter, as in
-`replay.trackers.kalman`; filterpy's `rts_smoother` is the reference that the tests hold this against.
+`replay.trackers.kalman`; filterpy's `rts_smoother` is the reference that the tests hold this
+against.
 """
 
 from __future__ import annotations
@@ -17,29 +18,46 @@ Floats = NDArray[np.float64]
 
 
 def smooth(
-    measured: Floats, seen: NDArray[np.bool_], steps_s: Floats, variance: Floats, acceleration: Floats, rate: Floats
+    measured: Floats,
+    seen: NDArray[np.bool_],
+    steps_s: Floats,
+    variance: Floats,
+    acceleration: Floats,
+    rate: Floats,
 ) -> tuple[Floats, Floats]:
     """Smooth N paths of D components over T frames.
 
     Args:
-        measured: (T, N, D) measurements, anything where not seen; in a row's first seen frame, its start.
-        seen: (T, N) where there is a measurement. A row is started at its first; before it, it is not defined.
+        measured: (T, N, D) measurements, anything where not seen; in a row's first seen frame,
+            its start.
+        seen: (T, N) where there is a measurement. A row is started at its first; before it, it is
+            not defined.
         steps_s: (T,) seconds since the frame before (the first is not used).
         variance: (N, D) measurement variances.
         acceleration: (N, D) variances of the white acceleration noise.
         rate: (N, D) variances of the rates at the start.
 
     Returns:
-        Smoothed values and rates, (T, N, D) each; rows before their first measurement hold that measurement.
+        Smoothed values and rates, (T, N, D) each; rows before their first measurement hold that
+        measurement.
     """
     return filtered(measured, seen, steps_s, variance, acceleration, rate).smoothed()
 
 
 def likelihood(
-    measured: Floats, seen: NDArray[np.bool_], steps_s: Floats, variance: Floats, acceleration: Floats, rate: Floats
+    measured: Floats,
+    seen: NDArray[np.bool_],
+    steps_s: Floats,
+    variance: Floats,
+    acceleration: Floats,
+    rate: Floats,
 ) -> Floats:
-    """Log likelihood of each path and component under the filter, (N, D), constants left out; as for `smooth`."""
-    return filtered(measured, seen, steps_s, variance, acceleration, rate).likelihood(measured, seen, variance)
+    """Log likelihood of each path and component under the filter, (N, D), constants left out; as
+    for `smooth`.
+    """
+    return filtered(measured, seen, steps_s, variance, acceleration, rate).likelihood(
+        measured, seen, variance
+    )
 
 
 @dataclass(frozen=True)
@@ -47,7 +65,8 @@ class Filtered:
     """What a filter made of N paths of D components over T frames.
 
     Attributes:
-        after, before: (5, T, N, D) value, rate, p00, p01, p11 after and before each frame's measurements.
+        after, before: (5, T, N, D) value, rate, p00, p01, p11 after and before each frame's
+            measurements.
         first: (N,) each path's first frame.
         steps_s: (T,) seconds since the frame before.
     """
@@ -57,19 +76,25 @@ class Filtered:
     first: NDArray[np.intp]
     steps_s: Floats
 
-    def likelihood(self, measured: Floats, seen: NDArray[np.bool_], variance: Floats) -> Floats:
+    def likelihood(
+        self, measured: Floats, seen: NDArray[np.bool_], variance: Floats
+    ) -> Floats:
         """Log likelihood of each path and component, (N, D), constants left out."""
         later = seen & (np.arange(len(measured))[:, None] > self.first)
         spread = self.before[2] + variance
         residual = measured - self.before[0]
         return np.asarray(
-            np.where(later[:, :, None], -0.5 * (residual * residual / spread + np.log(spread)), 0).sum(axis=0)
+            np.where(
+                later[:, :, None], -0.5 * (residual * residual / spread + np.log(spread)), 0
+            ).sum(axis=0)
         )
 
     def components(self, chosen: NDArray[np.intp]) -> Filtered:
         """Only some of the components: (N, d), which of its D components each path keeps."""
         at = chosen[None, None]
-        after, before = (np.take_along_axis(table, at, axis=3) for table in (self.after, self.before))
+        after, before = (
+            np.take_along_axis(table, at, axis=3) for table in (self.after, self.before)
+        )
         return Filtered(after, before, self.first, self.steps_s)
 
     def smoothed(self) -> tuple[Floats, Floats]:
@@ -91,13 +116,24 @@ class Filtered:
         for t in range(len(value) - 2, -1, -1):
             dv = value[t + 1] - self.before[0, t + 1]
             dr = rate[t + 1] - self.before[1, t + 1]
-            value[t] += np.where(started[t], (to_value[0][t] * dv + to_value[1][t] * dr) / determinant[t], 0.0)
-            rate[t] += np.where(started[t], (to_rate[0][t] * dv + to_rate[1][t] * dr) / determinant[t], 0.0)
+            value[t] += np.where(
+                started[t],
+                (to_value[0][t] * dv + to_value[1][t] * dr) / determinant[t],
+                0.0,
+            )
+            rate[t] += np.where(
+                started[t], (to_rate[0][t] * dv + to_rate[1][t] * dr) / determinant[t], 0.0
+            )
         return value, rate
 
 
 def filtered(
-    measured: Floats, seen: NDArray[np.bool_], steps_s: Floats, variance: Floats, acceleration: Floats, rate: Floats
+    measured: Floats,
+    seen: NDArray[np.bool_],
+    steps_s: Floats,
+    variance: Floats,
+    acceleration: Floats,
+    rate: Floats,
 ) -> Filtered:
     """Run the filter forwards over N paths; as for `smooth`."""
     frames, count, components = measured.shape

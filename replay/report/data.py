@@ -1,4 +1,6 @@
-"""What the report shows, as plain data: figures, paths, intervals, the graph at sampled frames, events, thumbnails."""
+"""What the report shows, as plain data: figures, paths, intervals, the graph at sampled frames,
+events, thumbnails.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +22,18 @@ from replay.report.pictures import chosen_frames, drawn
 
 Image = Any
 _INTERVALS = {  # table: its columns, its order; the interval's ends are start_t and end_t
-    "relations": ("a, b, state, start_frame, end_frame, start_t, end_t", "start_frame, a, b"),
-    "groups": ("group_id, members, start_frame, end_frame, start_t, end_t, ended_by", "start_frame, group_id"),
-    "encounters": ("a, b, kind, start_frame, end_frame, start_t, end_t, confidence", "start_frame, a, b"),
+    "relations": (
+        "a, b, state, start_frame, end_frame, start_t, end_t",
+        "start_frame, a, b",
+    ),
+    "groups": (
+        "group_id, members, start_frame, end_frame, start_t, end_t, ended_by",
+        "start_frame, group_id",
+    ),
+    "encounters": (
+        "a, b, kind, start_frame, end_frame, start_t, end_t, confidence",
+        "start_frame, a, b",
+    ),
     "presence": ("track, start_frame, end_frame, start_t, end_t", "track, start_frame"),
 }
 _YEAR_NS = 365 * 86_400 * 10**9
@@ -41,7 +52,8 @@ class ReportOptions:
         points: most points of one trajectory.
         all_points: most points of all trajectories together.
         tracks: most trajectories; those of the longest lives.
-        intervals: most intervals of each sort on the timeline, the longest; the page says so if there were more.
+        intervals: most intervals of each sort on the timeline, the longest; the page says so if
+            there were more.
         events: most events in the table; the page says so if there were more.
         quality: JPEG quality of the pictures.
         ground_frames: frames whose median is the ground that paths are drawn on.
@@ -64,7 +76,9 @@ def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, 
     facts = _only(case, f"SELECT * FROM recordings WHERE camera = {literal(log.camera)}")  # noqa: S608
     name = literal(facts["recording"])
     size = log.size() or (facts["width"], facts["height"])
-    frames = case.rows(f"SELECT frame, t FROM frames WHERE recording = {name} ORDER BY frame")  # noqa: S608
+    frames = case.rows(
+        f"SELECT frame, t FROM frames WHERE recording = {name} ORDER BY frame"  # noqa: S608
+    )
     # Of a span the page tells the span alone, by the recording's own times.
     facts["begins"] = frames[0][1] if frames else 0.0
     events = case.rows(
@@ -81,11 +95,19 @@ def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, 
         **{table: _intervals(case, name, table, options) for table in _INTERVALS},
         "events": [list(e) for e in events[: options.events]],
         "events_left_out": max(0, len(events) - options.events),
-        "in_all": {t: case.rows(f"SELECT count(*) FROM {t} WHERE recording = {name}")[0][0] for t in _INTERVALS},  # noqa: S608
+        "in_all": {
+            t: case.rows(f"SELECT count(*) FROM {t} WHERE recording = {name}")[0][0]  # noqa: S608
+            for t in _INTERVALS
+        },
         "times": [[f, round(t, 3)] for f, t in _sampled(frames, options.steps)],
         "steps": _steps(case, name, frames, options),
     }
-    wanted = _thumbnail_frames([f for f, _ in frames], [e[2] for e in events if e[1] != "mode_changed"], data, options)
+    wanted = _thumbnail_frames(
+        [f for f, _ in frames],
+        [e[2] for e in events if e[1] != "mode_changed"],
+        data,
+        options,
+    )
     data["ground"] = _ground(log, [f for f, _ in frames], options)
     data["thumbnails"] = _thumbnails(log, wanted, options)
     return data
@@ -96,12 +118,15 @@ def _only(case: Case, query: str) -> dict[str, Any]:
     return dict(zip(answer.columns, next(answer.rows), strict=True))
 
 
-def _intervals(case: Case, name: str, table: str, options: ReportOptions) -> list[list[Any]]:
+def _intervals(
+    case: Case, name: str, table: str, options: ReportOptions
+) -> list[list[Any]]:
     """The longest intervals of a table, in order."""
     columns, order = _INTERVALS[table]
     rows = case.rows(
         f"SELECT {columns} FROM (SELECT * FROM {table} WHERE recording = {name} "  # noqa: S608
-        f"ORDER BY end_frame - start_frame DESC, {order} LIMIT {options.intervals}) ORDER BY {order}"
+        f"ORDER BY end_frame - start_frame DESC, {order} LIMIT {options.intervals}) ORDER"
+        f" BY {order}"
     )
     return [list(row) for row in rows]
 
@@ -115,7 +140,9 @@ def _facts(facts: dict[str, Any], log: AnnotatedLog) -> list[list[str]]:
     began = ""
     if facts["start_ns"] > _YEAR_NS:  # a recording without a clock begins at 0
         first_ns = facts["start_ns"] + round(facts["begins"] * 1e9)
-        began = datetime.fromtimestamp(first_ns // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+        began = datetime.fromtimestamp(first_ns // 10**9, UTC).strftime(
+            "%Y-%m-%d %H:%M:%S UTC"
+        )
     rows = [
         ["Began", began], ["File", log.path.name], ["Camera", log.camera], ["Tracker", log.tracker or "not said"],
         ["SHA-256 of the file", facts["digest"]], ["Output digest", said.get("output_digest", "")],
@@ -178,7 +205,9 @@ def _css(track: int) -> str:
     return f"rgb({int(red * 0.78)},{int(green * 0.7)},{int(blue * 0.85)})"
 
 
-def _steps(case: Case, name: str, frames: Sequence[tuple[int, float]], options: ReportOptions) -> list[dict[str, Any]]:
+def _steps(
+    case: Case, name: str, frames: Sequence[tuple[int, float]], options: ReportOptions
+) -> list[dict[str, Any]]:
     """Places and edges at evenly spaced frames: what the graph's slider goes through."""
     chosen = _spread([f for f, _ in frames], options.steps)
     at = dict(frames)
@@ -192,11 +221,15 @@ def _steps(case: Case, name: str, frames: Sequence[tuple[int, float]], options: 
     edges: dict[int, list[list[Any]]] = {f: [] for f in chosen}
     for f, a, b, state in case.rows(
         f"SELECT f.frame, r.a, r.b, r.state FROM relations r JOIN frames f ON f.recording = r.recording "  # noqa: S608
-        f"AND f.frame BETWEEN r.start_frame AND r.end_frame WHERE r.recording = {name} AND f.frame IN ({listed}) "
+        f"AND f.frame BETWEEN r.start_frame AND r.end_frame WHERE r.recording = {name} AND"
+        f" f.frame IN ({listed}) "
         "ORDER BY f.frame, r.a, r.b"
     ):
         edges[f].append([a, b, state])
-    return [{"frame": f, "t": round(at[f], 3), "nodes": nodes[f], "edges": edges[f]} for f in chosen]
+    return [
+        {"frame": f, "t": round(at[f], 3), "nodes": nodes[f], "edges": edges[f]}
+        for f in chosen
+    ]
 
 
 def _spread(values: Sequence[int] | range, most: int) -> list[int]:
@@ -208,17 +241,26 @@ def _spread(values: Sequence[int] | range, most: int) -> list[int]:
 
 
 def _thumbnail_frames(
-    frames: Sequence[int], events: Sequence[int], data: dict[str, Any], options: ReportOptions
+    frames: Sequence[int],
+    events: Sequence[int],
+    data: dict[str, Any],
+    options: ReportOptions,
 ) -> list[int]:
     """Half at what happened, half evenly over the recording."""
     present = set(frames)
-    starts = [r[3] for r in data["relations"]] + [g[2] for g in data["groups"]] + [e[3] for e in data["encounters"]]
+    starts = (
+        [r[3] for r in data["relations"]]
+        + [g[2] for g in data["groups"]]
+        + [e[3] for e in data["encounters"]]
+    )
     happened = sorted(present.intersection([*events, *starts]))
     half = max(2, options.thumbnails // 2)
     return sorted({*_spread(happened, half), *_spread(list(frames), half)})
 
 
-def _thumbnails(log: AnnotatedLog, wanted: Sequence[int], options: ReportOptions) -> list[list[Any]]:
+def _thumbnails(
+    log: AnnotatedLog, wanted: Sequence[int], options: ReportOptions
+) -> list[list[Any]]:
     out = []
     if not log.has_pictures and log.size() is None:
         return []
@@ -228,7 +270,9 @@ def _thumbnails(log: AnnotatedLog, wanted: Sequence[int], options: ReportOptions
 
 
 def _ground(log: AnnotatedLog, frames: Sequence[int], options: ReportOptions) -> str:
-    """The median of a few frames, the scene without those who move, for paths to lie on; empty without pictures."""
+    """The median of a few frames, the scene without those who move, for paths to lie on; empty
+    without pictures.
+    """
     if not log.has_pictures or not frames:
         return ""
     sample = chosen_frames(log, _spread(frames, options.ground_frames))
@@ -239,6 +283,11 @@ def _ground(log: AnnotatedLog, frames: Sequence[int], options: ReportOptions) ->
 def _jpeg(image: Image, options: ReportOptions) -> str:
     height, width = image.shape[:2]
     if width > options.thumbnail_width:
-        size = (options.thumbnail_width, max(1, round(height * options.thumbnail_width / width)))
+        size = (
+            options.thumbnail_width,
+            max(1, round(height * options.thumbnail_width / width)),
+        )
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    return "data:image/jpeg;base64," + base64.b64encode(encode_jpeg(image, options.quality)).decode("ascii")
+    return "data:image/jpeg;base64," + base64.b64encode(
+        encode_jpeg(image, options.quality)
+    ).decode("ascii")

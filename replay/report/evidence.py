@@ -1,4 +1,6 @@
-"""Evidence: a folder that stands alone: clip, frames, facts, configuration, digests, a page to read and print."""
+"""Evidence: a folder that stands alone: clip, frames, facts, configuration, digests, a page to
+read and print.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,8 @@ def write_explanations(
     camera: str | None = None,
     force: bool = False,
 ) -> int:
-    """Write explanation.txt, explanation.json and the frames of each explanation; returns the number of pictures.
+    """Write explanation.txt, explanation.json and the frames of each explanation; returns the
+    number of pictures.
 
     Raises:
         OutputExistsError: the folder holds an older one and ``force`` is not set.
@@ -47,7 +50,9 @@ def write_explanations(
     text = "\n\n".join("\n".join(e.lines()) for e in found) + "\n"
     with whole_folder(folder, EXPLANATION, force=force) as part:
         (part / "explanation.txt").write_text(text, encoding="utf-8")
-        (part / EXPLANATION).write_text(_json([e.as_json() for e in found]), encoding="utf-8")
+        (part / EXPLANATION).write_text(
+            _json([e.as_json() for e in found]), encoding="utf-8"
+        )
         with AnnotatedLog(path, camera) as log:
             return sum(len(_frames(log, e, part)) for e in found)
 
@@ -63,7 +68,8 @@ def write_evidence(
 ) -> list[Explanation]:
     """Write the evidence of events and answer rows into a folder that appears whole.
 
-    An older evidence folder (``force``) loses the files that its manifest lists; strangers' files stay.
+    An older evidence folder (``force``) loses the files that its manifest lists; strangers' files
+    stay.
 
     Raises:
         OutputExistsError: it holds something and ``force`` is not set.
@@ -76,7 +82,11 @@ def write_evidence(
         names = case.rows("SELECT recording, camera FROM recordings")
         recording = next((n for n, c in names if c == log.camera), None)
         # Two frames of one interval name the same thing: it is told once.
-        found = list({e.reference: e for e in (explain(case, r, recording) for r in references)}.values())
+        found = list(
+            {
+                e.reference: e for e in (explain(case, r, recording) for r in references)
+            }.values()
+        )
         facts = _facts(case, log, found)
         with whole_folder(folder, MANIFEST, force=force, stale=_sealed(folder)) as part:
             pages = []
@@ -85,14 +95,25 @@ def write_evidence(
                 place.mkdir()
                 pictures = _frames(log, e, place, bare=True)
                 clip = _clip(log, e, place / "clip.mp4")
-                pages.append((e, [p.relative_to(part).as_posix() for p in pictures], clip.relative_to(part).as_posix()))
+                pages.append(
+                    (
+                        e,
+                        [p.relative_to(part).as_posix() for p in pictures],
+                        clip.relative_to(part).as_posix(),
+                    )
+                )
             (part / "facts.json").write_text(_json(facts), encoding="utf-8")
-            (part / "configuration.json").write_text(_json(facts["configuration"]), encoding="utf-8")
+            (part / "configuration.json").write_text(
+                _json(facts["configuration"]), encoding="utf-8"
+            )
             (part / "index.html").write_text(_page(facts, pages), encoding="utf-8")
             _sums(part)
-            # The folder alone: the log's own digest stands in the facts, and the folder may travel without it.
+            # The folder alone: the log's own digest stands in the facts, and the folder may
+            # travel without it.
             manifest = part / MANIFEST
-            write_manifest(seal([part], manifest, note=f"evidence from {log.path.name}"), manifest)
+            write_manifest(
+                seal([part], manifest, note=f"evidence from {log.path.name}"), manifest
+            )
     return found
 
 
@@ -104,8 +125,12 @@ def _sealed(folder: Path) -> list[str]:
         return []
 
 
-def _frames(log: AnnotatedLog, e: Explanation, folder: Path, *, bare: bool = False) -> list[Path]:
-    """Frames before, at the start, in the middle, at the end and after, with overlays; ``bare``: also as recorded."""
+def _frames(
+    log: AnnotatedLog, e: Explanation, folder: Path, *, bare: bool = False
+) -> list[Path]:
+    """Frames before, at the start, in the middle, at the end and after, with overlays; ``bare``:
+    also as recorded.
+    """
     steps = max(1, round(BEFORE_S * _rate(log)))
     wanted = around(e.start_frame, e.end_frame, steps, _last(log))
     frames = chosen_frames(log, wanted)
@@ -114,7 +139,9 @@ def _frames(log: AnnotatedLog, e: Explanation, folder: Path, *, bare: bool = Fal
         out.append(folder / f"{_safe(e.reference)}_frame_{frame.index:06d}.png")
         out[-1].write_bytes(encode_png(image))
     for frame, image in drawn(log, frames, bare=True) if bare and log.has_pictures else ():
-        (folder / f"{_safe(e.reference)}_frame_{frame.index:06d}_recorded.png").write_bytes(encode_png(image))
+        (folder / f"{_safe(e.reference)}_frame_{frame.index:06d}_recorded.png").write_bytes(
+            encode_png(image)
+        )
     return out
 
 
@@ -125,7 +152,11 @@ def _rate(log: AnnotatedLog) -> float:
         times.append(frame.time_ns)
         if len(times) > 50:
             break
-    return (len(times) - 1) * 1e9 / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 25.0
+    return (
+        (len(times) - 1) * 1e9 / (times[-1] - times[0])
+        if len(times) > 1 and times[-1] > times[0]
+        else 25.0
+    )
 
 
 def _last(log: AnnotatedLog) -> int:
@@ -137,7 +168,9 @@ def _last(log: AnnotatedLog) -> int:
 
 def _clip(log: AnnotatedLog, e: Explanation, out: Path) -> Path:
     """An H.264 clip from some seconds before to some seconds after."""
-    start, end = (log.start_ns + round(t * 1e9) for t in (e.start_t - CLIP_S, e.end_t + CLIP_S))
+    start, end = (
+        log.start_ns + round(t * 1e9) for t in (e.start_t - CLIP_S, e.end_t + CLIP_S)
+    )
     options = VideoOptions(DrawOptions(), start, end)
     write_video(log, out, options)
     return out
@@ -165,7 +198,10 @@ def _facts(case: Case, log: AnnotatedLog, found: Sequence[Explanation]) -> dict[
 def _sums(folder: Path) -> None:
     """SHA256SUMS over every file, as `sha256sum -c` reads it."""
     files = sorted(p for p in folder.rglob("*") if p.is_file())
-    lines = [f"{hashlib.sha256(p.read_bytes()).hexdigest()}  {p.relative_to(folder).as_posix()}" for p in files]
+    lines = [
+        f"{hashlib.sha256(p.read_bytes()).hexdigest()}  {p.relative_to(folder).as_posix()}"
+        for p in files
+    ]
     (folder / "SHA256SUMS").write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
@@ -202,55 +238,84 @@ _FOR_MACHINES = ("checkpoints", "extras", "fact_digests")
 _YEAR_NS = 365 * 86_400 * 10**9
 
 
-def _page(facts: Mapping[str, Any], pages: Sequence[tuple[Explanation, list[str], str]]) -> str:
+def _page(
+    facts: Mapping[str, Any], pages: Sequence[tuple[Explanation, list[str], str]]
+) -> str:
     """The page: every value escaped, no script, nothing from elsewhere."""
     said = facts["log_says"]
     known = [(name.replace("_", " "), said[name]) for name in _FIRST if said.get(name)]
     out = [
         "<!doctype html><html lang=en><head><meta charset=utf-8>",
         '<meta name=viewport content="width=device-width,initial-scale=1">',
-        f"<title>Evidence from {escape(str(facts['log']))}</title><style>{_STYLE}</style></head><body>",
+        (
+            "<title>Evidence from"
+            f" {escape(str(facts['log']))}</title><style>{_STYLE}</style></head><body>"
+        ),
         f"<h1>Evidence from {escape(str(facts['log']))}</h1>",
         _table([("SHA-256 of the log", facts["log_sha256"]), *known]),
     ]
     for e, pictures, clip in pages:
         out += _section(facts, e, pictures, clip)
-    rest = [(name.replace("_", " "), value) for name, value in said.items() if name not in _FIRST + _FOR_MACHINES]
+    rest = [
+        (name.replace("_", " "), value)
+        for name, value in said.items()
+        if name not in _FIRST + _FOR_MACHINES
+    ]
     out.append(f"<h2>What the log says of how it was made</h2>{_table(rest)}")
     out.append(
-        "<p class=small>All of it for machines: facts.json, configuration.json. To see that nothing was changed: "
-        "<code>scenetrace verify --manifest manifest.json</code>, or <code>sha256sum -c SHA256SUMS</code></p>"
+        "<p class=small>All of it for machines: facts.json, configuration.json. To see that"
+        " nothing was changed: <code>scenetrace verify --manifest manifest.json</code>, or"
+        " <code>sha256sum -c SHA256SUMS</code></p>"
     )
     return "\n".join([*out, "</body></html>\n"])
 
 
-def _section(facts: Mapping[str, Any], e: Explanation, pictures: Sequence[str], clip: str) -> Iterator[str]:
+def _section(
+    facts: Mapping[str, Any], e: Explanation, pictures: Sequence[str], clip: str
+) -> Iterator[str]:
     """One event or row: when, by which rule, what was measured, what led there, clip and frames."""
     moment = e.start_frame == e.end_frame
     when = f"{e.start_t:.3f} s" if moment else f"{e.start_t:.3f} s to {e.end_t:.3f} s"
-    frames = f"frame {e.start_frame}" if moment else f"frames {e.start_frame} to {e.end_frame}"
+    frames = (
+        f"frame {e.start_frame}" if moment else f"frames {e.start_frame} to {e.end_frame}"
+    )
     rows: list[tuple[str, Any]] = [
         ("When", f"{when} from the start, {frames}"), ("Wall time", _wall(facts, e)), ("Rule", e.rule),
         ("Targets", ", ".join(map(str, e.subjects))),
     ]  # fmt: skip
-    yield f"<h2>{escape(e.reference)}: {escape(e.kind)}</h2><p>{escape(e.text)}</p>{_table(rows)}"
+    yield (
+        f"<h2>{escape(e.reference)}:"
+        f" {escape(e.kind)}</h2><p>{escape(e.text)}</p>{_table(rows)}"
+    )
     if e.measures:
         yield "<h3>Measured</h3>" + _table([_measured(measure_line(m)) for m in e.measures])
     if e.chain:
-        yield "<h3>What led there</h3><ul>" + "".join(f"<li>{escape(line)}</li>" for line in e.chain) + "</ul>"
-    yield f'<h3>Clip and frames</h3><video controls preload=metadata src="{escape(clip)}"></video>'
+        yield (
+            "<h3>What led there</h3><ul>"
+            + "".join(f"<li>{escape(line)}</li>" for line in e.chain)
+            + "</ul>"
+        )
+    yield (
+        "<h3>Clip and frames</h3><video controls preload=metadata"
+        f' src="{escape(clip)}"></video>'
+    )
     for picture in pictures:
         number = int(picture.rsplit("_", 1)[1].removesuffix(".png"))
         yield (
-            f'<figure><img src="{escape(picture)}" alt="frame {number} with overlays">'
-            f"<figcaption>frame {number}, drawn by scenetrace over the recorded picture</figcaption></figure>"
+            f'<figure><img src="{escape(picture)}" alt="frame {number} with'
+            f' overlays"><figcaption>frame {number}, drawn by scenetrace over the recorded'
+            " picture</figcaption></figure>"
         )
 
 
 def _wall(facts: Mapping[str, Any], e: Explanation) -> str:
-    start = next((r["start_ns"] for r in facts["recordings"] if r["recording"] == e.recording), 0)
+    start = next(
+        (r["start_ns"] for r in facts["recordings"] if r["recording"] == e.recording), 0
+    )
     if start < _YEAR_NS:
-        return "unknown: the recording was made without a clock (record --start gives it one)"
+        return (
+            "unknown: the recording was made without a clock (record --start gives it one)"
+        )
     return " to ".join(dict.fromkeys(facts["wall_time_utc"][e.reference])) + " UTC"
 
 
@@ -260,5 +325,7 @@ def _measured(line: str) -> tuple[str, str]:
 
 
 def _table(rows: Sequence[tuple[str, Any]]) -> str:
-    cells = "".join(f"<tr><th>{escape(str(k))}</th><td>{escape(str(v))}</td></tr>" for k, v in rows)
+    cells = "".join(
+        f"<tr><th>{escape(str(k))}</th><td>{escape(str(v))}</td></tr>" for k, v in rows
+    )
     return f"<table>{cells}</table>"

@@ -1,4 +1,6 @@
-"""The report: one HTML file that opens offline in any browser; plotly draws, everything is inside."""
+"""The report: one HTML file that opens offline in any browser; plotly draws, everything is
+inside.
+"""
 
 from __future__ import annotations
 
@@ -38,12 +40,19 @@ def write_report(
 
 
 def page(data: dict[str, Any]) -> str:
-    """The HTML of collected data. Nothing of the data can end its script element: every `<` is written as an escape."""
+    """The HTML of collected data. Nothing of the data can end its script element: every `<` is
+    written as an escape.
+    """
     from plotly.offline import get_plotlyjs
 
     folder = files("replay.report")
-    parts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.html", "page.css", "page.js")}
-    embedded = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    parts = {
+        name: folder.joinpath(name).read_text(encoding="utf-8")
+        for name in ("page.html", "page.css", "page.js")
+    }
+    embedded = json.dumps(
+        data, ensure_ascii=True, allow_nan=False, separators=(",", ":")
+    ).replace("<", "\\u003c")
     html = parts["page.html"]
     for mark, text in (
         ("{{title}}", escape(f"{data['recording']} - scenetrace report")),

@@ -31,9 +31,17 @@ def check_log(path: str | Path) -> None:
     if kind_of(Path(path)) == "log":
         return
     with Case([path]) as case:
-        logs = [p for (p,) in case.rows("SELECT DISTINCT path FROM recordings ORDER BY path LIMIT 4")]
+        logs = [
+            p
+            for (p,) in case.rows(
+                "SELECT DISTINCT path FROM recordings ORDER BY path LIMIT 4"
+            )
+        ]
     more = " ..." if len(logs) > 3 else ""
-    raise UsageError(f"{path}: an index has no pictures; give the annotated log itself: {', '.join(logs[:3])}{more}")
+    raise UsageError(
+        f"{path}: an index has no pictures; give the annotated log itself:"
+        f" {', '.join(logs[:3])}{more}"
+    )
 
 
 def chosen_frames(log: AnnotatedLog, wanted: Sequence[int]) -> list[AnnotatedFrame]:
@@ -50,9 +58,14 @@ def chosen_frames(log: AnnotatedLog, wanted: Sequence[int]) -> list[AnnotatedFra
 
 
 def drawn(
-    log: AnnotatedLog, frames: Sequence[AnnotatedFrame], options: DrawOptions | None = None, *, bare: bool = False
+    log: AnnotatedLog,
+    frames: Sequence[AnnotatedFrame],
+    options: DrawOptions | None = None,
+    *,
+    bare: bool = False,
 ) -> Iterator[tuple[AnnotatedFrame, Image]]:
-    """Each frame's picture with its overlay, (height, width, 3) uint8 BGR; a plain ground where there is no picture.
+    """Each frame's picture with its overlay, (height, width, 3) uint8 BGR; a plain ground where
+    there is no picture.
 
     Args:
         log: the log that the frames are of.
@@ -72,7 +85,9 @@ def drawn(
         shown = frame
         if options.only is not None:
             keep = options.only
-            shown = replace(frame, events=[e for e in frame.events if keep.intersection(e.subjects)])
+            shown = replace(
+                frame, events=[e for e in frame.events if keep.intersection(e.subjects)]
+            )
         yield frame, draw_frame(image, frame_overlay(log, shown), options)
 
 

@@ -1,4 +1,6 @@
-"""Check a manifest against the files: what was altered, what is missing, whose signature it bears."""
+"""Check a manifest against the files: what was altered, what is missing, whose signature it
+bears.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +29,11 @@ class CaseVerdict:
     """The verdict on a case.
 
     Attributes:
-        intact: every file is as it was sealed, none was added to a folder that was sealed as a whole, and the
-            signature, where one was asked for or is there, holds.
+        intact: every file is as it was sealed, none was added to a folder that was sealed as a
+            whole, and the signature, where one was asked for or is there, holds.
         files: by name.
-        signature: ``valid``, ``invalid``, ``none``, ``other key``, or ``unchecked`` (no library to check it with).
+        signature: ``valid``, ``invalid``, ``none``, ``other key``, or ``unchecked`` (no library
+            to check it with).
         key: the signer's public key in hexadecimal, empty without.
         note: the sealed note.
     """
@@ -46,7 +49,9 @@ class CaseVerdict:
         bad = [f for f in self.files if f.state != "unaltered"]
         out = [f"{f.state}: {f.name}" + (f" ({f.text})" if f.text else "") for f in bad]
         sealed = sum(f.state != "added" for f in self.files)
-        out.append(f"{len(self.files) - len(bad)} of {sealed} files are as they were sealed")
+        out.append(
+            f"{len(self.files) - len(bad)} of {sealed} files are as they were sealed"
+        )
         said = {
             "none": "not signed: whoever can write the files can write the manifest, too",
             "valid": f"signed with the key {self.key}",
@@ -59,7 +64,10 @@ class CaseVerdict:
 
 
 def check_manifest(
-    path: str | Path, *, key: str | Path | None = None, progress: Callable[[str, int], None] | None = None
+    path: str | Path,
+    *,
+    key: str | Path | None = None,
+    progress: Callable[[str, int], None] | None = None,
 ) -> CaseVerdict:
     """Check every file of a manifest, and its signature.
 
@@ -70,7 +78,8 @@ def check_manifest(
 
     Raises:
         RecordingError: not a manifest.
-        UsageError: ``key`` is no public key, or it was given and the package ``cryptography`` is not installed.
+        UsageError: ``key`` is no public key, or it was given and the package ``cryptography`` is
+            not installed.
     """
     manifest = read_manifest(path)
     wanted = None if key is None else public_key(key)
@@ -79,14 +88,21 @@ def check_manifest(
         files.append(_checked(entry, Path(path).parent))
         if progress is not None:
             progress("checking", k)
-    files += [Finding(name, "added", "not there when it was sealed") for name in added_files(manifest, path)]
+    files += [
+        Finding(name, "added", "not there when it was sealed")
+        for name in added_files(manifest, path)
+    ]
     signed = manifest.signature
     state = "none"
     if signed is not None:
-        state = _signature_state(signed.public_key, wanted, lambda: signature_holds(manifest))
+        state = _signature_state(
+            signed.public_key, wanted, lambda: signature_holds(manifest)
+        )
     good = state in ("valid",) or (wanted is None and state in ("none", "unchecked"))
     intact = good and all(f.state == "unaltered" for f in files)
-    return CaseVerdict(intact, files, state, "" if signed is None else signed.public_key, manifest.note)
+    return CaseVerdict(
+        intact, files, state, "" if signed is None else signed.public_key, manifest.note
+    )
 
 
 def _signature_state(signer: str, wanted: str | None, holds: Callable[[], bool]) -> str:

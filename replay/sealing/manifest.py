@@ -39,8 +39,8 @@ class Entry(Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         name: its path relative to the manifest's folder, with ``/``.
-        role: ``annotated``: a replay's log, ``scene``: a scene log, ``source``: what a scene log here was recorded
-            from, ``file``: anything else (an exported answer, a report).
+        role: ``annotated``: a replay's log, ``scene``: a scene log, ``source``: what a scene log
+            here was recorded from, ``file``: anything else (an exported answer, a report).
         bytes: its size.
         sha256: of its bytes.
         facts: what a log says of itself: tracker, input and output digest, source digest.
@@ -65,7 +65,8 @@ class Manifest(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tr
     """The files by name, and who vouches for them.
 
     Attributes:
-        folders: those that were sealed as a whole, relative like the files: what else is in them was added later.
+        folders: those that were sealed as a whole, relative like the files: what else is in them
+            was added later.
     """
 
     format: Literal["scenetrace manifest"]
@@ -77,19 +78,24 @@ class Manifest(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tr
 
     def canonical(self) -> bytes:
         """What is signed: everything but the signature, JSON with sorted keys and no white space."""
-        return msgspec.json.encode(msgspec.structs.replace(self, signature=None), order="sorted")
+        return msgspec.json.encode(
+            msgspec.structs.replace(self, signature=None), order="sorted"
+        )
 
     def encode(self) -> bytes:
         """The file's bytes: sorted keys, two spaces, a line break at the end."""
-        return msgspec.json.format(msgspec.json.encode(self, order="sorted"), indent=2) + b"\n"
+        return (
+            msgspec.json.format(msgspec.json.encode(self, order="sorted"), indent=2) + b"\n"
+        )
 
 
 def seal(paths: Iterable[str | Path], out: str | Path, *, note: str = "") -> Manifest:
-    """The manifest of a case's files, to be written to ``out``; folders stand for all files in them.
+    """The manifest of a case's files, to be written to ``out``; folders stand for all files in
+    them.
 
-    A link to a file is sealed under its own name by what it leads to. Of a folder in which the manifest will be, the
-    manifest is left out, and so are others beside it (`manifests_beside`): each can be written again without a word
-    from the others. Who names one seals it.
+    A link to a file is sealed under its own name by what it leads to. Of a folder in which the
+    manifest will be, the manifest is left out, and so are others beside it (`manifests_beside`):
+    each can be written again without a word from the others. Who names one seals it.
 
     Args:
         paths: source, scene log, annotated logs, exported answers: whatever belongs to the case.
@@ -97,8 +103,8 @@ def seal(paths: Iterable[str | Path], out: str | Path, *, note: str = "") -> Man
         note: a text that is sealed with the files.
 
     Raises:
-        UsageError: no files, one that is not there, or the manifest among them; a folder holds what is no file: a
-            link to a folder or to nothing, whose content would be left out.
+        UsageError: no files, one that is not there, or the manifest among them; a folder holds
+            what is no file: a link to a folder or to nothing, whose content would be left out.
         RecordingError: a log is damaged: it is not sealed as if it were whole; a pipe or a device.
     """
     out = Path(out)
@@ -110,10 +116,16 @@ def seal(paths: Iterable[str | Path], out: str | Path, *, note: str = "") -> Man
         if file.resolve() == out.resolve():
             raise UsageError(f"{file}: the manifest cannot seal itself")
     folder = out.parent.resolve()
-    entries = {_relative(file, folder): _entry(file, _relative(file, folder)) for file in files}
+    entries = {
+        _relative(file, folder): _entry(file, _relative(file, folder)) for file in files
+    }
     known = {digest for entry, digests in entries.values() for digest in digests}
     made = [
-        msgspec.structs.replace(entry, role="source") if entry.role == "file" and entry.sha256 in known else entry
+        (
+            msgspec.structs.replace(entry, role="source")
+            if entry.role == "file" and entry.sha256 in known
+            else entry
+        )
         for entry, _ in entries.values()
     ]
     folders = sorted({_relative(p.resolve(), folder) for p in given if p.is_dir()})
@@ -121,10 +133,11 @@ def seal(paths: Iterable[str | Path], out: str | Path, *, note: str = "") -> Man
 
 
 def added_files(manifest: Manifest, path: str | Path) -> list[str]:
-    """Files in the folders that were sealed as a whole that the manifest at ``path`` does not list, by name.
+    """Files in the folders that were sealed as a whole that the manifest at ``path`` does not
+    list, by name.
 
-    A manifest is untrusted: folders in which nothing that it lists lies are not looked into, and a folder that has
-    grown by more than `MOST_ADDED` entries is not listed to its end.
+    A manifest is untrusted: folders in which nothing that it lists lies are not looked into, and
+    a folder that has grown by more than `MOST_ADDED` entries is not listed to its end.
 
     Raises:
         RecordingError: a folder cannot be one.
@@ -140,19 +153,27 @@ def added_files(manifest: Manifest, path: str | Path) -> list[str]:
             for file in _inside(path.parent / folder, 2 * len(listed) + MOST_ADDED):
                 found[_relative(file, here)] = file
         except (OSError, ValueError) as e:
-            raise RecordingError(f"lists a folder that cannot be looked into: {folder[:80]!r}", path) from e
+            raise RecordingError(
+                f"lists a folder that cannot be looked into: {folder[:80]!r}", path
+            ) from e
     new = found.keys() - listed - {path.name}
     return sorted(name for name in new if "/" in name or not _is_manifest(found[name]))
 
 
 def manifests_beside(paths: Iterable[str | Path], out: str | Path) -> list[Path]:
-    """Other manifests where ``out`` will be that `seal` leaves out: their folder was given, and they were not."""
+    """Other manifests where ``out`` will be that `seal` leaves out: their folder was given, and
+    they were not.
+    """
     out = Path(out)
     here, given = out.parent.resolve(), [Path(p) for p in paths]
     named = {_own(path) for path in given}
     if not any(path.is_dir() and here.is_relative_to(path.resolve()) for path in given):
         return []
-    return sorted(p for p in out.parent.iterdir() if _own(p) not in {*named, _own(out)} and _is_manifest(p))
+    return sorted(
+        p
+        for p in out.parent.iterdir()
+        if _own(p) not in {*named, _own(out)} and _is_manifest(p)
+    )
 
 
 def write_manifest(manifest: Manifest, out: str | Path, *, force: bool = False) -> None:
@@ -167,7 +188,11 @@ def write_manifest(manifest: Manifest, out: str | Path, *, force: bool = False) 
 
 def private_keys(manifest: Manifest, folder: Path) -> list[str]:
     """The files of a manifest that are private keys in PEM: they do not belong into a case."""
-    small = [entry.name for entry in manifest.files if entry.role == "file" and entry.bytes <= _MOST_OF_A_KEY]
+    small = [
+        entry.name
+        for entry in manifest.files
+        if entry.role == "file" and entry.bytes <= _MOST_OF_A_KEY
+    ]
     return [name for name in small if _PRIVATE.search((folder / name).read_bytes())]
 
 
@@ -179,7 +204,9 @@ def read_manifest(path: str | Path) -> Manifest:
     """
     path = Path(path)
     if path.is_dir():
-        raise RecordingError(f"a folder; give the manifest in it, like {path / 'manifest.json'}", path)
+        raise RecordingError(
+            f"a folder; give the manifest in it, like {path / 'manifest.json'}", path
+        )
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise RecordingError(f"over {_MOST_BYTES} bytes: not a manifest", path)
@@ -207,7 +234,9 @@ def file_digest(path: Path) -> tuple[int, str]:
     size = 0
     try:
         # Without O_NONBLOCK a pipe in a file's place would make us wait for ever.
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        descriptor = os.open(
+            path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+        )
         with os.fdopen(descriptor, "rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise RecordingError("not a regular file", path)
@@ -220,11 +249,16 @@ def file_digest(path: Path) -> tuple[int, str]:
 
 
 def _inside(folder: Path, most: int | None = None) -> Iterator[Path]:
-    """What is below a folder and no folder itself, of its first ``most`` entries: one walk to seal and to check.
+    """What is below a folder and no folder itself, of its first ``most`` entries: one walk to
+    seal and to check.
 
     Links are not followed: one to a folder is a thing of its own.
     """
-    return (file for file in islice(folder.rglob("*"), most) if file.is_symlink() or not file.is_dir())
+    return (
+        file
+        for file in islice(folder.rglob("*"), most)
+        if file.is_symlink() or not file.is_dir()
+    )
 
 
 def _files(paths: Iterable[Path], out: Path) -> Iterator[Path]:
@@ -233,11 +267,16 @@ def _files(paths: Iterable[Path], out: Path) -> Iterator[Path]:
         if path.is_dir():
             for file in sorted(_inside(path)):
                 own = _own(file)
-                if own == manifest or (own.parent == manifest.parent and _is_manifest(file)):
+                if own == manifest or (
+                    own.parent == manifest.parent and _is_manifest(file)
+                ):
                     continue
                 if file.is_symlink() and not file.is_file():
                     folder = "a folder: take it away and give that folder itself"
-                    raise UsageError(f"{file}: a link to {folder if file.is_dir() else 'nothing: take it away'}")
+                    raise UsageError(
+                        f"{file}: a link to"
+                        f" {folder if file.is_dir() else 'nothing: take it away'}"
+                    )
                 yield file
         elif path.exists():
             yield path
@@ -284,11 +323,29 @@ def _log_facts(file: Path, limits: Limits) -> tuple[Role, dict[str, str], Sequen
             records = dict(log.metadata())
             lists = [a.data for a in log.attachments() if a.media_type == "text/plain"]
     except SceneTraceError as e:
-        raise RecordingError(f"a damaged log is not sealed (see `scenetrace doctor`): {e}", file) from e
+        raise RecordingError(
+            f"a damaged log is not sealed (see `scenetrace doctor`): {e}", file
+        ) from e
     own = records.get(METADATA, {})
     recording = records.get(_RECORDING, own)
-    names = ("tracker", "input_digest", "output_digest", "scene") if own.get("kind") == "annotated" else ()
+    names = (
+        ("tracker", "input_digest", "output_digest", "scene")
+        if own.get("kind") == "annotated"
+        else ()
+    )
     facts = {name: own[name] for name in names if name in own}
-    facts |= {name: recording[name] for name in ("source", "source_digest") if name in recording}
-    role: Role = "annotated" if own.get("kind") == "annotated" else "scene" if own else "file"
-    return role, facts, [line[:64] for data in lists for line in data.decode("utf-8", "replace").splitlines()]
+    facts |= {
+        name: recording[name] for name in ("source", "source_digest") if name in recording
+    }
+    role: Role = (
+        "annotated" if own.get("kind") == "annotated" else "scene" if own else "file"
+    )
+    return (
+        role,
+        facts,
+        [
+            line[:64]
+            for data in lists
+            for line in data.decode("utf-8", "replace").splitlines()
+        ],
+    )

@@ -21,13 +21,15 @@ def _library() -> Any:
         import cryptography.hazmat.primitives.serialization
     except ImportError as e:
         raise UsageError(
-            "signatures need the package `cryptography`: pip install 'scenetrace[sign]' (everything else works without)"
+            "signatures need the package `cryptography`: pip install 'scenetrace[sign]'"
+            " (everything else works without)"
         ) from e
     return cryptography
 
 
 def new_key(path: str | Path) -> Path:
-    """Make a key pair: the private key in ``path`` (readable by its owner alone), the public one beside it.
+    """Make a key pair: the private key in ``path`` (readable by its owner alone), the public one
+    beside it.
 
     Returns:
         the public key's file, ``<path>.pub``: the one to hand out.
@@ -41,11 +43,17 @@ def new_key(path: str | Path) -> Path:
     private, public = Path(path), Path(f"{path}{PUBLIC_SUFFIX}")
     for file in (private, public):
         if file.exists():
-            raise RecordingError("exists already, and a key is never overwritten; give another name", file)
+            raise RecordingError(
+                "exists already, and a key is never overwritten; give another name", file
+            )
     key = library.hazmat.primitives.asymmetric.ed25519.Ed25519PrivateKey.generate()
     pem = serialization.Encoding.PEM
-    secret = key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
-    shown = key.public_key().public_bytes(pem, serialization.PublicFormat.SubjectPublicKeyInfo)
+    secret = key.private_bytes(
+        pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+    shown = key.public_key().public_bytes(
+        pem, serialization.PublicFormat.SubjectPublicKeyInfo
+    )
     for file, data, mode in ((private, secret, 0o600), (public, shown, 0o644)):
         try:
             descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
@@ -64,8 +72,15 @@ def sign(manifest: Manifest, key: str | Path) -> Manifest:
     """
     library = _library()
     serialization = library.hazmat.primitives.serialization
-    private = _key(key, library, lambda data: serialization.load_pem_private_key(data, password=None), "private")
-    raw = private.public_key().public_bytes(serialization.Encoding.Raw, serialization.PublicFormat.Raw)
+    private = _key(
+        key,
+        library,
+        lambda data: serialization.load_pem_private_key(data, password=None),
+        "private",
+    )
+    raw = private.public_key().public_bytes(
+        serialization.Encoding.Raw, serialization.PublicFormat.Raw
+    )
     made = Signature("Ed25519", raw.hex(), private.sign(manifest.canonical()).hex())
     return msgspec.structs.replace(manifest, signature=made)
 
@@ -79,7 +94,9 @@ def public_key(path: str | Path) -> str:
     library = _library()
     serialization = library.hazmat.primitives.serialization
     found = _key(path, library, serialization.load_pem_public_key, "public")
-    raw: bytes = found.public_bytes(serialization.Encoding.Raw, serialization.PublicFormat.Raw)
+    raw: bytes = found.public_bytes(
+        serialization.Encoding.Raw, serialization.PublicFormat.Raw
+    )
     return raw.hex()
 
 
@@ -90,11 +107,16 @@ def _key(path: str | Path, library: Any, load: Any, kind: str) -> Any:
         raise UsageError(f"{path}: cannot be read: {e.strerror}") from e
     except (ValueError, TypeError, library.exceptions.UnsupportedAlgorithm) as e:
         reason = "it is encrypted" if isinstance(e, TypeError) else "it is something else"
-        raise UsageError(f"{path}: must be a {kind} Ed25519 key in PEM ({reason}); `scenetrace seal --new-key`") from e
+        raise UsageError(
+            f"{path}: must be a {kind} Ed25519 key in PEM ({reason}); `scenetrace seal"
+            " --new-key`"
+        ) from e
     ed25519 = library.hazmat.primitives.asymmetric.ed25519
     wanted = ed25519.Ed25519PrivateKey if kind == "private" else ed25519.Ed25519PublicKey
     if not isinstance(found, wanted):
-        raise UsageError(f"{path}: must be a {kind} Ed25519 key, not {type(found).__name__}")
+        raise UsageError(
+            f"{path}: must be a {kind} Ed25519 key, not {type(found).__name__}"
+        )
     return found
 
 

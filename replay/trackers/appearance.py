@@ -1,11 +1,13 @@
-"""Appearance models: 8-bit colour histograms, the features that tell best, back projection, mean shift.
+"""Appearance models: 8-bit colour histograms, the features that tell best, back projection, mean
+shift.
 
-A target's colours are kept as one histogram per feature and half of its body (above and below the middle), weighted
-towards the ellipse's centre (EVENTS 2). Which features tell a target from what is around it is decided online by the
-variance ratio of their log likelihood ratios; the best are projected back onto the picture.
+A target's colours are kept as one histogram per feature and half of its body (above and below the
+middle), weighted towards the ellipse's centre (EVENTS 2). Which features tell a target from what
+is around it is decided online by the variance ratio of their log likelihood ratios; the best are
+projected back onto the picture.
 
-Only 8-bit conversions, integer tables, `bincount` and written-out sums are used, so results are the same on every
-machine.
+Only 8-bit conversions, integer tables, `bincount` and written-out sums are used, so results are
+the same on every machine.
 """
 
 from __future__ import annotations
@@ -44,7 +46,8 @@ _CHROMA = _chroma_table()
 
 
 def bins_of(image: Image, wanted: Collection[int] = range(len(FEATURES))) -> Image:
-    """Every feature's bin of every pixel, (features, H, W) uint8 below `BINS`, from a (H, W, 3) uint8 BGR image.
+    """Every feature's bin of every pixel, (features, H, W) uint8 below `BINS`, from a (H, W, 3)
+    uint8 BGR image.
 
     Features that are not ``wanted`` are left undefined.
     """
@@ -58,13 +61,17 @@ def bins_of(image: Image, wanted: Collection[int] = range(len(FEATURES))) -> Ima
         plain = cv2.split(cv2.LUT(image, _LUMA))
         out[3], out[4], out[5] = plain
     if 6 in wanted:
-        out[6] = cv2.LUT(cv2.extractChannel(cv2.cvtColor(image, cv2.COLOR_BGR2HSV), 1), _LUMA)
+        out[6] = cv2.LUT(
+            cv2.extractChannel(cv2.cvtColor(image, cv2.COLOR_BGR2HSV), 1), _LUMA
+        )
     return out
 
 
 @lru_cache(maxsize=4096)
 def kernel(height: int, width: int) -> Floats:
-    """Epanechnikov weights over the ellipse inscribed in a box, (H, W): 1 at the centre, 0 on and outside it."""
+    """Epanechnikov weights over the ellipse inscribed in a box, (H, W): 1 at the centre, 0 on and
+    outside it.
+    """
     y = ((np.arange(height) + 0.5) / height * 2 - 1)[:, None]
     x = ((np.arange(width) + 0.5) / width * 2 - 1)[None, :]
     return np.asarray(np.maximum(0.0, 1.0 - x * x - y * y))
@@ -78,7 +85,8 @@ def _offsets(height: int) -> NDArray[np.int64]:
 
 
 def histograms(bins: Image, weights: Floats) -> Floats:
-    """Weighted histograms of a box's pixels by feature and half, (features, halves, BINS), not normalised.
+    """Weighted histograms of a box's pixels by feature and half, (features, halves, BINS), not
+    normalised.
 
     Args:
         bins: (features, H, W) as `bins_of` gives them.
@@ -87,7 +95,9 @@ def histograms(bins: Image, weights: Floats) -> Floats:
     features, height, width = bins.shape
     index = bins + _offsets(height)
     flat = np.bincount(
-        index.ravel(), np.broadcast_to(weights, (features, height, width)).ravel(), features * HALVES * BINS
+        index.ravel(),
+        np.broadcast_to(weights, (features, height, width)).ravel(),
+        features * HALVES * BINS,
     )
     return np.asarray(flat.reshape(features, HALVES, BINS), np.float64)
 
@@ -96,7 +106,8 @@ class Colours:
     """A target's colours: histograms by feature and half, blended over time.
 
     Attributes:
-        table: (features, halves, BINS); each half of each feature sums to the half's share of the body.
+        table: (features, halves, BINS); each half of each feature sums to the half's share of the
+            body.
         updates: how often it was learnt.
     """
 
@@ -105,7 +116,9 @@ class Colours:
         self.updates = 0
 
     def learn(self, seen: Floats, most: int = 20) -> None:
-        """Blend in the histograms of one frame: a running mean that forgets after about ``most`` updates."""
+        """Blend in the histograms of one frame: a running mean that forgets after about ``most``
+        updates.
+        """
         total = float(seen[0].sum())
         if total <= 0:
             return
@@ -118,7 +131,9 @@ class Colours:
         return np.asarray(self.table.sum(axis=1))
 
     def signature(self) -> list[int]:
-        """A compact form for `recorders.messages.Target.signature`: luma and chroma, two halves, 16 bins each."""
+        """A compact form for `recorders.messages.Target.signature`: luma and chroma, two halves,
+        16 bins each.
+        """
         coarse = self.table[:3].reshape(3, HALVES, BINS // 2, 2).sum(axis=3)
         return [round(v) for v in (coarse * 1000).ravel().tolist()]
 
@@ -130,13 +145,17 @@ class Colours:
     def from_state(cls, state: Mapping[str, Any]) -> Colours:
         """Continue from what `state` gave."""
         colours = cls()
-        colours.table = np.array(state["table"], np.float64).reshape(len(FEATURES), HALVES, BINS)
+        colours.table = np.array(state["table"], np.float64).reshape(
+            len(FEATURES), HALVES, BINS
+        )
         colours.updates = state["updates"]
         return colours
 
 
 def distance(a: Floats, b: Floats) -> float:
-    """Hellinger distance of two sets of histograms of the same shape, in [0, 1], mean over the features."""
+    """Hellinger distance of two sets of histograms of the same shape, in [0, 1], mean over the
+    features.
+    """
     shared = np.sqrt(a * b).reshape(len(a), -1).sum(axis=1)
     total = np.sqrt(a.reshape(len(a), -1).sum(axis=1) * b.reshape(len(b), -1).sum(axis=1))
     likeness = shared / np.maximum(total, 1e-12)
@@ -144,14 +163,17 @@ def distance(a: Floats, b: Floats) -> float:
 
 
 def ratios(target: Floats, others: Floats) -> Floats:
-    """Log likelihood ratios of every bin, (features, BINS) within `_LIMIT`: target against others."""
+    """Log likelihood ratios of every bin, (features, BINS) within `_LIMIT`: target against
+    others.
+    """
     return np.asarray(np.clip(np.log((target + _SOFT) / (others + _SOFT)), -_LIMIT, _LIMIT))
 
 
 def choose(target: Floats, others: Floats, count: int = CHOSEN) -> list[int]:
     """The features that tell the target from others best, best first; of equals the first.
 
-    The variance ratio: the spread of the log likelihood ratio over both together, over its spread within each.
+    The variance ratio: the spread of the log likelihood ratio over both together, over its spread
+    within each.
     """
     tell = ratios(target, others)
 
@@ -163,8 +185,12 @@ def choose(target: Floats, others: Floats, count: int = CHOSEN) -> list[int]:
     return [int(k) for k in np.argsort(-ratio, kind="stable")[:count]]
 
 
-def back_project(bins: Image, target: Floats, others: Floats, chosen: Sequence[int]) -> NDArray[np.float32]:
-    """How much each pixel looks like the target rather than like others, (H, W) float32 in [-1, 1]."""
+def back_project(
+    bins: Image, target: Floats, others: Floats, chosen: Sequence[int]
+) -> NDArray[np.float32]:
+    """How much each pixel looks like the target rather than like others, (H, W) float32 in [-1,
+    1].
+    """
     tell = np.zeros((len(bins), 256), np.int16)
     tell[:, :BINS] = np.rint(ratios(target, others) * (64 / _LIMIT))
     total = np.zeros(bins.shape[1:], np.int16)
@@ -192,7 +218,12 @@ def mean_shift(
     score = -1.0
     for _ in range(steps):
         left, top = round(x), round(y)
-        x1, y1, x2, y2 = max(0, left), max(0, top), min(width, left + columns), min(height, top + rows)
+        x1, y1, x2, y2 = (
+            max(0, left),
+            max(0, top),
+            min(width, left + columns),
+            min(height, top + rows),
+        )
         if x2 <= x1 or y2 <= y1:
             return (x, y, w, h), -1.0
         inside = kernel(rows, columns)[y1 - top : y2 - top, x1 - left : x2 - left]
@@ -202,8 +233,12 @@ def mean_shift(
         mass = float(pull.sum())
         if mass <= 0:
             break
-        dx = float((pull.sum(axis=0) * (np.arange(x1, x2) + 0.5)).sum()) / mass - (x + w / 2)
-        dy = float((pull.sum(axis=1) * (np.arange(y1, y2) + 0.5)).sum()) / mass - (y + h / 2)
+        dx = float((pull.sum(axis=0) * (np.arange(x1, x2) + 0.5)).sum()) / mass - (
+            x + w / 2
+        )
+        dy = float((pull.sum(axis=1) * (np.arange(y1, y2) + 0.5)).sum()) / mass - (
+            y + h / 2
+        )
         x, y = x + dx, y + dy
         if dx * dx + dy * dy < 0.25:
             break

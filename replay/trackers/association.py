@@ -1,8 +1,9 @@
 """Gated data association: boxes' overlaps, and one assignment solver with a written tie rule.
 
-The tie rule: costs are quantised to multiples of 2**-20 before solving, and among assignments of equal quantised
-cost the solver of `scipy.optimize.linear_sum_assignment` sees rows and columns in index order (rows: targets by id;
-columns: detections in the order of the recording). Its result depends on nothing else.
+The tie rule: costs are quantised to multiples of 2**-20 before solving, and among assignments of
+equal quantised cost the solver of `scipy.optimize.linear_sum_assignment` sees rows and columns in
+index order (rows: targets by id; columns: detections in the order of the recording). Its result
+depends on nothing else.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ FORBIDDEN = 2.0**20
 
 
 def sizes_of(state: Floats) -> Floats:
-    """Square roots of width times height, (N,) pixels, of states or boxes (N, 4 or more): x, y, width, height."""
+    """Square roots of width times height, (N,) pixels, of states or boxes (N, 4 or more): x, y,
+    width, height.
+    """
     return np.asarray(np.sqrt(np.maximum(state[:, 2] * state[:, 3], 1.0)))
 
 
@@ -26,7 +29,9 @@ def boxes_of(state: Floats) -> Floats:
 
 
 def intersection(a: Floats, b: Floats) -> Floats:
-    """Pairwise intersection areas of boxes (N, 4) and (M, 4) [x, y, w, h], (N, M) in square pixels."""
+    """Pairwise intersection areas of boxes (N, 4) and (M, 4) [x, y, w, h], (N, M) in square
+    pixels.
+    """
     left = np.maximum(a[:, None, 0], b[None, :, 0])
     top = np.maximum(a[:, None, 1], b[None, :, 1])
     right = np.minimum(a[:, None, 0] + a[:, None, 2], b[None, :, 0] + b[None, :, 2])
@@ -43,7 +48,10 @@ def iou(a: Floats, b: Floats) -> Floats:
 
 def iou_of_pairs(a: Floats, b: Floats) -> Floats:
     """Intersection over union of boxes (N, 4) and (N, 4), one by one, (N,) in [0, 1]."""
-    low, high = np.maximum(a[:, :2], b[:, :2]), np.minimum(a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:])
+    low, high = (
+        np.maximum(a[:, :2], b[:, :2]),
+        np.minimum(a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:]),
+    )
     size = np.maximum(high - low, 0.0)
     inside = size[:, 0] * size[:, 1]
     union = a[:, 2] * a[:, 3] + b[:, 2] * b[:, 3] - inside
@@ -51,7 +59,8 @@ def iou_of_pairs(a: Floats, b: Floats) -> Floats:
 
 
 def assign(cost: Floats, allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Match rows to columns: as many allowed pairs as possible, of least total cost, by the module's tie rule.
+    """Match rows to columns: as many allowed pairs as possible, of least total cost, by the
+    module's tie rule.
 
     Args:
         cost: (N, M) finite costs, in [-1000, 1000].
@@ -70,7 +79,8 @@ def assign(cost: Floats, allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def clusters(rows: list[int], linked: NDArray[np.bool_]) -> list[list[int]]:
-    """Rows that have columns of ``linked`` (N, M) in common, directly or through others; by the least of each.
+    """Rows that have columns of ``linked`` (N, M) in common, directly or through others; by the
+    least of each.
 
     >>> clusters([0, 1, 2], np.array([[True, False], [False, True], [True, False]]))
     [[0, 2], [1]]

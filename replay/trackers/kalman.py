@@ -1,9 +1,10 @@
 """A bank of constant-velocity Kalman filters, vectorised over targets.
 
-Every state component (centre x, centre y, width, ...) is an independent [value, rate] filter, so a target with D
-components is D two-state filters; covariances are kept as their three distinct numbers and all sums are written out.
-No matrix product reaches BLAS, whose kernels differ between machines. `model` gives the same filter as a
-`filterpy.kalman.KalmanFilter`, the reference that the tests hold this bank against.
+Every state component (centre x, centre y, width, ...) is an independent [value, rate] filter, so
+a target with D components is D two-state filters; covariances are kept as their three distinct
+numbers and all sums are written out. No matrix product reaches BLAS, whose kernels differ between
+machines. `model` gives the same filter as a `filterpy.kalman.KalmanFilter`, the reference that
+the tests hold this bank against.
 """
 
 from __future__ import annotations
@@ -40,12 +41,22 @@ class KalmanBank:
     def __len__(self) -> int:
         return len(self.value)
 
-    def add(self, value: Floats, variance: Floats, rate_variance: Floats, rate: Floats | None = None) -> None:
-        """Append targets: value (M, D), their variances (M, D) or broadcastable, rate 0 unless given."""
+    def add(
+        self,
+        value: Floats,
+        variance: Floats,
+        rate_variance: Floats,
+        rate: Floats | None = None,
+    ) -> None:
+        """Append targets: value (M, D), their variances (M, D) or broadcastable, rate 0 unless
+        given.
+        """
         value = np.atleast_2d(np.asarray(value, np.float64))
         shape = value.shape
         self.value = np.concatenate([self.value, value])
-        self.rate = np.concatenate([self.rate, np.zeros(shape) if rate is None else np.atleast_2d(rate)])
+        self.rate = np.concatenate(
+            [self.rate, np.zeros(shape) if rate is None else np.atleast_2d(rate)]
+        )
         self.p00 = np.concatenate([self.p00, np.broadcast_to(variance, shape)])
         self.p01 = np.concatenate([self.p01, np.zeros(shape)])
         self.p11 = np.concatenate([self.p11, np.broadcast_to(rate_variance, shape)])
@@ -55,8 +66,12 @@ class KalmanBank:
         for name in ("value", "rate", "p00", "p01", "p11"):
             setattr(self, name, getattr(self, name)[rows])
 
-    def predict(self, dt: float, acceleration_variance: Floats | float, rows: Any = slice(None)) -> None:
-        """Advance by dt seconds under discrete white-noise acceleration of the given variance (units/s^2)^2."""
+    def predict(
+        self, dt: float, acceleration_variance: Floats | float, rows: Any = slice(None)
+    ) -> None:
+        """Advance by dt seconds under discrete white-noise acceleration of the given variance
+        (units/s^2)^2.
+        """
         q = acceleration_variance
         p00, p01, p11 = self.p00[rows], self.p01[rows], self.p11[rows]
         self.value[rows] = self.value[rows] + dt * self.rate[rows]
@@ -64,8 +79,12 @@ class KalmanBank:
         self.p01[rows] = p01 + dt * p11 + q * (0.5 * dt * dt * dt)
         self.p11[rows] = p11 + q * (dt * dt)
 
-    def update(self, rows: NDArray[np.intp] | slice, measured: Floats, variance: Floats | float) -> None:
-        """Correct the given rows with measured values (M, D) of the given variance, broadcastable to (M, D)."""
+    def update(
+        self, rows: NDArray[np.intp] | slice, measured: Floats, variance: Floats | float
+    ) -> None:
+        """Correct the given rows with measured values (M, D) of the given variance, broadcastable
+        to (M, D).
+        """
         p00, p01, p11 = self.p00[rows], self.p01[rows], self.p11[rows]
         s = p00 + variance
         k0, k1 = p00 / s, p01 / s
@@ -91,19 +110,28 @@ class KalmanBank:
         p01 *= left
 
     def distance2(self, measured: Floats, variance: Floats) -> Floats:
-        """Squared Mahalanobis distances, (N, M), summed over components; variance broadcasts to (N, M, D)."""
+        """Squared Mahalanobis distances, (N, M), summed over components; variance broadcasts to
+        (N, M, D).
+        """
         residual = measured[None, :, :] - self.value[:, None, :]
-        out: Floats = np.sum(residual * residual / (self.p00[:, None, :] + variance), axis=2)
+        out: Floats = np.sum(
+            residual * residual / (self.p00[:, None, :] + variance), axis=2
+        )
         return out
 
     def state(self) -> dict[str, Any]:
         """Plain data for a checkpoint."""
-        return {name: getattr(self, name).copy() for name in ("value", "rate", "p00", "p01", "p11")}
+        return {
+            name: getattr(self, name).copy()
+            for name in ("value", "rate", "p00", "p01", "p11")
+        }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` gave."""
         for name in ("value", "rate", "p00", "p01", "p11"):
-            setattr(self, name, np.array(state[name], np.float64).reshape(-1, self.components))
+            setattr(
+                self, name, np.array(state[name], np.float64).reshape(-1, self.components)
+            )
 
 
 def model(

@@ -1,4 +1,6 @@
-"""What a tracker is: a frame in, its targets out. A plug-in is a class with this shape and a line in a dict."""
+"""What a tracker is: a frame in, its targets out. A plug-in is a class with this shape and a line
+in a dict.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,12 @@ State = Mapping[str, Any]
 
 @runtime_checkable
 class Tracker(Protocol):
-    """A multi-object tracker. Its answers are a function of the frames so far and its configuration, alone.
+    """A multi-object tracker. Its answers are a function of the frames so far and its
+    configuration, alone.
 
-    Ids come from a counter of the instance. No clock, no randomness, no iteration over sets; the instance keeps its
-    whole state in itself, so that `state` and `restore` make it continue exactly where it was.
+    Ids come from a counter of the instance. No clock, no randomness, no iteration over sets; the
+    instance keeps its whole state in itself, so that `state` and `restore` make it continue
+    exactly where it was.
     """
 
     def step(self, frame: Frame) -> Targets:
@@ -27,14 +31,17 @@ class Tracker(Protocol):
         ...
 
     def state(self) -> State:
-        """The whole state after the last frame as plain data: dict, list, str, int, float, bool, None, bytes, ndarray.
+        """The whole state after the last frame as plain data: dict, list, str, int, float, bool,
+        None, bytes, ndarray.
 
         Dict keys are strings. A canonical encoding of it is the checkpoint.
         """
         ...
 
     def restore(self, state: State) -> None:
-        """Continue from what `state` gave, on a fresh instance of the same scene and configuration."""
+        """Continue from what `state` gave, on a fresh instance of the same scene and
+        configuration.
+        """
         ...
 
 

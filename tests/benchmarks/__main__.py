@@ -1,7 +1,9 @@
-"""Speed and accuracy beside the peers: `python tests/benchmarks [NAME...] [--quick]`; without names, all of them.
+"""Speed and accuracy beside the peers: `python tests/benchmarks [NAME...] [--quick]`; without
+names, all of them.
 
-Each benchmark is a script of its own (`bench_NAME.py`) with options of its own; the real recordings that they read
-are looked for in $SCENETRACE_DATA, and where they are absent a benchmark says so and is skipped.
+Each benchmark is a script of its own (`bench_NAME.py`) with options of its own; the real
+recordings that they read are looked for in $SCENETRACE_DATA, and where they are absent a
+benchmark says so and is skipped.
 """
 
 from __future__ import annotations
@@ -23,7 +25,10 @@ def benchmarks() -> dict[str, tuple[Path, str]]:
     found = {}
     for path in sorted(FOLDER.glob("bench_*.py")):
         text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-        found[path.stem.removeprefix("bench_")] = (path, " ".join(text.split("\n\n")[0].split()))
+        found[path.stem.removeprefix("bench_")] = (
+            path,
+            " ".join(text.split("\n\n")[0].split()),
+        )
     return found
 
 
@@ -38,7 +43,9 @@ def main() -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help="which; default: all")
-    parser.add_argument("--quick", action="store_true", help="fewer rounds, shorter recordings")
+    parser.add_argument(
+        "--quick", action="store_true", help="fewer rounds, shorter recordings"
+    )
     parser.add_argument("--list", action="store_true", help="list them")
     args = parser.parse_args()
     if args.list:

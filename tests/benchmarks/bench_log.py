@@ -1,4 +1,5 @@
-"""Log writing and reading against the `mcap` package's own writer and reader, paired in one process.
+"""Log writing and reading against the `mcap` package's own writer and reader, paired in one
+process.
 
 Run: ``python tests/benchmarks/bench_log.py``
 """
@@ -34,7 +35,9 @@ def write_ours(path: Path, small: list[bytes], pictures: list[bytes]) -> None:
     every = len(small) // max(len(pictures), 1)
     with LogWriter(path, force=True, picture_topics={"/camera/image"}) as log:
         picture = log.channel("/camera/image", None, "jpeg")
-        detections = log.channel("/camera/detections", Schema("d", "jsonschema", b"{}"), "json")
+        detections = log.channel(
+            "/camera/detections", Schema("d", "jsonschema", b"{}"), "json"
+        )
         for k, data in enumerate(small):
             if pictures and k % every == 0 and k // every < len(pictures):
                 log.write(picture, pictures[k // every], k * 100_000)
@@ -51,7 +54,9 @@ def write_peer(path: Path, small: list[bytes], pictures: list[bytes]) -> None:
         detections = writer.register_channel("/camera/detections", "json", schema)
         for k, data in enumerate(small):
             if pictures and k % every == 0 and k // every < len(pictures):
-                writer.add_message(picture, k * 100_000, pictures[k // every], k * 100_000, k)
+                writer.add_message(
+                    picture, k * 100_000, pictures[k // every], k * 100_000, k
+                )
             writer.add_message(detections, k * 100_000, data, k * 100_000, k)
         writer.finish()
 
@@ -73,11 +78,16 @@ def seconds(call: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
-def compare(name: str, count: int, ours: Callable[[], object], peer: Callable[[], object]) -> None:
+def compare(
+    name: str, count: int, ours: Callable[[], object], peer: Callable[[], object]
+) -> None:
     """Best of some rounds each, taken in turns."""
     times = [(seconds(ours), seconds(peer)) for _ in range(ROUNDS)]
     mine, theirs = min(t[0] for t in times), min(t[1] for t in times)
-    print(f"{name:44} {count / mine:12,.0f}/s   mcap {count / theirs:12,.0f}/s   ratio {theirs / mine:6.2f}")
+    print(
+        f"{name:44} {count / mine:12,.0f}/s   mcap {count / theirs:12,.0f}/s   ratio"
+        f" {theirs / mine:6.2f}"
+    )
 
 
 def main() -> None:
@@ -85,17 +95,37 @@ def main() -> None:
     small, pictures = payloads()
     with tempfile.TemporaryDirectory() as folder:
         ours, peer = Path(folder, "ours.mcap"), Path(folder, "peer.mcap")
-        compare("write small", SMALL, lambda: write_ours(ours, small, []), lambda: write_peer(peer, small, []))
+        compare(
+            "write small",
+            SMALL,
+            lambda: write_ours(ours, small, []),
+            lambda: write_peer(peer, small, []),
+        )
         compare("read small", SMALL, lambda: read_ours(ours), lambda: read_peer(peer))
-        compare("read small, file of the peer", SMALL, lambda: read_ours(peer), lambda: read_peer(peer))
+        compare(
+            "read small, file of the peer",
+            SMALL,
+            lambda: read_ours(peer),
+            lambda: read_peer(peer),
+        )
         total = SMALL + PICTURES
         compare(
             "write with pictures", total, lambda: write_ours(ours, small, pictures),
             lambda: write_peer(peer, small, pictures),
         )  # fmt: skip
-        compare("read all, with pictures", total, lambda: read_ours(ours), lambda: read_peer(peer))
+        compare(
+            "read all, with pictures",
+            total,
+            lambda: read_ours(ours),
+            lambda: read_peer(peer),
+        )
         only = ["/camera/detections"]
-        compare("read detections beside pictures", SMALL, lambda: read_ours(ours, only), lambda: read_peer(peer, only))
+        compare(
+            "read detections beside pictures",
+            SMALL,
+            lambda: read_ours(ours, only),
+            lambda: read_peer(peer, only),
+        )
         print(f"file sizes: {ours.stat().st_size:,} against {peer.stat().st_size:,} bytes")
 
 

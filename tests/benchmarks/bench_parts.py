@@ -1,13 +1,16 @@
-"""The PARTS tracker, figure by figure: accuracy, the paper's tables, what each layer brings, crowds, speed.
+"""The PARTS tracker, figure by figure: accuracy, the paper's tables, what each layer brings,
+crowds, speed.
 
-    python tests/benchmarks/bench_parts.py [accuracy] [table] [layers] [crowds] [speed] [--keep FOLDER]
+    python tests/benchmarks/bench_parts.py [accuracy] [table] [layers] [crowds] [speed] [--keep
+    FOLDER]
 
-accuracy  PETS09-S2L1 and TUD-Campus from pixels, TUD being among what the shipped features were fitted on
-table     PARTS, Tables 1 and 2, on the ten PETS trajectories that are overlapped longest, started by hand and
-          automatically, beside cv2.meanShift, cv2.CamShift and SORT
-layers    the same scores with parts, heads, pruning, pieces and hindsight switched off, one at a time
-crowds    generated crowds of other seeds than those fitted on: hidden parts found, sudden moves survived
-speed     frames/s against a bare OpenCV loop, at 480x360 and 768x576, and the cost of a target
+accuracy  PETS09-S2L1 and TUD-Campus from pixels, TUD being among what the shipped features were
+fitted on table     PARTS, Tables 1 and 2, on the ten PETS trajectories that are overlapped
+longest, started by hand and automatically, beside cv2.meanShift, cv2.CamShift and SORT layers
+the same scores with parts, heads, pruning, pieces and hindsight switched off, one at a time
+crowds    generated crowds of other seeds than those fitted on: hidden parts found, sudden moves
+survived speed     frames/s against a bare OpenCV loop, at 480x360 and 768x576, and the cost of a
+target
 """
 
 from __future__ import annotations
@@ -81,35 +84,53 @@ def row(name: str, s: Scores) -> None:
     """One line of scores."""
     e = s.trajectories.followed
     print(
-        f"{name:<22} {s.hota.hota:5.1f} {s.clear.mota:6.1f} {s.identity.idf1:6.1f} {s.clear.switches:4d} "
-        f"{s.clear.mostly_tracked:3d}/{s.true_ids:<3d} {s.trajectories.mostly_tracked_single_id:3d}  "
-        f"{' / '.join(f'{v:.1f}' for v in e.headline)} % over {e.share:.0f} %"
+        f"{name:<22} {s.hota.hota:5.1f} {s.clear.mota:6.1f} {s.identity.idf1:6.1f}"
+        f" {s.clear.switches:4d} {s.clear.mostly_tracked:3d}/{s.true_ids:<3d}"
+        f" {s.trajectories.mostly_tracked_single_id:3d} "
+        f" {' / '.join(f'{v:.1f}' for v in e.headline)} % over {e.share:.0f} %"
     )
 
 
-HEAD = f"{'':<22} {'HOTA':>5} {'MOTA':>6} {'IDF1':>6} {'sw':>4} {'MT':>7} one id  x / y / w / h over all frames"
+HEAD = (
+    f"{'':<22} {'HOTA':>5} {'MOTA':>6} {'IDF1':>6} {'sw':>4} {'MT':>7} one id  x / y / w /"
+    " h over all frames"
+)
 
 
 def accuracy(folder: Path) -> None:
     """Both sequences from pixels."""
     print("\n## From pixels\n" + HEAD)
-    row("PETS09-S2L1", evaluate(pets_truth(), tracked(scene_of(PETS / "video.avi", folder, 7), folder)))
+    row(
+        "PETS09-S2L1",
+        evaluate(pets_truth(), tracked(scene_of(PETS / "video.avi", folder, 7), folder)),
+    )
     truth = read_truth(TUD / "gt.txt")
-    row("TUD-Campus (fitted on)", evaluate(truth, tracked(scene_of(TUD / "video.mp4", folder, None), folder)))
+    row(
+        "TUD-Campus (fitted on)",
+        evaluate(truth, tracked(scene_of(TUD / "video.mp4", folder, None), folder)),
+    )
 
 
 def layers(folder: Path) -> None:
     """What each layer brings."""
     print("\n## What each layer brings, PETS09-S2L1 and TUD-Campus\n" + HEAD)
-    pets, tud = scene_of(PETS / "video.avi", folder, 7), scene_of(TUD / "video.mp4", folder, None)
+    pets, tud = (
+        scene_of(PETS / "video.avi", folder, 7),
+        scene_of(TUD / "video.mp4", folder, None),
+    )
     for name, settings in SWITCHES.items():
         row(f"PETS, {name}", evaluate(pets_truth(), tracked(pets, folder, settings)))
     for name, settings in SWITCHES.items():
-        row(f"TUD, {name}", evaluate(read_truth(TUD / "gt.txt"), tracked(tud, folder, settings)))
+        row(
+            f"TUD, {name}",
+            evaluate(read_truth(TUD / "gt.txt"), tracked(tud, folder, settings)),
+        )
 
 
 def longest_overlapped(truth: MotTable, count: int = CHOSEN) -> list[tuple[int, int]]:
-    """(identity, frames) of the trajectories whose boxes meet another true box in most frames, most first."""
+    """(identity, frames) of the trajectories whose boxes meet another true box in most frames,
+    most first.
+    """
     frames: dict[int, int] = {int(i): 0 for i in np.unique(truth.ids)}
     for frame in np.unique(truth.frames).tolist():
         now = truth.between(frame, frame + 1)
@@ -120,15 +141,27 @@ def longest_overlapped(truth: MotTable, count: int = CHOSEN) -> list[tuple[int, 
     return sorted(frames.items(), key=lambda item: (-item[1], item[0]))[:count]
 
 
-def starts_of(truth: MotTable, ids: list[int], size: tuple[int, int]) -> dict[int, tuple[int, np.ndarray]]:
-    """Where somebody would draw each target: the first box wholly in the picture that no other meets by a fifth."""
+def starts_of(
+    truth: MotTable, ids: list[int], size: tuple[int, int]
+) -> dict[int, tuple[int, np.ndarray]]:
+    """Where somebody would draw each target: the first box wholly in the picture that no other
+    meets by a fifth.
+    """
     out: dict[int, tuple[int, np.ndarray]] = {}
     for identity in ids:
         own = truth.select(truth.ids == identity)
         for frame, box in zip(own.frames.tolist(), own.boxes, strict=True):
             others = truth.select((truth.frames == frame) & (truth.ids != identity)).boxes
-            free = float(intersection(box[None], others).max(initial=0.0)) < 0.2 * box[2] * box[3]
-            inside = box[0] >= 0 and box[1] >= 0 and box[0] + box[2] <= size[0] and box[1] + box[3] <= size[1]
+            free = (
+                float(intersection(box[None], others).max(initial=0.0))
+                < 0.2 * box[2] * box[3]
+            )
+            inside = (
+                box[0] >= 0
+                and box[1] >= 0
+                and box[0] + box[2] <= size[0]
+                and box[1] + box[3] <= size[1]
+            )
             if free and inside:
                 out[identity] = (frame, box)
                 break
@@ -144,7 +177,9 @@ def after_starts(truth: MotTable, starts: dict[int, tuple[int, np.ndarray]]) -> 
 
 
 def shifted(scene: Path, starts: dict[int, tuple[int, np.ndarray]], cam: bool) -> MotTable:
-    """cv2.meanShift or CamShift on the hue's back projection, saturated pixels alone, from the same boxes."""
+    """cv2.meanShift or CamShift on the hue's back projection, saturated pixels alone, from the
+    same boxes.
+    """
     rows: list[tuple[int, int, float, float, float, float, float]] = []
     held: dict[int, tuple[tuple[int, int, int, int], np.ndarray]] = {}
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 1.0)
@@ -153,7 +188,9 @@ def shifted(scene: Path, starts: dict[int, tuple[int, np.ndarray]], cam: bool) -
             hsv = cv2.cvtColor(frame.image, cv2.COLOR_BGR2HSV)
             for identity, (before, table) in list(held.items()):
                 likeness = cv2.calcBackProject([hsv], [0, 2], table, [0, 180, 0, 256], 1)
-                window = (cv2.CamShift if cam else cv2.meanShift)(likeness, before, criteria)[1]
+                window = (cv2.CamShift if cam else cv2.meanShift)(
+                    likeness, before, criteria
+                )[1]
                 if window[2] <= 0 or window[3] <= 0:
                     del held[identity]
                     continue
@@ -164,7 +201,10 @@ def shifted(scene: Path, starts: dict[int, tuple[int, np.ndarray]], cam: bool) -
                     x, y, w, h = (round(v) for v in box.tolist())
                     patch, own = hsv[y : y + h, x : x + w], frame.mask[y : y + h, x : x + w]
                     table = cv2.calcHist([patch], [0, 2], own, [24, 24], [0, 180, 0, 256])
-                    held[identity] = ((x, y, w, h), cv2.normalize(table, None, 0, 255, cv2.NORM_MINMAX))
+                    held[identity] = (
+                        (x, y, w, h),
+                        cv2.normalize(table, None, 0, 255, cv2.NORM_MINMAX),
+                    )
                     rows.append((frame.index, identity, *box.tolist(), 1.0))
     return MotTable.from_rows(rows)
 
@@ -184,7 +224,9 @@ def of_chosen(truth: MotTable, result: MotTable, chosen: MotTable) -> MotTable:
     both = overlap_of(truth, result)
     best = np.zeros(len(result))
     whose = np.full(len(result), -1)
-    for t, r, v in zip(both.true_row.tolist(), both.result_row.tolist(), both.iou.tolist(), strict=True):
+    for t, r, v in zip(
+        both.true_row.tolist(), both.result_row.tolist(), both.iou.tolist(), strict=True
+    ):
         if v > best[r]:
             best[r], whose[r] = v, both.truth.ids[t]
     return both.result.select(np.isin(whose, ids) | (whose < 0))
@@ -194,12 +236,18 @@ def table(folder: Path) -> None:
     """Tables 1 and 2."""
     truth, scene = pets_truth(), scene_of(PETS / "video.avi", folder, 7)
     chosen = longest_overlapped(truth)
-    print("\n## PETS09-S2L1, the ten trajectories overlapped longest: " + ", ".join(f"{i} ({n})" for i, n in chosen))
+    print(
+        "\n## PETS09-S2L1, the ten trajectories overlapped longest: "
+        + ", ".join(f"{i} ({n})" for i, n in chosen)
+    )
     ids = [i for i, _ in chosen]
     starts = starts_of(truth, ids, (480, 360))
     by_hand = after_starts(truth, starts)
     whole = truth.select(np.isin(truth.ids, ids))
-    words = "; ".join(f"frame:{f}:{','.join(f'{v:.2f}' for v in b.tolist())}" for _, (f, b) in sorted(starts.items()))
+    words = "; ".join(
+        f"frame:{f}:{','.join(f'{v:.2f}' for v in b.tolist())}"
+        for _, (f, b) in sorted(starts.items())
+    )
     sorted_all = sorted_boxes(scene)
     results = {
         "PARTS by hand": (by_hand, tracked(scene, folder, (f"parts.init={words}",))),
@@ -215,15 +263,20 @@ def table(folder: Path) -> None:
     for name, s in scores.items():
         t = s.trajectories
         print(
-            f"{name:<20} {t.mostly_tracked:7d} {t.mostly_tracked_single_id:7d} {t.mostly_lost:5d} {t.missed:7d} "
-            f"{t.under_segmented:6d} {t.over_segmented:5d} {t.swaps_per_trajectory:6.2f} {t.ids_per_trajectory:5.2f} "
-            f"{t.ids_per_frame:10.2f}"
+            f"{name:<20} {t.mostly_tracked:7d} {t.mostly_tracked_single_id:7d}"
+            f" {t.mostly_lost:5d} {t.missed:7d} {t.under_segmented:6d}"
+            f" {t.over_segmented:5d} {t.swaps_per_trajectory:6.2f}"
+            f" {t.ids_per_trajectory:5.2f} {t.ids_per_frame:10.2f}"
         )
     print(
-        f"\n{'Table 2 (x y w h)':<20} {'as the paper, %':>24} {'by coordinate, %':>26} {'by size, %':>26} {'over':>6}"
+        f"\n{'Table 2 (x y w h)':<20} {'as the paper, %':>24} {'by coordinate, %':>26}"
+        f" {'by size, %':>26} {'over':>6}"
     )
     for name, s in scores.items():
-        for label, e in ((name, s.trajectories.followed), ("  matched frames", s.trajectories.matched)):
+        for label, e in (
+            (name, s.trajectories.followed),
+            ("  matched frames", s.trajectories.matched),
+        ):
             kinds = (e.headline, e.coordinate, e.size)
             print(
                 f"{label:<20} "
@@ -234,8 +287,13 @@ def table(folder: Path) -> None:
 
 def crowds(folder: Path) -> None:
     """Hidden parts and sudden moves in generated crowds."""
-    print("\n## Generated crowds (a part is hidden where less than half of it is to be seen)")
-    for what in ("from pixels", "from boxes of bodies that are to be seen to 30 %, pixels and masks"):
+    print(
+        "\n## Generated crowds (a part is hidden where less than half of it is to be seen)"
+    )
+    for what in (
+        "from pixels",
+        "from boxes of bodies that are to be seen to 30 %, pixels and masks",
+    ):
         one_crowd(folder, what)
 
 
@@ -259,8 +317,8 @@ def one_crowd(folder: Path, what: str) -> None:
             moves[name][1] += all_moves
     hit, said, true = (int(v) for v in total)
     print(
-        f"{what}:\n"
-        f"hidden parts: precision {100 * hit / max(said, 1):.0f} %, recall {100 * hit / max(true, 1):.0f} %, of {true}"
+        f"{what}:\nhidden parts: precision {100 * hit / max(said, 1):.0f} %, recall"
+        f" {100 * hit / max(true, 1):.0f} %, of {true}"
     )
     for name, (kept, count) in moves.items():
         print(f"sudden moves under occlusion survived, {name}: {kept} of {count}")
@@ -270,11 +328,17 @@ def hidden_parts(scene: GeneratedScene, log: AnnotatedLog) -> np.ndarray:
     """(said and true, said, true) over all parts of tracks that lie on an actor."""
     out = np.zeros(3, np.int64)
     for frame in log.frames(("tracks",)):
-        actors = [a for a in scene.truth.frames[frame.index].actors if a.in_picture > 0.8 * a.pixels]
+        actors = [
+            a
+            for a in scene.truth.frames[frame.index].actors
+            if a.in_picture > 0.8 * a.pixels
+        ]
         tracks = [t for t in frame.tracks if t.present]
         if not actors or not tracks:
             continue
-        overlap = iou(np.array([a.full_box for a in actors]), np.array([t.box for t in tracks]))
+        overlap = iou(
+            np.array([a.full_box for a in actors]), np.array([t.box for t in tracks])
+        )
         for k, best in assign(1 - overlap, overlap >= 0.5):
             true = np.array(actors[k].part_visibility) < 0.5
             said = np.array([name in tracks[best].hidden_parts for name in PARTS])
@@ -285,9 +349,9 @@ def hidden_parts(scene: GeneratedScene, log: AnnotatedLog) -> np.ndarray:
 def survived(scene: GeneratedScene, result: MotTable) -> tuple[int, int]:
     """How many sudden moves under occlusion a tracker's identities survive, and how many there are.
 
-    A move is sudden if the velocity changes by more than its own size within 0.4 s; it is under occlusion if a fifth
-    or more of the actor is hidden within half a second; an identity survives if it is on the actor a second before and
-    a second after.
+    A move is sudden if the velocity changes by more than its own size within 0.4 s; it is under
+    occlusion if a fifth or more of the actor is hidden within half a second; an identity survives
+    if it is on the actor a second before and a second after.
     """
     fps, frames = scene.fps, scene.truth.frames
     step, second = max(1, fps // 5), fps
@@ -296,19 +360,29 @@ def survived(scene: GeneratedScene, result: MotTable) -> tuple[int, int]:
         last = -second
         for f in range(second, len(frames) - second):
             around = [frames[k].actor(info.id) for k in range(f - second, f + second + 1)]
-            if any(a is None or a.in_picture < 0.9 * a.pixels for a in around) or f - last < second:
+            if (
+                any(a is None or a.in_picture < 0.9 * a.pixels for a in around)
+                or f - last < second
+            ):
                 continue
             before, after = frames[f - step].actor(info.id), frames[f + step].actor(info.id)
             assert before is not None
             assert after is not None
             v, u = np.array(before.velocity), np.array(after.velocity)
-            sudden = float(np.hypot(*(u - v))) > max(float(np.hypot(*v)), float(np.hypot(*u))) > 5.0
+            sudden = (
+                float(np.hypot(*(u - v)))
+                > max(float(np.hypot(*v)), float(np.hypot(*u)))
+                > 5.0
+            )
             near = around[second - fps // 2 : second + fps // 2]
             if not sudden or min(a.visibility for a in near if a is not None) > 0.8:
                 continue
             last = f
             count += 1
-            first, final = _holder(frames, result, info.id, f - second), _holder(frames, result, info.id, f + second)
+            first, final = (
+                _holder(frames, result, info.id, f - second),
+                _holder(frames, result, info.id, f + second),
+            )
             kept += first is not None and first == final
     return kept, count
 
@@ -342,18 +416,43 @@ def speed(folder: Path) -> None:
             frames, targets = int(result.frames[-1]) + 1, len(result)
             replays.append(frames / (time.perf_counter() - start))
         rate = max(replays)
-        line = f"{name}: replay {rate:.0f} frames/s, {1e6 * frames / rate / targets:.0f} us per target"
-        print(line + (f"; bare loop {max(loops):.0f}, {rate / max(loops):.2f} of it" if loops else ""))
+        line = (
+            f"{name}: replay {rate:.0f} frames/s, {1e6 * frames / rate / targets:.0f} us"
+            " per target"
+        )
+        print(
+            line
+            + (
+                f"; bare loop {max(loops):.0f}, {rate / max(loops):.2f} of it"
+                if loops
+                else ""
+            )
+        )
 
 
-SECTIONS = {"accuracy": accuracy, "table": table, "layers": layers, "crowds": crowds, "speed": speed}
+SECTIONS = {
+    "accuracy": accuracy,
+    "table": table,
+    "layers": layers,
+    "crowds": crowds,
+    "speed": speed,
+}
 
 
 def main() -> int:
     """Run the chosen sections."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sections", nargs="*", metavar="SECTION", help=f"of {', '.join(SECTIONS)}; default: all")
-    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep the recorded scenes there")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "sections",
+        nargs="*",
+        metavar="SECTION",
+        help=f"of {', '.join(SECTIONS)}; default: all",
+    )
+    parser.add_argument(
+        "--keep", type=Path, metavar="FOLDER", help="keep the recorded scenes there"
+    )
     args = parser.parse_args()
     for name in args.sections:
         if name not in SECTIONS:

@@ -1,12 +1,14 @@
-"""The shipped patterns meeting, moving, fighting and leaving_object against CAVIAR's labels, beside RTEC's figures.
+"""The shipped patterns meeting, moving, fighting and leaving_object against CAVIAR's labels,
+beside RTEC's figures.
 
     python tests/benchmarks/bench_patterns.py [FOLDER]
 
-Input: the labelled boxes, written as tracks of an annotated log and asked like any other; nothing else of the labels.
-Truth per pair and frame: the group's situation `interacting` (meeting), `moving`, `fighting`, the context `leaving`.
-RTEC's figures are for all thirty files with labelled activities (walking, active, inactive, abrupt) as input, so the
-two columns are not the same task: ours has less to go by, and fewer files. The thresholds of a contact were set on the
-two fights that are scored here.
+Input: the labelled boxes, written as tracks of an annotated log and asked like any other; nothing
+else of the labels. Truth per pair and frame: the group's situation `interacting` (meeting),
+`moving`, `fighting`, the context `leaving`. RTEC's figures are for all thirty files with labelled
+activities (walking, active, inactive, abrupt) as input, so the two columns are not the same task:
+ours has less to go by, and fewer files. The thresholds of a contact were set on the two fights
+that are scored here.
 """
 
 from __future__ import annotations
@@ -31,18 +33,28 @@ LABELS = {"meeting": ("interacting",), "moving": ("moving",), "fighting": ("figh
 
 def write_log(sequence: caviar.Sequence, path: Path) -> Path:
     """The labelled boxes as an annotated log's tracks."""
-    by_frame: dict[int, list[tuple[int, tuple[float, ...]]]] = {n: [] for n in range(sequence.frames)}
+    by_frame: dict[int, list[tuple[int, tuple[float, ...]]]] = {
+        n: [] for n in range(sequence.frames)
+    }
     for i, h in sorted(sequence.histories.items()):
         for n, box in zip(h.frames.tolist(), h.boxes.tolist(), strict=True):
             by_frame[n].append((i, tuple(box)))
     with LogWriter(path) as log:
         ids = {
-            n: log.channel(channels.topic("camera", n), channels.schema(n), channels.message_encoding(n))
+            n: log.channel(
+                channels.topic("camera", n),
+                channels.schema(n),
+                channels.message_encoding(n),
+            )
             for n in ("tracks", "relations", "groups", "events")
         }
         for n, boxes in by_frame.items():
             tracks = Tracks(n, [_track(i, box) for i, box in boxes])
-            for name, message in (("tracks", tracks), ("relations", Relations(n)), ("groups", Groups(n))):
+            for name, message in (
+                ("tracks", tracks),
+                ("relations", Relations(n)),
+                ("groups", Groups(n)),
+            ):
                 log.write(ids[name], channels.encode(name, message), n * FRAME_NS)
     return path
 
@@ -86,7 +98,9 @@ def score(folder: Path) -> dict[str, np.ndarray]:
     with tempfile.TemporaryDirectory() as temporary:
         for path in sorted(folder.glob("*.xml")):
             sequence = caviar.read(path)
-            with Case([write_log(sequence, Path(temporary) / f"{sequence.name}.mcap")]) as case:
+            with Case(
+                [write_log(sequence, Path(temporary) / f"{sequence.name}.mcap")]
+            ) as case:
                 for activity in RTEC:
                     f, t = found(case, activity), truth(sequence, activity)
                     rows[activity].append((len(f & t), len(f - t), len(t - f)))
@@ -94,12 +108,26 @@ def score(folder: Path) -> dict[str, np.ndarray]:
 
 
 def main() -> int:
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[3] / "shared" / "data" / "caviar"
-    print(f"{'pattern':16s} {'F1':>5s} {'precision':>9s} {'recall':>6s}   RTEC (30 files, labelled activities)")
+    folder = (
+        Path(sys.argv[1])
+        if len(sys.argv) > 1
+        else Path(__file__).parents[3] / "shared" / "data" / "caviar"
+    )
+    print(
+        f"{'pattern':16s} {'F1':>5s} {'precision':>9s} {'recall':>6s}   RTEC (30 files,"
+        " labelled activities)"
+    )
     for activity, counts in score(folder).items():
         tp, fp, fn = (int(v) for v in counts.sum(axis=0))
-        f1, precision, recall = 2 * tp / max(1, 2 * tp + fp + fn), tp / max(1, tp + fp), tp / max(1, tp + fn)
-        print(f"{activity:16s} {f1:5.2f} {precision:9.2f} {recall:6.2f}   {RTEC[activity]:.2f}")
+        f1, precision, recall = (
+            2 * tp / max(1, 2 * tp + fp + fn),
+            tp / max(1, tp + fp),
+            tp / max(1, tp + fn),
+        )
+        print(
+            f"{activity:16s} {f1:5.2f} {precision:9.2f} {recall:6.2f}  "
+            f" {RTEC[activity]:.2f}"
+        )
     return 0
 
 

@@ -1,7 +1,8 @@
 """CPU time of a reasoning step against the number of targets; ``--plot PNG`` draws it.
 
-People wander over an area that grows with their number, so that each has about as many neighbours; blobs are shared
-where boxes overlap. Prints milliseconds per frame (median and 95th percentile) and microseconds per target.
+People wander over an area that grows with their number, so that each has about as many
+neighbours; blobs are shared where boxes overlap. Prints milliseconds per frame (median and 95th
+percentile) and microseconds per target.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ COUNTS = (2, 5, 8, 10, 20, 50, 100, 200)
 def shared_blobs(boxes: np.ndarray) -> list[int]:
     """The lowest member of each target's chain of overlapping boxes."""
     x, y, w, h = boxes.T
-    near = (abs(x[:, None] - x) < (w[:, None] + w) / 2) & (abs(y[:, None] - y) < (h[:, None] + h) / 2)
+    near = (abs(x[:, None] - x) < (w[:, None] + w) / 2) & (
+        abs(y[:, None] - y) < (h[:, None] + h) / 2
+    )
     root = np.arange(len(boxes))
     for _ in range(8):
         root = np.where(near, root[None, :], len(boxes)).min(axis=1)
@@ -51,7 +54,12 @@ def main() -> None:
     """Measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=300)
-    parser.add_argument("--plot", type=Path, metavar="PNG", help="draw the cost against the number of targets")
+    parser.add_argument(
+        "--plot",
+        type=Path,
+        metavar="PNG",
+        help="draw the cost against the number of targets",
+    )
     args = parser.parse_args()
     frames = args.frames
     costs = []
@@ -66,15 +74,24 @@ def main() -> None:
             pairs += len(annotation.relations.relations)
         middle, high = np.percentile(spent, [50, 95]) * 1e3
         costs.append((middle, high))
-        print(f"{people:>8}{pairs / frames:>9.1f}{middle:>11.3f}{high:>9.3f}{middle * 1e3 / people:>11.1f}")
-    exponent = float(np.polyfit(np.log(COUNTS[-5:]), np.log([c[0] for c in costs[-5:]]), 1)[0])
-    print(f"from {COUNTS[-5]} to {COUNTS[-1]} targets the cost grows with their number to the power of {exponent:.2f}")
+        print(
+            f"{people:>8}{pairs / frames:>9.1f}{middle:>11.3f}{high:>9.3f}{middle * 1e3 / people:>11.1f}"
+        )
+    exponent = float(
+        np.polyfit(np.log(COUNTS[-5:]), np.log([c[0] for c in costs[-5:]]), 1)[0]
+    )
+    print(
+        f"from {COUNTS[-5]} to {COUNTS[-1]} targets the cost grows with their number to the"
+        f" power of {exponent:.2f}"
+    )
     if args.plot is not None:
         plot(args.plot, costs, exponent)
 
 
 def plot(path: Path, costs: list[tuple[float, float]], exponent: float) -> None:
-    """Median and 95th percentile against the number of targets, both axes linear, with a straight line beside."""
+    """Median and 95th percentile against the number of targets, both axes linear, with a straight
+    line beside.
+    """
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -85,7 +102,13 @@ def plot(path: Path, costs: list[tuple[float, float]], exponent: float) -> None:
     axes.fill_between(COUNTS, middle, high, alpha=0.2, label="median to 95th percentile")
     axes.plot(COUNTS, middle, "o-", label=f"median, about n^{exponent:.2f}")
     axes.plot((0, COUNTS[-1]), (0, middle[-1]), "k:", linewidth=1, label="linear")
-    axes.set(xlabel="targets", ylabel="CPU ms per frame", title="Reasoning over a frame", xlim=0, ylim=0)
+    axes.set(
+        xlabel="targets",
+        ylabel="CPU ms per frame",
+        title="Reasoning over a frame",
+        xlim=0,
+        ylim=0,
+    )
     axes.legend()
     figure.tight_layout()
     figure.savefig(path)

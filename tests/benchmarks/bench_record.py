@@ -2,8 +2,9 @@
 
     python tests/benchmarks/bench_record.py [VIDEO] [--rounds N]
 
-The bare loop decodes, subtracts the background (MOG2), cleans and labels; it writes nothing. `record` decodes twice
-(once for its background in hindsight), segments, encodes pictures and masks, and writes a log.
+The bare loop decodes, subtracts the background (MOG2), cleans and labels; it writes nothing.
+`record` decodes twice (once for its background in hindsight), segments, encodes pictures and
+masks, and writes a log.
 """
 
 from __future__ import annotations
@@ -54,20 +55,28 @@ def measured(run: Callable[[], int]) -> tuple[float, float]:
     """Frames per second of one run by the clock, and by the processor time of all its threads."""
     clock, processor = time.perf_counter(), time.process_time()
     frames = run()
-    return frames / (time.perf_counter() - clock), frames / (time.process_time() - processor)
+    return frames / (time.perf_counter() - clock), frames / (
+        time.process_time() - processor
+    )
 
 
 def main() -> None:
     """Print frames per second and the ratios to the bare loop, medians over the rounds."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("video", type=Path, nargs="?", default=DATA / "pets09-s2l1" / "video.avi")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "video", type=Path, nargs="?", default=DATA / "pets09-s2l1" / "video.avi"
+    )
     parser.add_argument("--rounds", type=int, default=5)
     args = parser.parse_args()
     if not args.video.exists():
         print(f"skipped: {args.video} is not there")
         return
     with tempfile.TemporaryDirectory() as name:
-        runs: dict[str, Callable[[], int]] = {"bare OpenCV loop": lambda: bare_loop(args.video)}
+        runs: dict[str, Callable[[], int]] = {
+            "bare OpenCV loop": lambda: bare_loop(args.video)
+        }
         for label, options in {
             "record": RecordOptions(force=True),
             "record --codec h264": RecordOptions(codec="h264", force=True),
@@ -80,12 +89,20 @@ def main() -> None:
             for label, run in runs.items():
                 rates[label].append(measured(run))
     base = rates["bare OpenCV loop"]
-    print(f"{args.video.name}, {args.rounds} rounds by turns, OpenCV threads: {cv2.getNumThreads()}")
+    print(
+        f"{args.video.name}, {args.rounds} rounds by turns, OpenCV threads:"
+        f" {cv2.getNumThreads()}"
+    )
     for label, values in rates.items():
         pairs = list(zip(values, base, strict=True))
-        clock, processor = (statistics.median(v[k] / b[k] for v, b in pairs) for k in (0, 1))
+        clock, processor = (
+            statistics.median(v[k] / b[k] for v, b in pairs) for k in (0, 1)
+        )
         rate = statistics.median(v[0] for v in values)
-        print(f"{label:22} {rate:7.0f} frames/s   {clock:5.2f} x by the clock   {processor:5.2f} x by processor time")
+        print(
+            f"{label:22} {rate:7.0f} frames/s   {clock:5.2f} x by the clock  "
+            f" {processor:5.2f} x by processor time"
+        )
 
 
 if __name__ == "__main__":

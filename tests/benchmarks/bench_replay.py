@@ -1,13 +1,15 @@
-"""`replay`, end to end, against the peers' bare loops on the same input, in one process, by turns; growth and memory.
+"""`replay`, end to end, against the peers' bare loops on the same input, in one process, by
+turns; growth and memory.
 
-    python tests/benchmarks/bench_replay.py [pictures] [detections] [targets] [memory] [--quick] [-o PLOT.png]
+    python tests/benchmarks/bench_replay.py [pictures] [detections] [targets] [memory] [--quick]
+    [-o PLOT.png]
 
-pictures    pictures and masks through each tracker, against a bare OpenCV loop on the video (decode, MOG2,
-            morphology, components; no tracker, nothing written)
-detections  detections alone through each tracker, against SORT (the tracker alone: no reading, no relations, no
-            events, nothing written)
-targets     time per frame against the number of targets, beside SORT
-memory      the most memory that a replay of a minute and of an hour takes, each in a process of its own
+pictures    pictures and masks through each tracker, against a bare OpenCV loop on the video
+            (decode, MOG2, morphology, components; no tracker, nothing written)
+detections  detections alone through each tracker, against SORT (the tracker alone: no reading, no
+            relations, no events, nothing written)
+targets     time per frame against the number of targets, beside SORT memory      the most memory
+that a replay of a minute and of an hour takes, each in a process of its own
 
 A replay reads the log, tracks, rewrites in hindsight, reasons, draws and writes the annotated log.
 """
@@ -69,7 +71,9 @@ def run(scene: Path, folder: Path, tracker: str) -> Callable[[], int]:
 
 @dataclass(frozen=True)
 class Cost:
-    """What a frame took: seconds by the clock, and of processor over all threads (which other load disturbs less)."""
+    """What a frame took: seconds by the clock, and of processor over all threads (which other
+    load disturbs less).
+    """
 
     wall_s: float
     cpu_s: float
@@ -87,7 +91,12 @@ def rounds_of(runs: dict[str, Callable[[], int]], rounds: int) -> dict[str, list
             except SceneTraceError as e:
                 print(f"  {label}: left out: {e}")
                 continue
-            costs[label].append(Cost((time.perf_counter() - wall) / frames, (time.process_time() - cpu) / frames))
+            costs[label].append(
+                Cost(
+                    (time.perf_counter() - wall) / frames,
+                    (time.process_time() - cpu) / frames,
+                )
+            )
     return {label: values for label, values in costs.items() if values}
 
 
@@ -100,7 +109,8 @@ def show(costs: dict[str, list[Cost]], base: str) -> None:
         cpu = statistics.median(b.cpu_s / c.cpu_s for c, b in pairs)
         processor = 1e3 * statistics.median(c.cpu_s for c in values)
         print(
-            f"  {label:26} {rate:7.0f} frames/s {wall:6.2f} x   {processor:7.2f} ms of processor a frame {cpu:6.2f} x"
+            f"  {label:26} {rate:7.0f} frames/s {wall:6.2f} x   {processor:7.2f} ms of"
+            f" processor a frame {cpu:6.2f} x"
         )
 
 
@@ -145,7 +155,9 @@ def detections(args: argparse.Namespace, folder: Path) -> None:
 
 
 def walkers(path: Path, people: int, frames: int, seed: int = 0) -> Path:
-    """A scene log of detections: people of 20 x 50 px wander, one to 100 x 100 px of ground whatever their number."""
+    """A scene log of detections: people of 20 x 50 px wander, one to 100 x 100 px of ground
+    whatever their number.
+    """
     rng = np.random.default_rng(seed)
     side = float(round(100 * people**0.5))
     places, speeds = rng.uniform(0, side - 51, (people, 2)), rng.normal(0, 1.2, (people, 2))
@@ -161,7 +173,16 @@ def walkers(path: Path, people: int, frames: int, seed: int = 0) -> Path:
             noisy = np.round(places + rng.normal(0, 0.5, places.shape), 2)
             boxes = [(float(x), float(y), 20.0, 50.0) for x, y in noisy]
             n = len(boxes)
-            found = Detections(k, int(side) + 1, int(side) + 1, boxes, [1.0] * n, [""] * n, [None] * n, [NO_BLOB] * n)
+            found = Detections(
+                k,
+                int(side) + 1,
+                int(side) + 1,
+                boxes,
+                [1.0] * n,
+                [""] * n,
+                [None] * n,
+                [NO_BLOB] * n,
+            )
             log.write(channel, channels.encode("detections", found), k * FRAME_NS)
     return path
 
@@ -172,15 +193,22 @@ def targets(args: argparse.Namespace, folder: Path) -> None:
     table: dict[str, list[float]] = {}
     for people in COUNTS:
         scene = walkers(folder / "walkers.mcap", people, frames)
-        runs = {"SORT": sort_over(scene)} | {name: run(scene, folder, name) for name in TRACKERS}
+        runs = {"SORT": sort_over(scene)} | {
+            name: run(scene, folder, name) for name in TRACKERS
+        }
         for label, values in rounds_of(runs, max(1, args.rounds - 2)).items():
-            table.setdefault(label, []).append(1e3 * statistics.median(c.cpu_s for c in values))
+            table.setdefault(label, []).append(
+                1e3 * statistics.median(c.cpu_s for c in values)
+            )
     print("  ms of processor a frame" + "".join(f"{n:>9}" for n in COUNTS) + "   targets")
     for label, times in table.items():
         print(f"  {label:23}" + "".join(f"{t:9.2f}" for t in times))
     for label, times in table.items():
         slope = np.polyfit(np.log(COUNTS[-4:]), np.log(times[-4:]), 1)[0]
-        print(f"  {label:12} grows with the number of targets to the power {slope:.2f} from {COUNTS[-4]} targets on")
+        print(
+            f"  {label:12} grows with the number of targets to the power {slope:.2f} from"
+            f" {COUNTS[-4]} targets on"
+        )
     if args.output is not None:
         plot(table, args.output)
 
@@ -210,31 +238,56 @@ def memory(args: argparse.Namespace, folder: Path) -> None:
         peaks = []
         for scene in (short_scene, long_scene):
             words = [sys.executable, "-c", MEASURE, str(scene), str(folder), tracker]
-            done = subprocess.run(words, cwd=Path(__file__).parent, check=False, capture_output=True, text=True)
+            done = subprocess.run(
+                words,
+                cwd=Path(__file__).parent,
+                check=False,
+                capture_output=True,
+                text=True,
+            )
             if done.returncode:
                 print(f"  {tracker}: left out: {done.stderr.strip().splitlines()[-1]}")
                 break
-            peaks.append(int(done.stdout) / (1024 if sys.platform == "linux" else 1024 * 1024))
+            peaks.append(
+                int(done.stdout) / (1024 if sys.platform == "linux" else 1024 * 1024)
+            )
         else:
             grown = peaks[1] - peaks[0]
-            figures = f"{peaks[0]:6.0f} MiB over {MINUTE} frames, {peaks[1]:6.0f} MiB over {long}"
+            figures = (
+                f"{peaks[0]:6.0f} MiB over {MINUTE} frames, {peaks[1]:6.0f} MiB over {long}"
+            )
             print(f"  {tracker:12} {figures} ({grown:+.0f})")
 
 
-PARTS = {"pictures": pictures, "detections": detections, "targets": targets, "memory": memory}
+PARTS = {
+    "pictures": pictures,
+    "detections": detections,
+    "targets": targets,
+    "memory": memory,
+}
 
 
 def main(words: Sequence[str] | None = None) -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("parts", nargs="*", choices=[*PARTS, []], help="default: all")
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--quick", action="store_true", help="one round, shorter recordings")
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="plot time against targets")
+    parser.add_argument(
+        "--quick", action="store_true", help="one round, shorter recordings"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="plot time against targets"
+    )
     args = parser.parse_args(words)
     if args.quick:
         args.rounds = 1
-    load = ", ".join(f"{x:.1f}" for x in os.getloadavg()) if hasattr(os, "getloadavg") else "unknown"
+    load = (
+        ", ".join(f"{x:.1f}" for x in os.getloadavg())
+        if hasattr(os, "getloadavg")
+        else "unknown"
+    )
     print(f"{os.cpu_count()} processors, load {load}, {args.rounds} rounds by turns")
     with tempfile.TemporaryDirectory() as name:
         for part in args.parts or PARTS:

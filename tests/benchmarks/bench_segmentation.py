@@ -3,9 +3,10 @@
     python tests/benchmarks/bench_segmentation.py            all recordings
     python tests/benchmarks/bench_segmentation.py pets --every 2
 
-Precision and recall: boxes matched to the truth frame by frame, as many as can be at IoU 0.5 and 0.3 (truth rows with
-conf 0 left out). Speed: the median time of a frame against that of MOG2, opening and closing, and connected
-components with statistics on the same frames, the two taking turns, with one thread.
+Precision and recall: boxes matched to the truth frame by frame, as many as can be at IoU 0.5 and
+0.3 (truth rows with conf 0 left out). Speed: the median time of a frame against that of MOG2,
+opening and closing, and connected components with statistics on the same frames, the two taking
+turns, with one thread.
 """
 
 from __future__ import annotations
@@ -47,8 +48,12 @@ RECORDINGS = {
     "pets-full": Recording("pets09-s2l1/img1", 7, "motion", "pets09-s2l1/gt.txt"),
     "tud": Recording("tud-campus/video.mp4", 25, "motion", "tud-campus/gt.txt"),
     "corridor": Recording("caviar-corridor/OneLeaveShopReenter1cor.mpg", 25, "motion"),
-    "two-flies": Recording("flies/two_flies.mp4", 25, "threshold", "flies/two_flies.gt.txt"),
-    "three-flies": Recording("flies/three_flies.mp4", 25, "threshold", "flies/three_flies.gt.txt"),
+    "two-flies": Recording(
+        "flies/two_flies.mp4", 25, "threshold", "flies/two_flies.gt.txt"
+    ),
+    "three-flies": Recording(
+        "flies/three_flies.mp4", 25, "threshold", "flies/three_flies.gt.txt"
+    ),
 }
 
 
@@ -58,7 +63,9 @@ def read_truth(recording: Recording) -> dict[int, Boxes]:
         for line in (DATA / recording.truth).read_text().splitlines():
             v = [float(x) for x in line.split(",")]
             if v[6] != 0:
-                rows.setdefault(int(v[0]) - 1, []).append([recording.scale * x for x in v[2:6]])
+                rows.setdefault(int(v[0]) - 1, []).append(
+                    [recording.scale * x for x in v[2:6]]
+                )
     return {k: np.array(v) for k, v in rows.items()}
 
 
@@ -66,23 +73,31 @@ def iou(a: Boxes, b: Boxes) -> Boxes:
     low = np.maximum(a[:, None, :2], b[None, :, :2])
     high = np.minimum(a[:, None, :2] + a[:, None, 2:], b[None, :, :2] + b[None, :, 2:])
     both = np.prod(np.maximum(high - low, 0), axis=2)
-    return both / (np.prod(a[:, 2:], axis=1)[:, None] + np.prod(b[:, 2:], axis=1)[None] - both)
+    return both / (
+        np.prod(a[:, 2:], axis=1)[:, None] + np.prod(b[:, 2:], axis=1)[None] - both
+    )
 
 
-def precision_recall(found: dict[int, Boxes], truth: dict[int, Boxes], least: float) -> tuple[float, float]:
+def precision_recall(
+    found: dict[int, Boxes], truth: dict[int, Boxes], least: float
+) -> tuple[float, float]:
     hits = boxes = wanted = 0
     for index, own in found.items():
         real = truth.get(index, np.zeros((0, 4)))
         boxes, wanted = boxes + len(own), wanted + len(real)
         if len(own) and len(real):
             overlap = iou(own, real)
-            rows, columns = linear_sum_assignment(np.where(overlap >= least, -10 - overlap, 0.0))
+            rows, columns = linear_sum_assignment(
+                np.where(overlap >= least, -10 - overlap, 0.0)
+            )
             hits += int((overlap[rows, columns] >= least).sum())
     return 100 * hits / max(boxes, 1), 100 * hits / max(wanted, 1)
 
 
 def bare_loop() -> Callable[[Image], object]:
-    """What one writes with OpenCV alone: MOG2 with shadows, opening and closing, components with statistics."""
+    """What one writes with OpenCV alone: MOG2 with shadows, opening and closing, components with
+    statistics.
+    """
     subtractor = cv2.createBackgroundSubtractorMOG2(detectShadows=True)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
 
@@ -122,7 +137,9 @@ def measure(name: str, detect: str | None, every: int, live: bool) -> None:
     truth = {k // every: v for k, v in read_truth(recording).items() if k % every == 0}
     height, width = images[0].shape[:2]
     kind = detect or recording.detect
-    segmenter = SEGMENTERS[kind](SegmentationParameters(), width, height, recording.fps / every)
+    segmenter = SEGMENTERS[kind](
+        SegmentationParameters(), width, height, recording.fps / every
+    )
     start = time.perf_counter()
     if not live:
         segmenter.prepare(iter(images))
@@ -131,20 +148,30 @@ def measure(name: str, detect: str | None, every: int, live: bool) -> None:
     scores = "no truth"
     if truth:
         at = {t: precision_recall(found, truth, t) for t in (0.5, 0.3)}
-        scores = "  ".join(f"IoU {t}: precision {p:4.1f} recall {r:4.1f}" for t, (p, r) in at.items())
+        scores = "  ".join(
+            f"IoU {t}: precision {p:4.1f} recall {r:4.1f}" for t, (p, r) in at.items()
+        )
     boxes = sum(map(len, found.values())) / len(found)
     print(
-        f"{name:12s} {kind:9s} {'live' if live else 'hindsight':9s} {width}x{height} {scores}  {boxes:.1f} boxes/frame"
+        f"{name:12s} {kind:9s} {'live' if live else 'hindsight':9s} {width}x{height}"
+        f" {scores}  {boxes:.1f} boxes/frame"
     )
     print(
-        f"{'':12s} first reading {first:.2f} s; {own:.2f} ms/frame, bare loop {bare:.2f}: {bare / own:.2f} x its speed"
+        f"{'':12s} first reading {first:.2f} s; {own:.2f} ms/frame, bare loop {bare:.2f}:"
+        f" {bare / own:.2f} x its speed"
     )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", choices=[[], *RECORDINGS], help="recordings; all by default")
-    parser.add_argument("--detect", choices=sorted(SEGMENTERS), help="instead of the recording's usual one")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "names", nargs="*", choices=[[], *RECORDINGS], help="recordings; all by default"
+    )
+    parser.add_argument(
+        "--detect", choices=sorted(SEGMENTERS), help="instead of the recording's usual one"
+    )
     parser.add_argument("--every", type=int, default=1, help="take every n-th frame")
     parser.add_argument("--live", action="store_true", help="without a first reading")
     arguments = parser.parse_args()

@@ -1,13 +1,14 @@
 """What SHELLS reaches: fish, flies, PETS, real occlusions, pixels, relations, speed.
 
-    python tests/benchmarks/bench_shells.py fish [--seeds 10]     identities after interactions, against plain SORT
-    python tests/benchmarks/bench_shells.py tanks                 the same of other animals and seeds
-    python tests/benchmarks/bench_shells.py scores                PETS, TUD and the flies from pixels
-    python tests/benchmarks/bench_shells.py pairs                 the ten longest overlaps of PETS
-    python tests/benchmarks/bench_shells.py membership [--seeds 3] right pixels in shared blobs, by cue
-    python tests/benchmarks/bench_shells.py order                 who is in front, against the truth
-    python tests/benchmarks/bench_shells.py relations             no direct INDEPENDENT <-> JOINT step
-    python tests/benchmarks/bench_shells.py speed [--rounds 3]    against a bare OpenCV loop, 320x240 and 480x360
+    python tests/benchmarks/bench_shells.py fish [--seeds 10]     identities after interactions,
+    against plain SORT python tests/benchmarks/bench_shells.py tanks                 the same of
+    other animals and seeds python tests/benchmarks/bench_shells.py scores                PETS,
+    TUD and the flies from pixels python tests/benchmarks/bench_shells.py pairs
+    the ten longest overlaps of PETS python tests/benchmarks/bench_shells.py membership [--seeds
+    3] right pixels in shared blobs, by cue python tests/benchmarks/bench_shells.py order
+    who is in front, against the truth python tests/benchmarks/bench_shells.py relations
+    no direct INDEPENDENT <-> JOINT step python tests/benchmarks/bench_shells.py speed [--rounds
+    3]    against a bare OpenCV loop, 320x240 and 480x360
 
 Recordings are made anew from the videos, in a temporary folder.
 """
@@ -75,11 +76,17 @@ def recorded(name: str, folder: Path) -> tuple[Path, Path] | None:
 def result_of(log: Path, tracker: str, folder: Path) -> MotTable:
     """A whole replay's tracks, hindsight included; ``sort``: plain SORT on the same detections."""
     if tracker == "sort":
-        rows = [(k, i, *box, 1.0) for k, boxes in enumerate(follow(log, "sort")[0]) for i, box in sorted(boxes.items())]
+        rows = [
+            (k, i, *box, 1.0)
+            for k, boxes in enumerate(follow(log, "sort")[0])
+            for i, box in sorted(boxes.items())
+        ]
         return MotTable.from_rows(rows)
     out = folder / f"{log.stem}-{tracker}.mcap"
     if not out.exists():
-        options = ReplayOptions(tracker=tracker, config=replay_config(tracker), annotations_only=True)
+        options = ReplayOptions(
+            tracker=tracker, config=replay_config(tracker), annotations_only=True
+        )
         replay(log, out, options)
     with AnnotatedLog(out) as annotated:
         return read_tracks(annotated).table
@@ -101,14 +108,25 @@ def scores(folder: Path) -> None:
             continue
         truth = truth_of(found[1], found[0])
         for tracker in TRACKERS:
-            print(f"{name:12} {tracker:7} {evaluate(truth, result_of(found[0], tracker, folder))}", flush=True)
+            print(
+                f"{name:12} {tracker:7}"
+                f" {evaluate(truth, result_of(found[0], tracker, folder))}",
+                flush=True,
+            )
 
 
 def fish(folder: Path, seeds: int) -> None:
     """Identities at the end of each interaction, and the centre's error."""
-    print("seeds with every identity kept | lost of all (fish, interaction) | median centre error, px")
+    print(
+        "seeds with every identity kept | lost of all (fish, interaction) | median centre"
+        " error, px"
+    )
     for name in ("three_fish", "six_fish"):
-        clean, lost, asked = dict.fromkeys(TRACKERS, 0), dict.fromkeys(TRACKERS, 0), dict.fromkeys(TRACKERS, 0)
+        clean, lost, asked = (
+            dict.fromkeys(TRACKERS, 0),
+            dict.fromkeys(TRACKERS, 0),
+            dict.fromkeys(TRACKERS, 0),
+        )
         errors: dict[str, list[float]] = {t: [] for t in TRACKERS}
         for seed in range(seeds):
             scene = generate(name, seed=seed)
@@ -122,26 +140,37 @@ def fish(folder: Path, seeds: int) -> None:
         width = 0.33 * 0.125 * generate(name).width
         for t in TRACKERS:
             error = statistics.median(errors[t])
-            print(f"{name:10} {t:7} {clean[t]:2}/{seeds}   {lost[t]:3}/{asked[t]}   {error:5.2f} (width {width:.0f})")
+            print(
+                f"{name:10} {t:7} {clean[t]:2}/{seeds}   {lost[t]:3}/{asked[t]}  "
+                f" {error:5.2f} (width {width:.0f})"
+            )
 
 
 def tanks(folder: Path, first: int, seeds: int) -> None:
     """The same of other animals, pictures and seeds than those that it was devised on."""
-    print("seeds with every identity kept | lost of all (fish, interaction) | centre error in body widths")
+    print(
+        "seeds with every identity kept | lost of all (fish, interaction) | centre error in"
+        " body widths"
+    )
     for name, script in TANKS.items():
         for tracker in ("shells", "sort"):
             clean = lost = asked = 0
             errors: list[float] = []
             for seed in range(first, first + seeds):
-                scene = GeneratedScene(name, script, seed, script.size, round(script.seconds * script.fps))
+                scene = GeneratedScene(
+                    name, script, seed, script.size, round(script.seconds * script.fps)
+                )
                 path = folder / f"tank-{name}-{seed}.mcap"
                 log = path if path.exists() else record_scene(scene, path)
-                width = 0.33 * 0.125 * scene.width * statistics.mean(a.tall for a in scene.cast)
+                width = (
+                    0.33 * 0.125 * scene.width * statistics.mean(a.tall for a in scene.cast)
+                )
                 r = judge_tank(scene, follow(log, tracker)[0], gate=1.5 * width)
                 clean, lost, asked = clean + (not r.lost), lost + r.lost, asked + r.asked
                 errors += [e / width for e in r.errors_px]
             print(
-                f"{name:9} {tracker:7} {clean}/{seeds}   {lost:3}/{asked:3}   {statistics.median(errors):.2f}",
+                f"{name:9} {tracker:7} {clean}/{seeds}   {lost:3}/{asked:3}  "
+                f" {statistics.median(errors):.2f}",
                 flush=True,
             )
 
@@ -162,13 +191,20 @@ def pairs(folder: Path) -> None:
             total[t] += good[t]
         words = "  ".join(f"{'kept' if good[t] else '-':7}" for t in TRACKERS)
         print(f"{pair.a:3} {pair.b:3}  {pair.start:4}-{pair.end:4}  {words}")
-    print("kept after all         " + "  ".join(f"{total[t]}/{len(listed)}   " for t in TRACKERS))
+    print(
+        "kept after all         "
+        + "  ".join(f"{total[t]}/{len(listed)}   " for t in TRACKERS)
+    )
 
 
 CUES: dict[str, tuple[str, ...]] = {
     "as it is": (),
     "no last mask (shape=0)": ("shells.shape=0",),
-    "the paper's: nor placing, nor yielding": ("shells.shape=0", "shells.placing=false", "shells.yielding=0"),
+    "the paper's: nor placing, nor yielding": (
+        "shells.shape=0",
+        "shells.placing=false",
+        "shells.yielding=0",
+    ),
     "equation 9 as it stands (yielding=0)": ("shells.yielding=0",),
     "no colour (colour=0)": ("shells.colour=0",),
     "soft": ("shells.soft=true",),
@@ -177,15 +213,32 @@ CUES: dict[str, tuple[str, ...]] = {
 
 
 def membership(folder: Path, first: int, seeds: int) -> None:
-    """Right pixels in blobs of several actors, their centres' error there, and frames under another identity."""
-    names = ("three_fish", "six_fish", "pass_by", "three_way_group", "full_occlusion", "fight")
-    print("right pixels, % (nearest centre) | median centre error of the occluded, px | another identity, % of frames")
+    """Right pixels in blobs of several actors, their centres' error there, and frames under
+    another identity.
+    """
+    names = (
+        "three_fish",
+        "six_fish",
+        "pass_by",
+        "three_way_group",
+        "full_occlusion",
+        "fight",
+    )
+    print(
+        "right pixels, % (nearest centre) | median centre error of the occluded, px |"
+        " another identity, % of frames"
+    )
     print(" " * 40 + "".join(f"{name[:15]:25}" for name in names))
     logs = {}
     for name in names:
         for seed in range(first, first + seeds):
             scene = generate(name, seed=seed)
-            logs[name, seed] = scene, write_scene_log(scene, folder / f"exact-{name}-{seed}.mcap", style="merged")
+            logs[name, seed] = (
+                scene,
+                write_scene_log(
+                    scene, folder / f"exact-{name}-{seed}.mcap", style="merged"
+                ),
+            )
     for label, settings in CUES.items():
         cells = []
         for name in names:
@@ -199,23 +252,38 @@ def membership(folder: Path, first: int, seeds: int) -> None:
                 others.append(other)
             right, near = (100 * statistics.mean(s[k] for s in shares) for k in (0, 1))
             off = statistics.median(errors) if errors else 0.0
-            cells.append(f"{right:4.1f} ({near:4.1f}) {off:4.1f} {100 * statistics.mean(others):4.1f}   ")
+            cells.append(
+                f"{right:4.1f} ({near:4.1f}) {off:4.1f}"
+                f" {100 * statistics.mean(others):4.1f}   "
+            )
         print(f"{label:40}" + "".join(cells), flush=True)
 
 
 def order(folder: Path, first: int, seeds: int) -> None:
     """Verdicts on who is in front: how many are right, and of how many occlusions."""
-    for name in ("three_fish", "six_fish", "pass_by", "full_occlusion", "three_way_group", "fight", "crowd"):
+    for name in (
+        "three_fish",
+        "six_fish",
+        "pass_by",
+        "full_occlusion",
+        "three_way_group",
+        "fight",
+        "crowd",
+    ):
         total = OrderResult()
         for seed in range(first, first + seeds):
             scene = generate(name, seed=seed)
-            r = judge_order(scene, record_scene(scene, folder / f"order-{name}-{seed}.mcap"))
+            r = judge_order(
+                scene, record_scene(scene, folder / f"order-{name}-{seed}.mcap")
+            )
             for field in fields(OrderResult):
-                setattr(total, field.name, getattr(total, field.name) + getattr(r, field.name))
+                setattr(
+                    total, field.name, getattr(total, field.name) + getattr(r, field.name)
+                )
         verdicts = total.right + total.wrong + total.neither
         print(
-            f"{name:16} {total.right:3} of {verdicts:3} right, {total.wrong} the wrong way round; "
-            f"{total.told} of {total.occluded} occlusions told",
+            f"{name:16} {total.right:3} of {verdicts:3} right, {total.wrong} the wrong way"
+            f" round; {total.told} of {total.occluded} occlusions told",
             flush=True,
         )
 
@@ -228,39 +296,62 @@ def relations(folder: Path) -> None:
             result_of(found[0], "shells", folder)
             changes, direct = direct_steps(folder / f"{name}-shells.mcap")
             print(f"{name:28} {changes:6} changes, {direct} direct")
-    for path in sorted([*(DATA / "caviar").glob("*.xml"), *(DATA / "caviar-corridor").glob("*.mpg")]):
+    for path in sorted(
+        [*(DATA / "caviar").glob("*.xml"), *(DATA / "caviar-corridor").glob("*.mpg")]
+    ):
         log = folder / f"rel-{path.stem}.mcap"
-        record(open_source(path), log, RecordOptions(detect="motion") if path.suffix == ".mpg" else RecordOptions())
+        record(
+            open_source(path),
+            log,
+            RecordOptions(detect="motion") if path.suffix == ".mpg" else RecordOptions(),
+        )
         result_of(log, "shells", folder)
         changes, direct = direct_steps(folder / f"{log.stem}-shells.mcap")
         print(f"{path.stem:28} {changes:6} changes, {direct} direct", flush=True)
     for name in SCRIPTS:
-        log = write_scene_log(generate(name, seed=2), folder / f"rel-{name}.mcap", style="merged")
+        log = write_scene_log(
+            generate(name, seed=2), folder / f"rel-{name}.mcap", style="merged"
+        )
         result_of(log, "shells", folder)
         changes, direct = direct_steps(folder / f"rel-{name}-shells.mcap")
         print(f"{name:28} {changes:6} changes, {direct} direct")
     total = [random_steps(seed) for seed in range(10_000)]
-    print(f"10000 random scenes          {sum(c for c, _ in total)} changes, {sum(d for _, d in total)} direct")
+    print(
+        f"10000 random scenes          {sum(c for c, _ in total)} changes,"
+        f" {sum(d for _, d in total)} direct"
+    )
 
 
 def speed(folder: Path, rounds: int) -> None:
-    """Frames per second, by the clock and by processor time, against a bare OpenCV loop in the same run."""
+    """Frames per second, by the clock and by processor time, against a bare OpenCV loop in the
+    same run.
+    """
     cases: list[tuple[str, Path, Path]] = []
     found = recorded("pets", folder)
     if found is not None:
         cases.append(("PETS 480x360", DATA / "pets09-s2l1" / "video.avi", found[0]))
     scene = generate("six_fish", seed=0)
     video = export_video(scene, folder / "six_fish.mp4")
-    cases.append(("six fish 320x240", video, record_scene(scene, folder / "six_fish-speed.mcap")))
+    cases.append(
+        ("six fish 320x240", video, record_scene(scene, folder / "six_fish-speed.mcap"))
+    )
     for label, source, log in cases:
-        runs: dict[str, Callable[[], int]] = {"bare OpenCV loop": lambda source=source: bare_loop(source)}
+        runs: dict[str, Callable[[], int]] = {
+            "bare OpenCV loop": lambda source=source: bare_loop(source)
+        }
         for name, settings in {
             "shells": (),
             "shells, no hindsight": ("shells.hindsight=false",),
             "shells, no label images": ("shells.membership=false",),
         }.items():
-            options = ReplayOptions(tracker="shells", config=replay_config("shells", assignments=settings), force=True)
-            runs[name] = lambda o=options, log=log: replay(log, folder / "speed.mcap", o).frames
+            options = ReplayOptions(
+                tracker="shells",
+                config=replay_config("shells", assignments=settings),
+                force=True,
+            )
+            runs[name] = lambda o=options, log=log: (
+                replay(log, folder / "speed.mcap", o).frames
+            )
         clock: dict[str, list[float]] = {k: [] for k in runs}
         work: dict[str, list[float]] = {k: [] for k in runs}
         for _ in range(rounds):
@@ -274,17 +365,34 @@ def speed(folder: Path, rounds: int) -> None:
         for name in runs:
             a, b = statistics.median(clock[name]), statistics.median(work[name])
             print(
-                f"  {name:26} {a:6.0f} frames/s {a / base:5.2f} x   by processor time {b:6.0f} {b / base_work:5.2f} x"
+                f"  {name:26} {a:6.0f} frames/s {a / base:5.2f} x   by processor time"
+                f" {b:6.0f} {b / base_work:5.2f} x"
             )
 
 
 def main() -> None:
     """Print the tables that are asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    names = ("fish", "tanks", "scores", "pairs", "membership", "order", "relations", "speed")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    names = (
+        "fish",
+        "tanks",
+        "scores",
+        "pairs",
+        "membership",
+        "order",
+        "relations",
+        "speed",
+    )
     parser.add_argument("tables", nargs="*", choices=[*names, []], default=list(names))
     parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--first", type=int, default=20, help="first seed of `tanks`, `membership` and `order`")
+    parser.add_argument(
+        "--first",
+        type=int,
+        default=20,
+        help="first seed of `tanks`, `membership` and `order`",
+    )
     parser.add_argument("--rounds", type=int, default=3)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:

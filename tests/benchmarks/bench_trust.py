@@ -1,12 +1,16 @@
-"""How far a replay can be trusted: determinism, planted differences, what the digests and checkpoints cost.
+"""How far a replay can be trusted: determinism, planted differences, what the digests and
+checkpoints cost.
 
-    python tests/benchmarks/bench_trust.py [determinism] [travel] [plants] [cost] [--full] [--runs N] [--tracker NAME]
+    python tests/benchmarks/bench_trust.py [determinism] [travel] [plants] [cost] [--full] [--runs
+    N] [--tracker NAME]
 
-determinism  equal digests over runs, hash seeds, threads, BLAS and OpenCV kernels, IPP, other interpreters
-             (--python PATH, may be repeated), speeds; for each tracker, on scripted scenes and on PETS09-S2L1
+determinism  equal digests over runs, hash seeds, threads, BLAS and OpenCV kernels, IPP, other
+             interpreters (--python PATH, may be repeated), speeds; for each tracker, on scripted
+             scenes and on PETS09-S2L1
 travel       from a state at every frame, and --from at every frame, with and without checkpoints
-plants       planted differences: found by verify and by diff, at the right frame; false alarms on unchanged pairs
-cost         the share of a replay's time that digests and checkpoints take, and a checkpoint's size
+plants       planted differences: found by verify and by diff, at the right frame; false alarms on
+unchanged pairs cost         the share of a replay's time that digests and checkpoints take, and a
+checkpoint's size
 
 Without a name, all of them. --full: whole scenes and the whole of PETS; else their first frames.
 """
@@ -41,7 +45,11 @@ from replay.engine import Engine
 from replay.trackers.catalogue import TRACKERS
 from replay.verifying import verify_chain
 
-DATA = Path(os.environ.get("SCENETRACE_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
+DATA = Path(
+    os.environ.get(
+        "SCENETRACE_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"
+    )
+)
 FRAMES, PETS_FRAMES = 120, 60
 
 
@@ -51,15 +59,21 @@ def scenes(folder: Path, full: bool) -> dict[str, Path]:
     for name in ("three_way_group", "six_fish"):
         size, frames = (None, None) if full else ((160, 120), FRAMES)
         found[name] = write_scene_log(
-            generate(name, seed=1, size=size, frames=frames), folder / f"{name}.mcap", style="merged"
+            generate(name, seed=1, size=size, frames=frames),
+            folder / f"{name}.mcap",
+            style="merged",
         )
     video = DATA / "pets09-s2l1" / "video.avi"
     if video.exists():
         print(f"recording {video.name} ...", file=sys.stderr, flush=True)
-        record(open_source(video, fps=7), folder / "whole.mcap", RecordOptions(detect="motion"))
+        record(
+            open_source(video, fps=7), folder / "whole.mcap", RecordOptions(detect="motion")
+        )
         found["PETS09-S2L1"] = folder / "whole.mcap"
         if not full:
-            found["PETS09-S2L1"] = cut(folder / "whole.mcap", folder / "pets.mcap", PETS_FRAMES)
+            found["PETS09-S2L1"] = cut(
+                folder / "whole.mcap", folder / "pets.mcap", PETS_FRAMES
+            )
     else:
         print(f"no {video}: scripted scenes alone", file=sys.stderr)
     return found
@@ -73,14 +87,19 @@ def cut(source: Path, out: Path, frames: int) -> Path:
     return out
 
 
-# -- time travel ---------------------------------------------------------------------------------------------------
+# -- time travel
+# ---------------------------------------------------------------------------------------------------
 
 
 def travel(folder: Path, trackers: Sequence[str], full: bool) -> bool:
     """States at every frame of every script; --from every frame of one."""
     rows, good = [], True
     for name, script in SCRIPTS.items():
-        scene = generate(name, 3) if full else GeneratedScene(name, changed(script, fps=3), 3, (96, 72), 40)
+        scene = (
+            generate(name, 3)
+            if full
+            else GeneratedScene(name, changed(script, fps=3), 3, (96, 72), 40)
+        )
         log = write_scene_log(scene, folder / f"travel-{name}.mcap", style="merged")
         row: list[str] = [f"state at every frame of {name}"]
         for tracker in trackers:
@@ -90,7 +109,9 @@ def travel(folder: Path, trackers: Sequence[str], full: bool) -> bool:
         rows.append(row)
     log = folder / "travel-three_way_group.mcap"
     for with_checkpoints in (True, False):
-        row = ["--from every frame, " + ("from checkpoints" if with_checkpoints else "from 0")]
+        row = [
+            "--from every frame, " + ("from checkpoints" if with_checkpoints else "from 0")
+        ]
         for tracker in trackers:
             n, failed = spans(log, tracker, folder, with_checkpoints)
             good = good and not failed
@@ -113,7 +134,9 @@ def restored(log: Path, tracker: str) -> tuple[int, int]:
             engine.restore(checkpoint.decode_state(state))
             found = engine.step()
             same = found is not None and (found.targets, found.annotation) == results[k + 1]
-            failed += not (same and checkpoint.encode_state(engine.state()) == states[k + 1])
+            failed += not (
+                same and checkpoint.encode_state(engine.state()) == states[k + 1]
+            )
     return len(states) - 1, failed
 
 
@@ -126,22 +149,32 @@ def spans(log: Path, tracker: str, folder: Path, with_checkpoints: bool) -> tupl
     for k, now in enumerate(times):
         end = times[k + 1] if k + 1 < len(times) else now + 1
         more = {"checkpoints": whole} if with_checkpoints else {}
-        writing.replay(log, folder / "span.mcap", options(tracker, from_ns=now, to_ns=end, **more))
+        writing.replay(
+            log, folder / "span.mcap", options(tracker, from_ns=now, to_ns=end, **more)
+        )
         same = annotated(folder / "span.mcap") == annotated(whole, now, end)
         failed += not (same and verify_chain(folder / "span.mcap").identical)
     return len(times), failed
 
 
-def annotated(path: Path, first_ns: int = 0, end_ns: int = 1 << 62) -> list[tuple[Any, ...]]:
+def annotated(
+    path: Path, first_ns: int = 0, end_ns: int = 1 << 62
+) -> list[tuple[Any, ...]]:
     with LogReader(path) as log:
-        return [(m.topic, m.log_time_ns, m.sequence, m.data) for m in log.messages(None, first_ns, end_ns)]
+        return [
+            (m.topic, m.log_time_ns, m.sequence, m.data)
+            for m in log.messages(None, first_ns, end_ns)
+        ]
 
 
-# -- cost ----------------------------------------------------------------------------------------------------------
+# -- cost
+# ----------------------------------------------------------------------------------------------------------
 
 
 @contextmanager
-def timed(places: Sequence[tuple[Any, str]], spent: dict[str, float], name: str) -> Iterator[None]:
+def timed(
+    places: Sequence[tuple[Any, str]], spent: dict[str, float], name: str
+) -> Iterator[None]:
     """Add up the time within functions while the block runs."""
     before = [(owner, attribute, getattr(owner, attribute)) for owner, attribute in places]
 
@@ -169,7 +202,9 @@ def cost(logs: dict[str, Path], trackers: Sequence[str], folder: Path) -> bool:
     cv2.setNumThreads(1)
     for name, path in logs.items():
         for tracker in trackers:
-            writing.replay(path, folder / "c.mcap", changed(options(tracker), annotations_only=False))
+            writing.replay(
+                path, folder / "c.mcap", changed(options(tracker), annotations_only=False)
+            )
             spent: dict[str, float] = {}
             digests = [(digest, "recorded_digest"), (digest, "digest"), (digest, "chained")]
             states = [
@@ -180,19 +215,41 @@ def cost(logs: dict[str, Path], trackers: Sequence[str], folder: Path) -> bool:
             with timed(digests, spent, "digest"), timed(states, spent, "states"):
                 # Processor time: shares hold on a busy machine, too.
                 start = time.process_time()
-                whole = changed(options(tracker), annotations_only=False, checkpoint_ns=2 * SECOND)
+                whole = changed(
+                    options(tracker), annotations_only=False, checkpoint_ns=2 * SECOND
+                )
                 done = writing.replay(path, folder / "c.mcap", whole)
                 whole_s = time.process_time() - start
             with LogReader(folder / "c.mcap") as log:
-                sizes = [a.data_size for a in log.index.attachment_indexes if a.name.startswith("checkpoint/")]
+                sizes = [
+                    a.data_size
+                    for a in log.index.attachment_indexes
+                    if a.name.startswith("checkpoint/")
+                ]
             total = spent["digest"] + spent.get("states", 0.0)
             good = good and total < 0.05 * whole_s
-            shares = [f"{spent.get(what, 0.0) / whole_s:.1%}" for what in ("digest", "states")]
+            shares = [
+                f"{spent.get(what, 0.0) / whole_s:.1%}" for what in ("digest", "states")
+            ]
             largest = f"{max(sizes, default=0) / 1000:.1f} kB"
             each = f"{1000 * whole_s / done.frames:.1f}"
-            rows.append([name, tracker, str(done.frames), each, *shares, str(len(sizes)), largest])
+            rows.append(
+                [name, tracker, str(done.frames), each, *shares, str(len(sizes)), largest]
+            )
     print("\nCost of digests and of a checkpoint every 2 s, in a replay with pictures")
-    table(["scene", "tracker", "frames", "ms/frame", "digests", "states", "checkpoints", "largest"], rows)
+    table(
+        [
+            "scene",
+            "tracker",
+            "frames",
+            "ms/frame",
+            "digests",
+            "states",
+            "checkpoints",
+            "largest",
+        ],
+        rows,
+    )
     return good
 
 
@@ -200,12 +257,22 @@ PARTS = ("determinism", "travel", "plants", "cost")
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)}; default: all")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)}; default: all"
+    )
     parser.add_argument("--full", action="store_true", help="whole scenes")
-    parser.add_argument("--runs", type=int, default=20, help="runs that change nothing; default 20")
-    parser.add_argument("--tracker", action="append", choices=list(TRACKERS), help="default: all")
-    parser.add_argument("--python", action="append", default=[], help="another interpreter with scenetrace")
+    parser.add_argument(
+        "--runs", type=int, default=20, help="runs that change nothing; default 20"
+    )
+    parser.add_argument(
+        "--tracker", action="append", choices=list(TRACKERS), help="default: all"
+    )
+    parser.add_argument(
+        "--python", action="append", default=[], help="another interpreter with scenetrace"
+    )
     args = parser.parse_args()
     for part in args.parts:
         if part not in PARTS:

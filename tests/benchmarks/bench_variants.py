@@ -1,11 +1,13 @@
-"""PETS09-S2L1 and TUD-Campus as other cameras would have seen them: mirrored, backwards, smaller, darker, noisy, cut.
+"""PETS09-S2L1 and TUD-Campus as other cameras would have seen them: mirrored, backwards, smaller,
+darker, noisy, cut.
 
-    python tests/benchmarks/bench_variants.py [pets] [pets-boxes] [tud] [tud-boxes] [flies] [--trackers events ...]
-                                              [--only mirrored ...] [--set key=value ...]
+    python tests/benchmarks/bench_variants.py [pets] [pets-boxes] [tud] [tud-boxes] [flies]
+                                              [--trackers events ...] [--only mirrored ...] [--set
+                                              key=value ...]
 
-Thresholds are chosen while looking at the recordings as they are. What holds for a variant as well was not chosen for
-one recording's accidents; the mean and the worst over the variants say more than the best line. None of them is a new
-scene: the people and their paths are the same.
+Thresholds are chosen while looking at the recordings as they are. What holds for a variant as
+well was not chosen for one recording's accidents; the mean and the worst over the variants say
+more than the best line. None of them is a new scene: the people and their paths are the same.
 """
 
 from __future__ import annotations
@@ -90,7 +92,9 @@ def thinned(boxes: Boxes, number: int) -> Boxes:
 def shaken(boxes: Boxes, number: int) -> Boxes:
     """Place and size off by a standard deviation of 4 % of the box."""
     out = boxes.copy()
-    out[:, :4] += np.random.default_rng(number).normal(0, 0.04, (len(boxes), 4)) * np.tile(boxes[:, 2:4], (1, 2))
+    out[:, :4] += np.random.default_rng(number).normal(0, 0.04, (len(boxes), 4)) * np.tile(
+        boxes[:, 2:4], (1, 2)
+    )
     out[:, 2:4] = np.maximum(out[:, 2:4], 1.0)
     return out
 
@@ -109,7 +113,10 @@ PIXELS = ALWAYS | {
     "noisy": Variant(picture=noisy),
     "grey": Variant(picture=grey),
 }
-BOXES = ALWAYS | {"a tenth missing": Variant(boxes=thinned), "shaken": Variant(boxes=shaken)}
+BOXES = ALWAYS | {
+    "a tenth missing": Variant(boxes=thinned),
+    "shaken": Variant(boxes=shaken),
+}
 
 
 class Altered:
@@ -123,7 +130,10 @@ class Altered:
         self._order = variant.order(len(self._frames))
         self._rate = Rate(fps / abs(variant.step))
         self.path, self.name = source.path, source.name
-        self.width, self.height = round(source.width * variant.scale), round(source.height * variant.scale)
+        self.width, self.height = (
+            round(source.width * variant.scale),
+            round(source.height * variant.scale),
+        )
         self.frame_ns = self._rate.frame_ns
         self.has_images, self.has_detections = source.has_images, source.has_detections
         self.total = len(self._frames)
@@ -137,26 +147,49 @@ class Altered:
         if self._variant.mirrored:
             image = cv2.flip(image, 1)
         if self._variant.scale != 1:
-            image = cv2.resize(image, (self.width, self.height), interpolation=cv2.INTER_AREA)
+            image = cv2.resize(
+                image, (self.width, self.height), interpolation=cv2.INTER_AREA
+            )
         return self._variant.picture(image, original)
 
     def _detections(self, original: int, index: int) -> Detections | None:
         found = self._frames[original][1]
         if found is None:
             return None
-        boxes = moved(np.array(found.boxes, np.float64).reshape(-1, 4), self._variant, self._source.width)
-        rows = self._variant.boxes(np.column_stack([boxes, found.scores]), original).tolist()
-        return detections_of(index, self.width, self.height, [tuple(r[:4]) for r in rows], [r[4] for r in rows])
+        boxes = moved(
+            np.array(found.boxes, np.float64).reshape(-1, 4),
+            self._variant,
+            self._source.width,
+        )
+        rows = self._variant.boxes(
+            np.column_stack([boxes, found.scores]), original
+        ).tolist()
+        return detections_of(
+            index,
+            self.width,
+            self.height,
+            [tuple(r[:4]) for r in rows],
+            [r[4] for r in rows],
+        )
 
     def frames(self) -> Iterator[SourceFrame]:
         """All frames of the variant."""
         for index, original in enumerate(self._order):
             load = (lambda o=original: self._picture(o)) if self.has_images else None
-            yield SourceFrame(index, self._rate.time_ns(index), load, detections=self._detections(original, index))
+            yield SourceFrame(
+                index,
+                self._rate.time_ns(index),
+                load,
+                detections=self._detections(original, index),
+            )
 
     def sample(self, count: int) -> Iterator[Image]:
         """Pictures spread evenly."""
-        which = np.linspace(0, len(self._order) - 1, min(count, len(self._order))).round().astype(int)
+        which = (
+            np.linspace(0, len(self._order) - 1, min(count, len(self._order)))
+            .round()
+            .astype(int)
+        )
         return (self._picture(self._order[k]) for k in which.tolist())
 
     def digests(self) -> list[tuple[str, str]]:
@@ -175,7 +208,13 @@ def truth_of(truth: MotTable, variant: Variant, frames: int, width: int) -> MotT
     at = {original: k for k, original in enumerate(variant.order(frames))}
     kept = truth.select(np.array([f in at for f in truth.frames.tolist()], bool))
     boxes = moved(kept.boxes, variant, width)
-    rows = zip(kept.frames.tolist(), kept.ids.tolist(), boxes.tolist(), kept.confidences.tolist(), strict=True)
+    rows = zip(
+        kept.frames.tolist(),
+        kept.ids.tolist(),
+        boxes.tolist(),
+        kept.confidences.tolist(),
+        strict=True,
+    )
     return MotTable.from_rows([(at[f], i, *box, c) for f, i, box, c in rows])
 
 
@@ -212,14 +251,23 @@ def table(name: str, args: argparse.Namespace, folder: Path) -> None:
     source = open_source(r.source, fps=r.fps, size=r.size)
     truth = fit_truth(read_truth(r.truth), (source.width, source.height), r.truth_size)
     variants = PIXELS if source.has_images else BOXES
-    scores: dict[str, list[tuple[float, float, float, float]]] = {t: [] for t in args.trackers}
-    print(f"\n{name}: HOTA / MOTA / IDF1 / switches\n{'':18}" + "".join(f"{t:^27}" for t in args.trackers))
+    scores: dict[str, list[tuple[float, float, float, float]]] = {
+        t: [] for t in args.trackers
+    }
+    print(
+        f"\n{name}: HOTA / MOTA / IDF1 / switches\n{'':18}"
+        + "".join(f"{t:^27}" for t in args.trackers)
+    )
     for label, variant in variants.items():
         if args.only and label not in args.only:
             continue
         altered = Altered(source, variant, Fraction(r.fps))
         scene = folder / "scene.mcap"
-        record(altered, scene, RecordOptions(codec="png" if source.has_images else None, force=True))
+        record(
+            altered,
+            scene,
+            RecordOptions(codec="png" if source.has_images else None, force=True),
+        )
         wanted = truth_of(truth, variant, altered.total, source.width)
         for tracker in args.trackers:
             config = replay_config(tracker, assignments=args.set)
@@ -227,10 +275,17 @@ def table(name: str, args: argparse.Namespace, folder: Path) -> None:
             replay(scene, out, ReplayOptions(tracker=tracker, config=config, force=True))
             with AnnotatedLog(out) as log:
                 s = evaluate(wanted, read_tracks(log).table)
-            scores[tracker].append((s.hota.hota, s.clear.mota, s.identity.idf1, float(s.clear.switches)))
-        print(f"{label:18}" + "".join(line(scores[t][-1]) for t in args.trackers), flush=True)
+            scores[tracker].append(
+                (s.hota.hota, s.clear.mota, s.identity.idf1, float(s.clear.switches))
+            )
+        print(
+            f"{label:18}" + "".join(line(scores[t][-1]) for t in args.trackers), flush=True
+        )
     for label, summary in (("mean", np.mean), ("worst", worst)):
-        print(f"{label:18}" + "".join(line(summary(np.array(scores[t]), axis=0)) for t in args.trackers))
+        print(
+            f"{label:18}"
+            + "".join(line(summary(np.array(scores[t]), axis=0)) for t in args.trackers)
+        )
 
 
 def worst(values: np.ndarray, axis: int) -> np.ndarray:
@@ -246,11 +301,19 @@ def line(values: Iterable[float]) -> str:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("names", nargs="*", choices=[*RECORDINGS, []], help="default: all")
-    parser.add_argument("--trackers", nargs="+", choices=tuple(TRACKERS), default=list(TRACKERS))
-    parser.add_argument("--only", nargs="+", choices=tuple(PIXELS | BOXES), help="these variants")
-    parser.add_argument("--set", nargs="+", default=[], metavar="KEY=VALUE", help="parameters of the replay")
+    parser.add_argument(
+        "--trackers", nargs="+", choices=tuple(TRACKERS), default=list(TRACKERS)
+    )
+    parser.add_argument(
+        "--only", nargs="+", choices=tuple(PIXELS | BOXES), help="these variants"
+    )
+    parser.add_argument(
+        "--set", nargs="+", default=[], metavar="KEY=VALUE", help="parameters of the replay"
+    )
     args = parser.parse_args()
     for name in args.names or RECORDINGS:
         if not RECORDINGS[name].source.exists():

@@ -1,6 +1,8 @@
-"""CAVIAR hand-labelled XML as histories (the input) and pair intervals (the truth), and the scores between them.
+"""CAVIAR hand-labelled XML as histories (the input) and pair intervals (the truth), and the
+scores between them.
 
-The labels of groups, contexts and situations are read for the truth alone. Frame intervals are closed.
+The labels of groups, contexts and situations are read for the truth alone. Frame intervals are
+closed.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ class Interval:
 
 @dataclass(frozen=True)
 class Sequence:
-    """One recording: histories by labelled id (people and things), truth intervals, things, labels per frame."""
+    """One recording: histories by labelled id (people and things), truth intervals, things,
+    labels per frame.
+    """
 
     name: str
     frames: int
@@ -62,7 +66,10 @@ def read(path: Path) -> Sequence:
             box = item.find("box")
             w, h, xc, yc = (float(box.get(k)) for k in ("w", "h", "xc", "yc"))
             boxes[int(item.get("id"))].append((last, xc - w / 2, yc - h / 2, w, h))
-            if _text(item, "movement") != "inactive" or _text(item, "role") != "leaving object":
+            if (
+                _text(item, "movement") != "inactive"
+                or _text(item, "role") != "leaving object"
+            ):
                 active.add(int(item.get("id")))
         for group in node.iterfind("grouplist/group"):
             members = sorted(int(m) for m in group.findtext("members").split(","))
@@ -104,7 +111,9 @@ def _runs(items):
 
 
 def counts(found: list[Interval], truth: list[Interval]) -> np.ndarray:
-    """(3, 3) int64: frame, interval (IoU >= 0.5), onset (within 1 s) x true, false positive, missed."""
+    """(3, 3) int64: frame, interval (IoU >= 0.5), onset (within 1 s) x true, false positive,
+    missed.
+    """
     out = np.zeros((3, 3), np.int64)
     keys = sorted({(x.a, x.b) for x in [*found, *truth]})
     for key in keys:

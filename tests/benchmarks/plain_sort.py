@@ -1,4 +1,6 @@
-"""SORT as everybody writes it: constant velocity, overlap, one assignment; blind to colours. The peer in benchmarks."""
+"""SORT as everybody writes it: constant velocity, overlap, one assignment; blind to colours. The
+peer in benchmarks.
+"""
 
 from __future__ import annotations
 
@@ -27,16 +29,24 @@ class PlainSort:
     def boxes(self) -> Floats:
         """Estimated boxes, (N, 4)."""
         v = self._bank.value
-        return np.stack([v[:, 0] - v[:, 2] / 2, v[:, 1] - v[:, 3] / 2, v[:, 2], v[:, 3]], axis=1)
+        return np.stack(
+            [v[:, 0] - v[:, 2] / 2, v[:, 1] - v[:, 3] / 2, v[:, 2], v[:, 3]], axis=1
+        )
 
-    def step(self, detections: Floats) -> list[tuple[int, tuple[float, float, float, float]]]:
+    def step(
+        self, detections: Floats
+    ) -> list[tuple[int, tuple[float, float, float, float]]]:
         """One frame's detections (M, 4); the tracks that were seen in it."""
         self._frames += 1
-        size = np.sqrt(np.maximum(self._bank.value[:, 2] * self._bank.value[:, 3], 1.0))[:, None]
+        size = np.sqrt(np.maximum(self._bank.value[:, 2] * self._bank.value[:, 3], 1.0))[
+            :, None
+        ]
         self._bank.predict(1.0, (size * np.array([0.02, 0.02, 0.01, 0.01])) ** 2)
         overlap = iou(self.boxes, detections)
         pairs = assign(1.0 - overlap, overlap >= self._min_iou)
-        centred = np.concatenate([detections[:, :2] + detections[:, 2:] / 2, detections[:, 2:]], axis=1)
+        centred = np.concatenate(
+            [detections[:, :2] + detections[:, 2:] / 2, detections[:, 2:]], axis=1
+        )
         self._missed = [m + 1 for m in self._missed]
         for row, column in pairs:
             box = detections[column]
@@ -59,6 +69,7 @@ class PlainSort:
         shown = [
             k
             for k in range(len(keep))
-            if self._missed[k] == 0 and (self._hits[k] >= self._min_hits or self._frames <= self._min_hits)
+            if self._missed[k] == 0
+            and (self._hits[k] >= self._min_hits or self._frames <= self._min_hits)
         ]
         return [(self._ids[k], tuple(self.boxes[k].tolist())) for k in shown]  # type: ignore[misc]

@@ -1,10 +1,12 @@
-"""Event sequences side by side: what a generated scene's truth gives, and what a replay tells of the same scene.
+"""Event sequences side by side: what a generated scene's truth gives, and what a replay tells of
+the same scene.
 
-The truth's sequence is what the reasoning says of the truth's own boxes, identities and blobs. A replay's tracks are
-given the identity of the actor whom each overlaps most over its life, so that an exchange of two identities shows
-up as missing and spurious events. An event is right if the truth has one of the same kind and subjects within a
-tolerance in time; the edit distance counts insertions, deletions and substitutions between the two orders of (kind,
-subjects), whatever the times.
+The truth's sequence is what the reasoning says of the truth's own boxes, identities and blobs. A
+replay's tracks are given the identity of the actor whom each overlaps most over its life, so that
+an exchange of two identities shows up as missing and spurious events. An event is right if the
+truth has one of the same kind and subjects within a tolerance in time; the edit distance counts
+insertions, deletions and substitutions between the two orders of (kind, subjects), whatever the
+times.
 """
 
 from __future__ import annotations
@@ -23,7 +25,15 @@ from replay.annotated import AnnotatedLog
 INTERACTION = ("grouping", "grouped", "splitting", "single")
 GROUP = ("group_formed", "group_changed", "group_ended", "group_entered_scene")
 RELATION = ("interaction_started", "joined", "separated", "interaction_ended")
-SCENE = ("entering", "entered", "exiting", "returned", "exited", "zone_entered", "zone_left")
+SCENE = (
+    "entering",
+    "entered",
+    "exiting",
+    "returned",
+    "exited",
+    "zone_entered",
+    "zone_left",
+)
 KINDS = frozenset((*INTERACTION, *GROUP, *RELATION, *SCENE))
 """What happens between the people; the life of tracks is the tracker's own affair."""
 
@@ -45,7 +55,9 @@ class Told:
 
 @dataclass(frozen=True)
 class Replayed:
-    """A replay in the truth's identities: its events, which track is whom, and how the identities went."""
+    """A replay in the truth's identities: its events, which track is whom, and how the identities
+    went.
+    """
 
     events: list[Told]
     owner: dict[int, int]
@@ -55,7 +67,9 @@ class Replayed:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Counts; ``missing`` and ``spurious`` in the order of time, ``late`` in frames, one per right event."""
+    """Counts; ``missing`` and ``spurious`` in the order of time, ``late`` in frames, one per
+    right event.
+    """
 
     right: int
     missing: list[Told]
@@ -90,7 +104,13 @@ def of_replay(scene: GeneratedScene, path: str | Path) -> Replayed:
     switches = 0
     for f, true in zip(frames, scene.truth.frames, strict=True):
         pairs = sorted(
-            ((iou(t.box, a.box), t.id, a.id) for t in f.tracks if t.present for a in true.actors), reverse=True
+            (
+                (iou(t.box, a.box), t.id, a.id)
+                for t in f.tracks
+                if t.present
+                for a in true.actors
+            ),
+            reverse=True,
         )
         used: set[int] = set()
         for overlap, track, actor in pairs:
@@ -103,7 +123,12 @@ def of_replay(scene: GeneratedScene, path: str | Path) -> Replayed:
     owner = {t: min(c, key=lambda a, c=c: (-c[a], a)) for t, c in votes.items()}
     events = [e for f in frames for e in f.events]
     forbidden = sum(e.rule == "EVENTS 3.1 transition table" for e in events)
-    return Replayed(sorted(told(e, owner) for e in events if e.kind in KINDS), owner, switches, forbidden)
+    return Replayed(
+        sorted(told(e, owner) for e in events if e.kind in KINDS),
+        owner,
+        switches,
+        forbidden,
+    )
 
 
 def iou(a: Box, b: Box) -> float:
@@ -115,19 +140,29 @@ def iou(a: Box, b: Box) -> float:
 
 
 def compare(truth: Sequence[Told], other: Sequence[Told], tolerance: int) -> Comparison:
-    """Match events of the same token in the order of time, each with the nearest unused one within the tolerance."""
+    """Match events of the same token in the order of time, each with the nearest unused one
+    within the tolerance.
+    """
     missing: list[Told] = []
     late: list[int] = []
     free = list(other)
     for t in truth:
-        near = [o for o in free if o.token == t.token and abs(o.frame - t.frame) <= tolerance]
+        near = [
+            o for o in free if o.token == t.token and abs(o.frame - t.frame) <= tolerance
+        ]
         if not near:
             missing.append(t)
             continue
         best = min(near, key=lambda o: (abs(o.frame - t.frame), o.frame))
         free.remove(best)
         late.append(best.frame - t.frame)
-    return Comparison(len(late), missing, free, edit_distance([t.token for t in truth], [o.token for o in other]), late)
+    return Comparison(
+        len(late),
+        missing,
+        free,
+        edit_distance([t.token for t in truth], [o.token for o in other]),
+        late,
+    )
 
 
 def edit_distance(a: Sequence[object], b: Sequence[object]) -> int:

@@ -1,4 +1,6 @@
-"""What the SHELLS benchmark measures: identities at the ends of interactions, real pairs, pixels, relations."""
+"""What the SHELLS benchmark measures: identities at the ends of interactions, real pairs, pixels,
+relations.
+"""
 
 from __future__ import annotations
 
@@ -34,8 +36,12 @@ Boxes = list[dict[int, Box]]
 Labels = NDArray[np.uint16]
 
 
-def follow(path: Path, tracker: str, settings: Sequence[str] = ()) -> tuple[Boxes, list[Labels]]:
-    """A tracker's present boxes per frame without hindsight, and its label images; ``sort``: plain SORT."""
+def follow(
+    path: Path, tracker: str, settings: Sequence[str] = ()
+) -> tuple[Boxes, list[Labels]]:
+    """A tracker's present boxes per frame without hindsight, and its label images; ``sort``:
+    plain SORT.
+    """
     boxes: Boxes = []
     labels: list[Labels] = []
     with SceneLog(path) as scene:
@@ -51,7 +57,9 @@ def follow(path: Path, tracker: str, settings: Sequence[str] = ()) -> tuple[Boxe
     return boxes, labels
 
 
-def matched(true: Mapping[int, Box], said: Mapping[int, Box], gate: float) -> dict[int, int]:
+def matched(
+    true: Mapping[int, Box], said: Mapping[int, Box], gate: float
+) -> dict[int, int]:
     """True id -> track by the nearest centres overall, none further than ``gate`` pixels."""
     if not true or not said:
         return {}
@@ -64,7 +72,9 @@ def matched(true: Mapping[int, Box], said: Mapping[int, Box], gate: float) -> di
 
 @dataclass(frozen=True)
 class TankResult:
-    """``asked``: (interaction, fish) pairs; ``lost``: those whose identity was another than before."""
+    """``asked``: (interaction, fish) pairs; ``lost``: those whose identity was another than
+    before.
+    """
 
     asked: int
     lost: int
@@ -75,28 +85,42 @@ def _species(cast: Cast, outfits: Sequence[str]) -> Cast:
     return tuple(replace(a, outfit=o) for a, o in zip(cast, outfits, strict=True))
 
 
-def _tank(title: str, cast: Casting, size: tuple[int, int] = (320, 240), fps: int = 25) -> Script:
+def _tank(
+    title: str, cast: Casting, size: tuple[int, int] = (320, 240), fps: int = 25
+) -> Script:
     whole = (0.0, 0.0, 1.0, 1.0)
-    return Script(title, 14.0, cast, kind="fish", roi=whole, border=whole, size=size, fps=fps)
+    return Script(
+        title, 14.0, cast, kind="fish", roi=whole, border=whole, size=size, fps=fps
+    )
 
 
 TANKS: dict[str, Script] = {
-    "eight": _tank("Eight fish, two pairs of a species each, four meet", lambda rng: school(rng, 8, 4)),
+    "eight": _tank(
+        "Eight fish, two pairs of a species each, four meet", lambda rng: school(rng, 8, 4)
+    ),
     "small": _tank(
-        "Six fish of 60 % of the size", lambda rng: tuple(replace(a, tall=0.6 * a.tall) for a in school(rng, 6, 4))
+        "Six fish of 60 % of the size",
+        lambda rng: tuple(replace(a, tall=0.6 * a.tall) for a in school(rng, 6, 4)),
     ),
     "large": _tank(
-        "Three fish of 150 % of the size", lambda rng: tuple(replace(a, tall=1.5 * a.tall) for a in school(rng, 3, 3))
+        "Three fish of 150 % of the size",
+        lambda rng: tuple(replace(a, tall=1.5 * a.tall) for a in school(rng, 3, 3)),
     ),
-    "480x360": _tank("Six fish in a larger picture", lambda rng: school(rng, 6, 4), (480, 360)),
+    "480x360": _tank(
+        "Six fish in a larger picture", lambda rng: school(rng, 6, 4), (480, 360)
+    ),
     "12 fps": _tank(
-        "Six fish at half the frame rate: turns are twice as abrupt", lambda rng: school(rng, 6, 4), fps=12
+        "Six fish at half the frame rate: turns are twice as abrupt",
+        lambda rng: school(rng, 6, 4),
+        fps=12,
     ),
     "twins": _tank(
         "Three fish that meet, two of one species",
         lambda rng: _species(school(rng, 3, 3), ("orange", "orange", "blue")),
     ),
-    "triplets": _tank("Three fish of one species", lambda rng: _species(school(rng, 3, 3), ("white",) * 3)),
+    "triplets": _tank(
+        "Three fish of one species", lambda rng: _species(school(rng, 3, 3), ("white",) * 3)
+    ),
 }
 """Tanks that nothing was devised on."""
 
@@ -104,7 +128,9 @@ TANKS: dict[str, Script] = {
 def interactions(truth: SceneTruth, gap: int = 3) -> list[tuple[int, int, set[int]]]:
     """Occlusions among actors that follow one another without a pause, merged: start, end, who."""
     merged: list[tuple[int, int, set[int]]] = []
-    for o in sorted((o for o in truth.occlusions if o.front != STATIC), key=lambda o: (o.start, o.end)):
+    for o in sorted(
+        (o for o in truth.occlusions if o.front != STATIC), key=lambda o: (o.start, o.end)
+    ):
         for k, (start, end, who) in enumerate(merged):
             if o.start <= end + gap and who & {o.front, o.behind}:
                 merged[k] = (start, max(end, o.end), who | {o.front, o.behind})
@@ -115,7 +141,9 @@ def interactions(truth: SceneTruth, gap: int = 3) -> list[tuple[int, int, set[in
 
 
 def judge_tank(scene: GeneratedScene, boxes: Boxes, gate: float = 20.0) -> TankResult:
-    """Identities shortly after the end of every interaction against those that the fish began with."""
+    """Identities shortly after the end of every interaction against those that the fish began
+    with.
+    """
     frames = [{a.id: a.full_box for a in f.actors} for f in scene.truth.frames]
     owner: dict[int, int] = {}
     for k in range(10, 31):
@@ -137,14 +165,18 @@ def judge_tank(scene: GeneratedScene, boxes: Boxes, gate: float = 20.0) -> TankR
         for actor, b in true.items():
             t = said.get(owner.get(actor, -1))
             if t is not None:
-                dx, dy = t[0] + t[2] / 2 - b[0] - b[2] / 2, t[1] + t[3] / 2 - b[1] - b[3] / 2
+                dx, dy = (
+                    t[0] + t[2] / 2 - b[0] - b[2] / 2,
+                    t[1] + t[3] / 2 - b[1] - b[3] / 2,
+                )
                 errors.append(float(np.hypot(dx, dy)))
     return TankResult(asked, lost, errors)
 
 
 @dataclass
 class OrderResult:
-    """Verdicts on who is behind whom: right, the wrong way round, about two of whom neither hides the other.
+    """Verdicts on who is behind whom: right, the wrong way round, about two of whom neither hides
+    the other.
 
     Attributes:
         occluded: true occlusions of at least a fifth of an actor.
@@ -158,13 +190,17 @@ class OrderResult:
     told: int = 0
 
 
-def judge_order(scene: GeneratedScene, log: Path, settings: Sequence[str] = (), gate: float = 25.0) -> OrderResult:
+def judge_order(
+    scene: GeneratedScene, log: Path, settings: Sequence[str] = (), gate: float = 25.0
+) -> OrderResult:
     """Hold the tracker's `occluded` events against the truth of the last 10 frames."""
     result = OrderResult()
     said: list[tuple[int, int, int]] = []
     frames = scene.truth.frames
     with SceneLog(log) as recorded:
-        for step in Forward(recorded, TRACKERS["shells"], replay_config("shells", assignments=settings)).steps():
+        for step in Forward(
+            recorded, TRACKERS["shells"], replay_config("shells", assignments=settings)
+        ).steps():
             k = step.frame.index
             events = [n.subjects for n in step.targets.notices if n.kind == "occluded"]
             if not events:
@@ -187,7 +223,11 @@ def judge_order(scene: GeneratedScene, log: Path, settings: Sequence[str] = (), 
         if o.front == STATIC or o.worst < 0.2:
             continue
         result.occluded += 1
-        about = {(a, b) for k, a, b in said if o.start <= k < o.end + 5 and {a, b} == {o.front, o.behind}}
+        about = {
+            (a, b)
+            for k, a, b in said
+            if o.start <= k < o.end + 5 and {a, b} == {o.front, o.behind}
+        }
         result.told += about == {(o.behind, o.front)}
     return result
 
@@ -207,10 +247,16 @@ class Pair:
     end: int
 
 
-def longest_pairs(truth: MotTable, count: int = 10, least: float = 0.05, margin: int = 5) -> list[Pair]:
-    """The pairs whose boxes overlap longest at a stretch, each pair once, both there for a while before and after."""
+def longest_pairs(
+    truth: MotTable, count: int = 10, least: float = 0.05, margin: int = 5
+) -> list[Pair]:
+    """The pairs whose boxes overlap longest at a stretch, each pair once, both there for a while
+    before and after.
+    """
     by_frame: dict[int, dict[int, Box]] = {}
-    for f, i, b in zip(truth.frames.tolist(), truth.ids.tolist(), truth.boxes.tolist(), strict=True):
+    for f, i, b in zip(
+        truth.frames.tolist(), truth.ids.tolist(), truth.boxes.tolist(), strict=True
+    ):
         by_frame.setdefault(f, {})[i] = tuple(b)
     stretches: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for f in sorted(by_frame):
@@ -231,18 +277,29 @@ def longest_pairs(truth: MotTable, count: int = 10, least: float = 0.05, margin:
     return sorted(found, key=lambda p: (p.start - p.end, p.a, p.b))[:count]
 
 
-def _present(by_frame: Mapping[int, Mapping[int, Box]], pair: tuple[int, int], run: tuple[int, int], n: int) -> bool:
+def _present(
+    by_frame: Mapping[int, Mapping[int, Box]],
+    pair: tuple[int, int],
+    run: tuple[int, int],
+    n: int,
+) -> bool:
     return all(i in by_frame.get(f, {}) for i in pair for f in (run[0] - n, run[1] + n))
 
 
 def kept(truth: MotTable, result: MotTable, pair: Pair, frames: int = 20) -> bool:
-    """Whether both of a pair have after their overlap the track that they had before, by most matches at IoU 0.5."""
+    """Whether both of a pair have after their overlap the track that they had before, by most
+    matches at IoU 0.5.
+    """
     before = _names(truth, result, range(pair.start - frames, pair.start), (pair.a, pair.b))
-    after = _names(truth, result, range(pair.end + 1, pair.end + 1 + frames), (pair.a, pair.b))
+    after = _names(
+        truth, result, range(pair.end + 1, pair.end + 1 + frames), (pair.a, pair.b)
+    )
     return before == after and None not in before
 
 
-def _names(truth: MotTable, result: MotTable, span: range, who: tuple[int, int]) -> tuple[int | None, ...]:
+def _names(
+    truth: MotTable, result: MotTable, span: range, who: tuple[int, int]
+) -> tuple[int | None, ...]:
     votes: dict[int, dict[int, int]] = {i: {} for i in who}
     for f in span:
         rows, columns = truth.frames == f, result.frames == f
@@ -252,13 +309,19 @@ def _names(truth: MotTable, result: MotTable, span: range, who: tuple[int, int])
             true, said = int(truth.ids[rows][i]), int(result.ids[columns][j])
             if true in votes:
                 votes[true][said] = votes[true].get(said, 0) + 1
-    return tuple(max(v, key=lambda k, v=v: (v[k], -k)) if v else None for v in votes.values())
+    return tuple(
+        max(v, key=lambda k, v=v: (v[k], -k)) if v else None for v in votes.values()
+    )
 
 
-def pixel_accuracy(scene: GeneratedScene, boxes: Boxes, labels: Sequence[Labels]) -> tuple[int, float, float]:
-    """Share of right pixels where a blob holds several actors: by membership, and by the nearest track's centre.
+def pixel_accuracy(
+    scene: GeneratedScene, boxes: Boxes, labels: Sequence[Labels]
+) -> tuple[int, float, float]:
+    """Share of right pixels where a blob holds several actors: by membership, and by the nearest
+    track's centre.
 
-    Tracks and actors are matched once, over the whole scene, by the pixels that they have in common.
+    Tracks and actors are matched once, over the whole scene, by the pixels that they have in
+    common.
 
     Returns:
         The number of pixels that were judged, and the two shares.
@@ -267,7 +330,9 @@ def pixel_accuracy(scene: GeneratedScene, boxes: Boxes, labels: Sequence[Labels]
     top = max(int(image.max(initial=0)) for image in labels) + 1
     common = np.zeros((256, top))
     for true, said in zip(truths, labels, strict=True):
-        common += np.bincount(true.ravel().astype(np.int64) * top + said.ravel(), minlength=256 * top).reshape(256, top)
+        common += np.bincount(
+            true.ravel().astype(np.int64) * top + said.ravel(), minlength=256 * top
+        ).reshape(256, top)
     common[0] = common[STATIC] = 0
     common[:, 0] = 0
     worth = common / max(1.0, float(common.max()))
@@ -286,7 +351,9 @@ def pixel_accuracy(scene: GeneratedScene, boxes: Boxes, labels: Sequence[Labels]
         wanted = table[true[ys, xs]]
         ids = list(boxes[k])
         centres = np.array([(b[0] + b[2] / 2, b[1] + b[3] / 2) for b in boxes[k].values()])
-        away = (xs[:, None] + 0.5 - centres[:, 0]) ** 2 + (ys[:, None] + 0.5 - centres[:, 1]) ** 2
+        away = (xs[:, None] + 0.5 - centres[:, 0]) ** 2 + (
+            ys[:, None] + 0.5 - centres[:, 1]
+        ) ** 2
         nearest = np.array([value_of(i) for i in ids])[np.argmin(away, axis=1)]
         pixels += len(ys)
         right += int(np.count_nonzero(said[ys, xs] == wanted))
@@ -294,8 +361,11 @@ def pixel_accuracy(scene: GeneratedScene, boxes: Boxes, labels: Sequence[Labels]
     return pixels, right / max(1, pixels), near / max(1, pixels)
 
 
-def centre_errors(scene: GeneratedScene, boxes: Boxes, gate: float = 30.0) -> tuple[list[float], float]:
-    """Distances (px) of each actor to the track that it has in most frames, while another touches it; share swapped.
+def centre_errors(
+    scene: GeneratedScene, boxes: Boxes, gate: float = 30.0
+) -> tuple[list[float], float]:
+    """Distances (px) of each actor to the track that it has in most frames, while another touches
+    it; share swapped.
 
     The share is that of the actors' frames in which the nearest track is not their own.
     """
@@ -304,7 +374,9 @@ def centre_errors(scene: GeneratedScene, boxes: Boxes, gate: float = 30.0) -> tu
     votes: dict[int, dict[int, int]] = {}
     for pairs in now:
         for actor, track in pairs.items():
-            votes.setdefault(actor, {})[track] = votes.setdefault(actor, {}).get(track, 0) + 1
+            votes.setdefault(actor, {})[track] = (
+                votes.setdefault(actor, {}).get(track, 0) + 1
+            )
     own = {actor: max(v, key=lambda t, v=v: (v[t], -t)) for actor, v in votes.items()}
     errors, other, count = [], 0, 0
     for k, pairs in enumerate(now):
@@ -315,7 +387,10 @@ def centre_errors(scene: GeneratedScene, boxes: Boxes, gate: float = 30.0) -> tu
             said = boxes[k].get(own[actor])
             if actor in hidden and said is not None:
                 b = frames[k][actor]
-                dx, dy = said[0] + said[2] / 2 - b[0] - b[2] / 2, said[1] + said[3] / 2 - b[1] - b[3] / 2
+                dx, dy = (
+                    said[0] + said[2] / 2 - b[0] - b[2] / 2,
+                    said[1] + said[3] / 2 - b[1] - b[3] / 2,
+                )
                 errors.append(float(np.hypot(dx, dy)))
     return errors, other / max(1, count)
 
@@ -323,7 +398,12 @@ def centre_errors(scene: GeneratedScene, boxes: Boxes, gate: float = 30.0) -> tu
 def _shared(true: NDArray[np.uint8], parts: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Pixels of actors in blobs that hold several of them."""
     top = int(parts.max(initial=0)) + 1
-    holds = np.bincount(parts.ravel().astype(np.int64) * 256 + true.ravel(), minlength=top * 256).reshape(top, 256) > 0
+    holds = (
+        np.bincount(
+            parts.ravel().astype(np.int64) * 256 + true.ravel(), minlength=top * 256
+        ).reshape(top, 256)
+        > 0
+    )
     holds[:, 0] = holds[:, STATIC] = False
     several = holds.sum(axis=1) > 1
     several[0] = False
@@ -348,7 +428,8 @@ def direct_steps(path: Path, tracker: str = "shells") -> tuple[int, int]:
 
 
 def random_steps(seed: int, frames: int = 12) -> tuple[int, int]:
-    """The same over one random scene of jumping targets that share blobs, come, vanish and come back at random.
+    """The same over one random scene of jumping targets that share blobs, come, vanish and come
+    back at random.
 
     What is counted is what the reasoning publishes.
     """
@@ -360,12 +441,23 @@ def random_steps(seed: int, frames: int = 12) -> tuple[int, int]:
     for k in range(frames):
         targets = []
         for i in ids:
-            (x, y), size, blob = rng.uniform(0, 100, 2), rng.uniform(5, 50), int(rng.integers(-1, 3))
+            (x, y), size, blob = (
+                rng.uniform(0, 100, 2),
+                rng.uniform(5, 50),
+                int(rng.integers(-1, 3)),
+            )
             there, seen, present = (rng.random(3) < (0.8, 0.8, 0.9)).tolist()
             if there:
                 box = (float(x - size / 2), float(y - size / 2), float(size), float(size))
                 targets.append(
-                    Target(i, box, present=present, observed=seen, blob=blob if seen else NO_BLOB, shell_radius=size)
+                    Target(
+                        i,
+                        box,
+                        present=present,
+                        observed=seen,
+                        blob=blob if seen else NO_BLOB,
+                        shell_radius=size,
+                    )
                 )
         said = reasoner.step(k, k * 40_000_000, Targets(k, targets), None)
         now = {(r.a, r.b): str(r.state) for r in said.relations.relations}

@@ -1,8 +1,10 @@
-"""SORT, written here for comparison: the tracker alone, one filterpy filter per object, as its paper describes it.
+"""SORT, written here for comparison: the tracker alone, one filterpy filter per object, as its
+paper describes it.
 
-A. Bewley, Z. Ge, L. Ott, F. Ramos, B. Upcroft, "Simple online and realtime tracking", ICIP 2016, section 3: state
-(u, v, s, r, u', v', s') of centre, area and aspect ratio; Hungarian assignment on IoU of at least 0.3; a track
-is reported after three hits in a row and dropped after one frame without.
+A. Bewley, Z. Ge, L. Ott, F. Ramos, B. Upcroft, "Simple online and realtime tracking", ICIP 2016,
+section 3: state (u, v, s, r, u', v', s') of centre, area and aspect ratio; Hungarian assignment
+on IoU of at least 0.3; a track is reported after three hits in a row and dropped after one frame
+without.
 """
 
 from __future__ import annotations
@@ -97,6 +99,10 @@ class Sort:
             self.count += 1
             self.objects.append(Object(self.count, boxes[d]))
         early = self.frame <= MIN_HITS
-        found = [(o.id, o.box()) for o in self.objects if o.age == 0 and (o.hits >= MIN_HITS or early)]
+        found = [
+            (o.id, o.box())
+            for o in self.objects
+            if o.age == 0 and (o.hits >= MIN_HITS or early)
+        ]
         self.objects = [o for o in self.objects if o.age <= MAX_AGE]
         return found

@@ -50,11 +50,21 @@ def planted(scene: Path, folder: Path, tracker: str) -> list[list[str]]:
     for name, plant in ANNOTATION_PLANTS.items():
         what = plant(original, altered)
         seen = compare(original, altered)
-        rows.append([f"altered afterwards: {name}", *outcome(what, (verify_chain(altered), verify(altered)), seen)])
+        rows.append(
+            [
+                f"altered afterwards: {name}",
+                *outcome(what, (verify_chain(altered), verify(altered)), seen),
+            ]
+        )
     for name, plant in RECORDING_PLANTS.items():
         what = plant(original, altered)
         seen = compare(original, altered)
-        rows.append([f"recording in the log: {name}", *outcome(what, (verify_chain(altered), verify(altered)), seen)])
+        rows.append(
+            [
+                f"recording in the log: {name}",
+                *outcome(what, (verify_chain(altered), verify(altered)), seen),
+            ]
+        )
         what = plant(scene, altered)
         verdict = verify(original, altered)
         try:
@@ -68,7 +78,9 @@ def planted(scene: Path, folder: Path, tracker: str) -> list[list[str]]:
     other = compare(original, folder / "pc.mcap")
     named = other.made == ["parameter: shell_model.k_s = 0.200000001, not 0.2"]
     first = bool(other.differences) and "shell_radius" in str(other.differences[0].details)
-    rows.append(["another parameter: k_s by 1e-9", "0", "-", "yes" if named and first else "NO"])
+    rows.append(
+        ["another parameter: k_s by 1e-9", "0", "-", "yes" if named and first else "NO"]
+    )
     return rows
 
 
@@ -85,10 +97,16 @@ SHOWN = {
 }
 
 
-def outcome(planted: Planted, verdicts: Sequence[Any], diff: Comparison | RecordingError) -> list[str]:
-    """Frame, and whether verify and diff name it: the first difference, in the channel that was altered."""
+def outcome(
+    planted: Planted, verdicts: Sequence[Any], diff: Comparison | RecordingError
+) -> list[str]:
+    """Frame, and whether verify and diff name it: the first difference, in the channel that was
+    altered.
+    """
     place = "-" if planted.frame < 0 else str(planted.frame)
-    right = all(v.difference is not None and v.difference.frame == planted.frame for v in verdicts)
+    right = all(
+        v.difference is not None and v.difference.frame == planted.frame for v in verdicts
+    )
     if isinstance(diff, RecordingError):
         seen = f"no replay of it: {diff.reason}"
     elif planted.frame >= 0:

@@ -26,13 +26,19 @@ def count(annotated: Path, capsys: pytest.CaptureFixture[str], *words: str) -> i
     return int(capsys.readouterr().out.split()[1])
 
 
-def test_a_longer_least_time_leaves_encounters_out(annotated: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_longer_least_time_leaves_encounters_out(
+    annotated: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert count(annotated, capsys) == 1
     assert count(annotated, capsys, "--set", "encounters.least_s=60") == 0
 
 
-def test_an_unknown_one_is_wrong_usage(annotated: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["query", str(annotated), "SELECT 1", "--set", "encounters.nonsense=1"]) == 2
+def test_an_unknown_one_is_wrong_usage(
+    annotated: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        main(["query", str(annotated), "SELECT 1", "--set", "encounters.nonsense=1"]) == 2
+    )
     assert "encounters has: " in capsys.readouterr().err
 
 

@@ -24,7 +24,9 @@ OUTPUTS = ("-o", "--new-key", "--plot")
 
 def command_parser(name: str) -> argparse.ArgumentParser:
     """The command's own parser."""
-    (action,) = (a for a in parser(name)._actions if isinstance(a, argparse._SubParsersAction))
+    (action,) = (
+        a for a in parser(name)._actions if isinstance(a, argparse._SubParsersAction)
+    )
     found = action.choices[name]
     assert isinstance(found, argparse.ArgumentParser)
     return found
@@ -33,7 +35,11 @@ def command_parser(name: str) -> argparse.ArgumentParser:
 def examples_in(text: str) -> list[list[str]]:
     """The words of each `scenetrace ...` line of a text, comments left out."""
     lines = (line.strip() for line in text.splitlines())
-    found = (shlex.split(line, comments=True)[1:] for line in lines if line.startswith("scenetrace "))
+    found = (
+        shlex.split(line, comments=True)[1:]
+        for line in lines
+        if line.startswith("scenetrace ")
+    )
     return [words for words in found if "COMMAND" not in words]
 
 
@@ -66,7 +72,9 @@ def test_help_has_a_description_an_example_and_a_word_on_every_option(
     found = command_parser(name)
     assert found.description
     assert len(found.description) > 30
-    assert any(words[0] == name for words in examples_in(found.epilog or "")), "no example of the command itself"
+    assert any(words[0] == name for words in examples_in(found.epilog or "")), (
+        "no example of the command itself"
+    )
     assert found.epilog is not None
     assert found.epilog.strip() in said.out, "the example's lines were wrapped"
     assert [a.dest for a in found._actions if not a.help] == []
@@ -106,14 +114,19 @@ def run_example(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
 
 def reference_of(log: str, capsys: pytest.CaptureFixture[str]) -> str:
     """A relation of the log, as `explain` names it."""
-    sql = "SELECT format('relation:{}-{}@{}', a, b, start_frame) FROM relations ORDER BY start_frame LIMIT 1"
+    sql = (
+        "SELECT format('relation:{}-{}@{}', a, b, start_frame) FROM relations ORDER BY"
+        " start_frame LIMIT 1"
+    )
     capsys.readouterr()
     assert main(["query", log, sql, "--format", "csv"]) == 0
     return capsys.readouterr().out.splitlines()[1]
 
 
 @pytest.mark.parametrize("name", [n for n in NAMES if n != "demo"])
-def test_every_example_of_the_help_runs(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_example_of_the_help_runs(
+    name: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     reference = reference_of("annotated.mcap", capsys)
     for words in examples_in(command_parser(name).epilog or ""):
         if {"--key", "--new-key", "--public-key"} & set(words):
@@ -121,14 +134,18 @@ def test_every_example_of_the_help_runs(name: str, folder: Path, capsys: pytest.
         run_example([reference if w == REFERENCE else w for w in words], capsys)
 
 
-def test_every_example_of_the_overview_runs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_example_of_the_overview_runs(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     found = examples_in(parser("").epilog or "")
     assert len(found) >= 3
     for words in found:
         run_example(words, capsys)
 
 
-def test_every_example_of_the_readme_runs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_example_of_the_readme_runs(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     found = examples_in(readme_shell())
     assert len(found) >= 7
     for words in found:
@@ -138,7 +155,9 @@ def test_every_example_of_the_readme_runs(folder: Path, capsys: pytest.CaptureFi
 def test_the_readme_lists_the_commands_that_there_are() -> None:
     cells = re.findall(r"^\| (`.*?`) \|", readme(), re.MULTILINE)
     codes = [code for cell in cells for code in re.findall(r"`([^`]+)`", cell)]
-    assert [c for c in dict.fromkeys(code.split()[0] for code in codes) if c not in NAMES] == []
+    assert [
+        c for c in dict.fromkeys(code.split()[0] for code in codes) if c not in NAMES
+    ] == []
     assert [n for n in NAMES if n not in {code.split()[0] for code in codes}] == []
 
 
@@ -148,14 +167,24 @@ def test_the_overview_lists_every_command(capsys: pytest.CaptureFixture[str]) ->
     assert stop.value.code == 0
     said = capsys.readouterr().out
     for name, _, line in COMMANDS:
-        assert re.search(rf"^ +{name}\s+{re.escape(line.split()[0])}", said, re.MULTILINE), name
-    for code in ("0 done", "1 failed", "2 wrong usage", "3 done, but something was lost", "4 differs"):
+        assert re.search(
+            rf"^ +{name}\s+{re.escape(line.split()[0])}", said, re.MULTILINE
+        ), name
+    for code in (
+        "0 done",
+        "1 failed",
+        "2 wrong usage",
+        "3 done, but something was lost",
+        "4 differs",
+    ):
         assert code in said
 
 
 @pytest.mark.parametrize(("name", "line"), [(name, line) for name, _, line in COMMANDS])
 def test_the_overview_and_the_command_summarise_alike(name: str, line: str) -> None:
-    (action,) = (a for a in parser(name)._actions if isinstance(a, argparse._SubParsersAction))
+    (action,) = (
+        a for a in parser(name)._actions if isinstance(a, argparse._SubParsersAction)
+    )
     shown = {a.dest: a.help for a in action._choices_actions}
     assert shown[name] == line
 
@@ -179,12 +208,16 @@ def test_the_demo_runs_every_command_that_it_prints(
     assert "exists already" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", [["--help"], *([name, "--help"] for name, _, _ in COMMANDS)], ids=" ".join)
+@pytest.mark.parametrize(
+    "words", [["--help"], *([name, "--help"] for name, _, _ in COMMANDS)], ids=" ".join
+)
 def test_help_loads_no_heavy_library(words: list[str]) -> None:
     code = (
-        "import sys\nfrom replay.cli import main\n"
-        f"try:\n    main({words!r})\nexcept SystemExit:\n    pass\n"
-        "print(sorted({'av', 'cv2', 'duckdb', 'google.protobuf', 'networkx', 'numpy', 'scipy'} & sys.modules.keys()))"
+        f"import sys\nfrom replay.cli import main\ntry:\n    main({words!r})\nexcept"
+        " SystemExit:\n    pass\nprint(sorted({'av', 'cv2', 'duckdb', 'google.protobuf',"
+        " 'networkx', 'numpy', 'scipy'} & sys.modules.keys()))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     assert done.stdout.splitlines()[-1] == "[]"

@@ -10,19 +10,32 @@ import pytest
 
 from replay.cli import main
 
-# A call of every command with an output, where the output is one of the inputs; what is read, and by which option.
+# A call of every command with an output, where the output is one of the inputs; what is read, and
+# by which option.
 CALLS: list[tuple[str, str]] = [
     ("record det.txt --size 384x288 -o det.txt", "-o det.txt"),
     ("record img1 --fps 7 --detections det.txt -o det.txt", "-o det.txt"),
     ("record img1 --fps 7 --regions regions.json -o regions.json", "-o regions.json"),
     ("replay scene.mcap -o scene.mcap", "-o scene.mcap"),
     ("replay scene.mcap -o annotated.mcap --against annotated.mcap", "-o annotated.mcap"),
-    ("replay scene.mcap -o annotated.mcap --from 5 --checkpoints annotated.mcap", "-o annotated.mcap"),
-    ("replay scene.mcap --against annotated.mcap --html annotated.mcap", "--html annotated.mcap"),
-    ("replay scene.mcap -o new.mcap --against annotated.mcap --html new.mcap", "-o new.mcap"),
+    (
+        "replay scene.mcap -o annotated.mcap --from 5 --checkpoints annotated.mcap",
+        "-o annotated.mcap",
+    ),
+    (
+        "replay scene.mcap --against annotated.mcap --html annotated.mcap",
+        "--html annotated.mcap",
+    ),
+    (
+        "replay scene.mcap -o new.mcap --against annotated.mcap --html new.mcap",
+        "-o new.mcap",
+    ),
     ("diff before.mcap after.mcap --html before.mcap", "--html before.mcap"),
     ("diff before.mcap after.mcap --html after.mcap", "--html after.mcap"),
-    ("diff before.mcap after.mcap --scene scene.mcap --html scene.mcap", "--html scene.mcap"),
+    (
+        "diff before.mcap after.mcap --scene scene.mcap --html scene.mcap",
+        "--html scene.mcap",
+    ),
     ("query annotated.mcap events.sql --format csv -o annotated.mcap", "-o annotated.mcap"),
     ("report annotated.mcap -o annotated.mcap", "-o annotated.mcap"),
     ("export annotated.mcap --to mot -o annotated.mcap", "-o annotated.mcap"),
@@ -52,7 +65,9 @@ def test_an_input_is_never_overwritten(
     said = capsys.readouterr().err
     assert f"{named}: is " in said
     assert "name another file" in said
-    assert {path: path.read_bytes() for path in folder.iterdir() if path.is_file()} == before
+    assert {
+        path: path.read_bytes() for path in folder.iterdir() if path.is_file()
+    } == before
 
 
 @pytest.mark.parametrize(
@@ -73,12 +88,19 @@ def test_a_word_that_is_no_file_is_no_input(folder: Path, words: str) -> None:
 def test_nor_under_another_name(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     os.link(folder / "before.mcap", folder / "hard.html")
     (folder / "soft.html").symlink_to("before.mcap")
-    for page in ("hard.html", "soft.html", "recordings/../before.mcap", str(folder / "before.mcap")):
+    for page in (
+        "hard.html",
+        "soft.html",
+        "recordings/../before.mcap",
+        str(folder / "before.mcap"),
+    ):
         assert main(["diff", "before.mcap", "after.mcap", "--html", page, "--force"]) == 2
         assert "read by the same command" in capsys.readouterr().err
 
 
-def test_a_folder_of_evidence_does_not_replace_the_log_in_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_of_evidence_does_not_replace_the_log_in_it(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for place in (".", "recordings"):
         log = "annotated.mcap" if place == "." else "recordings/before.mcap"
         assert main(["evidence", log, "--events", "12", "-o", place, "--force"]) == 2
@@ -86,17 +108,35 @@ def test_a_folder_of_evidence_does_not_replace_the_log_in_it(folder: Path, capsy
         assert (folder / log).exists()
 
 
-def test_words_without_an_effect_are_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What belongs to --against or to --from says so, and checkpoints that could not be used, too."""
+def test_words_without_an_effect_are_told(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What belongs to --against or to --from says so, and checkpoints that could not be used,
+    too.
+    """
     assert main(["replay", "scene.mcap", "-o", "new.mcap", "--json"]) == 2
     assert "--json shows what differs: give --against LOG" in capsys.readouterr().err
     assert main(["replay", "scene.mcap", "-o", "new.mcap", "--html", "new.html"]) == 2
     assert "--html shows what differs" in capsys.readouterr().err
-    from_log = ["replay", "scene.mcap", "-o", "new.mcap", "--force", "--annotations-only", "--checkpoints"]
+    from_log = [
+        "replay",
+        "scene.mcap",
+        "-o",
+        "new.mcap",
+        "--force",
+        "--annotations-only",
+        "--checkpoints",
+    ]
     for words, said in (
         (["annotated.mcap"], "without --from there is nothing to skip"),
-        (["monday.mcap", "--from", "30"], "it holds no checkpoint before --from; replayed from the start"),
-        (["annotated.mcap", "--from", "1"], "it holds no checkpoint before --from; replayed from the start"),
+        (
+            ["monday.mcap", "--from", "30"],
+            "it holds no checkpoint before --from; replayed from the start",
+        ),
+        (
+            ["annotated.mcap", "--from", "1"],
+            "it holds no checkpoint before --from; replayed from the start",
+        ),
     ):
         assert main([*from_log, *words]) == 0
         assert said in capsys.readouterr().err
@@ -106,7 +146,9 @@ def test_words_without_an_effect_are_told(folder: Path, capsys: pytest.CaptureFi
     assert "new.mcap: 1 frame, " in said
 
 
-def test_replay_against_writes_the_page(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_replay_against_writes_the_page(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ["replay", "scene.mcap", "--against", "annotated.mcap", "--html", "new.html"]
     assert main([*words, "--set", "interactions.safety_margin=0.6"]) == 4
     assert "new.html: the first differences, side by side" in capsys.readouterr().err

@@ -60,12 +60,24 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         (["replya"], "no command 'replya'; did you mean 'replay'?"),
         (["xyz"], "no command 'xyz'; there are: demo, record, replay, "),
         (["--nonsense"], "unrecognized arguments: --nonsense; see `scenetrace --help`"),
-        (["record"], "arguments are required: SOURCE, -o/--output; see `scenetrace record --help`"),
+        (
+            ["record"],
+            "arguments are required: SOURCE, -o/--output; see `scenetrace record --help`",
+        ),
         (["replay", "a.mcap", "b.mcap", "-o", "c.mcap"], "unrecognized arguments: b.mcap"),
-        (["replay", "a.mcap", "-o", "b.mcap", "--checkpoint", "often"], "--checkpoint: invalid float value: 'often'"),
-        (["query", "a.mcap", "SELECT 1", "--format", "xls"], "--format: invalid choice: 'xls'"),
+        (
+            ["replay", "a.mcap", "-o", "b.mcap", "--checkpoint", "often"],
+            "--checkpoint: invalid float value: 'often'",
+        ),
+        (
+            ["query", "a.mcap", "SELECT 1", "--format", "xls"],
+            "--format: invalid choice: 'xls'",
+        ),
         (["export", "a.mcap", "--to", "xls", "-o", "b"], "--to: invalid choice: 'xls'"),
-        (["eval", "a.mcap", "--truth", "gt.txt", "--truth-size", "big"], "'big': must be WIDTHxHEIGHT, like 768x576"),
+        (
+            ["eval", "a.mcap", "--truth", "gt.txt", "--truth-size", "big"],
+            "'big': must be WIDTHxHEIGHT, like 768x576",
+        ),
         (["config", "--tracker", "none"], "unknown tracker 'none'; there are: events"),
         (["config", "--set", "events.nonsense=1"], "unknown parameter events.nonsense"),
         (["config", "--set", "nonsense"], "nonsense"),
@@ -80,14 +92,18 @@ def test_wrong_words_are_one_line_and_exit_code_2(
 
 
 @pytest.mark.parametrize("name", [name for name, _, _ in COMMANDS])
-def test_a_call_of_every_command_with_json_is_here(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_call_of_every_command_with_json_is_here(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit):
         main([name, "--help"])
     assert ("--json" in capsys.readouterr().out) == (name in JSON_CALLS)
 
 
 @pytest.mark.parametrize("name", JSON_CALLS)
-def test_json_is_all_that_stdout_gets(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_is_all_that_stdout_gets(
+    name: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     code = main([name, *JSON_CALLS[name], "--json"])
     said = capsys.readouterr()
     assert code == (4 if name == "diff" else 0)
@@ -110,12 +126,16 @@ def test_messages_go_to_stderr_without_a_progress_bar(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals")
-def test_a_terminal_gets_progress_with_rate_and_time_left(folder: Path, start: Start) -> None:
+def test_a_terminal_gets_progress_with_rate_and_time_left(
+    folder: Path, start: Start
+) -> None:
     import pty
 
     ours, theirs = pty.openpty()
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
-    process = start("replay", "scene.mcap", "-o", "new.mcap", stderr=theirs, env=environment)
+    process = start(
+        "replay", "scene.mcap", "-o", "new.mcap", stderr=theirs, env=environment
+    )
     os.close(theirs)
     said = b""
     while True:
@@ -135,12 +155,18 @@ def test_a_terminal_gets_progress_with_rate_and_time_left(folder: Path, start: S
     assert b"150/150" in said
 
 
-def test_exit_code_4_is_for_what_differs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exit_code_4_is_for_what_differs(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["diff", "annotated.mcap", "annotated.mcap"]) == 0
     assert capsys.readouterr().out.startswith("identical: ")
     assert main(["diff", "before.mcap", "annotated.mcap"]) in (0, 4)
     assert main(["verify", "annotated.mcap"]) == 0
-    assert capsys.readouterr().out.splitlines()[-1].startswith("identical: 150 frames, output digest ")
+    assert (
+        capsys.readouterr()
+        .out.splitlines()[-1]
+        .startswith("identical: 150 frames, output digest ")
+    )
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes of POSIX")

@@ -22,5 +22,7 @@ def _play(name: str, seed: int = 0) -> Play:
 
 @pytest.fixture(scope="session")
 def play() -> Callable[..., Play]:
-    """``play(name, seed=0)``: a scene and the answers of a tracker without a fault; of the crowd the first 5 s."""
+    """``play(name, seed=0)``: a scene and the answers of a tracker without a fault; of the crowd
+    the first 5 s.
+    """
     return _play

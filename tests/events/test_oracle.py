@@ -1,7 +1,8 @@
-"""The events of every generated scene against a second account of the rules of SHELLS 2.3 and EVENTS 3: sets and loops.
+"""The events of every generated scene against a second account of the rules of SHELLS 2.3 and
+EVENTS 3: sets and loops.
 
-The oracle keeps two dictionaries (pair to relation, pair to bit) and a list of groups, and asks every pair anew in
-every frame. It shares no code with the reasoning but the messages.
+The oracle keeps two dictionaries (pair to relation, pair to bit) and a list of groups, and asks
+every pair anew in every frame. It shares no code with the reasoning but the messages.
 """
 
 from __future__ import annotations
@@ -15,9 +16,26 @@ import pytest
 from fixtures.scenes import SCRIPTS
 from reasoning.reasoner import Reasoner
 
-TOLD = ("interaction_started", "joined", "separated", "interaction_ended", "grouping", "grouped", "splitting", "single")
+TOLD = (
+    "interaction_started",
+    "joined",
+    "separated",
+    "interaction_ended",
+    "grouping",
+    "grouped",
+    "splitting",
+    "single",
+)
 GROUPS = ("group_formed", "group_changed", "group_ended", "group_entered_scene")
-SCENE = ("entering", "entered", "exiting", "returned", "exited", "zone_entered", "zone_left")
+SCENE = (
+    "entering",
+    "entered",
+    "exiting",
+    "returned",
+    "exited",
+    "zone_entered",
+    "zone_left",
+)
 
 
 def centre(t):
@@ -35,9 +53,15 @@ def safety(a, b):
     """EVENTS 3.1: ellipses in the boxes, grown by a quarter of the square root of the area."""
     (ax, ay), (bx, by) = centre(a), centre(b)
     grown = [
-        (t.box[2] / 2 + sqrt(t.box[2] * t.box[3]) / 4, t.box[3] / 2 + sqrt(t.box[2] * t.box[3]) / 4) for t in (a, b)
+        (
+            t.box[2] / 2 + sqrt(t.box[2] * t.box[3]) / 4,
+            t.box[3] / 2 + sqrt(t.box[2] * t.box[3]) / 4,
+        )
+        for t in (a, b)
     ]
-    return hypot((ax - bx) / (grown[0][0] + grown[1][0]), (ay - by) / (grown[0][1] + grown[1][1]))
+    return hypot(
+        (ax - bx) / (grown[0][0] + grown[1][0]), (ay - by) / (grown[0][1] + grown[1][1])
+    )
 
 
 class Oracle:
@@ -96,7 +120,9 @@ class Oracle:
             elif self.scene[i] == "exiting" and within(self.roi):
                 self.scene[i] = "returned"
                 out.append(("returned", [i]))
-            elif self.scene[i] != "exiting" and i in self.been_in and not within(self.border):
+            elif (
+                self.scene[i] != "exiting" and i in self.been_in and not within(self.border)
+            ):
                 self.scene[i] = "exiting"
                 out.append(("exiting", [i]))
             if within(self.border):
@@ -104,7 +130,9 @@ class Oracle:
             foot = (t.box[0] + t.box[2] / 2, y1)
             now = {z for z, polygon in self.named.items() if inside(foot, polygon)}
             before = self.zones.get(i, set())
-            out += [("zone_left", [i])] * len(before - now) + [("zone_entered", [i])] * len(now - before)
+            out += [("zone_left", [i])] * len(before - now) + [("zone_entered", [i])] * len(
+                now - before
+            )
             self.zones[i] = now
         return out
 
@@ -117,7 +145,11 @@ class Oracle:
             before = self.relation.get((a, b))
             meets = shells_meet(here[a], here[b])
             same = blob[a] == blob[b] != -1
-            if before == "JOINT" and not {a, b} & self.ghosts and (blob[a] == -1) != (blob[b] == -1):
+            if (
+                before == "JOINT"
+                and not {a, b} & self.ghosts
+                and (blob[a] == -1) != (blob[b] == -1)
+            ):
                 same = not seen[a] if blob[a] == -1 else not seen[b]
             if before is None and meets and not {a, b} & self.ghosts:
                 self.relation[a, b] = "INTERACTION"
@@ -137,9 +169,13 @@ class Oracle:
         out = []
         busy = {i for p in self.bit for i in p}
         before = {p: b for p, b in self.bit.items() if set(p) <= set(here)}
-        collide = {p for p in combinations(sorted(here), 2) if safety(here[p[0]], here[p[1]]) <= 1}
+        collide = {
+            p for p in combinations(sorted(here), 2) if safety(here[p[0]], here[p[1]]) <= 1
+        }
         region = self.observed_regions(here, blob, seen, new, before, collide)
-        clusters = components({p for p in collide if region.get(p[0], -1) == region.get(p[1], -2)})
+        clusters = components(
+            {p for p in collide if region.get(p[0], -1) == region.get(p[1], -2)}
+        )
         self.bit = {}
         for p in sorted(collide | set(before)):
             was, over = before.get(p), any(set(p) <= c for c in clusters)
@@ -154,15 +190,27 @@ class Oracle:
             if now is not None:
                 self.bit[p] = now
             out += [(now, p)] if now not in (was, None) else []
-        out += [("single", [i]) for i in sorted(busy & set(here)) if not any(i in p for p in self.bit)]
+        out += [
+            ("single", [i])
+            for i in sorted(busy & set(here))
+            if not any(i in p for p in self.bit)
+        ]
         return out + self.follow_groups(clusters)
 
     def observed_regions(self, here, blob, seen, new, before, collide):
-        region = {i: blob[i] for i in here if blob[i] >= 0 and i not in new and i not in self.ghosts}
+        region = {
+            i: blob[i]
+            for i in here
+            if blob[i] >= 0 and i not in new and i not in self.ghosts
+        }
         for i in here:
             if blob[i] >= 0 or seen[i] or i in new or i in self.ghosts:
                 continue
-            mates = [a + b - i for (a, b), bit in before.items() if bit == "grouped" and i in (a, b)]
+            mates = [
+                a + b - i
+                for (a, b), bit in before.items()
+                if bit == "grouped" and i in (a, b)
+            ]
             near = [
                 (safety(here[i], here[j]), j)
                 for j in mates
@@ -193,7 +241,13 @@ def inside(point, polygon):
     """Even and odd crossings; the scenes' feet never lie exactly on a side."""
     x, y = point
     sides = zip(polygon, [*polygon[1:], polygon[0]], strict=True)
-    return sum((ay > y) != (by > y) and ax + (y - ay) * (bx - ax) / (by - ay) < x for (ax, ay), (bx, by) in sides) % 2
+    return (
+        sum(
+            (ay > y) != (by > y) and ax + (y - ay) * (bx - ax) / (by - ay) < x
+            for (ax, ay), (bx, by) in sides
+        )
+        % 2
+    )
 
 
 def components(pairs):
@@ -204,7 +258,9 @@ def components(pairs):
     return sorted((frozenset(w) for w in whole), key=min)
 
 
-@pytest.mark.parametrize(("name", "seed"), [*((n, 0) for n in SCRIPTS), ("three_way_group", 1), ("six_fish", 2)])
+@pytest.mark.parametrize(
+    ("name", "seed"), [*((n, 0) for n in SCRIPTS), ("three_way_group", 1), ("six_fish", 2)]
+)
 def test_the_reasoning_tells_what_the_rules_say(play, name, seed):
     scene, answers = play(name, seed)
     oracle, reasoner = Oracle(scene.truth.regions), Reasoner({}, scene.width, scene.height)
@@ -213,7 +269,14 @@ def test_the_reasoning_tells_what_the_rules_say(play, name, seed):
         k = targets.frame
         answer = reasoner.step(k, scene.time_ns(k), targets, scene.truth.regions)
         expected += oracle.step(k, targets.targets)
-        found += [(k, e.kind, tuple(e.subjects)) for e in answer.events if e.kind in (*TOLD, *GROUPS, *SCENE)]
+        found += [
+            (k, e.kind, tuple(e.subjects))
+            for e in answer.events
+            if e.kind in (*TOLD, *GROUPS, *SCENE)
+        ]
     assert reasoner.counter.forbidden == 0
-    missing, spurious = Counter(expected) - Counter(found), Counter(found) - Counter(expected)
+    missing, spurious = (
+        Counter(expected) - Counter(found),
+        Counter(found) - Counter(expected),
+    )
     assert (sorted(missing), sorted(spurious)) == ([], [])

@@ -1,4 +1,6 @@
-"""The plugin in a user's own project, by the documentation alone; and trackers that are not deterministic."""
+"""The plugin in a user's own project, by the documentation alone; and trackers that are not
+deterministic.
+"""
 
 from __future__ import annotations
 
@@ -19,15 +21,28 @@ DOC = ROOT / "docs" / "golden.md"
 
 
 def run_pytest(folder: Path, *words: str, hash_seed: str = "5") -> tuple[int, str]:
-    # The entry point registers the plugin where the project is installed; a checkout may be older than it.
+    # The entry point registers the plugin where the project is installed; a checkout may be older
+    # than it.
     plugin = [] if _registered() else ["-p", "replay.golden.plugin"]
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:randomly", "-p", "no:cacheprovider", *plugin, *words],
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "no:randomly",
+            "-p",
+            "no:cacheprovider",
+            *plugin,
+            *words,
+        ],
         cwd=folder,
         capture_output=True,
         text=True,
         check=False,
-        # What follows the hash seed is caught by chance only; here the chance is the same every time.
+        # What follows the hash seed is caught by chance only; here the chance is the same every
+        # time.
         env={**os.environ, "PYTHONHASHSEED": hash_seed},
     )
     return done.returncode, done.stdout + done.stderr
@@ -41,9 +56,13 @@ def _registered() -> bool:
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The project of the documentation: its code blocks, as files of the names in their first lines."""
+    """The project of the documentation: its code blocks, as files of the names in their first
+    lines.
+    """
     folder = tmp_path_factory.mktemp("project")
-    blocks = re.findall(r"```python\n# (\S+)\n(.*?)```", DOC.read_text(encoding="utf-8"), re.DOTALL)
+    blocks = re.findall(
+        r"```python\n# (\S+)\n(.*?)```", DOC.read_text(encoding="utf-8"), re.DOTALL
+    )
     assert [name for name, _ in blocks] == ["nearest.py", "conftest.py", "test_nearest.py"]
     for name, code in blocks:
         (folder / name).write_text(code, encoding="utf-8")
@@ -60,7 +79,10 @@ def test_the_documented_example_in_a_fresh_project(project: Path) -> None:
     assert "1 passed" in said
     assert golden.read_bytes() == before
     assert code == 4, "a name that no test has must not pass for done"
-    assert "--scenetrace-update test_crosing: no test that ran has a golden file of that name" in said
+    assert (
+        "--scenetrace-update test_crosing: no test that ran has a golden file of that name"
+        in said
+    )
 
     test = project / "test_nearest.py"
     test.write_text(test.read_text().replace('"reach": 0.8', '"reach": 0.1'))
@@ -86,7 +108,11 @@ PLANTED = {
             Planted.next_id += 1
             return Planted.next_id
         """,
-        ["in one process, each with a fresh instance", "state that instances share", "Planted.next_id was 1, then"],
+        [
+            "in one process, each with a fresh instance",
+            "state that instances share",
+            "Planted.next_id was 1, then",
+        ],
     ),
     "the clock": (
         """
@@ -95,7 +121,12 @@ PLANTED = {
             self.n += 1
             return self.n * 1000 + time.perf_counter_ns() % 1000
         """,
-        ["It looks like the clock", "planted_K.py:", "time.perf_counter_ns()", "frame.time_ns"],
+        [
+            "It looks like the clock",
+            "planted_K.py:",
+            "time.perf_counter_ns()",
+            "frame.time_ns",
+        ],
     ),
     "chance": (
         """
@@ -104,7 +135,12 @@ PLANTED = {
             self.n += 1
             return self.n * 100000 + random.randrange(100000)
         """,
-        ["It looks like chance", "planted_K.py:", "calls random.getrandbits()", "a seed from its parameters"],
+        [
+            "It looks like chance",
+            "planted_K.py:",
+            "calls random.getrandbits()",
+            "a seed from its parameters",
+        ],
     ),
     "chance by the plainest name": (
         """
@@ -122,7 +158,12 @@ PLANTED = {
             self.n += 1
             return self.n * 100 + datetime.date.today().day
         """,
-        ["asks the clock while it replays scene.mcap", "planted_K.py:", "calls datetime.date.today()", "frame.time_ns"],
+        [
+            "asks the clock while it replays scene.mcap",
+            "planted_K.py:",
+            "calls datetime.date.today()",
+            "frame.time_ns",
+        ],
     ),
     "a set": (
         """
@@ -132,7 +173,12 @@ PLANTED = {
             words = {f"target {k}" for k in range(20)}
             return self.n * 100 + int(next(iter(words)).split()[1])
         """,
-        ["a replay of scene.mcap in another process differs", "hash seed", "a loop over a set", "sorted(...)"],
+        [
+            "a replay of scene.mcap in another process differs",
+            "hash seed",
+            "a loop over a set",
+            "sorted(...)",
+        ],
     ),
     "numpy's global chance": (
         """
@@ -141,7 +187,11 @@ PLANTED = {
             self.n += 1
             return self.n * 100000 + int(np.random.randint(100000))
         """,
-        ["It looks like chance", "numpy's global random state was used", "a seed from its parameters"],
+        [
+            "It looks like chance",
+            "numpy's global random state was used",
+            "a seed from its parameters",
+        ],
     ),
     "the order of threads": (
         """
@@ -181,7 +231,11 @@ PLANTED = {
             self.frames = getattr(self, "frames", 0) + 1
             return Targets(frame.index, [Target(1, (2.0, 2.0, 10.0 + self.frames, 20.0))])
         """,
-        ["starts from state() in the middle", "frame 16, targets, targets[id 1].box[2]: 27.0", "restore()"],
+        [
+            "starts from state() in the middle",
+            "frame 16, targets, targets[id 1].box[2]: 27.0",
+            "restore()",
+        ],
     ),
 }
 TRACKER = """
@@ -220,12 +274,18 @@ PLANT
 def planted_run(tmp_path_factory: pytest.TempPathFactory) -> str:
     """What one pytest run over all planted trackers said."""
     folder = tmp_path_factory.mktemp("planted")
-    write_scene_log(generate("pass_by", size=(96, 72), frames=30), folder / "scene.mcap", pictures="none")
+    write_scene_log(
+        generate("pass_by", size=(96, 72), frames=30),
+        folder / "scene.mcap",
+        pictures="none",
+    )
     for k, (plant, _) in enumerate(PLANTED.values()):
         body = textwrap.indent(textwrap.dedent(plant), "    ")
         # The plant's own step, where it has one, comes last and so is the one that counts.
-        (folder / f"planted_{k}.py").write_text(TRACKER.replace("PLANT", body if "def step" not in plant else "")
-                                                + (body if "def step" in plant else ""))  # fmt: skip
+        (folder / f"planted_{k}.py").write_text(
+            TRACKER.replace("PLANT", body if "def step" not in plant else "")
+            + (body if "def step" in plant else "")
+        )
         (folder / f"test_planted_{k}.py").write_text(
             f"from planted_{k} import Planted\n\n\ndef test_planted_{k}(golden_scene):\n"
             "    golden_scene('scene.mcap', tracker=Planted)\n"
@@ -237,19 +297,31 @@ def planted_run(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.mark.parametrize("plant", PLANTED)
-def test_planted_nondeterminism_is_caught_with_its_kind(planted_run: str, plant: str) -> None:
+def test_planted_nondeterminism_is_caught_with_its_kind(
+    planted_run: str, plant: str
+) -> None:
     k = list(PLANTED).index(plant)
     said = re.split(r"^_+ test_planted_\d+ _+$", planted_run, flags=re.MULTILINE)[k + 1]
-    heads = ("Planted is not deterministic", "Planted: a replay that starts from state()", "Planted asks the clock")
+    heads = (
+        "Planted is not deterministic",
+        "Planted: a replay that starts from state()",
+        "Planted asks the clock",
+    )
     assert any(head in said for head in heads)
     for words in PLANTED[plant][1]:
         assert words.replace("_K", f"_{k}") in said, said
     assert "no golden file" not in said, "what is not deterministic must not become golden"
 
 
-def user_project(folder: Path, body: str, test: str = "golden_scene('scene.mcap', tracker=Planted)") -> Path:
+def user_project(
+    folder: Path, body: str, test: str = "golden_scene('scene.mcap', tracker=Planted)"
+) -> Path:
     """A folder with a scene, a tracker of the user's own and a test of it."""
-    write_scene_log(generate("pass_by", size=(96, 72), frames=12), folder / "scene.mcap", pictures="none")
+    write_scene_log(
+        generate("pass_by", size=(96, 72), frames=12),
+        folder / "scene.mcap",
+        pictures="none",
+    )
     plant = textwrap.indent(textwrap.dedent(body), "    ")
     (folder / "planted.py").write_text(TRACKER.replace("PLANT", plant))
     (folder / "test_planted.py").write_text(
@@ -259,8 +331,12 @@ def user_project(folder: Path, body: str, test: str = "golden_scene('scene.mcap'
 
 
 @pytest.mark.parametrize("hash_seed", ["0", "3", "4"])
-def test_the_order_of_a_set_of_two_is_caught_from_wherever_one_starts(tmp_path: Path, hash_seed: str) -> None:
-    """Half of all seeds have one order, half the other: one other process is a coin that falls the wrong way."""
+def test_the_order_of_a_set_of_two_is_caught_from_wherever_one_starts(
+    tmp_path: Path, hash_seed: str
+) -> None:
+    """Half of all seeds have one order, half the other: one other process is a coin that falls
+    the wrong way.
+    """
     folder = user_project(
         tmp_path,
         """
@@ -277,7 +353,9 @@ def test_the_order_of_a_set_of_two_is_caught_from_wherever_one_starts(tmp_path: 
     assert "no golden file" not in said
 
 
-def test_what_the_process_has_left_behind_is_not_taken_for_a_hash_seed(tmp_path: Path) -> None:
+def test_what_the_process_has_left_behind_is_not_taken_for_a_hash_seed(
+    tmp_path: Path,
+) -> None:
     folder = user_project(
         tmp_path,
         """
@@ -295,7 +373,9 @@ def test_what_the_process_has_left_behind_is_not_taken_for_a_hash_seed(tmp_path:
 
 
 def test_a_clock_and_chance_without_an_effect_are_no_fault(tmp_path: Path) -> None:
-    """Speed that is measured, lines that are logged, a generator with a seed: the answers are the same."""
+    """Speed that is measured, lines that are logged, a generator with a seed: the answers are the
+    same.
+    """
     folder = user_project(
         tmp_path,
         """
@@ -319,7 +399,11 @@ def test_a_clock_and_chance_without_an_effect_are_no_fault(tmp_path: Path) -> No
 
 
 def test_two_tests_of_one_name_are_told(tmp_path: Path) -> None:
-    write_scene_log(generate("pass_by", size=(96, 72), frames=12), tmp_path / "scene.mcap", pictures="none")
+    write_scene_log(
+        generate("pass_by", size=(96, 72), frames=12),
+        tmp_path / "scene.mcap",
+        pictures="none",
+    )
     plain = "golden_scene('scene.mcap', other_process=False, checkpoint=False)\n"
     named = plain.replace(")", ", name='a')")
     method = f"    def test_crossing(self, golden_scene):\n        {plain}\n\n"
@@ -330,14 +414,30 @@ def test_two_tests_of_one_name_are_told(tmp_path: Path) -> None:
     )
     code, said = run_pytest(tmp_path)
     assert code == 1
-    # A line's start: where CI is set, pytest's summary repeats the whole message behind each FAILED.
-    assert len(re.findall(r"^two tests have one golden file, test_crossing\.mcap", said, re.MULTILINE)) == 3, said
-    for words in ("test_one.py::TestX::test_crossing", "test_one.py::TestY::test_crossing", "golden_scene(..., name="):
+    # A line's start: where CI is set, pytest's summary repeats the whole message behind each
+    # FAILED.
+    assert (
+        len(
+            re.findall(
+                r"^two tests have one golden file, test_crossing\.mcap", said, re.MULTILINE
+            )
+        )
+        == 3
+    ), said
+    for words in (
+        "test_one.py::TestX::test_crossing",
+        "test_one.py::TestY::test_crossing",
+        "golden_scene(..., name=",
+    ):
         assert words in said
     assert re.search(
-        r"one golden file, a\.mcap:\n\s*test_other\.py::test_named\n\s*test_other\.py::test_named_too", said
+        r"one golden file,"
+        r" a\.mcap:\n\s*test_other\.py::test_named\n\s*test_other\.py::test_named_too",
+        said,
     )
     assert not (tmp_path / "test_crossing.mcap").exists()
     assert (tmp_path / "a.mcap").exists()
     code, said = run_pytest(tmp_path, "test_one.py::TestX")
-    assert "there was no golden file, so it was written" in said, "alone it has its name for itself"
+    assert "there was no golden file, so it was written" in said, (
+        "alone it has its name for itself"
+    )

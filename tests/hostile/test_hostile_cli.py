@@ -1,4 +1,6 @@
-"""Bad input through the command line: one line on stderr that says what, where and what to do; nothing left behind."""
+"""Bad input through the command line: one line on stderr that says what, where and what to do;
+nothing left behind.
+"""
 
 from __future__ import annotations
 
@@ -29,20 +31,33 @@ from replay.cli import main
 
 MAGIC = b"\x89MCAP0\r\n"
 PROGRAM = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
-POSIX = pytest.mark.skipif(sys.platform == "win32", reason="signals and resource limits of POSIX")
+POSIX = pytest.mark.skipif(
+    sys.platform == "win32", reason="signals and resource limits of POSIX"
+)
 
 
-# -- building ----------------------------------------------------------------------------------------------------------
+# -- building
+# ----------------------------------------------------------------------------------------------------------
 
 
 def png(width: int, height: int) -> bytes:
     """A PNG of a few bytes that claims any size."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        return (
+            struct.pack(">I", len(data))
+            + kind
+            + data
+            + struct.pack(">I", zlib.crc32(kind + data))
+        )
 
     head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"\0" * 99)) + chunk(b"IEND", b"")
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", head)
+        + chunk(b"IDAT", zlib.compress(b"\0" * 99))
+        + chunk(b"IEND", b"")
+    )
 
 
 def bomb() -> bytes:
@@ -55,14 +70,21 @@ def bomb() -> bytes:
         return struct.pack("<I", len(value)) + value.encode()
 
     packed = zstandard.ZstdCompressor().compress(bytes(64 << 20))
-    chunk = struct.pack("<QQQI", 0, 10, 100, 0) + text("zstd") + struct.pack("<Q", len(packed)) + packed
+    chunk = (
+        struct.pack("<QQQI", 0, 10, 100, 0)
+        + text("zstd")
+        + struct.pack("<Q", len(packed))
+        + packed
+    )
     body = MAGIC + record(1, text("") + text("by hand")) + record(6, chunk)
     body += record(15, struct.pack("<I", zlib.crc32(body)))
     return body + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + MAGIC
 
 
 def records(data: bytes, opcode: int) -> list[tuple[int, int]]:
-    """Where the content of a log's records of a kind begins and ends (a walk over the file's own lengths)."""
+    """Where the content of a log's records of a kind begins and ends (a walk over the file's own
+    lengths).
+    """
     place, found = len(MAGIC), []
     while place < len(data) - len(MAGIC):
         kind, size = struct.unpack_from("<BQ", data, place)
@@ -86,17 +108,34 @@ def one_box(k: int, *box: float, size: tuple[int, int] = (160, 120)) -> Detectio
 
 
 def scene_log(
-    path: Path, payload: Callable[[int], bytes] | None = None, picture: bytes | None = None, frames: int = 5
+    path: Path,
+    payload: Callable[[int], bytes] | None = None,
+    picture: bytes | None = None,
+    frames: int = 5,
 ) -> Path:
-    """A scene log by hand: a box per frame, or what ``payload`` makes of the frame's number; perhaps a picture."""
+    """A scene log by hand: a box per frame, or what ``payload`` makes of the frame's number;
+    perhaps a picture.
+    """
     with LogWriter(path) as log:
-        image = log.channel("/camera/image", channels.schema("image"), "protobuf") if picture is not None else None
-        detections = log.channel("/camera/detections", channels.schema("detections"), "json")
+        image = (
+            log.channel("/camera/image", channels.schema("image"), "protobuf")
+            if picture is not None
+            else None
+        )
+        detections = log.channel(
+            "/camera/detections", channels.schema("detections"), "json"
+        )
         for k in range(frames):
             now = k * 100_000_000
             if image is not None and picture is not None:
-                log.write(image, channels.compressed_image(picture, "png", now, "camera"), now)
-            data = channels.encode("detections", one_box(k, 10, 10, 20, 50)) if payload is None else payload(k)
+                log.write(
+                    image, channels.compressed_image(picture, "png", now, "camera"), now
+                )
+            data = (
+                channels.encode("detections", one_box(k, 10, 10, 20, 50))
+                if payload is None
+                else payload(k)
+            )
             log.write(detections, data, now)
     return path
 
@@ -107,9 +146,28 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("good")
     scene = generate("three_way_group", seed=1, size=(160, 120), frames=25)
     write_scene_log(scene, folder / "scene.mcap", style="merged")
-    words = ["replay", str(folder / "scene.mcap"), "-o", str(folder / "annotated.mcap"), "--checkpoint", "0.3"]
+    words = [
+        "replay",
+        str(folder / "scene.mcap"),
+        "-o",
+        str(folder / "annotated.mcap"),
+        "--checkpoint",
+        "0.3",
+    ]
     assert main(words) == 0
-    assert main(["export", str(folder / "annotated.mcap"), "--to", "mot", "-o", str(folder / "gt.txt")]) == 0
+    assert (
+        main(
+            [
+                "export",
+                str(folder / "annotated.mcap"),
+                "--to",
+                "mot",
+                "-o",
+                str(folder / "gt.txt"),
+            ]
+        )
+        == 0
+    )
     (folder / "img1").mkdir()
     for k in range(3):
         (folder / "img1" / f"{k + 1}.jpg").write_bytes(encode_jpeg(scene.image(k)))
@@ -128,7 +186,10 @@ def folder(good: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def listing(folder: Path) -> dict[str, bytes | None]:
     """Everything below a folder with its content."""
-    return {str(p.relative_to(folder)): p.read_bytes() if p.is_file() else None for p in sorted(folder.rglob("*"))}
+    return {
+        str(p.relative_to(folder)): p.read_bytes() if p.is_file() else None
+        for p in sorted(folder.rglob("*"))
+    }
 
 
 Fails = Callable[..., str]
@@ -136,7 +197,9 @@ Fails = Callable[..., str]
 
 @pytest.fixture
 def fails(folder: Path, capsys: pytest.CaptureFixture[str]) -> Fails:
-    """Run a command that fails: one line on stderr, nothing on stdout, no file changed; returns the line."""
+    """Run a command that fails: one line on stderr, nothing on stdout, no file changed; returns
+    the line.
+    """
 
     def run(*words: object, code: int = 1, message: str = "") -> str:
         before = listing(folder)
@@ -144,7 +207,11 @@ def fails(folder: Path, capsys: pytest.CaptureFixture[str]) -> Fails:
         assert main([str(w) for w in words]) == code
         said = capsys.readouterr()
         assert said.out == ""
-        lines = [line for line in said.err.splitlines() if not line.startswith("scenetrace: no frame rate is known")]
+        lines = [
+            line
+            for line in said.err.splitlines()
+            if not line.startswith("scenetrace: no frame rate is known")
+        ]
         (line,) = lines
         assert line.startswith("scenetrace: error: ")
         assert message in line
@@ -154,7 +221,8 @@ def fails(folder: Path, capsys: pytest.CaptureFixture[str]) -> Fails:
     return run
 
 
-# -- damaged and foreign logs ------------------------------------------------------------------------------------------
+# -- damaged and foreign logs
+# ------------------------------------------------------------------------------------------
 
 # How each command reads a log; what it would write has no name that is there.
 READERS: dict[str, list[str]] = {
@@ -180,18 +248,31 @@ BAD_FILES: dict[str, Callable[[Path], None]] = {
     "empty file": lambda path: path.write_bytes(b"") and None,
     "a text file": lambda path: path.write_text("frame,id,x,y\n1,1,10,10\n" * 50) and None,
     "a folder": lambda path: path.mkdir(),
-    "a truncated log": lambda path: path.write_bytes(Path("annotated.mcap").read_bytes()[:-300]) and None,
-    "a log cut in its first chunk": lambda path: path.write_bytes(Path("annotated.mcap").read_bytes()[:900]) and None,
-    "a chunk that unpacks to more than it declares": lambda path: path.write_bytes(bomb()) and None,
+    "a truncated log": lambda path: (
+        path.write_bytes(Path("annotated.mcap").read_bytes()[:-300]) and None
+    ),
+    "a log cut in its first chunk": lambda path: (
+        path.write_bytes(Path("annotated.mcap").read_bytes()[:900]) and None
+    ),
+    "a chunk that unpacks to more than it declares": lambda path: (
+        path.write_bytes(bomb()) and None
+    ),
 }
 
 
 @pytest.mark.parametrize("command", READERS)
 @pytest.mark.parametrize("kind", BAD_FILES)
-def test_what_is_no_whole_log_is_refused_by_every_command(folder: Path, fails: Fails, kind: str, command: str) -> None:
+def test_what_is_no_whole_log_is_refused_by_every_command(
+    folder: Path, fails: Fails, kind: str, command: str
+) -> None:
     BAD_FILES[kind](Path("bad.mcap"))
-    looks_below = kind == "a folder" and command.startswith("index")  # it takes folders of logs
-    line = fails(*["bad.mcap" if w == "LOG" else w for w in READERS[command]], code=2 if looks_below else 1)
+    looks_below = kind == "a folder" and command.startswith(
+        "index"
+    )  # it takes folders of logs
+    line = fails(
+        *["bad.mcap" if w == "LOG" else w for w in READERS[command]],
+        code=2 if looks_below else 1,
+    )
     assert "bad.mcap" in line
 
 
@@ -219,7 +300,9 @@ def test_one_flipped_bit_is_an_error_or_changes_nothing(
         assert said.out == expected
         if command != "index":  # the database holds the file's digest
             now = listing(folder)
-            assert {k: v for k, v in now.items() if not k.startswith(("out", "annotated"))} == {
+            assert {
+                k: v for k, v in now.items() if not k.startswith(("out", "annotated"))
+            } == {
                 k: v for k, v in written.items() if not k.startswith(("out", "annotated"))
             }
         assert opcode != CHUNK or command in ("info", "diff")
@@ -228,7 +311,9 @@ def test_one_flipped_bit_is_an_error_or_changes_nothing(
         (line,) = said.err.splitlines()
         assert line.startswith("scenetrace: error: annotated.mcap at byte ")
         # Where the bit lies decides whether compressed data unpacks at all.
-        assert any(words in line for words in ("CRC", "differs", "cannot unpack it")), "what is wrong"
+        assert any(words in line for words in ("CRC", "differs", "cannot unpack it")), (
+            "what is wrong"
+        )
         assert listing(folder) == before
     capsys.readouterr()
     assert main(["doctor", "annotated.mcap"]) == 1
@@ -237,7 +322,9 @@ def test_one_flipped_bit_is_an_error_or_changes_nothing(
     assert "scenetrace recover annotated.mcap -o OUT" in said.err
 
 
-def test_doctor_and_recover_of_what_is_no_log(folder: Path, fails: Fails, capsys: pytest.CaptureFixture[str]) -> None:
+def test_doctor_and_recover_of_what_is_no_log(
+    folder: Path, fails: Fails, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert "no such file" in fails("doctor", "none.mcap")
     assert "no such file" in fails("recover", "none.mcap", "-o", "out.mcap")
     Path("text.mcap").write_text("hello " * 99)
@@ -248,7 +335,9 @@ def test_doctor_and_recover_of_what_is_no_log(folder: Path, fails: Fails, capsys
     fails("doctor", ".", message="folder")
 
 
-def test_recover_keeps_what_is_whole_of_a_truncated_log(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_recover_keeps_what_is_whole_of_a_truncated_log(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     Path("cut.mcap").write_bytes(Path("scene.mcap").read_bytes()[:-4000])
     assert main(["recover", "cut.mcap", "-o", "saved.mcap"]) == 3
     assert "lost: at byte " in capsys.readouterr().err
@@ -257,25 +346,34 @@ def test_recover_keeps_what_is_whole_of_a_truncated_log(folder: Path, capsys: py
 
 
 @pytest.mark.parametrize("command", [c for c in READERS if c not in ("info", "replay")])
-def test_a_scene_log_has_nothing_to_ask_yet(folder: Path, fails: Fails, command: str) -> None:
+def test_a_scene_log_has_nothing_to_ask_yet(
+    folder: Path, fails: Fails, command: str
+) -> None:
     line = fails(*["scene.mcap" if w == "LOG" else w for w in READERS[command]])
     assert "scene.mcap" in line
     assert "`scenetrace replay" in line
 
 
-def test_a_log_without_detections_says_what_it_holds_and_how_to_record(folder: Path, fails: Fails) -> None:
+def test_a_log_without_detections_says_what_it_holds_and_how_to_record(
+    folder: Path, fails: Fails
+) -> None:
     with LogWriter(folder / "pictures.mcap") as log:
         image = log.channel("/camera/image", channels.schema("image"), "protobuf")
         log.write(image, channels.compressed_image(png(3, 3), "png", 0, "camera"), 0)
-    line = fails("replay", "pictures.mcap", "-o", "out.mcap", message="no detections to replay")
+    line = fails(
+        "replay", "pictures.mcap", "-o", "out.mcap", message="no detections to replay"
+    )
     assert "it holds /camera/image" in line
     assert "`scenetrace record SOURCE -o scene.mcap`" in line
     with LogWriter(folder / "none.mcap") as log:
         log.channel("/camera/detections", channels.schema("detections"), "json")
-    fails("replay", "none.mcap", "-o", "out.mcap", message="the detections channel is empty")
+    fails(
+        "replay", "none.mcap", "-o", "out.mcap", message="the detections channel is empty"
+    )
 
 
-# -- lies inside a sound log -------------------------------------------------------------------------------------------
+# -- lies inside a sound log
+# -------------------------------------------------------------------------------------------
 
 
 def altered(k: int, old: bytes, new: bytes) -> bytes:
@@ -287,14 +385,38 @@ def altered(k: int, old: bytes, new: bytes) -> bytes:
 PAYLOADS: dict[str, tuple[Callable[[int], bytes], str]] = {
     "NaN": (lambda k: altered(k, b"20.5", b"NaN"), "JSON is malformed"),
     "infinity": (lambda k: altered(k, b"20.5", b"1e999"), "out of range"),
-    "negative width": (lambda k: channels.encode("detections", one_box(k, 10, 10, -5, 5)), "w, h over 0"),
-    "no height": (lambda k: channels.encode("detections", one_box(k, 10, 10, 5, 0)), "w, h over 0"),
-    "huge": (lambda k: channels.encode("detections", one_box(k, 0, 0, 1e300, 1e300)), "wanted finite"),
-    "beyond": (lambda k: channels.encode("detections", one_box(k, 160, 0, 5, 5)), "beyond the picture of 160x120"),
-    "left of": (lambda k: channels.encode("detections", one_box(k, -9, 0, 9, 5)), "beyond the picture of 160x120"),
-    "no picture": (lambda k: channels.encode("detections", one_box(k, 0, 0, 5, 5, size=(0, 9))), "a picture of 0x9"),
-    "unequal lists": (lambda k: altered(k, b'"scores":[1.0]', b'"scores":[1.0,1.0]'), "2 scores for 1 boxes"),
-    "text for a number": (lambda k: altered(k, b"20.5", b'"20"'), "Expected `float`, got `str`"),
+    "negative width": (
+        lambda k: channels.encode("detections", one_box(k, 10, 10, -5, 5)),
+        "w, h over 0",
+    ),
+    "no height": (
+        lambda k: channels.encode("detections", one_box(k, 10, 10, 5, 0)),
+        "w, h over 0",
+    ),
+    "huge": (
+        lambda k: channels.encode("detections", one_box(k, 0, 0, 1e300, 1e300)),
+        "wanted finite",
+    ),
+    "beyond": (
+        lambda k: channels.encode("detections", one_box(k, 160, 0, 5, 5)),
+        "beyond the picture of 160x120",
+    ),
+    "left of": (
+        lambda k: channels.encode("detections", one_box(k, -9, 0, 9, 5)),
+        "beyond the picture of 160x120",
+    ),
+    "no picture": (
+        lambda k: channels.encode("detections", one_box(k, 0, 0, 5, 5, size=(0, 9))),
+        "a picture of 0x9",
+    ),
+    "unequal lists": (
+        lambda k: altered(k, b'"scores":[1.0]', b'"scores":[1.0,1.0]'),
+        "2 scores for 1 boxes",
+    ),
+    "text for a number": (
+        lambda k: altered(k, b"20.5", b'"20"'),
+        "Expected `float`, got `str`",
+    ),
     "deep": (lambda k: b'{"else":' + b"[" * 100_000, "not a detections message"),
     "not JSON": (lambda k: b"\x00\xff", "not a detections message"),
     "empty": (lambda k: b"", "not a detections message"),
@@ -302,7 +424,9 @@ PAYLOADS: dict[str, tuple[Callable[[int], bytes], str]] = {
 
 
 @pytest.mark.parametrize("name", PAYLOADS)
-def test_detections_that_cannot_be_are_refused_on_replay(folder: Path, fails: Fails, name: str) -> None:
+def test_detections_that_cannot_be_are_refused_on_replay(
+    folder: Path, fails: Fails, name: str
+) -> None:
     payload, message = PAYLOADS[name]
     good = channels.encode("detections", one_box(0, 10, 10, 20, 50))
     scene_log(folder / "first.mcap", payload)
@@ -315,7 +439,10 @@ def test_detections_that_cannot_be_are_refused_on_replay(folder: Path, fails: Fa
 @pytest.mark.parametrize(
     ("picture", "message"),
     [
-        (png(30_000, 30_000), "a picture claims 30000 x 30000 pixels, over the limit of 16384 a side"),
+        (
+            png(30_000, 30_000),
+            "a picture claims 30000 x 30000 pixels, over the limit of 16384 a side",
+        ),
         (png(0, 120), "claims 0 x 120 pixels"),
         (png(160, 120), "a damaged png picture"),
         (b"hello", "neither a JPEG nor a PNG picture"),
@@ -330,14 +457,23 @@ def test_a_picture_in_a_log_is_checked_before_it_is_decoded(
     assert "bad.mcap" in line
 
 
-def test_a_picture_of_another_size_than_the_detections_say(folder: Path, fails: Fails) -> None:
+def test_a_picture_of_another_size_than_the_detections_say(
+    folder: Path, fails: Fails
+) -> None:
     import numpy as np
 
     scene_log(folder / "bad.mcap", picture=encode_png(np.zeros((50, 60, 3), np.uint8)))
-    fails("replay", "bad.mcap", "-o", "out.mcap", message="the image at 0 ns is 60x50, the detections say 160x120")
+    fails(
+        "replay",
+        "bad.mcap",
+        "-o",
+        "out.mcap",
+        message="the image at 0 ns is 60x50, the detections say 160x120",
+    )
 
 
-# -- sources -----------------------------------------------------------------------------------------------------------
+# -- sources
+# -----------------------------------------------------------------------------------------------------------
 
 
 def test_record_of_a_picture_that_claims_30000_x_30000(folder: Path, fails: Fails) -> None:
@@ -351,8 +487,14 @@ def test_record_of_a_picture_that_claims_30000_x_30000(folder: Path, fails: Fail
     ("row", "message"),
     [
         ("1,-1,5,5,nan,50,1", "det.txt:1: "),
-        ("1,-1,5,5,-20,50,1", "det.txt:1: a box of width -20 and height 50: both must be over 0"),
-        ("1,-1,5,5,20,0,1", "det.txt:1: a box of width 20 and height 0: both must be over 0"),
+        (
+            "1,-1,5,5,-20,50,1",
+            "det.txt:1: a box of width -20 and height 50: both must be over 0",
+        ),
+        (
+            "1,-1,5,5,20,0,1",
+            "det.txt:1: a box of width 20 and height 0: both must be over 0",
+        ),
         ("1,-1,500,5,20,50,1", "det.txt:1: detections beyond the picture: "),
         ("0,-1,5,5,20,50,1", "det.txt:1: "),
         ("one,-1,5,5,20,50,1", "det.txt:1: "),
@@ -371,17 +513,26 @@ def test_detections_that_cannot_be_are_refused_with_their_line(
 def test_unsorted_frames_are_sorted_duplicates_left_out_and_both_are_said(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    Path("det.txt").write_text("3,-1,5,5,20,50,1\n1,-1,5,5,20,50,1\n1,-1,5,5,20,50,1\n2,-1,6,5,20,50,1\n")
-    assert main(["record", "det.txt", "--size", "160x120", "--fps", "5", "-o", "out.mcap"]) == 3
+    Path("det.txt").write_text(
+        "3,-1,5,5,20,50,1\n1,-1,5,5,20,50,1\n1,-1,5,5,20,50,1\n2,-1,6,5,20,50,1\n"
+    )
+    assert (
+        main(["record", "det.txt", "--size", "160x120", "--fps", "5", "-o", "out.mcap"])
+        == 3
+    )
     said = capsys.readouterr().err
     assert "det.txt: the frames are not in order; they were sorted" in said
     with SceneLog(folder / "out.mcap") as log:
         boxes = [len(f.detections.boxes) for f in log.frames()]
     assert boxes == [1, 1, 1]
-    assert "left out: 1 rows repeat another row of their frame and were left out, the first at det.txt:3" in said
+    assert (
+        "left out: 1 rows repeat another row of their frame and were left out, the first at"
+        " det.txt:3" in said
+    )
 
 
-# -- outputs -----------------------------------------------------------------------------------------------------------
+# -- outputs
+# -----------------------------------------------------------------------------------------------------------
 
 WRITERS: dict[str, list[str]] = {
     "record": ["record", "img1", "--fps", "5", "-o", "OUT.mcap"],
@@ -393,8 +544,24 @@ WRITERS: dict[str, list[str]] = {
     "export graphml": ["export", "annotated.mcap", "--to", "graphml", "-o", "OUT.graphml"],
     "export json": ["export", "annotated.mcap", "--to", "json", "-o", "OUT.json"],
     "export video": ["export", "annotated.mcap", "--to", "video", "-o", "OUT.mp4"],
-    "query csv": ["query", "annotated.mcap", "SELECT * FROM tracks", "--format", "csv", "-o", "OUT.csv"],
-    "query parquet": ["query", "annotated.mcap", "SELECT * FROM tracks", "--format", "parquet", "-o", "OUT.parquet"],
+    "query csv": [
+        "query",
+        "annotated.mcap",
+        "SELECT * FROM tracks",
+        "--format",
+        "csv",
+        "-o",
+        "OUT.csv",
+    ],
+    "query parquet": [
+        "query",
+        "annotated.mcap",
+        "SELECT * FROM tracks",
+        "--format",
+        "parquet",
+        "-o",
+        "OUT.parquet",
+    ],
     "explain": ["explain", "annotated.mcap", "1", "-o", "OUT"],
     "evidence": ["evidence", "annotated.mcap", "--events", "1", "-o", "OUT"],
     "report": ["report", "annotated.mcap", "-o", "OUT.html"],
@@ -404,7 +571,9 @@ WRITERS: dict[str, list[str]] = {
 
 
 @pytest.mark.parametrize("command", [c for c in WRITERS if not c.startswith("index")])
-def test_an_existing_output_is_never_overwritten(folder: Path, fails: Fails, command: str) -> None:
+def test_an_existing_output_is_never_overwritten(
+    folder: Path, fails: Fails, command: str
+) -> None:
     out = Path(WRITERS[command][-1].replace("OUT", "there"))
     if out.suffix:
         out.write_text("precious")
@@ -412,8 +581,14 @@ def test_an_existing_output_is_never_overwritten(folder: Path, fails: Fails, com
         out.mkdir()
         (out / "mine.txt").write_text("precious")
     words = [w.replace("OUT", "there") for w in WRITERS[command]]
-    fails(*words, message=f"{out} exists already, not overwriting it; give another name or --force")
-    if command in ("explain", "evidence"):  # its files would stand among somebody else's: refused, with --force too
+    fails(
+        *words,
+        message=f"{out} exists already, not overwriting it; give another name or --force",
+    )
+    if command in (
+        "explain",
+        "evidence",
+    ):  # its files would stand among somebody else's: refused, with --force too
         fails(*words, "--force", code=2, message="holds 'mine.txt' and no")
         assert [p.name for p in out.iterdir()] == ["mine.txt"]
         (out / "mine.txt").unlink()
@@ -428,21 +603,35 @@ def test_an_existing_output_is_never_overwritten(folder: Path, fails: Fails, com
 
 
 @pytest.mark.parametrize("command", [c for c in WRITERS if c.startswith("index")])
-def test_an_index_is_added_to_and_never_replaces_what_is_none(folder: Path, fails: Fails, command: str) -> None:
+def test_an_index_is_added_to_and_never_replaces_what_is_none(
+    folder: Path, fails: Fails, command: str
+) -> None:
     Path("there.duckdb").write_text("precious")
     Path("there").mkdir()
     Path("there/mine.txt").write_text("precious")
     words = [w.replace("OUT", "there") for w in WRITERS[command]]
-    fails(*words, code=1 if command == "index" else 2, message=WRITERS[command][-1].replace("OUT", "there"))
+    fails(
+        *words,
+        code=1 if command == "index" else 2,
+        message=WRITERS[command][-1].replace("OUT", "there"),
+    )
 
 
 @pytest.mark.parametrize("command", [c for c in WRITERS if "." in WRITERS[c][-1]])
-def test_an_output_in_a_missing_folder_is_said(folder: Path, fails: Fails, command: str) -> None:
-    fails(*[w.replace("OUT", "no/such/out") for w in WRITERS[command]], message="no/such/out")
+def test_an_output_in_a_missing_folder_is_said(
+    folder: Path, fails: Fails, command: str
+) -> None:
+    fails(
+        *[w.replace("OUT", "no/such/out") for w in WRITERS[command]], message="no/such/out"
+    )
 
 
-@pytest.mark.parametrize("command", [c for c in WRITERS if "." in WRITERS[c][-1] and c != "export parquet"])
-def test_an_output_that_is_a_folder_is_said(folder: Path, fails: Fails, command: str) -> None:
+@pytest.mark.parametrize(
+    "command", [c for c in WRITERS if "." in WRITERS[c][-1] and c != "export parquet"]
+)
+def test_an_output_that_is_a_folder_is_said(
+    folder: Path, fails: Fails, command: str
+) -> None:
     out = WRITERS[command][-1]
     Path(out).mkdir()
     force = [] if command == "index" else ["--force"]
@@ -450,7 +639,9 @@ def test_an_output_that_is_a_folder_is_said(folder: Path, fails: Fails, command:
 
 
 def locked_folder() -> str | None:
-    """A folder in which nobody may make files: root may in any of its own, but not where the kernel shows itself."""
+    """A folder in which nobody may make files: root may in any of its own, but not where the
+    kernel shows itself.
+    """
     if hasattr(os, "geteuid") and os.geteuid() != 0:
         Path("locked").mkdir(mode=0o500)
         return "locked"
@@ -464,7 +655,9 @@ def locked_folder() -> str | None:
 
 
 @pytest.mark.parametrize("command", WRITERS)
-def test_an_output_in_a_folder_that_may_not_be_written(folder: Path, fails: Fails, command: str) -> None:
+def test_an_output_in_a_folder_that_may_not_be_written(
+    folder: Path, fails: Fails, command: str
+) -> None:
     locked = locked_folder()
     if locked is None:
         pytest.skip("this user may write anywhere")
@@ -472,7 +665,15 @@ def test_an_output_in_a_folder_that_may_not_be_written(folder: Path, fails: Fail
 
 
 def test_replaying_into_the_scene_itself_is_refused(folder: Path, fails: Fails) -> None:
-    fails("replay", "scene.mcap", "-o", "scene.mcap", "--force", code=2, message="is the recording itself")
+    fails(
+        "replay",
+        "scene.mcap",
+        "-o",
+        "scene.mcap",
+        "--force",
+        code=2,
+        message="is the recording itself",
+    )
 
 
 @pytest.fixture
@@ -513,13 +714,22 @@ def test_a_disk_that_fills_while_recording_keeps_what_was_recorded(
 @POSIX
 @pytest.mark.parametrize("command", WRITERS)
 def test_a_write_that_the_system_refuses_leaves_nothing(folder: Path, command: str) -> None:
-    """A file-size limit of the system: every library underneath meets it, not only our own writer."""
+    """A file-size limit of the system: every library underneath meets it, not only our own
+    writer.
+    """
     before = listing(folder)
-    # Of a recording something is kept once the record of how it is made, over 1000 bytes by now, has been written.
+    # Of a recording something is kept once the record of how it is made, over 1000 bytes by now,
+    # has been written.
     limit = 2000 if command == "record" else 700
-    program = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); " + PROGRAM
+    program = (
+        f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); "
+        + PROGRAM
+    )
     done = subprocess.run(
-        [sys.executable, "-c", program, *WRITERS[command]], check=False, capture_output=True, text=True
+        [sys.executable, "-c", program, *WRITERS[command]],
+        check=False,
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 1
     (line,) = done.stderr.splitlines()
@@ -532,49 +742,159 @@ def test_a_write_that_the_system_refuses_leaves_nothing(folder: Path, command: s
     assert left == before
 
 
-# -- words -------------------------------------------------------------------------------------------------------------
+# -- words
+# -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (["replay", "scene.mcap", "-o", "o.mcap", "--from", "0.8", "--to", "0.4"], 2, "--from 0.8 --to 0.4: an empty"),
-        (["replay", "scene.mcap", "-o", "o.mcap", "--from", "100"], 2, "--from 100: after the last frame"),
-        (["replay", "scene.mcap", "-o", "o.mcap", "--to", "0"], 2, "--to 0: before the first frame"),
-        (["replay", "scene.mcap", "-o", "o.mcap", "--from", "frame:25"], 2, "scene.mcap has frames 0 to 24"),
-        (["replay", "scene.mcap", "-o", "o.mcap", "--from", "2030-01-01T00:00:00Z"], 2, "after the last frame"),
-        (["replay", "scene.mcap", "-o", "o.mcap", "--from", "noon"], 2, "time 'noon': must be seconds"),
-        (["replay", "scene.mcap", "-o", "o.mcap", "--from", "-1"], 2, "time '-1': must be seconds"),
-        (["replay", "scene.mcap", "-o", "o.mcap", "--checkpoint", "0"], 2, "--checkpoint 0.0: must be over 0"),
-        (["replay", "scene.mcap", "-o", "o.mcap", "--checkpoint", "nan"], 2, "--checkpoint nan: must be over 0"),
-        (["replay", "scene.mcap", "-o", "o.mcap", "--checkpoint", "inf"], 2, "--checkpoint inf: must be"),
-        (["replay", "scene.mcap", "-o", "o.mcap", "--camera", "roof"], 2, "no camera 'roof'; it has: camera"),
-        (["replay", "scene.mcap", "-o", "o.mcap", "--tracker", "sort"], 2, "unknown tracker 'sort'; there are: events"),
-        (["replay", "scene.mcap", "-o", "o.mcap", "--set", "events.nonsense=1"], 2, "unknown parameter events.nonsens"),
-        (["replay", "scene.mcap", "-o", "o.mcap", "--set", "shell_model.k_s=-1"], 2, "shell_model.k_s = -1.0: must b"),
+        (
+            ["replay", "scene.mcap", "-o", "o.mcap", "--from", "0.8", "--to", "0.4"],
+            2,
+            "--from 0.8 --to 0.4: an empty",
+        ),
+        (
+            ["replay", "scene.mcap", "-o", "o.mcap", "--from", "100"],
+            2,
+            "--from 100: after the last frame",
+        ),
+        (
+            ["replay", "scene.mcap", "-o", "o.mcap", "--to", "0"],
+            2,
+            "--to 0: before the first frame",
+        ),
+        (
+            ["replay", "scene.mcap", "-o", "o.mcap", "--from", "frame:25"],
+            2,
+            "scene.mcap has frames 0 to 24",
+        ),
+        (
+            ["replay", "scene.mcap", "-o", "o.mcap", "--from", "2030-01-01T00:00:00Z"],
+            2,
+            "after the last frame",
+        ),
+        (
+            ["replay", "scene.mcap", "-o", "o.mcap", "--from", "noon"],
+            2,
+            "time 'noon': must be seconds",
+        ),
+        (
+            ["replay", "scene.mcap", "-o", "o.mcap", "--from", "-1"],
+            2,
+            "time '-1': must be seconds",
+        ),
+        (
+            ["replay", "scene.mcap", "-o", "o.mcap", "--checkpoint", "0"],
+            2,
+            "--checkpoint 0.0: must be over 0",
+        ),
+        (
+            ["replay", "scene.mcap", "-o", "o.mcap", "--checkpoint", "nan"],
+            2,
+            "--checkpoint nan: must be over 0",
+        ),
+        (
+            ["replay", "scene.mcap", "-o", "o.mcap", "--checkpoint", "inf"],
+            2,
+            "--checkpoint inf: must be",
+        ),
+        (
+            ["replay", "scene.mcap", "-o", "o.mcap", "--camera", "roof"],
+            2,
+            "no camera 'roof'; it has: camera",
+        ),
+        (
+            ["replay", "scene.mcap", "-o", "o.mcap", "--tracker", "sort"],
+            2,
+            "unknown tracker 'sort'; there are: events",
+        ),
+        (
+            ["replay", "scene.mcap", "-o", "o.mcap", "--set", "events.nonsense=1"],
+            2,
+            "unknown parameter events.nonsens",
+        ),
+        (
+            ["replay", "scene.mcap", "-o", "o.mcap", "--set", "shell_model.k_s=-1"],
+            2,
+            "shell_model.k_s = -1.0: must b",
+        ),
         (["replay", "scene.mcap", "-o", "o.mcap", "--config", "none.toml"], 2, "none.toml"),
         (["replay", "scene.mcap", "-o", "o.mcap", "--config", "det.txt"], 2, "det.txt"),
-        (["replay", "scene.mcap", "-o", "o.mcap", "--from", "0.5", "--checkpoints", "none.mcap"], 1, "none.mcap"),
-        (["record", "img1", "--fps", "5", "-o", "o.mcap", "--camera", "a/b"], 2, "camera name 'a/b'"),
-        (["record", "img1", "--fps", "5", "-o", "o.mcap", "--camera", ""], 2, "camera name ''"),
-        (["record", "img1", "--fps", "5", "-o", "o.mcap", "--set", "motion.nonsense=1"], 2, "motion.nonsense"),
-        (["record", "scene.mcap", "-o", "o.mcap"], 1, "scene.mcap: is a log, not a source of frames"),
+        (
+            [
+                "replay",
+                "scene.mcap",
+                "-o",
+                "o.mcap",
+                "--from",
+                "0.5",
+                "--checkpoints",
+                "none.mcap",
+            ],
+            1,
+            "none.mcap",
+        ),
+        (
+            ["record", "img1", "--fps", "5", "-o", "o.mcap", "--camera", "a/b"],
+            2,
+            "camera name 'a/b'",
+        ),
+        (
+            ["record", "img1", "--fps", "5", "-o", "o.mcap", "--camera", ""],
+            2,
+            "camera name ''",
+        ),
+        (
+            ["record", "img1", "--fps", "5", "-o", "o.mcap", "--set", "motion.nonsense=1"],
+            2,
+            "motion.nonsense",
+        ),
+        (
+            ["record", "scene.mcap", "-o", "o.mcap"],
+            1,
+            "scene.mcap: is a log, not a source of frames",
+        ),
         (["record", "good", "-o", "o.mcap"], 1, "good: no such file"),
-        (["export", "annotated.mcap", "--to", "mot", "-o", "o", "--camera", "roof"], 2, "'roof'"),
-        (["export", "annotated.mcap", "--to", "video", "-o", "o.mp4", "--from", "100"], 1, "no frame in the span"),
+        (
+            ["export", "annotated.mcap", "--to", "mot", "-o", "o", "--camera", "roof"],
+            2,
+            "'roof'",
+        ),
+        (
+            ["export", "annotated.mcap", "--to", "video", "-o", "o.mp4", "--from", "100"],
+            1,
+            "no frame in the span",
+        ),
         (["query", "annotated.mcap", "SELEC 1"], 1, "SQL: "),
         (["query", "annotated.mcap", "SELECT * FROM nonsense"], 1, "SQL: "),
-        (["query", "annotated.mcap", "SELECT 1", "--camera", "roof"], 2, "unrecognized arguments"),
+        (
+            ["query", "annotated.mcap", "SELECT 1", "--camera", "roof"],
+            2,
+            "unrecognized arguments",
+        ),
         (["query", "none.mcap", "--ask", "met", "1"], 1, "none.mcap"),
         (["query", "annotated.mcap", "--ask", "met"], 2, "met"),
         (["explain", "annotated.mcap", "99999"], 2, "event:99999: there is none"),
         (["explain", "annotated.mcap", "why"], 2, "why"),
-        (["evidence", "annotated.mcap", "--events", "99999", "-o", "o"], 2, "event:99999: there is none"),
+        (
+            ["evidence", "annotated.mcap", "--events", "99999", "-o", "o"],
+            2,
+            "event:99999: there is none",
+        ),
         (["eval", "annotated.mcap", "--truth", "none.txt"], 1, "none.txt"),
         (["eval", "annotated.mcap", "--truth", "img1"], 1, "img1"),
-        (["eval", "annotated.mcap", "--truth", "gt.txt", "--frames", "9000:"], 1, "no truth in the frames to score"),
+        (
+            ["eval", "annotated.mcap", "--truth", "gt.txt", "--frames", "9000:"],
+            1,
+            "no truth in the frames to score",
+        ),
         (["verify", "annotated.mcap", "--scene", "none.mcap"], 1, "none.mcap"),
-        (["diff", "annotated.mcap", "annotated.mcap", "--tolerance", "nan"], 2, "must be at least 0"),
+        (
+            ["diff", "annotated.mcap", "annotated.mcap", "--tolerance", "nan"],
+            2,
+            "must be at least 0",
+        ),
         (["index", "img1", "-o", "o.duckdb"], 2, "no .mcap below img1"),
         (["demo", "-o", "scene.mcap"], 1, "scene.mcap: is a file; name a folder"),
     ],
@@ -585,19 +905,25 @@ def test_what_is_wrong_with_the_words_is_one_line(
     fails(*words, code=code, message=message)
 
 
-def test_a_wrong_name_of_a_parameter_is_answered_with_the_right_one(folder: Path, fails: Fails) -> None:
+def test_a_wrong_name_of_a_parameter_is_answered_with_the_right_one(
+    folder: Path, fails: Fails
+) -> None:
     Path("c.toml").write_text("[shell_model]\nk_sigma = 0.1\n")
     line = fails("replay", "scene.mcap", "-o", "o.mcap", "--config", "c.toml", code=2)
     assert "shell_model.k_sigma" in line
 
 
-def test_damage_anywhere_never_gives_a_traceback(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_damage_anywhere_never_gives_a_traceback(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     whole = Path("annotated.mcap").read_bytes()
     chance = random.Random(5)
     for _ in range(25):
         damaged = bytearray(whole)
         begin = chance.randrange(len(whole))
-        damaged[begin : begin + chance.choice((1, 8, 300))] = chance.randbytes(chance.choice((1, 8, 300)))
+        damaged[begin : begin + chance.choice((1, 8, 300))] = chance.randbytes(
+            chance.choice((1, 8, 300))
+        )
         Path("bad.mcap").write_bytes(damaged)
         for command in ("replay", "query", "verify --quick", "export mot", "info"):
             words = [*("bad.mcap" if w == "LOG" else w for w in READERS[command])]
@@ -605,14 +931,19 @@ def test_damage_anywhere_never_gives_a_traceback(folder: Path, capsys: pytest.Ca
             code = main([*words, "--force"] if "-o" in words else words)
             said = capsys.readouterr().err
             assert code in (0, 1, 4)
-            assert code != 1 or (said.startswith("scenetrace: error: bad.mcap") and said.count("\n") == 1), said
+            assert code != 1 or (
+                said.startswith("scenetrace: error: bad.mcap") and said.count("\n") == 1
+            ), said
 
 
-# -- interruption ------------------------------------------------------------------------------------------------------
+# -- interruption
+# ------------------------------------------------------------------------------------------------------
 
 
 def start(*words: str) -> subprocess.Popen[str]:
-    return subprocess.Popen([sys.executable, "-c", PROGRAM, *words], stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, *words], stderr=subprocess.PIPE, text=True
+    )
 
 
 def wait_for(path: Path, size: int, process: subprocess.Popen[str]) -> None:
@@ -649,17 +980,33 @@ def test_an_interrupted_replay_leaves_nothing(long_scene: Path, assignment: str)
 
 
 @POSIX
-def test_a_killed_replay_is_no_output_and_is_done_again(long_scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    process = start("replay", "long.mcap", "-o", "out.mcap", "--set", "events.hindsight=false")
+def test_a_killed_replay_is_no_output_and_is_done_again(
+    long_scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    process = start(
+        "replay", "long.mcap", "-o", "out.mcap", "--set", "events.hindsight=false"
+    )
     wait_for(Path("out.mcap.part"), 50_000, process)
     process.kill()
     process.communicate(timeout=60)
     assert sorted(p.name for p in Path().iterdir()) == ["long.mcap", "out.mcap.part"]
     capsys.readouterr()
-    again = ["replay", "long.mcap", "-o", "out.mcap", "--to", "2", "--set", "events.hindsight=false"]
+    again = [
+        "replay",
+        "long.mcap",
+        "-o",
+        "out.mcap",
+        "--to",
+        "2",
+        "--set",
+        "events.hindsight=false",
+    ]
     assert main(again) == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert "out.mcap.part: exists already: another run is writing it, or one was interrupted" in line
+    assert (
+        "out.mcap.part: exists already: another run is writing it, or one was interrupted"
+        in line
+    )
     assert main([*again, "--force"]) == 0
     assert sorted(p.name for p in Path().iterdir()) == ["long.mcap", "out.mcap"]
 
@@ -669,8 +1016,12 @@ def test_a_killed_recording_is_recovered_and_replayed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("det.txt").write_text("".join(f"{f},-1,{f % 50},2,30,40,1\n" for f in range(1, 200_001)))
-    process = start("record", "det.txt", "--fps", "25", "--size", "99x99", "-o", "scene.mcap")
+    Path("det.txt").write_text(
+        "".join(f"{f},-1,{f % 50},2,30,40,1\n" for f in range(1, 200_001))
+    )
+    process = start(
+        "record", "det.txt", "--fps", "25", "--size", "99x99", "-o", "scene.mcap"
+    )
     wait_for(Path("scene.mcap.part"), 20_000, process)
     process.kill()
     process.communicate(timeout=60)

@@ -39,12 +39,16 @@ def header() -> bytes:
     return record(1, string("") + string("by hand"))
 
 
-def channel(identity: int = 1, topic: str = "/a", schema: int = 0, metadata: bytes = b"") -> bytes:
+def channel(
+    identity: int = 1, topic: str = "/a", schema: int = 0, metadata: bytes = b""
+) -> bytes:
     fields = struct.pack("<HH", identity, schema) + string(topic) + string("raw")
     return record(4, fields + struct.pack("<I", len(metadata)) + metadata)
 
 
-def message(time: int, data: bytes = b"data", identity: int = 1, sequence: int = 0) -> bytes:
+def message(
+    time: int, data: bytes = b"data", identity: int = 1, sequence: int = 0
+) -> bytes:
     return record(5, struct.pack("<HIQQ", identity, sequence, time, time) + data)
 
 
@@ -68,7 +72,9 @@ def chunk(
 
 def log(*data: bytes, summary: bytes = b"", data_crc: int | None = None) -> bytes:
     body = MAGIC + header() + b"".join(data)
-    body += record(15, struct.pack("<I", zlib.crc32(body) if data_crc is None else data_crc))
+    body += record(
+        15, struct.pack("<I", zlib.crc32(body) if data_crc is None else data_crc)
+    )
     start = len(body) if summary else 0
     tail = summary + struct.pack("<BQQQ", 2, 20, start, 0)
     return body + tail + struct.pack("<I", zlib.crc32(tail) if summary else 0) + MAGIC
@@ -78,7 +84,10 @@ def said(path: Path, limits: Limits = DEFAULT_LIMITS) -> tuple[list[object], ...
     """All that a log says."""
     with LogReader(path, limits) as reader:
         return (
-            [(m.topic, m.channel, m.log_time_ns, m.publish_time_ns, m.sequence, m.data) for m in reader.messages()],
+            [
+                (m.topic, m.channel, m.log_time_ns, m.publish_time_ns, m.sequence, m.data)
+                for m in reader.messages()
+            ],
             reader.channels,
             reader.metadata(),
             list(reader.attachments()),
@@ -103,9 +112,13 @@ def recover_if_possible(path: Path, out: Path) -> None:
 
 
 def ours(path: Path, compression: str) -> None:
-    with LogWriter(path, compression=compression, picture_topics={"/image"}, chunk_bytes=2000) as writer:
+    with LogWriter(
+        path, compression=compression, picture_topics={"/image"}, chunk_bytes=2000
+    ) as writer:
         image = writer.channel("/image", None, "jpeg")
-        small = writer.channel("/small", Schema("s", "jsonschema", b"{}"), "json", {"k": "v"})
+        small = writer.channel(
+            "/small", Schema("s", "jsonschema", b"{}"), "json", {"k": "v"}
+        )
         for k in range(40):
             writer.write(image, Random(k).randbytes(150), k * 10**8, k, 3 * k)
             writer.write(small, b'{"frame": %d}' % k, k * 10**8)
@@ -115,10 +128,14 @@ def ours(path: Path, compression: str) -> None:
 
 def theirs(path: Path, **options: object) -> None:
     with path.open("wb") as stream:
-        writer = mcap.writer.Writer(stream, enable_data_crcs=True, **{"chunk_size": 500, **options})  # type: ignore[arg-type]
+        writer = mcap.writer.Writer(
+            stream, enable_data_crcs=True, **{"chunk_size": 500, **options}
+        )  # type: ignore[arg-type]
         writer.start()
         schema = writer.register_schema("s", "jsonschema", b"{}")
-        first, second = (writer.register_channel(topic, "json", schema) for topic in ("/a", "/b"))
+        first, second = (
+            writer.register_channel(topic, "json", schema) for topic in ("/a", "/b")
+        )
         for k in range(30):
             writer.add_message(first, k, b"data %d" % k, k, k)
             writer.add_message(second, 30 - k, b"more %d" % k, k, k)
@@ -134,7 +151,9 @@ KINDS: dict[str, Callable[[Path], None]] = {
     "mcap zstd": theirs,
     "mcap without chunks": lambda path: theirs(path, use_chunking=False),
     "mcap without index": lambda path: theirs(path, index_types=mcap.writer.IndexType.NONE),
-    "mcap without repeats": lambda path: theirs(path, repeat_channels=False, repeat_schemas=False),
+    "mcap without repeats": lambda path: theirs(
+        path, repeat_channels=False, repeat_schemas=False
+    ),
 }
 
 
@@ -144,7 +163,9 @@ def test_a_flipped_bit_is_an_error_or_changes_nothing(tmp_path: Path, kind: str)
     KINDS[kind](path)
     whole, original = path.read_bytes(), said(path)
     random = Random(kind)
-    places = [random.randrange(len(whole)) for _ in range(250)] + list(range(0, len(whole), 97))
+    places = [random.randrange(len(whole)) for _ in range(250)] + list(
+        range(0, len(whole), 97)
+    )
     errors = 0
     for place in places:
         damaged = bytearray(whole)
@@ -157,7 +178,9 @@ def test_a_flipped_bit_is_an_error_or_changes_nothing(tmp_path: Path, kind: str)
             assert result.offset is None or 0 <= result.offset <= len(whole)
         else:
             assert result == original, place
-        assert any(finding.severity == "error" for finding in examine(bad)), f"doctor misses byte {place}"
+        assert any(finding.severity == "error" for finding in examine(bad)), (
+            f"doctor misses byte {place}"
+        )
     assert errors > len(places) // 3
 
 
@@ -198,9 +221,15 @@ def test_every_truncation_is_an_error(tmp_path: Path, kind: str) -> None:
         assert "error" in {finding.severity for finding in examine(bad)}
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=150,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(st.binary(max_size=300), st.binary(max_size=100), st.booleans())
-def test_garbage_is_an_error(tmp_path: Path, data: bytes, summary: bytes, framed: bool) -> None:
+def test_garbage_is_an_error(
+    tmp_path: Path, data: bytes, summary: bytes, framed: bool
+) -> None:
     path = tmp_path / "garbage.mcap"
     path.write_bytes(log(data, summary=summary) if framed else data)
     assert framed or isinstance(outcome(path), RecordingError)
@@ -212,7 +241,11 @@ def test_garbage_is_an_error(tmp_path: Path, data: bytes, summary: bytes, framed
 opcodes = st.sampled_from([*range(16), 0x81, 0xFF])
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=200,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(
     st.lists(st.tuples(opcodes, st.binary(max_size=60)), max_size=6),
     st.lists(st.tuples(opcodes, st.binary(max_size=60)), max_size=6),
@@ -221,7 +254,9 @@ def test_records_of_garbage_are_an_error(
     tmp_path: Path, data: list[tuple[int, bytes]], summary: list[tuple[int, bytes]]
 ) -> None:
     path = tmp_path / "garbage.mcap"
-    path.write_bytes(log(*(record(*r) for r in data), summary=b"".join(record(*r) for r in summary)))
+    path.write_bytes(
+        log(*(record(*r) for r in data), summary=b"".join(record(*r) for r in summary))
+    )
     if not isinstance(outcome(path), RecordingError):
         inspect(path)
     examine(path)
@@ -231,7 +266,14 @@ def test_records_of_garbage_are_an_error(
 def test_a_log_built_by_hand_is_read(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     inner = channel() + message(5, b"b") + message(3, b"a") + record(0x90, b"unknown")
-    path.write_bytes(log(chunk(inner, (3, 5), "lz4"), message(5, b"c"), record(0xF0, b""), message(4, b"x")))
+    path.write_bytes(
+        log(
+            chunk(inner, (3, 5), "lz4"),
+            message(5, b"c"),
+            record(0xF0, b""),
+            message(4, b"x"),
+        )
+    )
     with LogReader(path) as reader:
         assert [m.data for m in reader.messages()] == [b"a", b"x", b"b", b"c"]
         assert [m.data for m in reader.messages(reverse=True)] == [b"c", b"b", b"x", b"a"]
@@ -243,28 +285,61 @@ CASES: dict[str, tuple[bytes, str]] = {
     "empty file": (b"", "the file is empty"),
     "a text file": (b"frame,id,x,y\n1,1,10,10\n", "not an MCAP file"),
     "a truncated log": (log(channel(), message(1))[:-9], "no end: it was cut short"),
-    "no header": (MAGIC + record(15, bytes(4)) + record(2, bytes(20)) + MAGIC, "does not start with a Header"),
+    "no header": (
+        MAGIC + record(15, bytes(4)) + record(2, bytes(20)) + MAGIC,
+        "does not start with a Header",
+    ),
     "record beyond the file": (log(struct.pack("<BQ", 6, 1 << 62)), "reaches past"),
     "record of 2^64 - 1": (log(struct.pack("<BQ", 5, (1 << 64) - 1)), "reaches past"),
     "message of unknown channel": (log(message(1)), "channel 1, which no Channel record"),
-    "message of unknown channel in a chunk": (log(chunk(message(1))), "channel 1, which no Channel record"),
+    "message of unknown channel in a chunk": (
+        log(chunk(message(1))),
+        "channel 1, which no Channel record",
+    ),
     "short message": (log(channel(), record(5, bytes(21))), "shorter than its fields"),
-    "short message in a chunk": (log(chunk(channel() + record(5, bytes(21)))), "shorter than its fields"),
+    "short message in a chunk": (
+        log(chunk(channel() + record(5, bytes(21)))),
+        "shorter than its fields",
+    ),
     "chunk that ends in a record": (log(chunk(channel() + message(1)[:-1])), "past its"),
-    "unknown compression": (log(chunk(b"", compression="rar")), "compression 'rar' is unknown"),
-    "not zstd": (log(chunk(b"", compression="zstd", declared=5, packed=b"hello", crc=0)), "zstd cannot unpack it"),
-    "not lz4": (log(chunk(b"", compression="lz4", declared=5, packed=b"hello", crc=0)), "lz4 cannot unpack it"),
-    "chunk that gives less": (log(chunk(channel(), compression="zstd", declared=5000)), "declares 5000 bytes"),
+    "unknown compression": (
+        log(chunk(b"", compression="rar")),
+        "compression 'rar' is unknown",
+    ),
+    "not zstd": (
+        log(chunk(b"", compression="zstd", declared=5, packed=b"hello", crc=0)),
+        "zstd cannot unpack it",
+    ),
+    "not lz4": (
+        log(chunk(b"", compression="lz4", declared=5, packed=b"hello", crc=0)),
+        "lz4 cannot unpack it",
+    ),
+    "chunk that gives less": (
+        log(chunk(channel(), compression="zstd", declared=5000)),
+        "declares 5000 bytes",
+    ),
     "chunk with a wrong CRC": (log(chunk(channel(), crc=1)), "the chunk's CRC differs"),
     "wrong data CRC": (log(channel(), data_crc=1), "CRC of the data section differs"),
-    "two meanings of a channel": (log(channel(), channel(topic="/b")), "defined a second time, differently"),
+    "two meanings of a channel": (
+        log(channel(), channel(topic="/b")),
+        "defined a second time, differently",
+    ),
     "channel of a missing schema": (log(channel(schema=7)), "names schema 7"),
     "schema 0": (log(record(3, bytes(20))), "schema id 0 is reserved"),
-    "a map that overruns": (log(channel(metadata=struct.pack("<I", 99) + b"key")), "past the end of the record"),
+    "a map that overruns": (
+        log(channel(metadata=struct.pack("<I", 99) + b"key")),
+        "past the end of the record",
+    ),
     "a key twice": (log(channel(metadata=2 * (string("k") + string("v")))), "stands twice"),
-    "text that is not UTF-8": (log(record(4, struct.pack("<HHI", 1, 0, 2) + b"\xff\xfe" + bytes(8))), "not UTF-8"),
+    "text that is not UTF-8": (
+        log(record(4, struct.pack("<HHI", 1, 0, 2) + b"\xff\xfe" + bytes(8))),
+        "not UTF-8",
+    ),
     "no data end": (MAGIC + header() + record(2, bytes(20)) + MAGIC, "no DataEnd"),
-    "summary after the footer": (MAGIC + header() + record(2, b"\xff" * 20) + MAGIC, "the summary after itself"),
+    "summary after the footer": (
+        MAGIC + header() + record(2, b"\xff" * 20) + MAGIC,
+        "the summary after itself",
+    ),
 }
 
 
@@ -289,17 +364,25 @@ def test_files_that_cannot_be_opened_are_said(tmp_path: Path) -> None:
 
 def bomb(compression: str, declared: int) -> bytes:
     zeros = bytes(64 << 20)
-    packed = zstandard.ZstdCompressor().compress(zeros) if compression == "zstd" else bytes(lz4.frame.compress(zeros))
+    packed = (
+        zstandard.ZstdCompressor().compress(zeros)
+        if compression == "zstd"
+        else bytes(lz4.frame.compress(zeros))
+    )
     return log(chunk(b"", compression=compression, declared=declared, packed=packed, crc=0))
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
-def test_a_chunk_that_unpacks_to_more_than_it_declares_stops_there(tmp_path: Path, compression: str) -> None:
+def test_a_chunk_that_unpacks_to_more_than_it_declares_stops_there(
+    tmp_path: Path, compression: str
+) -> None:
     path = tmp_path / "bomb.mcap"
     path.write_bytes(bomb(compression, 100))
     tracemalloc.start()
     try:
-        with pytest.raises(LimitError, match="unpacks to more than the 100 bytes that it declares"):
+        with pytest.raises(
+            LimitError, match="unpacks to more than the 100 bytes that it declares"
+        ):
             LogReader(path)
         assert tracemalloc.get_traced_memory()[1] < 8 << 20
     finally:
@@ -312,9 +395,20 @@ def test_a_zstd_frame_without_its_size_is_bounded_too(tmp_path: Path) -> None:
     compressor = zstandard.ZstdCompressor(write_content_size=False)
     inner = channel() + message(1)
     path = tmp_path / "log.mcap"
-    path.write_bytes(log(chunk(inner, compression="zstd", packed=compressor.compress(inner))))
+    path.write_bytes(
+        log(chunk(inner, compression="zstd", packed=compressor.compress(inner)))
+    )
     assert len(said(path)[0]) == 1
-    path.write_bytes(log(chunk(inner, compression="zstd", declared=99, packed=compressor.compress(bytes(1 << 24)))))
+    path.write_bytes(
+        log(
+            chunk(
+                inner,
+                compression="zstd",
+                declared=99,
+                packed=compressor.compress(bytes(1 << 24)),
+            )
+        )
+    )
     with pytest.raises(LimitError, match="more than the 99 bytes"):
         LogReader(path)
 
@@ -322,7 +416,9 @@ def test_a_zstd_frame_without_its_size_is_bounded_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
 def test_several_frames_in_a_chunk_are_read(tmp_path: Path, compression: str) -> None:
     first, second = channel() + message(1), message(2)
-    pack = zstandard.ZstdCompressor().compress if compression == "zstd" else lz4.frame.compress
+    pack = (
+        zstandard.ZstdCompressor().compress if compression == "zstd" else lz4.frame.compress
+    )
     path = tmp_path / "log.mcap"
     packed = bytes(pack(first)) + bytes(pack(second))
     path.write_bytes(log(chunk(first + second, compression=compression, packed=packed)))
@@ -333,17 +429,41 @@ def test_several_frames_in_a_chunk_are_read(tmp_path: Path, compression: str) ->
     ("content", "limits", "text"),
     [
         (log(chunk(channel(), declared=10**12)), Limits(), "max_chunk_bytes = 268435456"),
-        (log(chunk(channel() + message(1, bytes(500)))), Limits(max_chunk_bytes=400), "over the limit max_chunk_bytes"),
-        (log(channel(), message(1, bytes(500))), Limits(max_message_bytes=499), "is 500, over the limit max_message"),
+        (
+            log(chunk(channel() + message(1, bytes(500)))),
+            Limits(max_chunk_bytes=400),
+            "over the limit max_chunk_bytes",
+        ),
+        (
+            log(channel(), message(1, bytes(500))),
+            Limits(max_message_bytes=499),
+            "is 500, over the limit max_message",
+        ),
         (
             log(chunk(channel() + message(1, bytes(500)))),
             Limits(max_message_bytes=499),
             "has 500 bytes, over the limit",
         ),
-        (log(*(channel(k, f"/{k}") for k in range(12))), Limits(max_channels=11), "is 12, over the limit max_channels"),
-        (log(record(12, bytes(900))), Limits(max_record_bytes=800), "is 900, over the limit max_record_bytes = 800"),
-        (log(record(9, bytes(900))), Limits(max_attachment_bytes=800), "is 900, over the limit max_attachment_bytes"),
-        (log(summary=record(0x90, bytes(900))), Limits(max_summary_bytes=800), "over the limit max_summary_bytes"),
+        (
+            log(*(channel(k, f"/{k}") for k in range(12))),
+            Limits(max_channels=11),
+            "is 12, over the limit max_channels",
+        ),
+        (
+            log(record(12, bytes(900))),
+            Limits(max_record_bytes=800),
+            "is 900, over the limit max_record_bytes = 800",
+        ),
+        (
+            log(record(9, bytes(900))),
+            Limits(max_attachment_bytes=800),
+            "is 900, over the limit max_attachment_bytes",
+        ),
+        (
+            log(summary=record(0x90, bytes(900))),
+            Limits(max_summary_bytes=800),
+            "over the limit max_summary_bytes",
+        ),
         (
             log(chunk(channel() + b"".join(message(k) for k in range(9)))),
             Limits(max_messages_per_chunk=8),
@@ -351,7 +471,9 @@ def test_several_frames_in_a_chunk_are_read(tmp_path: Path, compression: str) ->
         ),
     ],
 )
-def test_limits_state_value_and_limit(tmp_path: Path, content: bytes, limits: Limits, text: str) -> None:
+def test_limits_state_value_and_limit(
+    tmp_path: Path, content: bytes, limits: Limits, text: str
+) -> None:
     path = tmp_path / "log.mcap"
     path.write_bytes(content)
     with pytest.raises(LimitError) as caught:
@@ -368,8 +490,12 @@ def indexed(index: Callable[[int, int], bytes]) -> bytes:
     return log(body, summary=channel() + statistics + index(offset, len(body)))
 
 
-def chunk_index(start: int, end: int, offset: int, length: int, size: int, index_length: int = 0) -> bytes:
-    fields = struct.pack("<QQQQI", start, end, offset, length, 0) + struct.pack("<Q", index_length)
+def chunk_index(
+    start: int, end: int, offset: int, length: int, size: int, index_length: int = 0
+) -> bytes:
+    fields = struct.pack("<QQQQI", start, end, offset, length, 0) + struct.pack(
+        "<Q", index_length
+    )
     return record(8, fields + string("") + struct.pack("<QQ", size, size))
 
 
@@ -382,14 +508,18 @@ SIZE = len(channel() + message(3) + message(5))
         lambda offset, length: chunk_index(3, 5, offset, length, SIZE),
         lambda offset, length: chunk_index(3, 5, offset, length + 50, SIZE),
         lambda offset, length: chunk_index(3, 5, offset + 1, length, SIZE),
-        lambda offset, length: chunk_index(3, 5, (1 << 64) - 1, (1 << 64) - 1, SIZE, (1 << 64) - 1),
+        lambda offset, length: chunk_index(
+            3, 5, (1 << 64) - 1, (1 << 64) - 1, SIZE, (1 << 64) - 1
+        ),
         lambda offset, length: chunk_index(3, 4, offset, length, SIZE),
         lambda offset, length: chunk_index(3, 5, offset, length, SIZE + 1),
         lambda offset, length: 2 * chunk_index(3, 5, offset, length, SIZE),
         lambda offset, length: b"",
     ],
 )
-def test_an_index_that_lies_gives_an_error_or_the_truth(tmp_path: Path, index: Callable[[int, int], bytes]) -> None:
+def test_an_index_that_lies_gives_an_error_or_the_truth(
+    tmp_path: Path, index: Callable[[int, int], bytes]
+) -> None:
     path = tmp_path / "log.mcap"
     path.write_bytes(indexed(index))
     result = outcome(path)
@@ -399,7 +529,9 @@ def test_an_index_that_lies_gives_an_error_or_the_truth(tmp_path: Path, index: C
         assert len(said(path)[0]) == 2
 
 
-def test_messages_outside_the_chunks_that_the_summary_lists_are_found(tmp_path: Path) -> None:
+def test_messages_outside_the_chunks_that_the_summary_lists_are_found(
+    tmp_path: Path,
+) -> None:
     inner = channel() + message(3)
     body = chunk(inner, (3, 3))
     offset = len(MAGIC) + len(header())
@@ -412,19 +544,39 @@ def test_messages_outside_the_chunks_that_the_summary_lists_are_found(tmp_path: 
 
 
 def test_a_channel_that_the_index_hides_is_not_lost_in_silence(tmp_path: Path) -> None:
-    """A chunk index that names channel 1 alone, over a chunk that holds messages of channel 2 as well."""
+    """A chunk index that names channel 1 alone, over a chunk that holds messages of channel 2 as
+    well.
+    """
     inner = channel() + channel(2, "/b") + message(3) + message(3, b"hidden", identity=2)
     body = chunk(inner, (3, 3))
-    index = record(7, struct.pack("<HIQQ", 1, 16, 3, len(channel()) + len(channel(2, "/b"))))
+    index = record(
+        7, struct.pack("<HIQQ", 1, 16, 3, len(channel()) + len(channel(2, "/b")))
+    )
     offset = len(MAGIC) + len(header())
     statistics = record(11, struct.pack("<QHIIIIQQI", 2, 0, 2, 0, 0, 1, 3, 3, 0))
-    fields = struct.pack("<QQQQI", 3, 3, offset, len(body), 10) + struct.pack("<HQ", 1, offset + len(body))
-    entry = record(8, fields + struct.pack("<Q", len(index)) + string("") + struct.pack("<QQ", len(inner), len(inner)))
+    fields = struct.pack("<QQQQI", 3, 3, offset, len(body), 10) + struct.pack(
+        "<HQ", 1, offset + len(body)
+    )
+    entry = record(
+        8,
+        fields
+        + struct.pack("<Q", len(index))
+        + string("")
+        + struct.pack("<QQ", len(inner), len(inner)),
+    )
     path = tmp_path / "log.mcap"
-    path.write_bytes(log(body, index, summary=channel() + channel(2, "/b") + statistics + entry))
-    with LogReader(path) as reader, pytest.raises(RecordingError, match="index does not mention"):
+    path.write_bytes(
+        log(body, index, summary=channel() + channel(2, "/b") + statistics + entry)
+    )
+    with (
+        LogReader(path) as reader,
+        pytest.raises(RecordingError, match="index does not mention"),
+    ):
         list(reader.messages())
-    assert [f.record for f in examine(path) if f.severity == "error"] == ["ChunkIndex", "MessageIndex"]
+    assert [f.record for f in examine(path) if f.severity == "error"] == [
+        "ChunkIndex",
+        "MessageIndex",
+    ]
 
 
 def test_a_file_that_shrinks_while_it_is_read_is_an_error(tmp_path: Path) -> None:

@@ -1,4 +1,6 @@
-"""Sources that are not what they should be: each gives one clear line, quickly, and allocates nothing it claims."""
+"""Sources that are not what they should be: each gives one clear line, quickly, and allocates
+nothing it claims.
+"""
 
 from __future__ import annotations
 
@@ -43,10 +45,20 @@ def png(width: int, height: int) -> bytes:
     """A PNG of a few bytes that claims any size."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        return (
+            struct.pack(">I", len(data))
+            + kind
+            + data
+            + struct.pack(">I", zlib.crc32(kind + data))
+        )
 
     head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"\0" * 99)) + chunk(b"IEND", b"")
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", head)
+        + chunk(b"IDAT", zlib.compress(b"\0" * 99))
+        + chunk(b"IEND", b"")
+    )
 
 
 @pytest.mark.parametrize("name", ["none.avi", "none.txt", "none.xml", "none"])
@@ -64,7 +76,10 @@ def test_a_log_and_a_single_picture_are_no_sources(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n")
     fails(tmp_path / "a.mcap", "is a log, not a source of frames")
     (tmp_path / "1.png").write_bytes(png(3, 3))
-    fails(tmp_path / "1.png", "one picture is not a recording: give the folder that it lies in")
+    fails(
+        tmp_path / "1.png",
+        "one picture is not a recording: give the folder that it lies in",
+    )
 
 
 @pytest.mark.parametrize("name", ["a.avi", "a.mp4", "a.mpg", "a", "a.nfo"])
@@ -85,7 +100,11 @@ def test_a_playlist_reaches_for_no_other_file(tmp_path: Path, text: str) -> None
     with av.open(str(other), "w") as container:
         stream = container.add_stream("mpeg4", rate=25)
         stream.width = stream.height = 64
-        container.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((96, 64), np.uint8), "yuv420p")))
+        container.mux(
+            stream.encode(
+                av.VideoFrame.from_ndarray(np.zeros((96, 64), np.uint8), "yuv420p")
+            )
+        )
         container.mux(stream.encode(None))
     assert len(list(open_source(other).frames())) == 1
     path = tmp_path / "list.avi"
@@ -93,7 +112,9 @@ def test_a_playlist_reaches_for_no_other_file(tmp_path: Path, text: str) -> None
     fails(path, "not a video that can be read")
 
 
-def test_a_name_is_a_name_and_not_a_protocol(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_name_is_a_name_and_not_a_protocol(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     fails(Path("http:x.avi"), "no such file")
     Path("concat:a|b.avi").write_text("x" * 99)
@@ -124,15 +145,28 @@ def test_a_picture_of_no_pixels(tmp_path: Path) -> None:
 
 def test_a_huge_picture_file_is_refused_by_its_size(tmp_path: Path) -> None:
     (tmp_path / "1.png").write_bytes(png(3, 3) + b"\0" * 5000)
-    fails(tmp_path, "over the limit of 1000 .max_message_bytes.", limits=Limits(max_message_bytes=1000))
+    fails(
+        tmp_path,
+        "over the limit of 1000 .max_message_bytes.",
+        limits=Limits(max_message_bytes=1000),
+    )
 
 
 @pytest.mark.parametrize(
     "body",
     [
-        '<!DOCTYPE dataset SYSTEM "file:///etc/passwd"><dataset><frame number="0"/></dataset>',
-        '<!DOCTYPE d [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]><dataset><frame number="0">&b;</frame></dataset>',
-        '<!DOCTYPE d [<!ENTITY x SYSTEM "file:///etc/passwd">]><dataset><frame number="0">&x;</frame></dataset>',
+        (
+            '<!DOCTYPE dataset SYSTEM "file:///etc/passwd"><dataset><frame'
+            ' number="0"/></dataset>'
+        ),
+        (
+            '<!DOCTYPE d [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]><dataset><frame'
+            ' number="0">&b;</frame></dataset>'
+        ),
+        (
+            '<!DOCTYPE d [<!ENTITY x SYSTEM "file:///etc/passwd">]><dataset><frame'
+            ' number="0">&x;</frame></dataset>'
+        ),
         "<!DOCTYPE dataset><dataset/>",
     ],
 )
@@ -146,7 +180,8 @@ def box(**values: object) -> str:
     attributes = {"h": 4, "w": 4, "xc": 10, "yc": 10, **values}
     inside = " ".join(f'{k}="{v}"' for k, v in attributes.items() if v is not None)
     return (
-        f'<dataset><frame number="3"><objectlist><object id="0"><box {inside}/></object></objectlist></frame></dataset>'
+        '<dataset><frame number="3"><objectlist><object id="0"><box'
+        f" {inside}/></object></objectlist></frame></dataset>"
     )
 
 
@@ -160,10 +195,25 @@ def box(**values: object) -> str:
         ("<dataset><frame/></dataset>", 'a frame with number=""'),
         ('<dataset><frame number="x"/></dataset>', 'a frame with number="x"'),
         ('<dataset><frame number="-1"/></dataset>', "frame -1 after frame -1"),
-        ('<dataset><frame number="2"/><frame number="1"/></dataset>', "frame 1 after frame 2: numbers must increase"),
-        ('<dataset><frame number="2"/><frame number="2"/></dataset>', "frame 2 after frame 2: numbers must increase"),
-        ('<dataset><frame number="999999999"/></dataset>', "over the limit of 100000000 frames"),
-        ('<dataset><frame number="0"><objectlist><object/></objectlist></frame></dataset>', "an object without a box"),
+        (
+            '<dataset><frame number="2"/><frame number="1"/></dataset>',
+            "frame 1 after frame 2: numbers must increase",
+        ),
+        (
+            '<dataset><frame number="2"/><frame number="2"/></dataset>',
+            "frame 2 after frame 2: numbers must increase",
+        ),
+        (
+            '<dataset><frame number="999999999"/></dataset>',
+            "over the limit of 100000000 frames",
+        ),
+        (
+            (
+                "<dataset><frame"
+                ' number="0"><objectlist><object/></objectlist></frame></dataset>'
+            ),
+            "an object without a box",
+        ),
         (box(w=0), "frame 3: an object of width 0 and height 4"),
         (box(h=-4), "frame 3: an object of width 4 and height -4"),
         (box(w="nan"), 'frame 3: an object with w="nan": a whole number is wanted'),
@@ -173,7 +223,10 @@ def box(**values: object) -> str:
         (box(xc="9" * 5000), "a whole number is wanted"),
         (
             box(xc=1000),
-            "detections beyond the picture: frame 3: an object at 1000, 10 of 4 x 4, the picture is 384x288",
+            (
+                "detections beyond the picture: frame 3: an object at 1000, 10 of 4 x 4,"
+                " the picture is 384x288"
+            ),
         ),
         ("<dataset>" + "<a>" * 100, "nested over 32 deep"),
     ],
@@ -193,14 +246,26 @@ def test_xml_with_an_endless_frame(tmp_path: Path) -> None:
 def test_detections_are_checked_before_anything_is_written(tmp_path: Path) -> None:
     (tmp_path / "1.png").write_bytes(png(3, 3))
     det = tmp_path / "det.txt"
-    for row in ("1,-1,nan,1,1,1,1", "1,-1,1,1,-5,1,1", "1,-1,1,1,0,1,1", "1,-1,900,900,5,5,1"):
+    for row in (
+        "1,-1,nan,1,1,1,1",
+        "1,-1,1,1,-5,1,1",
+        "1,-1,1,1,0,1,1",
+        "1,-1,900,900,5,5,1",
+    ):
         det.write_text(row + "\n")
         with pytest.raises(SourceError, match=r"det\.txt:1: "):
-            record(open_source(tmp_path, detections=det, fps=5), tmp_path / "a.mcap", RecordOptions(detect="none"))
+            record(
+                open_source(tmp_path, detections=det, fps=5),
+                tmp_path / "a.mcap",
+                RecordOptions(detect="none"),
+            )
     assert not list(tmp_path.glob("a.mcap*"))
 
 
-@given(st.binary(min_size=1, max_size=300), st.sampled_from(["a.txt", "a.xml", "a.mp4", "regions.json"]))
+@given(
+    st.binary(min_size=1, max_size=300),
+    st.sampled_from(["a.txt", "a.xml", "a.mp4", "regions.json"]),
+)
 def test_any_bytes_are_read_or_refused_with_our_error(
     tmp_path_factory: pytest.TempPathFactory, data: bytes, name: str
 ) -> None:
@@ -228,7 +293,9 @@ def test_a_video_with_flipped_bytes_is_read_as_far_as_possible_or_refused(
         container.mux(stream.encode(None))
     content = bytearray(whole.read_bytes())
     for _ in range(data.draw(st.integers(1, 5))):
-        content[data.draw(st.integers(0, len(content) - 1))] ^= data.draw(st.integers(1, 255))
+        content[data.draw(st.integers(0, len(content) - 1))] ^= data.draw(
+            st.integers(1, 255)
+        )
     whole.write_bytes(content)
     with contextlib.suppress(SceneTraceError):
         times = read_all(whole, limits=Limits(max_picture_pixels=100_000))

@@ -1,7 +1,8 @@
-"""Random scenes through the reasoning: every invariant of both papers at every frame, over 10,000 frames a run.
+"""Random scenes through the reasoning: every invariant of both papers at every frame, over 10,000
+frames a run.
 
-`Check` holds an independent account of what must be true: it sees the targets that went in and the annotation that
-came out, nothing of the inside but the counter of forbidden transitions.
+`Check` holds an independent account of what must be true: it sees the targets that went in and
+the annotation that came out, nothing of the inside but the counter of forbidden transitions.
 """
 
 from __future__ import annotations
@@ -55,7 +56,11 @@ class Check:
         for i in ghosts:
             joint = any(i in p and r.state == "JOINT" for p, r in self.relations.items())
             assert joint or self.tracks[i].grouped
-            assert (tracks[i].present, tracks[i].observed, tracks[i].mode) == (False, False, "predicted")
+            assert (tracks[i].present, tracks[i].observed, tracks[i].mode) == (
+                False,
+                False,
+                "predicted",
+            )
             assert not tracks[i].grouped
         self.ghosts = ghosts
 
@@ -74,7 +79,11 @@ class Check:
         ids = list(tracks)
         for n, a in enumerate(ids):
             for b in ids[n + 1 :]:
-                was = self.relations[a, b].state if (a, b) in self.relations else "INDEPENDENT"
+                was = (
+                    self.relations[a, b].state
+                    if (a, b) in self.relations
+                    else "INDEPENDENT"
+                )
                 now = relations[a, b].state if (a, b) in relations else "INDEPENDENT"
                 assert {was, now} != {"INDEPENDENT", "JOINT"}
                 assert self.damped or now == self.expected(was, tracks[a], tracks[b])
@@ -83,7 +92,9 @@ class Check:
         """SHELLS 2.3 told anew, from what the annotation itself says of both."""
         ax, ay = a.box[0] + a.box[2] / 2, a.box[1] + a.box[3] / 2
         bx, by = b.box[0] + b.box[2] / 2, b.box[1] + b.box[3] / 2
-        meets = math.sqrt((ax - bx) ** 2 + (ay - by) ** 2) <= a.shell_radius + b.shell_radius
+        meets = (
+            math.sqrt((ax - bx) ** 2 + (ay - by) ** 2) <= a.shell_radius + b.shell_radius
+        )
         hidden = [not t.observed and t.blob < 0 for t in (a, b)]
         one = a.blob >= 0 and a.blob == b.blob
         if hidden[0] != hidden[1] and not self.ghosts & {a.id, b.id}:
@@ -102,17 +113,25 @@ class Check:
                 assert getattr(t, bit) == bool(partners)
                 assert partners == sorted(set(partners))
                 for p in partners:
-                    assert t.id in getattr(tracks[p], f"{bit}_partners"), "partners are symmetric"
+                    assert t.id in getattr(tracks[p], f"{bit}_partners"), (
+                        "partners are symmetric"
+                    )
                     pair = (min(t.id, p), max(t.id, p))
                     assert self.bonds.setdefault(pair, bit) == bit, "one bit for a pair"
             before = self.tracks.get(t.id)
             if before is not None and before.grouped:
                 assert t.grouped or t.splitting, "grouped never goes straight to single"
-        self.since = {p: self.since[p] if was.get(p) == bit else k for p, bit in self.bonds.items()}
+        self.since = {
+            p: self.since[p] if was.get(p) == bit else k for p, bit in self.bonds.items()
+        }
         for pair, r in relations.items():
             assert r.partners_since_frame == self.since.get(pair)
-            assert r.partners_since_ns == (None if pair not in self.since else self.since[pair] * FRAME_NS)
-            assert [r.grouping, r.grouped, r.splitting] == [self.bonds.get(pair) == bit for bit in BITS]
+            assert r.partners_since_ns == (
+                None if pair not in self.since else self.since[pair] * FRAME_NS
+            )
+            assert [r.grouping, r.grouped, r.splitting] == [
+                self.bonds.get(pair) == bit for bit in BITS
+            ]
 
     def check_groups(self, k, tracks, answer):
         groups = {g.label: g for g in answer.groups.groups}
@@ -133,7 +152,9 @@ class Check:
         self.ended |= set(self.groups) - set(groups)
         label_of = {i: g.label for g in groups.values() for i in g.members}
         for t in tracks.values():
-            assert t.group is None or (t.group == label_of[t.id] and (t.grouped or t.splitting))
+            assert t.group is None or (
+                t.group == label_of[t.id] and (t.grouped or t.splitting)
+            )
             for p in t.grouped_partners:
                 assert t.group == tracks[p].group is not None
                 assert groups[t.group].observed
@@ -151,14 +172,22 @@ class Check:
             self.follow(e)
             if e.kind == "single":
                 singles.add(e.subjects[0])
-        assert self.told_relations == {p: r.state for p, r in relations.items()}, "events alone tell the relations"
+        assert self.told_relations == {p: r.state for p, r in relations.items()}, (
+            "events alone tell the relations"
+        )
         assert self.told_groups == {g.label: g.members for g in answer.groups.groups}
         self.told_bits = {p: b for p, b in self.told_bits.items() if p in self.bonds}
         assert self.told_bits == self.bonds
         busy = {i for i, t in self.tracks.items() if t.grouping or t.grouped or t.splitting}
-        free = {i for i, t in tracks.items() if not (t.grouping or t.grouped or t.splitting)}
+        free = {
+            i for i, t in tracks.items() if not (t.grouping or t.grouped or t.splitting)
+        }
         assert singles == busy & free
-        told = {(e.subjects[0], e.kind) for e in answer.events if e.kind in set(STATUS_EVENTS.values())}
+        told = {
+            (e.subjects[0], e.kind)
+            for e in answer.events
+            if e.kind in set(STATUS_EVENTS.values())
+        }
         for t in tracks.values():
             was = self.tracks[t.id].scene if t.id in self.tracks else None
             if was is not None and was != t.scene:
@@ -182,20 +211,41 @@ class Check:
             self.told_groups[e.groups[-1]] = e.evidence["members"]
 
     def check_graph(self, k, tracks, relations, answer):
-        edges = {(f"target:{a}", f"target:{b}", r.state, r.since_frame) for (a, b), r in relations.items()}
-        nodes = {f"target:{i}" for i in tracks} | {f"group:{label}" for label in self.groups}
+        edges = {
+            (f"target:{a}", f"target:{b}", r.state, r.since_frame)
+            for (a, b), r in relations.items()
+        }
+        nodes = {f"target:{i}" for i in tracks} | {
+            f"group:{label}" for label in self.groups
+        }
         if answer.graph is not None:
             assert answer.graph.frame == k
-            before = [] if self.graph is None else [name_of(e) for e in self.graph.edges if "end_frame" not in e]
+            before = (
+                []
+                if self.graph is None
+                else [name_of(e) for e in self.graph.edges if "end_frame" not in e]
+            )
             self.graph = answer.graph
             now = {name_of(e): e.get("end_frame") for e in self.graph.edges}
-            assert all(now[e] in (None, k) for e in before), "an interval goes on or is said to end"
-            assert all(end is None or e in before for e, end in now.items()), "only what was open ends"
+            assert all(now[e] in (None, k) for e in before), (
+                "an interval goes on or is said to end"
+            )
+            assert all(end is None or e in before for e, end in now.items()), (
+                "only what was open ends"
+            )
         open_edges = [e for e in self.graph.edges if "end_frame" not in e]
-        shells = {(e["source"], e["target"], e["state"], e["since_frame"]) for e in open_edges if e["view"] == "SHELLS"}
+        shells = {
+            (e["source"], e["target"], e["state"], e["since_frame"])
+            for e in open_edges
+            if e["view"] == "SHELLS"
+        }
         assert shells == edges
-        bits = {(e["source"], e["target"]): e["state"] for e in open_edges if e["state"] in BITS}
-        assert bits == {(f"target:{a}", f"target:{b}"): bit for (a, b), bit in self.bonds.items()}
+        bits = {
+            (e["source"], e["target"]): e["state"] for e in open_edges if e["state"] in BITS
+        }
+        assert bits == {
+            (f"target:{a}", f"target:{b}"): bit for (a, b), bit in self.bonds.items()
+        }
         assert {n["id"] for n in self.graph.nodes if not n.get("gone")} == nodes
 
 
@@ -271,7 +321,9 @@ class World:
         ]
         tracks = None
         if self.own_groups:
-            shared = sorted({b for b in blobs.values() if list(blobs.values()).count(b) > 1})
+            shared = sorted(
+                {b for b in blobs.values() if list(blobs.values()).count(b) > 1}
+            )
             spans = [[boxes[i] for i in blobs if blobs[i] == b] for b in shared]
             tracks = [
                 GroupTrack(b, around(s), observed=bool(self.rng.random() < 0.9))
@@ -335,7 +387,9 @@ def test_random_scenes_keep_every_invariant(seed, people, own_groups, regions, d
         answer = reasoner.step(k, k * FRAME_NS, targets, regions)
         check.frame(k, targets, answer)
         if twin is not None:
-            assert msgspec.json.encode(twin.step(k, k * FRAME_NS, targets, regions)) == msgspec.json.encode(answer)
+            assert msgspec.json.encode(
+                twin.step(k, k * FRAME_NS, targets, regions)
+            ) == msgspec.json.encode(answer)
         if k == cut:
             twin = Reasoner(config, WIDTH, HEIGHT)
             twin.restore(json.loads(json.dumps(reasoner.state())))

@@ -1,7 +1,7 @@
 """Time travel over every scripted scene: a state taken anywhere goes on as the straight run did.
 
-The scenes are small here and have two frames a second, so that their whole stories fit into few frames;
-`tests/benchmarks/bench_trust.py travel` sweeps every frame of whole scenes.
+The scenes are small here and have two frames a second, so that their whole stories fit into few
+frames; `tests/benchmarks/bench_trust.py travel` sweeps every frame of whole scenes.
 """
 
 from __future__ import annotations
@@ -60,14 +60,18 @@ def test_save_and_restore_at_every_frame(scenes: Path, script: str, tracker: str
             for expected in results[k + 1 : k + 1 + AHEAD]:
                 found = other.step()
                 assert found is not None
-                assert (found.targets, found.annotation) == expected, f"{script}: restored after frame {k}"
+                assert (found.targets, found.annotation) == expected, (
+                    f"{script}: restored after frame {k}"
+                )
                 if found.frame.index == k + AHEAD:
                     assert encode_state(other.state()) == states[k + AHEAD]
 
 
 @pytest.fixture(scope="session")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, bool], Path]:
-    """One scene's full replays with a checkpoint at every frame, by tracker and whether hindsight is on."""
+    """One scene's full replays with a checkpoint at every frame, by tracker and whether hindsight
+    is on.
+    """
     folder = tmp_path_factory.mktemp("whole")
     scene = generate("three_way_group", seed=4, size=(96, 72), frames=SPAN_FRAMES)
     write_scene_log(scene, folder / "scene.mcap", style="merged")
@@ -75,17 +79,23 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, bool], Pa
     for tracker in TRACKERS:
         for hindsight in (True, False):
             out = folder / f"{tracker}-{hindsight}.mcap"
-            writing.replay(folder / "scene.mcap", out, _options(tracker, hindsight, checkpoint_ns=1))
+            writing.replay(
+                folder / "scene.mcap", out, _options(tracker, hindsight, checkpoint_ns=1)
+            )
             found[tracker, hindsight] = out
     return found
 
 
 def _options(tracker: str, hindsight: bool, **more: object) -> ReplayOptions:
-    config = replay_config(tracker, assignments=[f"{tracker}.hindsight={str(hindsight).lower()}"])
+    config = replay_config(
+        tracker, assignments=[f"{tracker}.hindsight={str(hindsight).lower()}"]
+    )
     return ReplayOptions(tracker=tracker, config=config, force=True, **more)
 
 
-def _messages(path: Path, first_ns: int = 0, end_ns: int = 1 << 62) -> list[tuple[str, int, int, int, bytes]]:
+def _messages(
+    path: Path, first_ns: int = 0, end_ns: int = 1 << 62
+) -> list[tuple[str, int, int, int, bytes]]:
     """Recorded and annotated, all of them."""
     with LogReader(path) as log:
         found = [
@@ -109,14 +119,23 @@ def test_from_every_frame_gives_the_messages_of_the_whole(
         end_ns = times[k + 2] if k + 2 < SPAN_FRAMES else times[-1] + 1
         span = {"from_ns": times[k], "to_ns": end_ns, "checkpoints": full}
         writing.replay(scene, tmp_path / "span.mcap", _options(tracker, hindsight, **span))
-        assert _messages(tmp_path / "span.mcap") == _messages(full, times[k], end_ns), f"from frame {k}"
+        assert _messages(tmp_path / "span.mcap") == _messages(full, times[k], end_ns), (
+            f"from frame {k}"
+        )
         assert verify_chain(tmp_path / "span.mcap").identical, f"from frame {k}"
         if k % 10 == 3:
             assert verify(tmp_path / "span.mcap", scene).identical, f"from frame {k}"
 
 
-@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(where=st.lists(st.integers(0, PASS_BY_FRAMES - 1), min_size=2, max_size=5), keep_every=st.integers(1, 9))
+@settings(
+    max_examples=6,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(
+    where=st.lists(st.integers(0, PASS_BY_FRAMES - 1), min_size=2, max_size=5),
+    keep_every=st.integers(1, 9),
+)
 @pytest.mark.parametrize("tracker", TRACKERS)
 def test_seeking_in_any_order_gives_the_frames_of_a_straight_run(
     scenes: Path, tracker: str, where: list[int], keep_every: int

@@ -1,4 +1,6 @@
-"""The main job on real recordings, through the command line: record, replay, verify, ask, export, score."""
+"""The main job on real recordings, through the command line: record, replay, verify, ask, export,
+score.
+"""
 
 from __future__ import annotations
 
@@ -81,12 +83,28 @@ def frame_count(log: Path) -> int:
 def pets(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with PETS recorded and replayed from pixels, all 795 frames."""
     folder = tmp_path_factory.mktemp("pets")
-    done("record", real_data / "pets09-s2l1" / "video.avi", "--fps", 7, "-o", folder / "pets.mcap")
-    done("replay", folder / "pets.mcap", "--tracker", "events", "-o", folder / "annotated.mcap")
+    done(
+        "record",
+        real_data / "pets09-s2l1" / "video.avi",
+        "--fps",
+        7,
+        "-o",
+        folder / "pets.mcap",
+    )
+    done(
+        "replay",
+        folder / "pets.mcap",
+        "--tracker",
+        "events",
+        "-o",
+        folder / "annotated.mcap",
+    )
     return folder
 
 
-def test_pets_is_replayed_again_to_the_same_digest(pets: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pets_is_replayed_again_to_the_same_digest(
+    pets: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     found = answer(capsys, "verify", pets / "annotated.mcap")
     assert isinstance(found, dict)
     assert found["identical"]
@@ -96,13 +114,20 @@ def test_pets_is_replayed_again_to_the_same_digest(pets: Path, capsys: pytest.Ca
 def test_pets_is_scored_once_the_size_of_the_truth_is_said(
     pets: Path, real_data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["eval", str(pets / "annotated.mcap"), "--truth", str(real_data / "pets09-s2l1" / "gt.txt")]
+    words = [
+        "eval",
+        str(pets / "annotated.mcap"),
+        "--truth",
+        str(real_data / "pets09-s2l1" / "gt.txt"),
+    ]
     assert main(words) == 1
     said = capsys.readouterr()
     assert said.out == ""
-    assert said.err == (
-        "scenetrace: error: the truth reaches to (766, 577) but the recording is 480x360: say the size of the picture "
-        "that the truth was labelled in with --truth-size WxH\n"
+    assert (
+        said.err
+        == "scenetrace: error: the truth reaches to (766, 577) but the recording is"
+        " 480x360: say the size of the picture that the truth was labelled in with"
+        " --truth-size WxH\n"
     )
     scores = answer(capsys, *words, "--truth-size", "768x576")
     hota, mota, idf1, switches = floors(scores)
@@ -112,7 +137,9 @@ def test_pets_is_scored_once_the_size_of_the_truth_is_said(
     assert switches <= PETS_FROM_PIXELS[3]
 
 
-def test_pets_is_exported_for_others(pets: Path, real_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pets_is_exported_for_others(
+    pets: Path, real_data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     result = pets / "result.txt"
     done("export", pets / "annotated.mcap", "--to", "mot", "-o", result)
     rows = [line.split(",") for line in result.read_text().splitlines()]
@@ -124,7 +151,9 @@ def test_pets_is_exported_for_others(pets: Path, real_data: Path, capsys: pytest
     assert len({(row[0], row[1]) for row in rows}) == len(rows), "an id twice in a frame"
     centres = [(float(r[2]) + float(r[4]) / 2, float(r[3]) + float(r[5]) / 2) for r in rows]
     inside = sum(0 <= x <= 480 and 0 <= y <= 360 for x, y in centres)
-    assert inside > 0.99 * len(rows), "only who is just leaving has a centre beyond the picture"
+    assert inside > 0.99 * len(rows), (
+        "only who is just leaving has a centre beyond the picture"
+    )
     truth = ("--truth", real_data / "pets09-s2l1" / "gt.txt", "--truth-size", "768x576")
     of_log = answer(capsys, "eval", pets / "annotated.mcap", *truth)
     of_text = answer(capsys, "eval", result, *truth, "--size", "480x360")
@@ -133,15 +162,24 @@ def test_pets_is_exported_for_others(pets: Path, real_data: Path, capsys: pytest
 
 def test_pets_answers_questions(pets: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = pets / "annotated.mcap"
-    frames = answer(capsys, "query", log, "SELECT count(*) AS n, max(t) AS last FROM frames")
+    frames = answer(
+        capsys, "query", log, "SELECT count(*) AS n, max(t) AS last FROM frames"
+    )
     assert frames == [{"n": 795, "last": pytest.approx(794 / 7, abs=0.01)}]
-    events = answer(capsys, "query", log, "SELECT kind, count(*) AS n FROM events GROUP BY kind")
+    events = answer(
+        capsys, "query", log, "SELECT kind, count(*) AS n FROM events GROUP BY kind"
+    )
     assert isinstance(events, list)
     found = {row["kind"]: row["n"] for row in events}
     assert found["entered"] >= 10
     assert found["grouped"] >= 5
     assert found["group_formed"] >= 5
-    pairs = answer(capsys, "query", log, "SELECT DISTINCT a, b FROM relations WHERE state = 'JOINT' AND a < b")
+    pairs = answer(
+        capsys,
+        "query",
+        log,
+        "SELECT DISTINCT a, b FROM relations WHERE state = 'JOINT' AND a < b",
+    )
     assert isinstance(pairs, list)
     assert len(pairs) >= 5
     met = answer(capsys, "query", log, "--ask", "met", pairs[0]["a"])
@@ -149,11 +187,24 @@ def test_pets_answers_questions(pets: Path, capsys: pytest.CaptureFixture[str]) 
     assert met
 
 
-def test_pets_from_detections_alone(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pets_from_detections_alone(
+    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     source = real_data / "pets09-s2l1"
-    done("record", source / "det.txt", "--fps", 7, "--size", "768x576", "-o", tmp_path / "det.mcap")
+    done(
+        "record",
+        source / "det.txt",
+        "--fps",
+        7,
+        "--size",
+        "768x576",
+        "-o",
+        tmp_path / "det.mcap",
+    )
     done("replay", tmp_path / "det.mcap", "-o", tmp_path / "annotated.mcap")
-    scores = answer(capsys, "eval", tmp_path / "annotated.mcap", "--truth", source / "gt.txt")
+    scores = answer(
+        capsys, "eval", tmp_path / "annotated.mcap", "--truth", source / "gt.txt"
+    )
     hota, mota, idf1, switches = floors(scores)
     assert hota >= PETS_FROM_DETECTIONS[0]
     assert mota >= PETS_FROM_DETECTIONS[1]
@@ -168,7 +219,9 @@ def test_pictures_pass_through_byte_for_byte(real_data: Path, tmp_path: Path) ->
         shutil.copy(source / "img1" / f"{k:06d}.jpg", folder)
     det = ("--detections", source / "det.txt")
     done("record", folder, "--fps", 7, "-o", tmp_path / "plain.mcap")
-    done("record", folder, "--fps", 7, *det, "-o", tmp_path / "with.mcap", code=3)  # detections go on after them
+    done(
+        "record", folder, "--fps", 7, *det, "-o", tmp_path / "with.mcap", code=3
+    )  # detections go on after them
     for name in ("plain", "with"):
         scene, annotated = tmp_path / f"{name}.mcap", tmp_path / f"{name}-annotated.mcap"
         done("replay", scene, "-o", annotated)
@@ -189,36 +242,68 @@ def test_every_caviar_file_is_recorded_without_its_identities(
     with LogReader(tmp_path / "scene.mcap") as log:
         assert not any(b'"id"' in m.data for m in log.messages(["/camera/detections"]))
     done("doctor", tmp_path / "scene.mcap")
-    done("replay", tmp_path / "scene.mcap", "-o", tmp_path / "annotated.mcap", "--annotations-only")
+    done(
+        "replay",
+        tmp_path / "scene.mcap",
+        "-o",
+        tmp_path / "annotated.mcap",
+        "--annotations-only",
+    )
     scores = answer(capsys, "eval", tmp_path / "annotated.mcap", "--truth", source)
     assert floors(scores)[1] >= 60  # LeftBag_PickedUp is the lowest
 
 
 @pytest.mark.parametrize("name", ["OneLeaveShopReenter1cor", "EnterExitCrossingPaths1cor"])
-def test_the_corridor_videos(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+def test_the_corridor_videos(
+    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
     video = cut(real_data / "caviar-corridor" / f"{name}.mpg", tmp_path / "cut.mpg", 150)
     done("record", video, "-o", tmp_path / "scene.mcap")
     assert 140 <= frame_count(tmp_path / "scene.mcap") <= 150
     done("replay", tmp_path / "scene.mcap", "-o", tmp_path / "annotated.mcap")
     done("verify", tmp_path / "annotated.mcap", "--quick")
-    tracks = answer(capsys, "query", tmp_path / "annotated.mcap", "SELECT DISTINCT track FROM tracks")
+    tracks = answer(
+        capsys, "query", tmp_path / "annotated.mcap", "SELECT DISTINCT track FROM tracks"
+    )
     assert isinstance(tracks, list)
     assert 1 <= len(tracks) <= 20
 
 
 @pytest.mark.parametrize(("name", "animals"), [("two_flies", 2), ("three_flies", 3)])
 def test_the_flies_keep_their_identities(
-    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, animals: int
+    real_data: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    animals: int,
 ) -> None:
     flies = real_data / "flies"
-    done("record", flies / f"{name}.mp4", "--detect", "threshold", "-o", tmp_path / "scene.mcap")
+    done(
+        "record",
+        flies / f"{name}.mp4",
+        "--detect",
+        "threshold",
+        "-o",
+        tmp_path / "scene.mcap",
+    )
     assert frame_count(tmp_path / "scene.mcap") == 128
-    done("replay", tmp_path / "scene.mcap", "--tracker", "shells", "-o", tmp_path / "annotated.mcap")
+    done(
+        "replay",
+        tmp_path / "scene.mcap",
+        "--tracker",
+        "shells",
+        "-o",
+        tmp_path / "annotated.mcap",
+    )
     truth = flies / f"{name}.gt.txt"
-    _, _, idf1, switches = floors(answer(capsys, "eval", tmp_path / "annotated.mcap", "--truth", truth))
+    _, _, idf1, switches = floors(
+        answer(capsys, "eval", tmp_path / "annotated.mcap", "--truth", truth)
+    )
     assert switches == 0
     assert idf1 >= 90
-    tracks = answer(capsys, "query", tmp_path / "annotated.mcap", "SELECT DISTINCT track FROM tracks")
+    tracks = answer(
+        capsys, "query", tmp_path / "annotated.mcap", "SELECT DISTINCT track FROM tracks"
+    )
     assert isinstance(tracks, list)
     assert len(tracks) == animals
 
@@ -234,23 +319,34 @@ def test_bags_of_others_are_read_whole_and_replay_says_what_they_lack(
         counts: dict[str, int] = {}
         for message in log.messages():
             counts[message.topic] = counts.get(message.topic, 0) + 1
-    assert {c["topic"]: c["messages"] or 0 for c in info["channels"] if c["messages"]} == counts
+    assert {
+        c["topic"]: c["messages"] or 0 for c in info["channels"] if c["messages"]
+    } == counts
     capsys.readouterr()
     done("doctor", bag)
-    assert not [line for line in capsys.readouterr().out.splitlines() if line.startswith("error")]
+    assert not [
+        line for line in capsys.readouterr().out.splitlines() if line.startswith("error")
+    ]
     assert main(["replay", str(bag), "-o", str(tmp_path / "a.mcap")]) == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"scenetrace: error: {bag}: no detections to replay (a channel /<camera>/detections); ")
+    assert line.startswith(
+        f"scenetrace: error: {bag}: no detections to replay (a channel"
+        " /<camera>/detections); "
+    )
     assert f"it holds {info['channels'][0]['topic']}" in line
     assert line.endswith("Make a scene log with `scenetrace record SOURCE -o scene.mcap`")
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the names of OpenBLAS kernels")
-def test_processes_with_other_hash_seeds_threads_and_kernels_write_the_same(real_data: Path, tmp_path: Path) -> None:
+def test_processes_with_other_hash_seeds_threads_and_kernels_write_the_same(
+    real_data: Path, tmp_path: Path
+) -> None:
     video = cut(real_data / "pets09-s2l1" / "video.avi", tmp_path / "cut.avi", 60)
     running = []
-    for k, (seed, threads, kernel) in enumerate((("1", "1", "Haswell"), ("4242", "3", "Prescott"))):
+    for k, (seed, threads, kernel) in enumerate(
+        (("1", "1", "Haswell"), ("4242", "3", "Prescott"))
+    ):
         folder = tmp_path / str(k)
         folder.mkdir()
         environment = {
@@ -258,7 +354,9 @@ def test_processes_with_other_hash_seeds_threads_and_kernels_write_the_same(real
             "OMP_NUM_THREADS": threads,
         }  # fmt: skip
         words = [sys.executable, "-c", PROGRAM, threads, str(video), "events"]
-        running.append(subprocess.Popen(words, cwd=folder, env=environment, stderr=subprocess.PIPE))
+        running.append(
+            subprocess.Popen(words, cwd=folder, env=environment, stderr=subprocess.PIPE)
+        )
     for process in running:
         _, said = process.communicate(timeout=300)
         assert process.returncode == 0, said
@@ -269,7 +367,15 @@ def test_processes_with_other_hash_seeds_threads_and_kernels_write_the_same(real
 
 def test_csv_of_a_real_log_is_csv(pets: Path, tmp_path: Path) -> None:
     out = tmp_path / "tracks.csv"
-    done("query", pets / "annotated.mcap", "SELECT * FROM tracks", "--format", "csv", "-o", out)
+    done(
+        "query",
+        pets / "annotated.mcap",
+        "SELECT * FROM tracks",
+        "--format",
+        "csv",
+        "-o",
+        out,
+    )
     with out.open(newline="") as f:
         rows = list(csv.DictReader(f))
     assert len(rows) > 3000

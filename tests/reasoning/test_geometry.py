@@ -23,7 +23,16 @@ from recorders.messages import Ellipse
 
 SQUARE = [(10.0, 10.0), (50.0, 10.0), (50.0, 50.0), (10.0, 50.0)]
 DIAMOND = [(50.0, 0.0), (100.0, 50.0), (50.0, 100.0), (0.0, 50.0)]
-HOOK = [(0.0, 0.0), (90.0, 0.0), (90.0, 30.0), (30.0, 30.0), (30.0, 60.0), (90.0, 60.0), (90.0, 90.0), (0.0, 90.0)]
+HOOK = [
+    (0.0, 0.0),
+    (90.0, 0.0),
+    (90.0, 30.0),
+    (30.0, 30.0),
+    (30.0, 60.0),
+    (90.0, 60.0),
+    (90.0, 90.0),
+    (0.0, 90.0),
+]
 
 
 def test_boxes_have_centres_and_enclosing_circles():
@@ -53,7 +62,10 @@ def test_circles_overlap_area_known_cases():
     assert circles_overlap_share(1, 1, 1) == pytest.approx(lens / math.pi, abs=1e-9)
 
 
-@pytest.mark.parametrize(("distance", "r1", "r2", "share"), [(1, 0, 2, 1), (3, 0, 2, 0), (9, 2, 2, 0), (1, 1, 5, 1)])
+@pytest.mark.parametrize(
+    ("distance", "r1", "r2", "share"),
+    [(1, 0, 2, 1), (3, 0, 2, 0), (9, 2, 2, 0), (1, 1, 5, 1)],
+)
 def test_circles_overlap_share_limits(distance, r1, r2, share):
     assert circles_overlap_share(distance, r1, r2) == share
 
@@ -67,16 +79,36 @@ def test_circle_overlap_matches_counting_points():
 @pytest.mark.parametrize("polygon", [SQUARE, SQUARE[::-1]])
 def test_points_in_an_upright_rectangle_include_its_border(polygon):
     points = [(10, 10), (30, 10), (50, 50), (30, 30), (9.999, 30), (30, 50.001)]
-    assert Area([polygon]).contains(points).tolist() == [True, True, True, True, False, False]
+    assert Area([polygon]).contains(points).tolist() == [
+        True,
+        True,
+        True,
+        True,
+        False,
+        False,
+    ]
 
 
 def test_points_in_a_slanted_polygon_include_its_border():
     points = [(50, 50), (25, 25), (50, 0), (0, 0), (24, 24), (100, 50), (100.1, 50)]
-    assert Area([DIAMOND]).contains(points).tolist() == [True, True, True, False, False, True, False]
+    assert Area([DIAMOND]).contains(points).tolist() == [
+        True,
+        True,
+        True,
+        False,
+        False,
+        True,
+        False,
+    ]
 
 
 def test_points_in_a_concave_polygon():
-    assert Area([HOOK]).contains([(10, 45), (60, 45), (60, 15), (60, 30)]).tolist() == [True, False, True, True]
+    assert Area([HOOK]).contains([(10, 45), (60, 45), (60, 15), (60, 30)]).tolist() == [
+        True,
+        False,
+        True,
+        True,
+    ]
 
 
 @pytest.mark.parametrize(
@@ -110,7 +142,10 @@ ISLAND = [(200.0, 0.0), (300.0, 0.0), (250.0, 90.0)]
 @pytest.mark.parametrize(
     ("box", "expected"),
     [
-        ((10, 10, 80, 80), WHOLLY),  # across the slanted seam of two polygons that share an edge
+        (
+            (10, 10, 80, 80),
+            WHOLLY,
+        ),  # across the slanted seam of two polygons that share an edge
         ((0, 0, 100, 100), WHOLLY),
         ((50, 50, 60, 10), PARTLY),
         ((150, 20, 20, 20), OUTSIDE),
@@ -127,7 +162,13 @@ def test_overlapping_polygons_cover_together():
         [(0.0, 40.0), (100.0, 40.0), (100.0, 60.0), (0.0, 60.0)],
         [(40.0, 0.0), (60.0, 0.0), (60.0, 100.0), (40.0, 100.0)],
     ]
-    boxes = [(0, 40, 100, 20), (40, 0, 20, 100), (45, 35, 10, 30), (35, 35, 30, 30), (0, 0, 30, 30)]
+    boxes = [
+        (0, 40, 100, 20),
+        (40, 0, 20, 100),
+        (45, 35, 10, 30),
+        (35, 35, 30, 30),
+        (0, 0, 30, 30),
+    ]
     assert Area(cross).cover(boxes).tolist() == [WHOLLY, WHOLLY, WHOLLY, PARTLY, OUTSIDE]
 
 
@@ -136,8 +177,11 @@ def test_how_deep_a_point_lies():
     slanted = [(0.0, 0.0), (4.0, -3.0), (7.0, 1.0), (3.0, 4.0)]
     points = [(5.0, 5.0), (1.0, 5.0), (10.0, 5.0), (13.0, 14.0), (5.0, 12.0)]
     assert Area([square]).depth(points).tolist() == [5.0, 1.0, 0.0, -5.0, -2.0]
-    # The square is turned by the angle of a 3-4-5 triangle, its side is 5: (3.5, 0.5) is its middle.
-    assert Area([slanted]).depth([(3.5, 0.5), (8.0, -6.0)]).tolist() == pytest.approx([2.5, -5.0])
+    # The square is turned by the angle of a 3-4-5 triangle, its side is 5: (3.5, 0.5) is its
+    # middle.
+    assert Area([slanted]).depth([(3.5, 0.5), (8.0, -6.0)]).tolist() == pytest.approx(
+        [2.5, -5.0]
+    )
     assert Area([square, slanted]).depth([(-3.0, -4.0)]).tolist() == [-5.0]
     assert Area([]).depth([(1.0, 1.0)]).tolist() == [-math.inf]
 

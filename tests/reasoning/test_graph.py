@@ -9,7 +9,16 @@ from reasoning.graph import over_time, to_networkx
 from reasoning.reasoner import Reasoner
 from recorders.messages import Target, Targets
 
-STORY = [(100, 200), (100, 150), (100, 130), (110, 125), (110, 125), (110, 140), (110, 300), (110, 300)]
+STORY = [
+    (100, 200),
+    (100, 150),
+    (100, 130),
+    (110, 125),
+    (110, 125),
+    (110, 140),
+    (110, 300),
+    (110, 300),
+]
 
 
 def person(i, x, blob):
@@ -22,7 +31,14 @@ def annotations():
     answer = []
     for k, (a, b) in enumerate(STORY):
         blobs = (7, 7) if k in (3, 4) else (1, 2)
-        answer.append(reasoner.step(k, k * 10, Targets(k, [person(1, a, blobs[0]), person(2, b, blobs[1])]), None))
+        answer.append(
+            reasoner.step(
+                k,
+                k * 10,
+                Targets(k, [person(1, a, blobs[0]), person(2, b, blobs[1])]),
+                None,
+            )
+        )
     return answer
 
 
@@ -32,7 +48,10 @@ def test_a_message_is_written_only_on_change(annotations):
 
 
 def test_both_views_stand_side_by_side(annotations):
-    edges = [(e["source"], e["target"], e["view"], e["state"], e["since_frame"]) for e in annotations[3].graph.edges]
+    edges = [
+        (e["source"], e["target"], e["view"], e["state"], e["since_frame"])
+        for e in annotations[3].graph.edges
+    ]
     assert edges == [
         ("group:1", "target:1", "EVENTS", "member", 3),
         ("group:1", "target:2", "EVENTS", "member", 3),
@@ -63,15 +82,22 @@ def test_messages_are_what_networkx_writes(annotations):
             data = nx.node_link_data(graph, edges="edges")
             assert data["nodes"] == a.graph.nodes
             by_key = {(e["source"], e["target"], e["key"]): e for e in a.graph.edges}
-            again = {(*sorted((e["source"], e["target"])), e["key"]): e for e in data["edges"]}
+            again = {
+                (*sorted((e["source"], e["target"])), e["key"]): e for e in data["edges"]
+            }
             assert {k: {**v, "source": 0, "target": 0} for k, v in again.items()} == {
-                (*sorted(k[:2]), k[2]): {**v, "source": 0, "target": 0} for k, v in by_key.items()
+                (*sorted(k[:2]), k[2]): {**v, "source": 0, "target": 0}
+                for k, v in by_key.items()
             }
 
 
 def test_over_time_one_edge_per_interval(annotations):
     graph = over_time(a.graph for a in annotations if a.graph is not None)
-    edges = {k: d for u, v, k, d in graph.edges(keys=True, data=True) if {u, v} == {"target:1", "target:2"}}
+    edges = {
+        k: d
+        for u, v, k, d in graph.edges(keys=True, data=True)
+        if {u, v} == {"target:1", "target:2"}
+    }
     spans = {k: (d["since_frame"], d.get("end_frame")) for k, d in edges.items()}
     assert spans == {
         "grouping@2": (2, 3),

@@ -16,8 +16,12 @@ class Life:
     def step(self, *clusters, entered=(), splitting=(), ids=range(1, 10)):
         self.frame += 1
         seen = [Cluster(tuple(c), "blob", k + 1) for k, c in enumerate(clusters)]
-        changes = self.book.step(self.frame, self.frame * 1000, seen, entered, splitting, list(ids))
-        return [(c.kind, c.group.label, c.group.members, c.group.formed_from) for c in changes]
+        changes = self.book.step(
+            self.frame, self.frame * 1000, seen, entered, splitting, list(ids)
+        )
+        return [
+            (c.kind, c.group.label, c.group.members, c.group.formed_from) for c in changes
+        ]
 
 
 def test_a_group_lives_while_observed_or_splitting():
@@ -36,7 +40,9 @@ def test_the_same_members_in_one_region_again_are_the_same_group():
     life.step((1, 2))
     life.step(splitting=[(1, 2)])
     assert life.step((1, 2)) == []
-    assert [(g.label, g.observed, g.since_frame) for g in life.book.groups] == [(1, True, 0)]
+    assert [(g.label, g.observed, g.since_frame) for g in life.book.groups] == [
+        (1, True, 0)
+    ]
 
 
 def test_nobody_joins_a_group():
@@ -55,7 +61,9 @@ def test_one_leaves_and_the_others_are_another_group():
 def test_one_leaves_as_another_joins():
     life = Life()
     life.step((1, 2, 3))
-    assert life.step((2, 3, 4), splitting=[(1, 2)]) == [("group_changed", 2, (2, 3, 4), (1,))]
+    assert life.step((2, 3, 4), splitting=[(1, 2)]) == [
+        ("group_changed", 2, (2, 3, 4), (1,))
+    ]
 
 
 def test_two_groups_merge_and_come_apart():
@@ -77,7 +85,9 @@ def test_labels_are_never_used_again():
 
 def test_a_group_that_entered_as_one():
     life = Life()
-    assert life.step(entered=[(1, 2)], splitting=[(1, 2)]) == [("group_entered_scene", 1, (1, 2), ())]
+    assert life.step(entered=[(1, 2)], splitting=[(1, 2)]) == [
+        ("group_entered_scene", 1, (1, 2), ())
+    ]
     assert not life.book.groups[0].observed
     assert life.step((1, 2)) == []
 
@@ -85,7 +95,9 @@ def test_a_group_that_entered_as_one():
 def test_one_born_out_of_a_known_group_names_it():
     life = Life()
     life.step((1, 2))
-    assert life.step(entered=[(1, 2, 3)], splitting=[(1, 2), (1, 3)]) == [("group_entered_scene", 2, (1, 2, 3), (1,))]
+    assert life.step(entered=[(1, 2, 3)], splitting=[(1, 2), (1, 3)]) == [
+        ("group_entered_scene", 2, (1, 2, 3), (1,))
+    ]
 
 
 def test_one_born_out_of_a_group_that_is_still_seen_leaves_it_alone():
@@ -98,7 +110,11 @@ def test_the_end_names_who_is_gone():
     life = Life()
     life.step((1, 2))
     changes = life.book.step(1, 2000, [], [], [], [1])
-    assert (changes[0].kind, changes[0].gone, changes[0].lasted_ns) == ("group_ended", (2,), 2000)
+    assert (changes[0].kind, changes[0].gone, changes[0].lasted_ns) == (
+        "group_ended",
+        (2,),
+        2000,
+    )
 
 
 def test_state_is_plain_and_continues():

@@ -1,4 +1,6 @@
-"""EVENTS 3.1: safety areas, the collision map, every row of the pair table, partner lists, group trackers."""
+"""EVENTS 3.1: safety areas, the collision map, every row of the pair table, partner lists, group
+trackers.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,13 @@ import json
 import numpy as np
 import pytest
 
-from reasoning.interactions import InteractionBook, InteractionParameters, Members, collision_map, pair_bit
+from reasoning.interactions import (
+    InteractionBook,
+    InteractionParameters,
+    Members,
+    collision_map,
+    pair_bit,
+)
 from reasoning.transitions import GROUPED, GROUPING, SPLITTING
 from recorders.messages import GroupTrack
 
@@ -17,12 +25,18 @@ NONE = 0
 @pytest.mark.parametrize("before", [NONE, GROUPING, SPLITTING])
 @pytest.mark.parametrize("over", [False, True])
 def test_without_collision_there_is_nothing(before, over):
-    assert pair_bit(before, collides=False, over_group=over, newborn=False, of_split=False) == NONE
+    assert (
+        pair_bit(before, collides=False, over_group=over, newborn=False, of_split=False)
+        == NONE
+    )
 
 
 @pytest.mark.parametrize("over", [False, True])
 def test_grouped_that_stop_colliding_split_for_a_frame(over):
-    assert pair_bit(GROUPED, collides=False, over_group=over, newborn=False, of_split=False) == SPLITTING
+    assert (
+        pair_bit(GROUPED, collides=False, over_group=over, newborn=False, of_split=False)
+        == SPLITTING
+    )
 
 
 @pytest.mark.parametrize(
@@ -39,18 +53,40 @@ def test_grouped_that_stop_colliding_split_for_a_frame(over):
     ],
 )
 def test_every_row_with_collision(before, over, after):
-    assert pair_bit(before, collides=True, over_group=over, newborn=False, of_split=False) == after
+    assert (
+        pair_bit(before, collides=True, over_group=over, newborn=False, of_split=False)
+        == after
+    )
 
 
 def test_a_newborn_groups_with_nobody_and_one_of_a_split_is_splitting():
-    assert pair_bit(NONE, collides=True, over_group=False, newborn=True, of_split=False) == NONE
-    assert pair_bit(NONE, collides=True, over_group=False, newborn=True, of_split=True) == SPLITTING
+    assert (
+        pair_bit(NONE, collides=True, over_group=False, newborn=True, of_split=False)
+        == NONE
+    )
+    assert (
+        pair_bit(NONE, collides=True, over_group=False, newborn=True, of_split=True)
+        == SPLITTING
+    )
 
 
 @pytest.mark.parametrize("over", [False, True])
 def test_one_who_is_not_in_the_picture_begins_nothing(over):
-    assert pair_bit(NONE, collides=True, over_group=over, newborn=False, of_split=False, starts=False) == NONE
-    assert pair_bit(GROUPING, True, False, newborn=False, of_split=False, starts=False) == GROUPING
+    assert (
+        pair_bit(
+            NONE,
+            collides=True,
+            over_group=over,
+            newborn=False,
+            of_split=False,
+            starts=False,
+        )
+        == NONE
+    )
+    assert (
+        pair_bit(GROUPING, True, False, newborn=False, of_split=False, starts=False)
+        == GROUPING
+    )
 
 
 def test_safety_areas_are_proportional_to_size():
@@ -77,7 +113,9 @@ class Crowd:
         self.book = InteractionBook(InteractionParameters(**parameters))
         self.frame, self.before = -1, set()
 
-    def step(self, places, blobs=None, tracks=None, of_split=(), unseen=(), absent=(), leaving=()):
+    def step(
+        self, places, blobs=None, tracks=None, of_split=(), unseen=(), absent=(), leaving=()
+    ):
         self.frame += 1
         ids, blobs = sorted(places), blobs or {}
         members = Members(
@@ -91,7 +129,9 @@ class Crowd:
             leaving,
         )
         self.before = set(ids)
-        changes, self.clusters = self.book.step(self.frame, self.frame * 40_000_000, members, tracks)
+        changes, self.clusters = self.book.step(
+            self.frame, self.frame * 40_000_000, members, tracks
+        )
         return {(c.a, c.b): c.after for c in changes}
 
 
@@ -115,7 +155,10 @@ def test_the_papers_example_of_grouping_and_splitting_at_once():
     assert crowd.book.states == {1: GROUPED, 2: GROUPED, 3: 0}
     crowd.step({1: 0, 2: 25, 3: 50})
     assert crowd.book.states == {1: SPLITTING, 2: GROUPING | SPLITTING, 3: GROUPING}
-    assert (crowd.book.partners(2, GROUPING), crowd.book.partners(2, SPLITTING)) == ([3], [1])
+    assert (crowd.book.partners(2, GROUPING), crowd.book.partners(2, SPLITTING)) == (
+        [3],
+        [1],
+    )
 
 
 def test_new_born_tracks_wait_a_frame():
@@ -176,9 +219,13 @@ def test_group_tracks_of_the_tracker_decide_when_given():
     box = (-5, -5, 60, 40)
     crowd.step({1: 0, 2: 15, 3: 70})
     assert crowd.step({1: 0, 2: 15, 3: 70}, {1: 9, 2: 9}, tracks=[]) == {(1, 2): GROUPING}
-    assert crowd.step({1: 0, 2: 15, 3: 70}, tracks=[GroupTrack(5, box, True)]) == {(1, 2): GROUPED}
+    assert crowd.step({1: 0, 2: 15, 3: 70}, tracks=[GroupTrack(5, box, True)]) == {
+        (1, 2): GROUPED
+    }
     assert (crowd.clusters[0].source, crowd.clusters[0].source_id) == ("group track", 5)
-    assert crowd.step({1: 0, 2: 15, 3: 70}, tracks=[GroupTrack(5, box, False)]) == {(1, 2): SPLITTING}
+    assert crowd.step({1: 0, 2: 15, 3: 70}, tracks=[GroupTrack(5, box, False)]) == {
+        (1, 2): SPLITTING
+    }
 
 
 def test_group_tracks_may_name_their_members():
@@ -202,15 +249,35 @@ def test_one_in_its_last_frame_is_in_no_region():
     crowd = Crowd()
     crowd.step({1: 0, 2: 10})
     crowd.step({1: 0, 2: 10}, {1: 9, 2: 9})
-    assert crowd.step({1: 0, 2: 10}, {1: 9, 2: -1}, unseen=(2,), absent=(2,), leaving=(2,)) == {(1, 2): SPLITTING}
+    assert crowd.step(
+        {1: 0, 2: 10}, {1: 9, 2: -1}, unseen=(2,), absent=(2,), leaving=(2,)
+    ) == {(1, 2): SPLITTING}
     assert crowd.step({1: 0}) == {(1, 2): NONE}
 
 
 def test_a_second_threshold_damps_flicker():
     crowd, steady = Crowd(), Crowd(leave_margin=0.2)
     places = [{1: 0, 2: 29 + 3 * (f % 2)} for f in range(1, 9)]
-    assert [bool(crowd.step(p)) for p in places] == [False, True, True, True, True, True, True, True]
-    assert [bool(steady.step(p)) for p in places] == [False, True, False, False, False, False, False, False]
+    assert [bool(crowd.step(p)) for p in places] == [
+        False,
+        True,
+        True,
+        True,
+        True,
+        True,
+        True,
+        True,
+    ]
+    assert [bool(steady.step(p)) for p in places] == [
+        False,
+        True,
+        False,
+        False,
+        False,
+        False,
+        False,
+        False,
+    ]
     assert steady.step({1: 0, 2: 37}) == {(1, 2): NONE}
 
 

@@ -8,7 +8,10 @@ from hypothesis import strategies as st
 from reasoning.geometry import Area
 from reasoning.near import near_pairs
 
-places = st.lists(st.tuples(st.floats(-1e6, 1e6) | st.integers(0, 9).map(float), st.floats(0, 50)), max_size=12)
+places = st.lists(
+    st.tuples(st.floats(-1e6, 1e6) | st.integers(0, 9).map(float), st.floats(0, 50)),
+    max_size=12,
+)
 
 
 @settings(deadline=None, max_examples=300, database=None)
@@ -38,7 +41,14 @@ def test_who_is_nowhere_is_near_nobody_and_does_not_hide_the_others():
 
 
 @settings(deadline=None, max_examples=200, database=None)
-@given(st.lists(st.tuples(*[st.integers(-4, 24).map(float)] * 2, *[st.integers(0, 20).map(float)] * 2), max_size=8))
+@given(
+    st.lists(
+        st.tuples(
+            *[st.integers(-4, 24).map(float)] * 2, *[st.integers(0, 20).map(float)] * 2
+        ),
+        max_size=8,
+    )
+)
 def test_boxes_one_by_one_lie_as_boxes_together(boxes):
     for polygons in ([[(2, 3), (18, 3), (18, 17), (2, 17)]], [[(0, 0), (20, 2), (10, 20)]]):
         area = Area(polygons)

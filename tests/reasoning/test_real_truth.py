@@ -1,4 +1,6 @@
-"""The reasoning over the labelled people of real recordings: no forbidden transition, true groups interact."""
+"""The reasoning over the labelled people of real recordings: no forbidden transition, true groups
+interact.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ CAVIAR = ("Meet_WalkTogether1", "Meet_WalkSplit", "Meet_Crowd", "Fight_RunAway1"
 
 
 def blobs(boxes):
-    """Boxes that overlap or nearly touch (4 px) stand for one blob, numbered by its lowest member."""
+    """Boxes that overlap or nearly touch (4 px) stand for one blob, numbered by its lowest
+    member.
+    """
     root = {i: i for i in boxes}
     for i, a in boxes.items():
         for j, b in boxes.items():
@@ -58,7 +62,9 @@ def test_pets(real_data):
     kinds = Counter(e.kind for a in answers for e in a.events)
     assert kinds["disagreement"] <= 10
     assert kinds["grouped"] >= 50
-    assert 0 <= kinds["grouped"] - kinds["splitting"] <= 5, "who grouped splits, unless the recording ends"
+    assert 0 <= kinds["grouped"] - kinds["splitting"] <= 5, (
+        "who grouped splits, unless the recording ends"
+    )
 
 
 @pytest.mark.parametrize("name", CAVIAR)
@@ -70,11 +76,15 @@ def test_caviar_true_groups_interact(real_data, name):
             x, y, w, h = (float(o.find("box").get(k)) for k in ("xc", "yc", "w", "h"))
             boxes[int(o.get("id"))] = (x - w / 2, y - h / 2, w, h)
         frames.append(boxes)
-        groups.append([[int(i) for i in g.find("members").text.split(",")] for g in f.iter("group")])
+        groups.append(
+            [[int(i) for i in g.find("members").text.split(",")] for g in f.iter("group")]
+        )
     reasoner, answers = reason(frames, 384, 288, 40_000_000)
     assert reasoner.counter.forbidden == 0
     related = {(r.a, r.b) for a in answers for r in a.relations.relations}
     for k, here in enumerate(groups):
         for members in here:
             alive = sorted(i for i in members if i in frames[k])
-            assert all((a, b) in related for n, a in enumerate(alive) for b in alive[n + 1 :]), (k, members)
+            assert all(
+                (a, b) in related for n, a in enumerate(alive) for b in alive[n + 1 :]
+            ), (k, members)

@@ -1,4 +1,6 @@
-"""The reasoner as a whole: what it answers, what it tells, where the papers disagree, and that it continues."""
+"""The reasoner as a whole: what it answers, what it tells, where the papers disagree, and that it
+continues.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +10,40 @@ import msgspec
 import pytest
 
 from reasoning.reasoner import SECTIONS, Reasoner
-from recorders.messages import EVENT_KINDS, GroupTrack, Notice, Regions, Target, Targets, Zone
+from recorders.messages import (
+    EVENT_KINDS,
+    GroupTrack,
+    Notice,
+    Regions,
+    Target,
+    Targets,
+    Zone,
+)
 from recorders.parameters import configure
 
 
 def person(i, x, blob=None, y=100.0, **fields):
-    return Target(i, (float(x), y, 20.0, 50.0), blob=i + 100 if blob is None else blob, **fields)
+    return Target(
+        i, (float(x), y, 20.0, 50.0), blob=i + 100 if blob is None else blob, **fields
+    )
 
 
 def run(frames, config=None, **targets):
     reasoner = Reasoner(config, 640, 240)
-    return reasoner, [reasoner.step(k, k * 10**8, Targets(k, t, **targets), None) for k, t in enumerate(frames)]
+    return reasoner, [
+        reasoner.step(k, k * 10**8, Targets(k, t, **targets), None)
+        for k, t in enumerate(frames)
+    ]
 
 
 def test_an_empty_frame():
     _, (answer,) = run([[]])
-    assert (answer.tracks.tracks, answer.relations.relations, answer.groups.groups, answer.events) == ([], [], [], [])
+    assert (
+        answer.tracks.tracks,
+        answer.relations.relations,
+        answer.groups.groups,
+        answer.events,
+    ) == ([], [], [], [])
     assert answer.graph is not None
 
 
@@ -33,9 +53,18 @@ def test_tracks_come_by_id_whatever_the_trackers_order():
 
 
 def test_every_frame_answers_who_and_since_when():
-    _, answers = run([[person(1, 100), person(2, 130)]] * 2 + [[person(1, 110, 7), person(2, 120, 7)]] * 3)
+    _, answers = run(
+        [[person(1, 100), person(2, 130)]] * 2
+        + [[person(1, 110, 7), person(2, 120, 7)]] * 3
+    )
     relation = answers[-1].relations.relations[0]
-    assert (relation.a, relation.b, relation.state, relation.since_frame, relation.since_ns) == (
+    assert (
+        relation.a,
+        relation.b,
+        relation.state,
+        relation.since_frame,
+        relation.since_ns,
+    ) == (
         1,
         2,
         "JOINT",
@@ -49,7 +78,13 @@ def test_every_frame_answers_who_and_since_when():
     track = answers[-1].tracks.tracks[0]
     assert (track.grouped_partners, track.group, track.scene) == ([2], 1, "inside")
     group = answers[-1].groups.groups[0]
-    assert (group.label, group.members, group.since_frame, group.observed, group.formed_from) == (
+    assert (
+        group.label,
+        group.members,
+        group.since_frame,
+        group.observed,
+        group.formed_from,
+    ) == (
         1,
         [1, 2],
         2,
@@ -74,16 +109,32 @@ def test_events_are_numbered_in_order_and_carry_their_evidence():
 
 def test_notices_become_events_and_are_not_told_twice():
     reasoner = Reasoner({}, 640, 240)
-    n = Notice("track_confirmed", [1], "EVENTS 2: three supporting observations", {"hits": 3}, "Target 1 confirmed.")
-    answer = reasoner.step(0, 0, Targets(0, [person(1, 100), person(2, 300)], notices=[n]), None)
+    n = Notice(
+        "track_confirmed",
+        [1],
+        "EVENTS 2: three supporting observations",
+        {"hits": 3},
+        "Target 1 confirmed.",
+    )
+    answer = reasoner.step(
+        0, 0, Targets(0, [person(1, 100), person(2, 300)], notices=[n]), None
+    )
     confirmed = [e for e in answer.events if e.kind == "track_confirmed"]
-    assert [(e.id, e.subjects, e.evidence.get("hits")) for e in confirmed] == [(1, [1], 3), (2, [2], None)]
+    assert [(e.id, e.subjects, e.evidence.get("hits")) for e in confirmed] == [
+        (1, [1], 3),
+        (2, [2], None),
+    ]
 
 
 def test_the_order_of_events_within_a_frame():
     frames = [
         [person(1, 100), person(2, 125), person(3, 300), person(4, 500)],
-        [person(1, 100, 7), person(2, 120, 7), person(3, 300), person(4, 500, mode="appearance")],
+        [
+            person(1, 100, 7),
+            person(2, 120, 7),
+            person(3, 300),
+            person(4, 500, mode="appearance"),
+        ],
         [person(1, 100), person(2, 128), person(5, 300), person(4, 500)],
     ]
     _, answers = run(frames)
@@ -113,8 +164,16 @@ def test_a_disagreement_is_told_once_per_episode():
 
 
 def test_torn_pairs_are_anomalies():
-    _, answers = run([[person(1, 100, 7), person(2, 110, 7)]] * 3 + [[person(1, 100), person(2, 500)]] * 2)
-    told = [(k, e.kind, e.evidence.get("case")) for k, a in enumerate(answers) for e in a.events if k >= 3]
+    _, answers = run(
+        [[person(1, 100, 7), person(2, 110, 7)]] * 3
+        + [[person(1, 100), person(2, 500)]] * 2
+    )
+    told = [
+        (k, e.kind, e.evidence.get("case"))
+        for k, a in enumerate(answers)
+        for e in a.events
+        if k >= 3
+    ]
     assert told == [
         (3, "separated", "torn"),
         (3, "splitting", None),
@@ -163,7 +222,9 @@ def test_one_who_comes_back_later_is_recovered_under_its_id():
 
 
 def test_one_who_left_enters_anew():
-    _, answers = run([[person(1, 100)], [person(1, 100)], [person(1, -8)], [], [person(1, 120)]])
+    _, answers = run(
+        [[person(1, 100)], [person(1, 100)], [person(1, -8)], [], [person(1, 120)]]
+    )
     assert [[e.kind for e in a.events] for a in answers] == [
         ["track_confirmed", "entering"],
         ["entered"],
@@ -182,15 +243,29 @@ def test_one_who_leaves_from_within_a_group_exits_in_the_frame_of_its_end():
         ("exited", [1]),
         ("separated", [1, 2]),
     ]
-    assert [e.kind for e in answers[4].events] == ["interaction_ended", "single", "group_ended"]
+    assert [e.kind for e in answers[4].events] == [
+        "interaction_ended",
+        "single",
+        "group_ended",
+    ]
 
 
 def test_who_appears_beside_another_within_the_scene_is_born_of_a_split():
     _, answers = run(
-        [[person(1, 100)], [person(1, 100)], [person(1, 100), person(2, 118)], [person(1, 90), person(2, 126)]]
+        [
+            [person(1, 100)],
+            [person(1, 100)],
+            [person(1, 100), person(2, 118)],
+            [person(1, 90), person(2, 126)],
+        ]
     )
     told = {e.kind: e for e in answers[2].events}
-    assert set(told) == {"track_confirmed", "interaction_started", "splitting", "group_entered_scene"}
+    assert set(told) == {
+        "track_confirmed",
+        "interaction_started",
+        "splitting",
+        "group_entered_scene",
+    }
     assert told["splitting"].evidence["inferred"]
     group = answers[2].groups.groups[0]
     assert (group.members, group.entered_as_one, group.formed_from) == ([1, 2], True, [])
@@ -202,7 +277,11 @@ def test_a_group_names_whom_the_ones_before_it_had():
 
     _, answers = run([three(8, 9), three(7, 9), three(7, 7)])
     group = answers[2].groups.groups[0]
-    assert (group.members, group.formed_from, group.former_members) == ([1, 2, 3], [1], [[1, 2]])
+    assert (group.members, group.formed_from, group.former_members) == (
+        [1, 2, 3],
+        [1],
+        [[1, 2]],
+    )
 
 
 def test_a_relation_says_since_when_they_have_met_and_been_partners():
@@ -211,7 +290,11 @@ def test_a_relation_says_since_when_they_have_met_and_been_partners():
     frames[4] = [person(1, 112, 7), person(2, 126, 7)]
     _, answers = run(frames)
     rows = [
-        [(r.state, r.since_frame, r.met_frame, r.partners_since_frame) for r in a.relations.relations] for a in answers
+        [
+            (r.state, r.since_frame, r.met_frame, r.partners_since_frame)
+            for r in a.relations.relations
+        ]
+        for a in answers
     ]
     assert rows == [
         [],
@@ -223,13 +306,23 @@ def test_a_relation_says_since_when_they_have_met_and_been_partners():
 
 
 def test_one_who_is_not_in_the_picture_begins_nothing():
-    _, answers = run([[person(1, 100), person(2, 110, -1, present=False, observed=False, mode="predicted")]] * 3)
+    _, answers = run(
+        [
+            [
+                person(1, 100),
+                person(2, 110, -1, present=False, observed=False, mode="predicted"),
+            ]
+        ]
+        * 3
+    )
     assert all(not a.relations.relations for a in answers)
     assert not answers[-1].tracks.tracks[0].grouping
 
 
 def test_a_predicted_target_in_the_picture_is_reasoned_over():
-    _, answers = run([[person(1, 100), person(2, 110, -1, observed=False, mode="predicted")]] * 2)
+    _, answers = run(
+        [[person(1, 100), person(2, 110, -1, observed=False, mode="predicted")]] * 2
+    )
     assert answers[0].relations.relations[0].state == "INTERACTION"
     assert answers[1].tracks.tracks[1].grouping
 
@@ -247,8 +340,12 @@ def test_regions_may_change_and_go_back_to_the_default():
     reasoner = Reasoner({}, 640, 240)
     square = [(10.0, 10.0), (630.0, 10.0), (630.0, 230.0), (10.0, 230.0)]
     given = Regions(640, 240, [square], [square], [Zone("shop", square)])
-    assert reasoner.step(0, 0, Targets(0, [person(1, 100)]), None).tracks.tracks[0].zones == []
-    assert reasoner.step(1, 1, Targets(1, [person(1, 100)]), given).tracks.tracks[0].zones == ["shop"]
+    assert (
+        reasoner.step(0, 0, Targets(0, [person(1, 100)]), None).tracks.tracks[0].zones == []
+    )
+    assert reasoner.step(1, 1, Targets(1, [person(1, 100)]), given).tracks.tracks[
+        0
+    ].zones == ["shop"]
     assert reasoner.regions is given
     events = reasoner.step(2, 2, Targets(2, [person(1, 100)]), None).events
     assert [e.kind for e in events] == ["zone_left"]
@@ -267,7 +364,11 @@ def test_restoring_continues_as_if_nothing_had_happened():
     square = [(10.0, 10.0), (130.0, 10.0), (130.0, 230.0), (10.0, 230.0)]
     given = Regions(640, 240, [square], [square], [Zone("shop", square)])
     frames = [
-        [person(1, 60 + 9 * f, 7 if 5 < f < 9 else 1), person(2, 150 - 5 * f, 7 if 5 < f < 9 else 2)] for f in range(16)
+        [
+            person(1, 60 + 9 * f, 7 if 5 < f < 9 else 1),
+            person(2, 150 - 5 * f, 7 if 5 < f < 9 else 2),
+        ]
+        for f in range(16)
     ]
     frames[8] = frames[8][:1]
     config = configure(SECTIONS, assignments=["relations.enter_duration_s=0.2"])
@@ -278,7 +379,9 @@ def test_restoring_continues_as_if_nothing_had_happened():
         twin = Reasoner(config, 640, 240)
         twin.restore(json.loads(json.dumps(reasoner.state())))
         for k in range(cut, 16):
-            a, b = (r.step(k, k * 10**8, Targets(k, frames[k]), given) for r in (reasoner, twin))
+            a, b = (
+                r.step(k, k * 10**8, Targets(k, frames[k]), given) for r in (reasoner, twin)
+            )
             assert msgspec.json.encode(a) == msgspec.json.encode(b)
         assert reasoner.state() == twin.state()
 

@@ -1,4 +1,6 @@
-"""Scene events (EVENTS 3.2): who may be born, entering, entered, exiting, returned, exited, removal, named zones."""
+"""Scene events (EVENTS 3.2): who may be born, entering, entered, exiting, returned, exited,
+removal, named zones.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +26,15 @@ def square(x0, y0, x1, y1):
     return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
-REGIONS = Regions(200, 200, [square(50.0, 50.0, 150.0, 150.0)], [square(30.0, 30.0, 170.0, 170.0)])
+REGIONS = Regions(
+    200, 200, [square(50.0, 50.0, 150.0, 150.0)], [square(30.0, 30.0, 170.0, 170.0)]
+)
 SCENE = SceneRegions(REGIONS)
 
 
 @pytest.mark.parametrize(
-    ("centroid", "may"), [((100, 100), True), ((40, 100), True), ((30, 30), True), ((20, 100), False)]
+    ("centroid", "may"),
+    [((100, 100), True), ((40, 100), True), ((30, 30), True), ((20, 100), False)],
 )
 def test_a_low_level_track_starts_in_roi_or_border(centroid, may):
     assert SCENE.may_start_low_level(centroid) is may
@@ -38,7 +43,12 @@ def test_a_low_level_track_starts_in_roi_or_border(centroid, may):
 
 @pytest.mark.parametrize(
     ("box", "may"),
-    [((60, 60, 20, 20), True), ((40, 60, 20, 20), True), ((30, 60, 20, 20), False), ((0, 0, 5, 5), False)],
+    [
+        ((60, 60, 20, 20), True),
+        ((40, 60, 20, 20), True),
+        ((30, 60, 20, 20), False),
+        ((0, 0, 5, 5), False),
+    ],
 )
 def test_a_high_level_tracker_starts_at_least_partly_in_the_roi(box, may):
     assert SCENE.may_start_high_level(box) is may
@@ -102,7 +112,9 @@ def test_every_change_that_can_happen_has_its_event():
         (PARTLY, WHOLLY),
         (WHOLLY, WHOLLY),
     ]
-    seen = {(s, next_status(s, b, *p)) for s in statuses for b in (False, True) for p in places}
+    seen = {
+        (s, next_status(s, b, *p)) for s in statuses for b in (False, True) for p in places
+    }
     assert {c for c in seen if c[0] != c[1]} == set(STATUS_EVENTS)
 
 
@@ -195,7 +207,10 @@ ZONES = Regions(
 
 def test_named_zones_and_the_time_in_them():
     walk = Walk(ZONES)
-    assert walk.step({1: (60, 90, 20, 20)}) == [("entering", 1), ("zone_entered", 1, "shop")]
+    assert walk.step({1: (60, 90, 20, 20)}) == [
+        ("entering", 1),
+        ("zone_entered", 1, "shop"),
+    ]
     assert walk.step({1: (85, 90, 20, 20)}) == [("entered", 1), ("zone_entered", 1, "door")]
     assert walk.step({1: (105, 90, 20, 20)}) == [("zone_left", 1, "shop")]
     walk.frame += 1
@@ -221,7 +236,11 @@ def test_default_regions_follow_the_picture():
 
 
 def test_a_border_that_does_not_hold_the_roi_is_joined_with_it():
-    scene = SceneRegions(Regions(200, 200, [square(0.0, 0.0, 100.0, 100.0)], [square(100.0, 0.0, 120.0, 100.0)]))
+    scene = SceneRegions(
+        Regions(
+            200, 200, [square(0.0, 0.0, 100.0, 100.0)], [square(100.0, 0.0, 120.0, 100.0)]
+        )
+    )
     assert scene.places(np.array([[80.0, 10, 40, 20]])).area == [WHOLLY]
     assert scene.must_remove((80, 10, 60, 20), "appearance", 0.0) is not None
 

@@ -7,7 +7,13 @@ import json
 import numpy as np
 import pytest
 
-from reasoning.relations import Objects, RelationBook, RelationParameters, resolve, same_blob
+from reasoning.relations import (
+    Objects,
+    RelationBook,
+    RelationParameters,
+    resolve,
+    same_blob,
+)
 
 MS = 1_000_000
 
@@ -73,7 +79,10 @@ class Line:
             [starts.get(i, True) for i in ids],
             leaving,
         )
-        return [(c.a, c.b, c.after, c.case) for c in self.book.step(self.frame, self.frame * 100 * MS, objects)]
+        return [
+            (c.a, c.b, c.after, c.case)
+            for c in self.book.step(self.frame, self.frame * 100 * MS, objects)
+        ]
 
 
 def test_meeting_merging_splitting_and_parting():
@@ -125,7 +134,14 @@ def test_one_who_disappears_ends_every_relation_and_is_named():
     line = Line()
     line.step({1: 0, 2: 5, 3: 18})
     line.frame += 1
-    objects = Objects([1, 3], np.array([[0.0, 0], [18, 0]]), np.array([10.0, 10]), [1, 3], [True] * 2, [True] * 2)
+    objects = Objects(
+        [1, 3],
+        np.array([[0.0, 0], [18, 0]]),
+        np.array([10.0, 10]),
+        [1, 3],
+        [True] * 2,
+        [True] * 2,
+    )
     changes = line.book.step(line.frame, line.frame * 100 * MS, objects)
     assert [(c.a, c.b, c.after, c.case, c.gone) for c in changes] == [
         (1, 2, "INDEPENDENT", "gone", (2,)),
@@ -140,7 +156,9 @@ def test_hidden_by_the_other_stays_joint_while_the_shells_meet():
     line.step({1: 0, 2: 5}, {1: 7, 2: 7})
     line.step({1: 0, 2: 5}, {1: 7, 2: 7})
     assert line.step({1: 0, 2: 5}, {1: 7, 2: -1}, seen={2: False}) == []
-    assert line.step({1: 0, 2: 5}, {1: -1, 2: -1}, seen={1: False, 2: False}) == [(1, 2, "INTERACTION", "IV")]
+    assert line.step({1: 0, 2: 5}, {1: -1, 2: -1}, seen={1: False, 2: False}) == [
+        (1, 2, "INTERACTION", "IV")
+    ]
 
 
 def test_hidden_does_not_make_joint():
@@ -155,7 +173,9 @@ def test_a_leaving_object_cannot_stay_joint():
     for _ in range(60):
         line.step({1: 0, 2: 5}, {1: 7, 2: 7})
     assert line.book.state_of(1, 2) == "JOINT"
-    assert line.step({1: 0, 2: 5}, {1: 7, 2: -1}, seen={2: False}, leaving=(2,)) == [(1, 2, "INTERACTION", "IV")]
+    assert line.step({1: 0, 2: 5}, {1: 7, 2: -1}, seen={2: False}, leaving=(2,)) == [
+        (1, 2, "INTERACTION", "IV")
+    ]
 
 
 def test_one_who_is_not_in_the_picture_starts_nothing_and_keeps_what_it_has():
@@ -195,7 +215,11 @@ def test_an_interrupted_meeting_starts_over():
     line = Line(enter_duration_s=0.2)
     line.step({1: 0, 2: 9})
     line.step({1: 0, 2: 99})
-    assert [line.step({1: 0, 2: 9}) for _ in range(3)] == [[], [], [(1, 2, "INTERACTION", "II")]]
+    assert [line.step({1: 0, 2: 9}) for _ in range(3)] == [
+        [],
+        [],
+        [(1, 2, "INTERACTION", "II")],
+    ]
 
 
 def test_edges_know_since_when_and_by_which_rule():
@@ -204,11 +228,19 @@ def test_edges_know_since_when_and_by_which_rule():
         line.step({1: 0, 2: place})
     edge = line.book.get(2, 1)
     assert edge is not None
-    assert (edge.since_frame, edge.since_ns, edge.rule, edge.gap) == (1, 100 * MS, "SHELLS 2.3 case II", -5.0)
+    assert (edge.since_frame, edge.since_ns, edge.rule, edge.gap) == (
+        1,
+        100 * MS,
+        "SHELLS 2.3 case II",
+        -5.0,
+    )
 
 
 def test_state_is_plain_and_continues():
-    line, twin = Line(enter_duration_s=0.1, blob_duration_s=0.1), Line(enter_duration_s=0.1, blob_duration_s=0.1)
+    line, twin = (
+        Line(enter_duration_s=0.1, blob_duration_s=0.1),
+        Line(enter_duration_s=0.1, blob_duration_s=0.1),
+    )
     frames = [{1: 0, 2: 9, 3: 19}, {1: 0, 2: 9, 3: 60}, {1: 0, 2: 9, 3: 15}]
     for places in frames:
         line.step(places, {1: 7, 2: 7})

@@ -9,12 +9,22 @@ WIDTH, HEIGHT, FRAME_NS = 640, 240, 100_000_000
 
 
 def person(i, x, blob=None, y=100.0, v=0.0, **fields):
-    """A person of 20 x 50 whose left edge is at x; alone in a blob of its own unless told otherwise."""
-    return Target(i, (float(x), y, 20.0, 50.0), (v, 0.0), blob=i + 100 if blob is None else blob, **fields)
+    """A person of 20 x 50 whose left edge is at x; alone in a blob of its own unless told
+    otherwise.
+    """
+    return Target(
+        i,
+        (float(x), y, 20.0, 50.0),
+        (v, 0.0),
+        blob=i + 100 if blob is None else blob,
+        **fields,
+    )
 
 
 def story(frames, regions=None, scene_events=False, life=False):
-    """(frame, kind, subjects, group labels) of every event; the Reasoner as it is at the end, the last annotation."""
+    """(frame, kind, subjects, group labels) of every event; the Reasoner as it is at the end, the
+    last annotation.
+    """
     reasoner = Reasoner({}, WIDTH, HEIGHT)
     told, last = [], None
     for k, targets in enumerate(frames):
@@ -26,18 +36,33 @@ def story(frames, regions=None, scene_events=False, life=False):
             assert e.text.endswith(".")
             scene = e.rule.startswith(("EVENTS 3.2", "ours: named zones"))
             if (scene_events or not scene) and (life or e.rule != "EVENTS 2"):
-                told.append((k, e.kind, e.subjects, e.groups) if e.groups else (k, e.kind, e.subjects))
+                told.append(
+                    (k, e.kind, e.subjects, e.groups)
+                    if e.groups
+                    else (k, e.kind, e.subjects)
+                )
     assert reasoner.counter.forbidden == 0
     return told, reasoner, last
 
 
 def test_pass_by_at_a_distance_gives_no_events():
-    frames = [[person(1, 100 + 10 * f), person(2, 400 - 10 * f, y=20.0), person(3, 30)] for f in range(3)]
+    frames = [
+        [person(1, 100 + 10 * f), person(2, 400 - 10 * f, y=20.0), person(3, 30)]
+        for f in range(3)
+    ]
     assert story(frames)[0] == []
 
 
 def test_two_meet_merge_and_part():
-    xs = [(100, 170), (110, 160), (116, 150), (122, 135), (126, 132), (120, 150), (100, 180)]
+    xs = [
+        (100, 170),
+        (110, 160),
+        (116, 150),
+        (122, 135),
+        (126, 132),
+        (120, 150),
+        (100, 180),
+    ]
     frames = [[person(1, a), person(2, b)] for a, b in xs]
     frames[3] = [person(1, 122, 7), person(2, 135, 7)]
     frames[4] = [person(1, 126, 7), person(2, 132, 7)]
@@ -136,7 +161,9 @@ def square(x0, y0, x1, y1):
     return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
-REGIONS = Regions(WIDTH, HEIGHT, [square(60.0, 20.0, 580.0, 220.0)], [square(30.0, 5.0, 610.0, 235.0)])
+REGIONS = Regions(
+    WIDTH, HEIGHT, [square(60.0, 20.0, 580.0, 220.0)], [square(30.0, 5.0, 610.0, 235.0)]
+)
 
 
 def test_standing_on_the_regions_edge():
@@ -148,7 +175,9 @@ def test_standing_on_the_regions_edge():
 def test_leave_and_return():
     xs = [100, 80, 45, 25, 12, 25, 45, 70, 80, 45, 25, 5]
     frames = [[person(1, x)] for x in xs]
-    frames[4] = [person(1, 20, mode="appearance", confidence=0.6, observed=False, present=False)]
+    frames[4] = [
+        person(1, 20, mode="appearance", confidence=0.6, observed=False, present=False)
+    ]
     told, _, _ = story([*frames, []], REGIONS, scene_events=True, life=True)
     assert told == [
         (0, "track_confirmed", [1]),
@@ -215,7 +244,10 @@ def test_one_of_a_group_disappears():
 
 def test_two_couples_meet_and_part_as_they_came():
     def at(a, b, c, d, *blobs):
-        return [person(i, x, blob) for i, x, blob in zip((1, 2, 3, 4), (a, b, c, d), blobs, strict=True)]
+        return [
+            person(i, x, blob)
+            for i, x, blob in zip((1, 2, 3, 4), (a, b, c, d), blobs, strict=True)
+        ]
 
     frames = [
         at(100, 112, 300, 312, 1, 2, 3, 4),

@@ -23,7 +23,9 @@ def test_radius_grows_with_speed_and_shrinks_again():
     assert radius(Target(1, (0, 0, 30, 40), (30, 40)), k_s=0.0) == 25
 
 
-@pytest.mark.parametrize(("outline", "expected"), [("box", 25), ("ellipse", 20), ("smallest", 20)])
+@pytest.mark.parametrize(
+    ("outline", "expected"), [("box", 25), ("ellipse", 20), ("smallest", 20)]
+)
 def test_the_smallest_enclosing_of_box_and_ellipse(outline, expected):
     target = Target(1, (0, 0, 30, 40), ellipse=Ellipse(15, 20, 40, 20, 1.5))
     assert radius(target, outline=outline) == expected
@@ -40,7 +42,9 @@ def test_a_target_may_bring_its_own_shell():
 
 
 def test_shells_stand_around_the_boxes_centres():
-    answer = shells([Target(1, (0, 0, 30, 40)), Target(2, (100, 10, 10, 10))], ShellParameters())
+    answer = shells(
+        [Target(1, (0, 0, 30, 40)), Target(2, (100, 10, 10, 10))], ShellParameters()
+    )
     assert answer.centres == [(15, 20), (105, 15)]
 
 
@@ -49,5 +53,7 @@ def test_no_targets():
 
 
 def test_parameters_are_checked():
-    with pytest.raises(ConfigError, match=r"ShellParameters.k_s = -1.0: must be in \[0.0, 10.0\]"):
+    with pytest.raises(
+        ConfigError, match=r"ShellParameters.k_s = -1.0: must be in \[0.0, 10.0\]"
+    ):
         ShellParameters(k_s=-1.0)

@@ -8,17 +8,30 @@ from pathlib import Path
 import pytest
 
 from reasoning.interactions import pair_bit
-from reasoning.transitions import GROUPED, GROUPING, SPLITTING, TABLE, TransitionCounter, code, markdown, name
+from reasoning.transitions import (
+    GROUPED,
+    GROUPING,
+    SPLITTING,
+    TABLE,
+    TransitionCounter,
+    code,
+    markdown,
+    name,
+)
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "transitions.md"
 
 
 def test_the_page_is_current():
-    assert PAGE.read_text(encoding="utf-8") == markdown(), "run: python -m reasoning.transitions > docs/transitions.md"
+    assert PAGE.read_text(encoding="utf-8") == markdown(), (
+        "run: python -m reasoning.transitions > docs/transitions.md"
+    )
 
 
 def feasible(birth: bool) -> set[tuple[int, int]]:
-    """Which transitions of a target two or three partners can add up to, by brute force over the pairs' table."""
+    """Which transitions of a target two or three partners can add up to, by brute force over the
+    pairs' table.
+    """
     bits = (0, GROUPING, GROUPED, SPLITTING)
     moves = {
         (before, pair_bit(before, collides, over, newborn, newborn and birth))
@@ -37,14 +50,27 @@ def feasible(birth: bool) -> set[tuple[int, int]]:
 def test_the_table_is_what_pairs_can_add_up_to():
     without, with_birth = feasible(birth=False), feasible(birth=True)
     for (a, b), rule in TABLE.items():
-        expected = "allowed" if (a, b) in without else "by birth" if (a, b) in with_birth else "forbidden"
-        assert rule.verdict == ("stay" if a == b and expected == "allowed" else expected), (code(a), code(b))
+        expected = (
+            "allowed"
+            if (a, b) in without
+            else "by birth"
+            if (a, b) in with_birth
+            else "forbidden"
+        )
+        assert rule.verdict == ("stay" if a == b and expected == "allowed" else expected), (
+            code(a),
+            code(b),
+        )
         assert rule.why
 
 
 def test_the_papers_examples():
-    assert TABLE[GROUPED, 0].verdict == "forbidden"  # "grouped targets cannot become single"
-    assert TABLE[GROUPED, GROUPING | SPLITTING].verdict == "allowed"  # the example of complex interaction
+    assert (
+        TABLE[GROUPED, 0].verdict == "forbidden"
+    )  # "grouped targets cannot become single"
+    assert (
+        TABLE[GROUPED, GROUPING | SPLITTING].verdict == "allowed"
+    )  # the example of complex interaction
     assert TABLE[0, GROUPING].verdict == "allowed"
     assert TABLE[GROUPING, GROUPED].verdict == "allowed"
     assert TABLE[GROUPED, SPLITTING].verdict == "allowed"
@@ -52,14 +78,26 @@ def test_the_papers_examples():
 
 
 def test_codes_and_names():
-    assert [code(s) for s in (0, GROUPING, GROUPED, SPLITTING, 7)] == ["000", "100", "010", "001", "111"]
+    assert [code(s) for s in (0, GROUPING, GROUPED, SPLITTING, 7)] == [
+        "000",
+        "100",
+        "010",
+        "001",
+        "111",
+    ]
     assert name(0) == "single"
     assert name(7) == "grouping + grouped + splitting"
 
 
 @pytest.mark.parametrize(
     ("before", "after", "by_birth", "legal"),
-    [(0, 4, False, True), (2, 0, False, False), (2, 0, True, False), (0, 1, False, False), (0, 1, True, True)],
+    [
+        (0, 4, False, True),
+        (2, 0, False, False),
+        (2, 0, True, False),
+        (0, 1, False, False),
+        (0, 1, True, True),
+    ],
 )
 def test_the_counter_checks(before, after, by_birth, legal):
     counter = TransitionCounter()

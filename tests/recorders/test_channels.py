@@ -12,7 +12,16 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from recorders import channels
 from recorders.errors import RecordingError, UsageError
 from recorders.limits import Limits
-from recorders.messages import Blob, Detections, Ellipse, Event, Regions, Track, Tracks, Zone
+from recorders.messages import (
+    Blob,
+    Detections,
+    Ellipse,
+    Event,
+    Regions,
+    Track,
+    Tracks,
+    Zone,
+)
 
 
 def test_topics() -> None:
@@ -42,7 +51,16 @@ def test_protobuf_schemas_are_complete(name: str) -> None:
 
 
 def test_detections_round_trip() -> None:
-    sent = Detections(3, 640, 480, [(1.5, 2.0, 3.0, 4.0)], [0.5], ["person"], [Ellipse(1, 2, 3, 4, 0.1)], [1])
+    sent = Detections(
+        3,
+        640,
+        480,
+        [(1.5, 2.0, 3.0, 4.0)],
+        [0.5],
+        ["person"],
+        [Ellipse(1, 2, 3, 4, 0.1)],
+        [1],
+    )
     assert channels.decode("detections", channels.encode("detections", sent)) == sent
 
 
@@ -52,20 +70,44 @@ def test_detections_round_trip() -> None:
         ('{"frame":0,"width":9,"height":9,"boxes":[[0,0,-1,2]]}', "box 0 is"),
         ('{"frame":0,"width":9,"height":9,"boxes":[[0,0,1,0]]}', "box 0 is"),
         ('{"frame":0,"width":9,"height":9,"boxes":[[1e300,0,1,1]]}', "box 0 is"),
-        ('{"frame":0,"width":9,"height":9,"boxes":[[NaN,0,1,1]]}', "not a detections message"),
+        (
+            '{"frame":0,"width":9,"height":9,"boxes":[[NaN,0,1,1]]}',
+            "not a detections message",
+        ),
         ('{"frame":-1,"width":9,"height":9}', "not a detections message"),
-        ('{"frame":0,"width":9,"height":9,"boxes":[[0,0,1,1]],"scores":[1,2]}', "2 scores for 1 boxes"),
-        ('{"frame":0,"width":9,"height":9,"boxes":[[0,0,1,1]],"scores":[1e300]}', "a score of 1e+300"),
-        ('{"frame":0,"width":9,"height":9,"boxes":[[0,0,1,1]],"blobs":[-2]}', "a detection of blob -2"),
-        ('{"frame":0,"width":9,"height":9,"boxes":[[0,0,1,1]],"blobs":[1152921504606846976]}', "a detection of blob"),
+        (
+            '{"frame":0,"width":9,"height":9,"boxes":[[0,0,1,1]],"scores":[1,2]}',
+            "2 scores for 1 boxes",
+        ),
+        (
+            '{"frame":0,"width":9,"height":9,"boxes":[[0,0,1,1]],"scores":[1e300]}',
+            "a score of 1e+300",
+        ),
+        (
+            '{"frame":0,"width":9,"height":9,"boxes":[[0,0,1,1]],"blobs":[-2]}',
+            "a detection of blob -2",
+        ),
+        (
+            '{"frame":0,"width":9,"height":9,"boxes":[[0,0,1,1]],"blobs":[1152921504606846976]}',
+            "a detection of blob",
+        ),
         ('{"frame":0,"width":0,"height":9}', "made for a picture of 0x9"),
-        ('{"frame":0,"width":20000,"height":9}', "over the limit of 16384 a side (max_picture_side)"),
-        ('{"frame":0,"width":16000,"height":16000}', "over the limit of 64000000 pixels (max_picture_pixels)"),
+        (
+            '{"frame":0,"width":20000,"height":9}',
+            "over the limit of 16384 a side (max_picture_side)",
+        ),
+        (
+            '{"frame":0,"width":16000,"height":16000}',
+            "over the limit of 64000000 pixels (max_picture_pixels)",
+        ),
         (
             '{"frame":0,"width":9,"height":9,"boxes":[[0,0,1,1]],"ellipses":[{"x":0,"y":0,"h":1e99,"w":1,"theta":0}]}',
             "an ellipse is",
         ),
-        ('{"frame":0,"width":9,"height":9,"size_model":[1,2]}', "the size model [1.0, 2.0] is of no body"),
+        (
+            '{"frame":0,"width":9,"height":9,"size_model":[1,2]}',
+            "the size model [1.0, 2.0] is of no body",
+        ),
         ('{"frame":0,"width":9,"height":9,"size_model":[0,1,0.5,1,1e9]}', "is of no body"),
         ('{"frame":0,"width":9,"height":9,"size_model":[0,1,0.5,0,1]}', "is of no body"),
         ("[]", "not a detections message"),
@@ -85,16 +127,30 @@ ELLIPSE = Ellipse(1.0, 1.0, 1.0, 1.0, 0.0)
 @pytest.mark.parametrize(
     ("components", "blobs", "reason"),
     [
-        ([Blob(2, (0, 0, 2, 2), 4, ELLIPSE)], [1], "component 1 has the id 2; ids count from 1 in order"),
+        (
+            [Blob(2, (0, 0, 2, 2), 4, ELLIPSE)],
+            [1],
+            "component 1 has the id 2; ids count from 1 in order",
+        ),
         ([Blob(1, (0, 0, 2, 2), 5, ELLIPSE)], [1], "area 5 is not in the picture"),
         ([Blob(1, (8, 0, 2, 2), 4, ELLIPSE)], [1], "is not in the picture of 9x9"),
         ([Blob(1, (-1, 0, 2, 2), 4, ELLIPSE)], [1], "is not in the picture"),
         ([Blob(1, (0, 0, 2, 2), 0, ELLIPSE)], [1], "area 0 is not in the picture"),
-        ([Blob(1, (0, 0, 2, 2), 4, Ellipse(1.0, 1.0, -1.0, 1.0, 0.0))], [1], "an ellipse is"),
-        ([Blob(1, (0, 0, 2, 2), 4, ELLIPSE)], [2], "a detection of blob 2; the blobs are 1 to 1, -1 for none"),
+        (
+            [Blob(1, (0, 0, 2, 2), 4, Ellipse(1.0, 1.0, -1.0, 1.0, 0.0))],
+            [1],
+            "an ellipse is",
+        ),
+        (
+            [Blob(1, (0, 0, 2, 2), 4, ELLIPSE)],
+            [2],
+            "a detection of blob 2; the blobs are 1 to 1, -1 for none",
+        ),
     ],
 )
-def test_blobs_that_cannot_be_are_refused(components: list[Blob], blobs: list[int], reason: str) -> None:
+def test_blobs_that_cannot_be_are_refused(
+    components: list[Blob], blobs: list[int], reason: str
+) -> None:
     sent = Detections(0, 9, 9, [(0.0, 0.0, 2.0, 2.0)], blobs=blobs, components=components)
     with pytest.raises(RecordingError) as caught:
         channels.decode("detections", channels.encode("detections", sent))
@@ -106,7 +162,10 @@ def test_blobs_that_cannot_be_are_refused(components: list[Blob], blobs: list[in
     [
         (Regions(9, 9, [[(0, 0), (1, 1)]], []), "roi has 2 vertices, wanted 3 to 500"),
         (Regions(9, 9, [], [[(0, 0), (1, 0), (0, 1)] * 200]), "border has 600 vertices"),
-        (Regions(9, 9, [], [], [Zone("door", [(0, 0), (1e300, 0), (0, 1)])]), "zone 'door' has a vertex beyond"),
+        (
+            Regions(9, 9, [], [], [Zone("door", [(0, 0), (1e300, 0), (0, 1)])]),
+            "zone 'door' has a vertex beyond",
+        ),
         (Regions(9, 9, [[(0, 0), (1, 0), (0, 1)]] * 601, []), "601 polygons, at most 600"),
     ],
 )
@@ -123,14 +182,20 @@ def test_an_unterminated_string_full_of_quotes_takes_no_time() -> None:
 
 
 def test_limits_on_depth_and_number() -> None:
-    deep = Event(1, "joined", [1], 0, 0, "rule", {"a": msgspec.json.decode(b"[" * 40 + b"]" * 40)})
+    deep = Event(
+        1, "joined", [1], 0, 0, "rule", {"a": msgspec.json.decode(b"[" * 40 + b"]" * 40)}
+    )
     with pytest.raises(RecordingError, match=r"nested 42 deep, over the limit of 32"):
         channels.decode("events", channels.encode("events", deep))
     wordy = Event(1, "joined", [1], 0, 0, "rule", {"a": "[" * 1000})
     assert channels.decode("events", channels.encode("events", wordy)) == wordy
     many = Detections(0, 9, 9, [(0.0, 0.0, 1.0, 1.0)] * 3)
     with pytest.raises(RecordingError, match="over the limit of 2"):
-        channels.decode("detections", channels.encode("detections", many), limits=Limits(max_detections_per_frame=2))
+        channels.decode(
+            "detections",
+            channels.encode("detections", many),
+            limits=Limits(max_detections_per_frame=2),
+        )
 
 
 def test_a_protobuf_that_is_none() -> None:

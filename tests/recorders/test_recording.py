@@ -57,13 +57,27 @@ def facts_of(path: Path) -> dict[str, str]:
         return dict(log.metadata())["scenetrace"]
 
 
-def test_pictures_are_recorded_byte_for_byte_with_masks_and_detections(tmp_path: Path, folder: Path) -> None:
-    done = record(open_source(folder, fps=8), tmp_path / "a.mcap", RecordOptions(start_ns=5_000_000_000))
-    assert (done.frames, done.width, done.height, done.detect, done.codec) == (FRAMES, 160, 120, "motion", "as is")
+def test_pictures_are_recorded_byte_for_byte_with_masks_and_detections(
+    tmp_path: Path, folder: Path
+) -> None:
+    done = record(
+        open_source(folder, fps=8),
+        tmp_path / "a.mcap",
+        RecordOptions(start_ns=5_000_000_000),
+    )
+    assert (done.frames, done.width, done.height, done.detect, done.codec) == (
+        FRAMES,
+        160,
+        120,
+        "motion",
+        "as is",
+    )
     assert done.duration_ns == (FRAMES - 1) * 125_000_000
     with LogReader(tmp_path / "a.mcap") as log:
         images = list(log.messages(["/camera/image"]))
-        assert [m.log_time_ns for m in images] == [5_000_000_000 + 125_000_000 * k for k in range(FRAMES)]
+        assert [m.log_time_ns for m in images] == [
+            5_000_000_000 + 125_000_000 * k for k in range(FRAMES)
+        ]
         assert all(m.publish_time_ns == m.log_time_ns for m in images)
         recorded = [bytes(channels.decode("image", m.data).data) for m in images]
     assert recorded == [p.read_bytes() for p in sorted(folder.iterdir())]
@@ -73,7 +87,9 @@ def test_pictures_are_recorded_byte_for_byte_with_masks_and_detections(tmp_path:
         assert all(b >= 1 for b in f.detections.blobs)
         assert len(f.detections.boxes) >= 1
         count, _, stats, _ = cv2.connectedComponentsWithStats(f.mask, connectivity=8)
-        assert [b.area for b in f.detections.components] == [int(stats[b.id, 4]) for b in f.detections.components]
+        assert [b.area for b in f.detections.components] == [
+            int(stats[b.id, 4]) for b in f.detections.components
+        ]
         assert count - 1 == len(f.detections.components)
 
 
@@ -81,29 +97,49 @@ def test_the_log_says_what_it_is_made_of(tmp_path: Path, folder: Path) -> None:
     source = open_source(folder, fps=8)
     done = record(source, tmp_path / "a.mcap", RecordOptions(camera="gate"))
     facts = facts_of(tmp_path / "a.mcap")
-    listing = "".join(f"{hashlib.sha256(p.read_bytes()).hexdigest()}  {p.name}\n" for p in sorted(folder.iterdir()))
+    listing = "".join(
+        f"{hashlib.sha256(p.read_bytes()).hexdigest()}  {p.name}\n"
+        for p in sorted(folder.iterdir())
+    )
     digest = hashlib.sha256(listing.encode()).hexdigest()
     assert done.source_digest == digest
     with LogReader(tmp_path / "a.mcap") as log:
         started = dict(log.metadata())["scenetrace.started"]
     assert started.items() < facts.items()
     assert facts["source_digest"] == f"sha256:{digest}"
-    assert (facts["kind"], facts["camera"], facts["source"], facts["frames"]) == ("scene", "gate", "img1", str(FRAMES))
+    assert (facts["kind"], facts["camera"], facts["source"], facts["frames"]) == (
+        "scene",
+        "gate",
+        "img1",
+        str(FRAMES),
+    )
     assert json.loads(facts["configuration"])["segmentation"]["min_area"] > 0
-    assert {"scenetrace", "numpy", "av", "opencv-python-headless"} <= set(json.loads(facts["packages"]))
+    assert {"scenetrace", "numpy", "av", "opencv-python-headless"} <= set(
+        json.loads(facts["packages"])
+    )
     assert str(tmp_path) not in json.dumps(facts)
     with LogReader(tmp_path / "a.mcap") as log:
         (attachment,) = log.attachments(["source.sha256"])
         assert attachment.data == listing.encode()
-        assert {c.topic for c in log.channels} == {"/gate/image", "/gate/foreground", "/gate/detections"}
+        assert {c.topic for c in log.channels} == {
+            "/gate/image",
+            "/gate/foreground",
+            "/gate/detections",
+        }
 
 
-def test_the_same_source_gives_the_same_file_whatever_the_number_of_threads(tmp_path: Path, folder: Path) -> None:
+def test_the_same_source_gives_the_same_file_whatever_the_number_of_threads(
+    tmp_path: Path, folder: Path
+) -> None:
     before = cv2.getNumThreads()
     try:
         for name, threads in (("a", 1), ("b", 2)):
             cv2.setNumThreads(threads)
-            record(open_source(folder, fps=8), tmp_path / f"{name}.mcap", RecordOptions(codec="h264"))
+            record(
+                open_source(folder, fps=8),
+                tmp_path / f"{name}.mcap",
+                RecordOptions(codec="h264"),
+            )
     finally:
         cv2.setNumThreads(before)
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
@@ -111,7 +147,11 @@ def test_the_same_source_gives_the_same_file_whatever_the_number_of_threads(tmp_
 
 @pytest.mark.parametrize("codec", ["png", "h264", "none", "jpeg"])
 def test_codecs(tmp_path: Path, folder: Path, codec: str) -> None:
-    done = record(open_source(folder, fps=8), tmp_path / "a.mcap", RecordOptions(codec=codec, detect="none"))
+    done = record(
+        open_source(folder, fps=8),
+        tmp_path / "a.mcap",
+        RecordOptions(codec=codec, detect="none"),
+    )
     assert done.codec == codec
     frames = frames_of(tmp_path / "a.mcap")
     originals = [f.image for f in open_source(folder, fps=8).frames()]
@@ -128,12 +168,18 @@ def test_codecs(tmp_path: Path, folder: Path, codec: str) -> None:
             np.testing.assert_array_equal(f.image, original)
     with LogReader(tmp_path / "a.mcap") as log:
         kinds = {c.topic: c.schema.name for c in log.channels if c.schema is not None}
-    wanted = {"h264": "foxglove.CompressedVideo", "none": None}.get(codec, "foxglove.CompressedImage")
+    wanted = {"h264": "foxglove.CompressedVideo", "none": None}.get(
+        codec, "foxglove.CompressedImage"
+    )
     assert kinds.get("/camera/image") == wanted
 
 
 def test_h264_replays_from_the_middle(tmp_path: Path, folder: Path) -> None:
-    record(open_source(folder, fps=8), tmp_path / "a.mcap", RecordOptions(codec="h264", detect="none"))
+    record(
+        open_source(folder, fps=8),
+        tmp_path / "a.mcap",
+        RecordOptions(codec="h264", detect="none"),
+    )
     whole = frames_of(tmp_path / "a.mcap")
     with SceneLog(tmp_path / "a.mcap") as log:
         late = next(iter(log.frames(start_ns=whole[17].time_ns, first_index=17)))
@@ -146,17 +192,30 @@ def test_png_pictures_become_jpeg_only_when_asked(tmp_path: Path) -> None:
     folder.mkdir()
     (folder / "1.png").write_bytes(encode_png(scene(0)))
     for codec, kind in ((None, "png"), ("jpeg", "jpeg")):
-        record(open_source(folder, fps=8), tmp_path / f"{kind}.mcap", RecordOptions(codec=codec, detect="none"))
+        record(
+            open_source(folder, fps=8),
+            tmp_path / f"{kind}.mcap",
+            RecordOptions(codec=codec, detect="none"),
+        )
         with LogReader(tmp_path / f"{kind}.mcap") as log:
             (message,) = log.messages(["/camera/image"])
             assert channels.decode("image", message.data).format == kind
 
 
-def test_given_detections_keep_their_boxes_and_take_the_blobs_of_the_mask(tmp_path: Path, folder: Path) -> None:
+def test_given_detections_keep_their_boxes_and_take_the_blobs_of_the_mask(
+    tmp_path: Path, folder: Path
+) -> None:
     det = tmp_path / "det.txt"
-    boxes = [f"{k + 1},-1,{4 + 5 * k},29,17,42,0.7\n{k + 1},-1,60,2,9,9,0.2" for k in range(FRAMES)]
+    boxes = [
+        f"{k + 1},-1,{4 + 5 * k},29,17,42,0.7\n{k + 1},-1,60,2,9,9,0.2"
+        for k in range(FRAMES)
+    ]
     det.write_text("\n".join(boxes) + "\n")
-    record(open_source(folder, detections=det, fps=8), tmp_path / "a.mcap", RecordOptions(detect="motion"))
+    record(
+        open_source(folder, detections=det, fps=8),
+        tmp_path / "a.mcap",
+        RecordOptions(detect="motion"),
+    )
     for f in frames_of(tmp_path / "a.mcap"):
         assert f.detections.boxes == [(4 + 5 * f.index, 29, 17, 42), (60, 2, 9, 9)]
         assert f.mask is not None
@@ -165,13 +224,19 @@ def test_given_detections_keep_their_boxes_and_take_the_blobs_of_the_mask(tmp_pa
         assert f.detections.blobs[0] in [b.id for b in f.detections.components]
     record(open_source(folder, detections=det, fps=8), tmp_path / "b.mcap")
     assert facts_of(tmp_path / "b.mcap")["detect"] == "none"
-    assert all(f.mask is None and len(f.detections.boxes) == 2 for f in frames_of(tmp_path / "b.mcap"))
+    assert all(
+        f.mask is None and len(f.detections.boxes) == 2
+        for f in frames_of(tmp_path / "b.mcap")
+    )
 
 
 def test_the_blob_that_fills_most_of_a_box_wins_ties_to_the_smaller_id() -> None:
     mask = np.zeros((20, 40), np.uint8)
     mask[5:10, 0:10] = mask[5:10, 20:30] = 255
-    blobs = [Blob(1, (0, 5, 10, 5), 50, Ellipse(5, 7, 10, 5, 0)), Blob(2, (20, 5, 10, 5), 50, Ellipse(25, 7, 10, 5, 0))]
+    blobs = [
+        Blob(1, (0, 5, 10, 5), 50, Ellipse(5, 7, 10, 5, 0)),
+        Blob(2, (20, 5, 10, 5), 50, Ellipse(25, 7, 10, 5, 0)),
+    ]
     found = Segmented(mask, Detections(0, 40, 20, components=blobs))
     boxes = [
         (5.0, 0.0, 20.0, 20.0),
@@ -189,7 +254,11 @@ def test_the_blob_that_fills_most_of_a_box_wins_ties_to_the_smaller_id() -> None
 def test_regions_come_first(tmp_path: Path, folder: Path) -> None:
     regions = tmp_path / "regions.json"
     regions.write_text('{"roi": [[10, 10], [150, 10], [150, 110], [10, 110]]}')
-    record(open_source(folder, fps=8), tmp_path / "a.mcap", RecordOptions(detect="none", regions=regions))
+    record(
+        open_source(folder, fps=8),
+        tmp_path / "a.mcap",
+        RecordOptions(detect="none", regions=regions),
+    )
     frames = frames_of(tmp_path / "a.mcap")
     assert all(f.regions is not None and f.regions.roi[0][0] == (10, 10) for f in frames)
 
@@ -202,7 +271,10 @@ def test_detections_alone(tmp_path: Path) -> None:
     frames = frames_of(tmp_path / "a.mcap")
     assert [len(f.detections.boxes) for f in frames] == [1, 0, 1]
     assert [f.time_ns for f in frames] == [0, 500_000_000, 1_000_000_000]
-    assert facts_of(tmp_path / "a.mcap")["source_digest"] == "sha256:" + hashlib.sha256(det.read_bytes()).hexdigest()
+    assert (
+        facts_of(tmp_path / "a.mcap")["source_digest"]
+        == "sha256:" + hashlib.sha256(det.read_bytes()).hexdigest()
+    )
     with pytest.raises(UsageError, match="--detect motion needs pictures"):
         record(open_source(det), tmp_path / "b.mcap", RecordOptions(detect="motion"))
     with pytest.raises(UsageError, match="--codec jpeg needs pictures"):
@@ -223,7 +295,9 @@ def test_an_output_is_never_overwritten_without_force(tmp_path: Path, folder: Pa
         record(open_source(det), det, RecordOptions(force=True))
 
 
-def test_what_does_not_fit_is_refused_before_anything_is_written(tmp_path: Path, folder: Path) -> None:
+def test_what_does_not_fit_is_refused_before_anything_is_written(
+    tmp_path: Path, folder: Path
+) -> None:
     for options, message in (
         (RecordOptions(detect="magic"), "--detect magic: must be one of motion"),
         (RecordOptions(codec="gif"), "--codec gif: must be one of jpeg, png, h264, none"),
@@ -234,10 +308,14 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(tmp_path: Path,
     assert not list(tmp_path.glob("a.mcap*"))
 
 
-def test_a_source_that_breaks_leaves_a_part_file_and_says_how_to_recover_it(tmp_path: Path, folder: Path) -> None:
+def test_a_source_that_breaks_leaves_a_part_file_and_says_how_to_recover_it(
+    tmp_path: Path, folder: Path
+) -> None:
     (folder / "000021.jpg").write_bytes((folder / "000021.jpg").read_bytes()[:-30])
     with pytest.raises(InterruptedRecordingError) as e:
-        record(open_source(folder, fps=8), tmp_path / "a.mcap", RecordOptions(detect="none"))
+        record(
+            open_source(folder, fps=8), tmp_path / "a.mcap", RecordOptions(detect="none")
+        )
     assert "000021.jpg: a jpeg picture that is cut off after 20 frames" in str(e.value)
     assert f"scenetrace recover {tmp_path / 'a.mcap.part'} -o " in str(e.value)
     assert (tmp_path / "a.mcap.part").exists()
@@ -248,7 +326,9 @@ def test_a_source_that_breaks_at_once_leaves_nothing(tmp_path: Path, folder: Pat
     first = folder / "000001.jpg"
     first.write_bytes(first.read_bytes()[:-30])
     with pytest.raises(SourceError, match=r"000001\.jpg"):
-        record(open_source(folder, fps=8), tmp_path / "a.mcap", RecordOptions(detect="none"))
+        record(
+            open_source(folder, fps=8), tmp_path / "a.mcap", RecordOptions(detect="none")
+        )
     assert not list(tmp_path.glob("a.mcap*"))
 
 
@@ -258,7 +338,8 @@ def test_an_interrupted_run_leaves_what_was_recorded(tmp_path: Path, folder: Pat
             raise KeyboardInterrupt
 
     with pytest.raises(
-        InterruptedRecordingError, match="interrupted after 15 frames; keep them with: scenetrace recover"
+        InterruptedRecordingError,
+        match="interrupted after 15 frames; keep them with: scenetrace recover",
     ):
         record(open_source(folder, fps=8), tmp_path / "a.mcap", RecordOptions(), stop)
     assert (tmp_path / "a.mcap.part").exists()
@@ -266,14 +347,23 @@ def test_an_interrupted_run_leaves_what_was_recorded(tmp_path: Path, folder: Pat
 
 def test_progress_tells_stage_and_expectation(tmp_path: Path, folder: Path) -> None:
     told: list[tuple[str, int, int | None]] = []
-    record(open_source(folder, fps=8), tmp_path / "a.mcap", RecordOptions(), lambda *t: told.append(t))
+    record(
+        open_source(folder, fps=8),
+        tmp_path / "a.mcap",
+        RecordOptions(),
+        lambda *t: told.append(t),
+    )
     assert {stage for stage, _, _ in told} == {"looking", "recording"}
     assert told[-1] == ("recording", FRAMES, FRAMES)
 
 
 def real_sources(real_data: Path) -> Iterator[tuple[Path, dict[str, object], int]]:
     yield real_data / "caviar-corridor/OneLeaveShopReenter1cor.mpg", {}, 390
-    yield real_data / "tud-campus/video.mp4", {"detections": real_data / "tud-campus/det.txt"}, 71
+    yield (
+        real_data / "tud-campus/video.mp4",
+        {"detections": real_data / "tud-campus/det.txt"},
+        71,
+    )
     yield real_data / "caviar/Meet_Crowd.xml", {}, 491
     yield real_data / "pets09-s2l1/det.txt", {"fps": 7, "size": (768, 576)}, 795
 

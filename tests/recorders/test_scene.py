@@ -1,4 +1,6 @@
-"""Scenes read from logs: what is inconsistent between a frame's messages is an error that says where."""
+"""Scenes read from logs: what is inconsistent between a frame's messages is an error that says
+where.
+"""
 
 from __future__ import annotations
 
@@ -28,14 +30,20 @@ def write(path: Path, put: Put, video: bool = False) -> Path:
         for name in ("image", "foreground", "detections"):
             kind = "video" if video and name == "image" else name
             topic = channels.topic("camera", name)
-            ids[name] = log.channel(topic, channels.schema(kind), channels.message_encoding(kind))
+            ids[name] = log.channel(
+                topic, channels.schema(kind), channels.message_encoding(kind)
+            )
         put(log, ids)
     return path
 
 
-def detections(frame: int, width: int = 32, height: int = 24, blobs: tuple[int, ...] = ()) -> bytes:
+def detections(
+    frame: int, width: int = 32, height: int = 24, blobs: tuple[int, ...] = ()
+) -> bytes:
     boxes = [(1.0, 2.0, 3.0, 4.0)] * len(blobs)
-    return channels.encode("detections", Detections(frame, width, height, boxes, blobs=list(blobs)))
+    return channels.encode(
+        "detections", Detections(frame, width, height, boxes, blobs=list(blobs))
+    )
 
 
 def test_detections_of_another_size_than_the_first(tmp_path: Path) -> None:
@@ -43,7 +51,10 @@ def test_detections_of_another_size_than_the_first(tmp_path: Path) -> None:
         log.write(ids["detections"], detections(0), 0)
         log.write(ids["detections"], detections(1, width=64), FRAME_NS)
 
-    with SceneLog(write(tmp_path / "s.mcap", put)) as scene, pytest.raises(RecordingError, match=r"64x24.*32x24"):
+    with (
+        SceneLog(write(tmp_path / "s.mcap", put)) as scene,
+        pytest.raises(RecordingError, match=r"64x24.*32x24"),
+    ):
         list(scene.frames())
 
 
@@ -54,12 +65,17 @@ def test_blobs_of_a_mask_without_components(tmp_path: Path) -> None:
         log.write(ids["foreground"], channels.compressed_image(mask, "png", 0, "camera"), 0)
         log.write(ids["detections"], detections(0, blobs=(1,)), 0)
 
-    with SceneLog(write(tmp_path / "s.mcap", put)) as scene, pytest.raises(RecordingError, match="list no components"):
+    with (
+        SceneLog(write(tmp_path / "s.mcap", put)) as scene,
+        pytest.raises(RecordingError, match="list no components"),
+    ):
         list(scene.frames())
 
 
 @pytest.mark.parametrize("listed", [0, 1, 3])
-def test_a_mask_of_other_components_than_the_detections_list(tmp_path: Path, listed: int) -> None:
+def test_a_mask_of_other_components_than_the_detections_list(
+    tmp_path: Path, listed: int
+) -> None:
     pixels = np.zeros((24, 32), np.uint8)
     pixels[2:6, 2:6] = pixels[10:14, 2:6] = 255
     blob = Ellipse(4.0, 4.0, 4.0, 4.0, 0.0)
@@ -68,22 +84,39 @@ def test_a_mask_of_other_components_than_the_detections_list(tmp_path: Path, lis
     def put(log: LogWriter, ids: dict[str, int]) -> None:
         mask = channels.compressed_image(encode_mask(pixels), "png", 0, "camera")
         log.write(ids["foreground"], mask, 0)
-        log.write(ids["detections"], channels.encode("detections", Detections(0, 32, 24, components=components)), 0)
+        log.write(
+            ids["detections"],
+            channels.encode("detections", Detections(0, 32, 24, components=components)),
+            0,
+        )
 
     with SceneLog(write(tmp_path / "s.mcap", put)) as scene:
         frame = next(scene.frames())
-        with pytest.raises(RecordingError, match=f"has 2 components, its detections list {listed}"):
+        with pytest.raises(
+            RecordingError, match=f"has 2 components, its detections list {listed}"
+        ):
             _ = frame.mask
 
 
 def test_a_frames_labels_are_the_components_of_its_mask(tmp_path: Path) -> None:
     pixels = np.zeros((24, 32), np.uint8)
     pixels[2:6, 2:6] = pixels[10:14, 2:6] = 255
-    components = [Blob(k, (2.0, 8.0 * k - 6, 4.0, 4.0), 16, Ellipse(4.0, 8.0 * k - 4, 4.0, 4.0, 0.0)) for k in (1, 2)]
+    components = [
+        Blob(k, (2.0, 8.0 * k - 6, 4.0, 4.0), 16, Ellipse(4.0, 8.0 * k - 4, 4.0, 4.0, 0.0))
+        for k in (1, 2)
+    ]
 
     def put(log: LogWriter, ids: dict[str, int]) -> None:
-        log.write(ids["foreground"], channels.compressed_image(encode_mask(pixels), "png", 0, "camera"), 0)
-        log.write(ids["detections"], channels.encode("detections", Detections(0, 32, 24, components=components)), 0)
+        log.write(
+            ids["foreground"],
+            channels.compressed_image(encode_mask(pixels), "png", 0, "camera"),
+            0,
+        )
+        log.write(
+            ids["detections"],
+            channels.encode("detections", Detections(0, 32, 24, components=components)),
+            0,
+        )
         log.write(ids["detections"], detections(1), FRAME_NS)
 
     with SceneLog(write(tmp_path / "s.mcap", put)) as scene:
@@ -119,12 +152,18 @@ def test_times_are_signed_64_bit_numbers(tmp_path: Path) -> None:
 def test_video_without_key_frames_is_not_gathered_for_ever(tmp_path: Path) -> None:
     encoder = VideoEncoder(32, 24, Fraction(10))
     rng = np.random.Generator(np.random.PCG64(1))
-    packets = [encoder.encode(rng.integers(0, 256, (24, 32, 3), np.uint8)) for _ in range(20)]
+    packets = [
+        encoder.encode(rng.integers(0, 256, (24, 32, 3), np.uint8)) for _ in range(20)
+    ]
     assert [VideoDecoder.is_key(p) for p in packets] == [True] + [False] * 19
 
     def put(log: LogWriter, ids: dict[str, int]) -> None:
         for k, packet in enumerate(packets):
-            log.write(ids["image"], channels.compressed_image(packet, "h264", k * FRAME_NS, "camera"), k * FRAME_NS)
+            log.write(
+                ids["image"],
+                channels.compressed_image(packet, "h264", k * FRAME_NS, "camera"),
+                k * FRAME_NS,
+            )
             log.write(ids["detections"], detections(k), k * FRAME_NS)
 
     path = write(tmp_path / "s.mcap", put, video=True)
@@ -132,7 +171,9 @@ def test_video_without_key_frames_is_not_gathered_for_ever(tmp_path: Path) -> No
         assert [f.image is not None for f in scene.frames()] == [True] * 20
     few = Limits(max_open_bytes=sum(map(len, packets)) // 2)
     with SceneLog(path, limits=few) as scene:
-        with pytest.raises(LimitError, match="without a key frame, over the limit max_open_bytes"):
+        with pytest.raises(
+            LimitError, match="without a key frame, over the limit max_open_bytes"
+        ):
             list(scene.frames())
         with pytest.raises(LimitError, match="without a key frame"):
             next(scene.frames(19 * FRAME_NS))

@@ -44,21 +44,51 @@ def track(identity: int, x: float, y: float, **facts: Any) -> Track:
 
 
 def scene_of(frame: int) -> dict[str, Any]:
-    """Two people who meet: 1 from the left, 2 from the right, JOINT in frames 12 to 17; 3 is never present."""
+    """Two people who meet: 1 from the left, 2 from the right, JOINT in frames 12 to 17; 3 is
+    never present.
+    """
     near, joint = 8 <= frame < 22, 12 <= frame < 18
-    tracks = [track(1, 10.0 + 2 * frame, 40.0), track(2, 130.0 - 2 * frame, 42.5, group=7 if joint else None)]
+    tracks = [
+        track(1, 10.0 + 2 * frame, 40.0),
+        track(2, 130.0 - 2 * frame, 42.5, group=7 if joint else None),
+    ]
     if frame >= 20:
         tracks.append(track(3, 5.0, 5.0, present=False, mode="predicted"))
     state = "JOINT" if joint else "INTERACTION"
     since = 12 if joint else (8 if frame < 12 else 18)
-    edges = [Relation(1, 2, state, since, START_NS + since * FRAME_NS, not joint, joint, False, 0.5)] if near else []
+    edges = (
+        [
+            Relation(
+                1,
+                2,
+                state,
+                since,
+                START_NS + since * FRAME_NS,
+                not joint,
+                joint,
+                False,
+                0.5,
+            )
+        ]
+        if near
+        else []
+    )
     groups = [Group(7, [1, 2], True, 12, START_NS + 12 * FRAME_NS)] if joint else []
     events = []
     if frame in (8, 12):
         kind = "interaction_started" if frame == 8 else "joined"
         now = START_NS + frame * FRAME_NS
         events = [
-            Event(1 + (frame == 12), kind, [1, 2], frame, now, "SHELLS III", {"overlap": 0.5}, f"1 and 2: {kind}")
+            Event(
+                1 + (frame == 12),
+                kind,
+                [1, 2],
+                frame,
+                now,
+                "SHELLS III",
+                {"overlap": 0.5},
+                f"1 and 2: {kind}",
+            )
         ]
     return {"tracks": tracks, "relations": edges, "groups": groups, "events": events}
 
@@ -79,18 +109,33 @@ def write_annotated(tmp_path: Path) -> Writer:
         with LogWriter(path) as log:
             for camera in cameras:
                 _write_camera(log, camera, frames, pictures, recorded, membership)
-            log.metadata("scenetrace", {"tracker": "events", "camera": cameras[0], "output_digest": "ab" * 32})
+            log.metadata(
+                "scenetrace",
+                {"tracker": "events", "camera": cameras[0], "output_digest": "ab" * 32},
+            )
         return path
 
     return write
 
 
-def _write_camera(log: LogWriter, camera: str, frames: range, pictures: bool, recorded: bool, membership: bool) -> None:
+def _write_camera(
+    log: LogWriter,
+    camera: str,
+    frames: range,
+    pictures: bool,
+    recorded: bool,
+    membership: bool,
+) -> None:
     names = ["tracks", "relations", "groups", "events"]
     names += ["detections", "regions"] if recorded else []
     names += ["image"] if pictures and recorded else []
     names += ["membership"] if membership else []
-    ids = {n: log.channel(channels.topic(camera, n), channels.schema(n), channels.message_encoding(n)) for n in names}
+    ids = {
+        n: log.channel(
+            channels.topic(camera, n), channels.schema(n), channels.message_encoding(n)
+        )
+        for n in names
+    }
     w, h = SIZE
 
     def put(name: str, payload: bytes, now: int) -> None:
@@ -102,16 +147,34 @@ def _write_camera(log: LogWriter, camera: str, frames: range, pictures: bool, re
         if frame == frames[0]:
             square = [(20.0, 20.0), (140.0, 20.0), (140.0, 100.0), (20.0, 100.0)]
             outer = [(10.0, 10.0), (150.0, 10.0), (150.0, 110.0), (10.0, 110.0)]
-            put("regions", channels.encode("regions", Regions(w, h, [square], [outer], [Zone("door", square)])), now)
+            put(
+                "regions",
+                channels.encode(
+                    "regions", Regions(w, h, [square], [outer], [Zone("door", square)])
+                ),
+                now,
+            )
         picture = np.full((h, w, 3), 60 + 4 * frame, np.uint8)
-        put("image", channels.compressed_image(encode_jpeg(picture), "jpeg", now, camera), now)
+        put(
+            "image",
+            channels.compressed_image(encode_jpeg(picture), "jpeg", now, camera),
+            now,
+        )
         put("detections", channels.encode("detections", Detections(frame, w, h)), now)
         scene = scene_of(frame)
         put("tracks", channels.encode("tracks", Tracks(frame, scene["tracks"])), now)
-        put("relations", channels.encode("relations", Relations(frame, scene["relations"])), now)
+        put(
+            "relations",
+            channels.encode("relations", Relations(frame, scene["relations"])),
+            now,
+        )
         put("groups", channels.encode("groups", Groups(frame, scene["groups"])), now)
         for event in scene["events"]:
             put("events", channels.encode("events", event), now)
         owned = np.zeros((h, w), np.uint8)
         owned[40:80, 10 + 2 * frame : 30 + 2 * frame] = 2
-        put("membership", channels.compressed_image(encode_mask(owned), "png", now, camera), now)
+        put(
+            "membership",
+            channels.compressed_image(encode_mask(owned), "png", now, camera),
+            now,
+        )

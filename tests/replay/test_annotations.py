@@ -31,24 +31,41 @@ def by_protobuf(tracks, relations, regions, time_ns):
         red, green, blue = PALETTE[track.id % 8]
         color = Color(r=red, g=green, b=blue, a=1.0)
         loop(out, corners(track.box), color, 2.0)
-        circle = out.circles.add(diameter=2 * track.shell_radius, thickness=1.0, outline_color=color)
+        circle = out.circles.add(
+            diameter=2 * track.shell_radius, thickness=1.0, outline_color=color
+        )
         circle.position.x, circle.position.y = centres[track.id]
         if track.gate is not UNSET:
             loop(out, corners(track.gate), color, 0.5)
         for name in track.hidden_parts:
             a, b, c, d = corners(part_box(track, name))
-            out.points.add(type=lines, points=points([a, c, b, d]), outline_color=color, thickness=0.5)
+            out.points.add(
+                type=lines, points=points([a, c, b, d]), outline_color=color, thickness=0.5
+            )
         words = [str(track.id)]
         words += [f"{track.mode} {track.confidence:.2f}"] if track.mode != "motion" else []
-        words += [bit for bit in ("grouping", "grouped", "splitting") if getattr(track, bit)]
-        text = out.texts.add(text=" ".join(words), font_size=12.0, text_color=color, background_color=Color(a=0.6))
+        words += [
+            bit for bit in ("grouping", "grouped", "splitting") if getattr(track, bit)
+        ]
+        text = out.texts.add(
+            text=" ".join(words),
+            font_size=12.0,
+            text_color=color,
+            background_color=Color(a=0.6),
+        )
         text.position.x, text.position.y = x, y
     for e in relations.relations:
         if e.a in centres and e.b in centres:
-            color = Color(r=1.0, g=0.25, b=0.2, a=1.0) if e.state == "JOINT" else Color(r=1.0, g=0.85, b=0.2, a=0.9)
+            color = (
+                Color(r=1.0, g=0.25, b=0.2, a=1.0)
+                if e.state == "JOINT"
+                else Color(r=1.0, g=0.85, b=0.2, a=0.9)
+            )
             thickness = 4.0 if e.state == "JOINT" else 1.5
             ends = points([centres[e.a], centres[e.b]])
-            out.points.add(type=lines, points=ends, outline_color=color, thickness=thickness)
+            out.points.add(
+                type=lines, points=ends, outline_color=color, thickness=thickness
+            )
     if regions is not None:
         for polygon in regions.border:
             loop(out, polygon, Color(r=0.95, g=0.6, b=0.2, a=0.8), 1.0)
@@ -70,10 +87,14 @@ def points(places):
 
 def loop(out, places, color, thickness):
     kind = PointsAnnotation.LINE_LOOP
-    out.points.add(type=kind, points=points(places), outline_color=color, thickness=thickness)
+    out.points.add(
+        type=kind, points=points(places), outline_color=color, thickness=thickness
+    )
 
 
-numbers = st.sampled_from([0.0, -0.0, 1.0, -3.0, 0.1, 1e-308, 4096.5]) | st.floats(allow_nan=False, width=32)
+numbers = st.sampled_from([0.0, -0.0, 1.0, -3.0, 0.1, 1e-308, 4096.5]) | st.floats(
+    allow_nan=False, width=32
+)
 boxes = st.tuples(numbers, numbers, numbers, numbers)
 polygons = st.lists(st.tuples(numbers, numbers), max_size=6)
 
@@ -92,9 +113,17 @@ def scenes(draw):
     ]  # fmt: skip
     pairs = [(a, b) for a in [*ids, 301] for b in [*ids, 301] if a < b]
     states = st.sampled_from(["JOINT", "INTERACTION"])
-    relations = [Relation(a, b, draw(states), 0, 0, False, False, False, 0.0, "") for a, b in pairs]
+    relations = [
+        Relation(a, b, draw(states), 0, 0, False, False, False, 0.0, "") for a, b in pairs
+    ]
     zones = [Zone("door", p) for p in draw(st.lists(polygons, max_size=1))]
-    made = Regions(100, 100, draw(st.lists(polygons, max_size=2)), draw(st.lists(polygons, max_size=2)), zones)
+    made = Regions(
+        100,
+        100,
+        draw(st.lists(polygons, max_size=2)),
+        draw(st.lists(polygons, max_size=2)),
+        zones,
+    )
     return Tracks(0, tracks), Relations(0, relations), draw(st.sampled_from([None, made]))
 
 

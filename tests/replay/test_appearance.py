@@ -12,7 +12,9 @@ from replay.trackers.appearance import BINS, FEATURES, HALVES, Colours
 RED, BLUE, GREY = (30, 30, 200), (200, 30, 30), (120, 120, 120)
 
 
-def _patch(upper: tuple[int, int, int], lower: tuple[int, int, int], seed: int = 0) -> np.ndarray:
+def _patch(
+    upper: tuple[int, int, int], lower: tuple[int, int, int], seed: int = 0
+) -> np.ndarray:
     image = np.empty((40, 20, 3), np.int16)
     image[:20], image[20:] = upper, lower
     noise = np.random.Generator(np.random.PCG64(seed)).integers(-6, 7, image.shape)
@@ -20,7 +22,9 @@ def _patch(upper: tuple[int, int, int], lower: tuple[int, int, int], seed: int =
 
 
 def _seen(image: np.ndarray) -> np.ndarray:
-    return appearance.histograms(appearance.bins_of(image), appearance.kernel(*image.shape[:2]))
+    return appearance.histograms(
+        appearance.bins_of(image), appearance.kernel(*image.shape[:2])
+    )
 
 
 def _model(image: np.ndarray) -> Colours:
@@ -40,7 +44,9 @@ def test_histograms_hold_the_kernels_whole_weight_in_every_feature() -> None:
     image = _patch(RED, BLUE)
     seen = _seen(image)
     assert seen.shape == (len(FEATURES), HALVES, BINS)
-    assert seen.sum(axis=(1, 2)) == pytest.approx(np.full(len(FEATURES), appearance.kernel(40, 20).sum()))
+    assert seen.sum(axis=(1, 2)) == pytest.approx(
+        np.full(len(FEATURES), appearance.kernel(40, 20).sum())
+    )
 
 
 def test_the_same_colours_are_near_and_others_far_and_halves_count() -> None:
@@ -63,18 +69,27 @@ def test_features_that_do_not_tell_are_not_chosen() -> None:
 def test_back_projection_and_mean_shift_find_the_target() -> None:
     scene = np.full((120, 160, 3), GREY, np.uint8)
     scene[50:90, 100:120] = _patch(RED, RED)
-    mine, background = _model(_patch(RED, RED, seed=2)).body, _model(_patch(GREY, GREY)).body
+    mine, background = (
+        _model(_patch(RED, RED, seed=2)).body,
+        _model(_patch(GREY, GREY)).body,
+    )
     bins = appearance.bins_of(scene)
-    likeness = appearance.back_project(bins, mine, background, appearance.choose(mine, background))
+    likeness = appearance.back_project(
+        bins, mine, background, appearance.choose(mine, background)
+    )
     assert likeness[70, 110] > 0.5 > -0.5 > likeness[10, 10]
-    (x, y, w, h), score = appearance.mean_shift(likeness[30:110, 80:140], (10.0, 12.0, 20.0, 40.0), steps=30)
+    (x, y, w, h), score = appearance.mean_shift(
+        likeness[30:110, 80:140], (10.0, 12.0, 20.0, 40.0), steps=30
+    )
     assert (x + 80, y + 30) == pytest.approx((100.0, 50.0), abs=1.5)
     assert (w, h) == (20.0, 40.0)
     assert score > 0.5
 
 
 def test_mean_shift_outside_of_the_picture_stays_and_likes_nothing() -> None:
-    box, score = appearance.mean_shift(np.zeros((20, 20), np.float32), (50.0, 50.0, 5.0, 5.0))
+    box, score = appearance.mean_shift(
+        np.zeros((20, 20), np.float32), (50.0, 50.0, 5.0, 5.0)
+    )
     assert box == (50.0, 50.0, 5.0, 5.0)
     assert score == -1.0
 
@@ -82,7 +97,10 @@ def test_mean_shift_outside_of_the_picture_stays_and_likes_nothing() -> None:
 def test_colours_go_through_plain_data_exactly() -> None:
     colours = _model(_patch(RED, BLUE))
     colours.learn(_seen(_patch(RED, GREY)))
-    plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in colours.state().items()}
+    plain = {
+        k: v.tolist() if isinstance(v, np.ndarray) else v
+        for k, v in colours.state().items()
+    }
     again = Colours.from_state(msgspec.json.decode(msgspec.json.encode(plain)))
     assert np.array_equal(again.table, colours.table)
     assert again.updates == 2

@@ -15,7 +15,14 @@ from replay.trackers.association import QUANTUM, assign, intersection, iou
 
 def test_overlap_of_boxes() -> None:
     a = np.array([[0.0, 0.0, 10.0, 10.0]])
-    b = np.array([[0.0, 0.0, 10.0, 10.0], [5.0, 0.0, 10.0, 10.0], [10.0, 0.0, 5.0, 5.0], [2.0, 2.0, 5.0, 5.0]])
+    b = np.array(
+        [
+            [0.0, 0.0, 10.0, 10.0],
+            [5.0, 0.0, 10.0, 10.0],
+            [10.0, 0.0, 5.0, 5.0],
+            [2.0, 2.0, 5.0, 5.0],
+        ]
+    )
     assert intersection(a, b).tolist() == [[100.0, 50.0, 0.0, 25.0]]
     assert iou(a, b)[0] == pytest.approx([1.0, 1 / 3, 0.0, 0.25])
 

@@ -13,8 +13,15 @@ from replay import checkpoint
 from replay.checkpoint import Checkpoint, decode, decode_state, encode, encode_state
 
 PLAIN = st.recursive(
-    st.none() | st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False) | st.text() | st.binary(),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**63 - 1)
+    | st.floats(allow_nan=False)
+    | st.text()
+    | st.binary(),
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4)
+    ),
     max_leaves=12,
 )
 
@@ -38,7 +45,9 @@ def test_arrays_come_back_bit_for_bit(array: np.ndarray) -> None:
 
 
 def test_the_same_state_gives_the_same_bytes_whatever_its_order() -> None:
-    assert encode_state({"a": 1, "b": np.eye(2)}) == encode_state({"b": np.eye(2, order="F"), "a": 1})
+    assert encode_state({"a": 1, "b": np.eye(2)}) == encode_state(
+        {"b": np.eye(2, order="F"), "a": 1}
+    )
 
 
 def test_what_is_not_plain_is_refused_by_name() -> None:
@@ -67,5 +76,7 @@ def test_damaged_checkpoints(data: bytes) -> None:
 
 
 def test_another_format_says_so() -> None:
-    with pytest.raises(RecordingError, match="checkpoint of format 99, this scenetrace reads 1"):
+    with pytest.raises(
+        RecordingError, match="checkpoint of format 99, this scenetrace reads 1"
+    ):
         decode(encode(made(version=99)), "x.mcap")

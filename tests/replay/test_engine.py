@@ -15,12 +15,18 @@ from replay.engine import Engine
 
 
 @pytest.mark.parametrize("damaged", [0, 1, 3, 4, 9])
-def test_frames_before_a_damaged_one_are_all_given_out(tmp_path: Path, damaged: int) -> None:
+def test_frames_before_a_damaged_one_are_all_given_out(
+    tmp_path: Path, damaged: int
+) -> None:
     with LogWriter(tmp_path / "s.mcap") as log:
         channel = log.channel("/camera/detections", channels.schema("detections"), "json")
         # The first 64 are looked at when the scene is opened.
         for k in range(64 + 12):
-            data = b"{" if k == 64 + damaged else channels.encode("detections", Detections(k, 64, 48))
+            data = (
+                b"{"
+                if k == 64 + damaged
+                else channels.encode("detections", Detections(k, 64, 48))
+            )
             log.write(channel, data, k * 40_000_000)
     with SceneLog(tmp_path / "s.mcap") as scene:
         engine = Engine(scene, "events")

@@ -1,8 +1,10 @@
-"""Forgeries: annotated logs that somebody altered with more than one careless byte; each is told in a line.
+"""Forgeries: annotated logs that somebody altered with more than one careless byte; each is told
+in a line.
 
-Each rewrites a log whole, with checksums that fit, and lies in another way: frames dropped, appended or repeated,
-numbers and times moved, checkpoints swapped, attachments replaced, records added, digests made anew. Whoever holds a
-log against its own digests, or against a new replay, must find every one of them and say so in a line.
+Each rewrites a log whole, with checksums that fit, and lies in another way: frames dropped,
+appended or repeated, numbers and times moved, checkpoints swapped, attachments replaced, records
+added, digests made anew. Whoever holds a log against its own digests, or against a new replay,
+must find every one of them and say so in a line.
 """
 
 from __future__ import annotations
@@ -41,7 +43,9 @@ class Content:
         """Other facts, with digests that fit."""
         for k, (name, values) in enumerate(self.records):
             if name == METADATA:
-                kept = {n: v for n, v in {**values, **changes}.items() if n != "fact_digests"}
+                kept = {
+                    n: v for n, v in {**values, **changes}.items() if n != "fact_digests"
+                }
                 self.records[k] = name, sealed(kept)
 
 
@@ -53,10 +57,16 @@ def forge(source: Path, out: Path, forgery: Forgery) -> Path:
     with LogReader(source) as log:
         content = Content(list(log.messages()), list(log.attachments()), log.metadata())
     forgery(content)
-    pictures = [m.topic for m in content.messages if m.topic.endswith(("/image", "/foreground", "/membership"))]
+    pictures = [
+        m.topic
+        for m in content.messages
+        if m.topic.endswith(("/image", "/foreground", "/membership"))
+    ]
     with LogWriter(out, force=True, picture_topics=sorted({*pictures})) as writer:
         for m in sorted(content.messages, key=lambda m: m.log_time_ns):
-            number = writer.channel(m.topic, m.channel.schema, m.channel.message_encoding, m.channel.metadata)
+            number = writer.channel(
+                m.topic, m.channel.schema, m.channel.message_encoding, m.channel.metadata
+            )
             writer.write(number, m.data, m.log_time_ns, m.publish_time_ns, m.sequence)
         for a in content.attachments:
             writer.attach(a.name, a.media_type, a.data, a.log_time_ns, a.create_time_ns)
@@ -82,7 +92,11 @@ def _times(content: Content) -> list[int]:
 def _first(content: Content, name: str, frame: int) -> int:
     """The place of a channel's first message of a frame or after it."""
     limit = 0 if name == "events" else _times(content)[frame]
-    return next(k for k, m in enumerate(content.messages) if named(m) == name and m.log_time_ns >= limit)
+    return next(
+        k
+        for k, m in enumerate(content.messages)
+        if named(m) == name and m.log_time_ns >= limit
+    )
 
 
 def _last_frames_dropped(content: Content) -> None:
@@ -93,7 +107,9 @@ def _last_frames_dropped(content: Content) -> None:
 def _last_annotations_dropped_with_care(content: Content) -> None:
     """Count and last link fit what is left."""
     end = _times(content)[-4]
-    content.messages = [m for m in content.messages if m.log_time_ns < end or not annotated(m)]
+    content.messages = [
+        m for m in content.messages if m.log_time_ns < end or not annotated(m)
+    ]
     digests = [m for m in content.messages if named(m) == "digest"]
     link = channels.decode("digest", digests[-1].data).link
     content.facts(frames=str(len(digests)), output_digest=link)
@@ -181,7 +197,10 @@ def _second_metadata(content: Content) -> None:
 
 
 def _recording_metadata(content: Content) -> None:
-    content.records = [(n, v if n == METADATA else {**v, "source": "elsewhere.avi"}) for n, v in content.records]
+    content.records = [
+        (n, v if n == METADATA else {**v, "source": "elsewhere.avi"})
+        for n, v in content.records
+    ]
 
 
 def _checkpoints_swapped(content: Content) -> None:
@@ -205,7 +224,9 @@ def _checkpoint_field(**change: object) -> Forgery:
 
 
 def _attachment_added(content: Content) -> None:
-    content.attachments.append(Attachment("notes.txt", "text/plain", 0, 0, b"it was the butler"))
+    content.attachments.append(
+        Attachment("notes.txt", "text/plain", 0, 0, b"it was the butler")
+    )
 
 
 def _channel_added(content: Content) -> None:
@@ -221,7 +242,11 @@ def _schema_altered(content: Content) -> None:
 
 
 def _recorded_behind_the_end(content: Content) -> None:
-    last = next(m for m in reversed(content.messages) if named(m) == "regions" or named(m) == "detections")
+    last = next(
+        m
+        for m in reversed(content.messages)
+        if named(m) == "regions" or named(m) == "detections"
+    )
     later = last.log_time_ns + 1
     regions = [m for m in content.messages if named(m) == "regions"]
     source = regions[0] if regions else last
@@ -238,7 +263,9 @@ def _everything_gone(content: Content) -> None:
 
 FORGERIES: dict[str, Forgery] = {
     "the last frames dropped": _last_frames_dropped,
-    "the last annotations dropped, count and link made to fit": _last_annotations_dropped_with_care,
+    "the last annotations dropped, count and link made to fit": (
+        _last_annotations_dropped_with_care
+    ),
     "the first frame dropped": _first_frame_dropped,
     "a frame appended": _frame_appended,
     "tracks twice": _message_repeated("tracks"),
@@ -297,12 +324,18 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("forgeries")
     scene = generate("three_way_group", seed=1, size=(160, 120), frames=40)
     write_scene_log(scene, folder / "scene.mcap", style="merged", pictures="png")
-    replay(folder / "scene.mcap", folder / "annotated.mcap", ReplayOptions(checkpoint_ns=400_000_000))
+    replay(
+        folder / "scene.mcap",
+        folder / "annotated.mcap",
+        ReplayOptions(checkpoint_ns=400_000_000),
+    )
     return folder / "annotated.mcap"
 
 
 def said(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str]:
-    """A command's exit code and what it printed; whatever goes wrong is one line, never a traceback."""
+    """A command's exit code and what it printed; whatever goes wrong is one line, never a
+    traceback.
+    """
     code = main([str(word) for word in words])
     out, err = capsys.readouterr()
     if code == 1:
@@ -320,14 +353,23 @@ def test_every_forgery_is_told(
     assert code == 0, "the file itself is sound"
 
     if forgery in UNREADABLE:
-        for command in (("verify", forged), ("verify", forged, "--quick"), ("diff", original, forged)):
+        for command in (
+            ("verify", forged),
+            ("verify", forged, "--quick"),
+            ("diff", original, forged),
+        ):
             code, words = said(capsys, *command)
-            assert (code, "altered" in words) == (4 if command[0] == "verify" else 1, True), words
+            assert (code, "altered" in words) == (
+                4 if command[0] == "verify" else 1,
+                True,
+            ), words
         return
     code, words = said(capsys, "verify", forged, "--quick")
     assert code == (0 if forgery in CAREFUL else 4), words
     assert code == 0 or re.search(
-        r"  reason: .*(altered|removed|added|moved|were written|were recorded|does not end)", words
+        r"  reason: .*(altered|removed|added|moved|were written|were recorded|does not"
+        r" end)",
+        words,
     ), words
     code, words = said(capsys, "verify", forged)
     assert code == 4, words
@@ -363,9 +405,15 @@ def messages(path: Path) -> list[tuple[str, int, int, bytes]]:
         return [(m.topic, m.log_time_ns, m.sequence, m.data) for m in log.messages()]
 
 
-def test_a_copy_is_no_forgery(original: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_copy_is_no_forgery(
+    original: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     copy = forge(original, tmp_path / "copy.mcap", lambda _: None)
-    for command in (("verify", copy, "--quick"), ("verify", copy), ("diff", original, copy)):
+    for command in (
+        ("verify", copy, "--quick"),
+        ("verify", copy),
+        ("diff", original, copy),
+    ):
         code, words = said(capsys, *command)
         assert code == 0, words
         assert words.startswith("identical: 40 frames")
@@ -378,7 +426,9 @@ def test_a_picture_with_a_wrong_bit_is_told_in_our_own_words(
     def flipped(content: Content) -> None:
         at = _first(content, "image", 12)
         m = content.messages[at]
-        content.messages[at] = altered(m, data=m.data[:-200] + bytes([m.data[-200] ^ 1]) + m.data[-199:])
+        content.messages[at] = altered(
+            m, data=m.data[:-200] + bytes([m.data[-200] ^ 1]) + m.data[-199:]
+        )
 
     forged = forge(original, tmp_path / "forged.mcap", flipped)
     capfd.readouterr()
@@ -402,7 +452,9 @@ def test_bytes_behind_the_end_are_told_as_such(
         assert "bytes follow the file's end" in capsys.readouterr().out
 
 
-def test_a_cut_file_is_damaged_at_a_byte(original: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_cut_file_is_damaged_at_a_byte(
+    original: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     whole = original.read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole[: len(whole) // 2])
@@ -410,7 +462,16 @@ def test_a_cut_file_is_damaged_at_a_byte(original: Path, tmp_path: Path, capsys:
     at = len(whole) // 3
     flipped.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
     for file in (cut, flipped):
-        for command in (("verify", file), ("verify", file, "--quick"), ("diff", original, file), ("doctor", file)):
-            code, words = said(capsys, *command) if command[0] != "doctor" else (main(["doctor", str(file)]), "")
+        for command in (
+            ("verify", file),
+            ("verify", file, "--quick"),
+            ("diff", original, file),
+            ("doctor", file),
+        ):
+            code, words = (
+                said(capsys, *command)
+                if command[0] != "doctor"
+                else (main(["doctor", str(file)]), "")
+            )
             assert code == 1, words
             assert re.search(r"byte +\d+", words or capsys.readouterr().out)

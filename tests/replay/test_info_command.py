@@ -23,7 +23,9 @@ def test_a_configuration_that_is_none_is_shown_as_it_is(
     assert f"configuration: {configuration}" in capsys.readouterr().out
 
 
-def test_texts_of_a_log_do_not_steer_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_texts_of_a_log_do_not_steer_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with LogWriter(tmp_path / "x.mcap", profile="\x1b[31m") as log:
         log.channel("/a\x1b]0;title\x07", None, "json")
         log.attach("b\rc", "text/\x9b2J", b"")
@@ -35,14 +37,19 @@ def test_texts_of_a_log_do_not_steer_the_terminal(tmp_path: Path, capsys: pytest
     assert r"e\nf: g\u202eh" in out
 
 
-def test_names_that_are_not_utf8_are_recorded_spelt_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_names_that_are_not_utf8_are_recorded_spelt_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     source = tmp_path / "gate\udcff.txt"
     try:
         source.write_text("1,-1,2,2,5,5,1\n2,-1,3,2,5,5,1\n")
     except (OSError, UnicodeEncodeError):
         pytest.skip("this file system takes UTF-8 names only")
     scene, out = tmp_path / "scene\udcfe.mcap", tmp_path / "annotated.mcap"
-    assert main(["record", str(source), "-o", str(scene), "--fps", "5", "--size", "20x20"]) == 0
+    assert (
+        main(["record", str(source), "-o", str(scene), "--fps", "5", "--size", "20x20"])
+        == 0
+    )
     assert main(["replay", str(scene), "-o", str(out)]) == 0
     capsys.readouterr()
     assert main(["info", str(out)]) == 0
@@ -55,7 +62,9 @@ def test_a_scene_log_says_what_its_masks_and_detections_depend_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     export_video(generate("pass_by", size=(96, 72), frames=8), tmp_path / "v.avi")
-    assert main(["record", str(tmp_path / "v.avi"), "-o", str(tmp_path / "scene.mcap")]) == 0
+    assert (
+        main(["record", str(tmp_path / "v.avi"), "-o", str(tmp_path / "scene.mcap")]) == 0
+    )
     capsys.readouterr()
     assert main(["info", str(tmp_path / "scene.mcap")]) == 0
     said = capsys.readouterr().out

@@ -14,7 +14,9 @@ DT, ACCELERATION, NOISE, SPEED = 0.04, 9.0, 4.0, 100.0
 def _measurements(frames: int) -> np.ndarray:
     rng = np.random.Generator(np.random.PCG64(1))
     t = np.arange(frames)[:, None, None]
-    return t * np.array([[2.0, -1.0], [0.5, 3.0], [0.0, 0.0]]) + rng.normal(0, 2, (frames, 3, 2))
+    return t * np.array([[2.0, -1.0], [0.5, 3.0], [0.0, 0.0]]) + rng.normal(
+        0, 2, (frames, 3, 2)
+    )
 
 
 def _bank(first: np.ndarray) -> KalmanBank:
@@ -26,7 +28,9 @@ def _bank(first: np.ndarray) -> KalmanBank:
 def test_bank_equals_filterpy_with_and_without_measurements() -> None:
     measured = _measurements(50)
     bank = _bank(measured[0])
-    references = [model(list(m), DT, NOISE, SPEED, ACCELERATION, NOISE) for m in measured[0]]
+    references = [
+        model(list(m), DT, NOISE, SPEED, ACCELERATION, NOISE) for m in measured[0]
+    ]
     for t in range(1, 50):
         bank.predict(DT, ACCELERATION)
         rows = np.array([k for k in range(3) if (t + k) % 4], np.intp)
@@ -47,13 +51,17 @@ def test_prediction_of_some_rows_leaves_the_others() -> None:
     bank.rate[:] = 5.0
     before = bank.value.copy()
     bank.predict(1.0, 0.0, np.array([0, 2]))
-    assert bank.value - before == pytest.approx(np.array([[5.0, 5.0], [0.0, 0.0], [5.0, 5.0]]))
+    assert bank.value - before == pytest.approx(
+        np.array([[5.0, 5.0], [0.0, 0.0], [5.0, 5.0]])
+    )
 
 
 def test_mahalanobis_distance_counts_standard_deviations() -> None:
     bank = KalmanBank(2)
     bank.add(np.zeros((1, 2)), np.full((1, 2), 5.0), np.ones((1, 2)))
-    assert bank.distance2(np.array([[3.0, 0.0], [3.0, 3.0]]), np.array(4.0))[0] == pytest.approx([1.0, 2.0])
+    assert bank.distance2(np.array([[3.0, 0.0], [3.0, 3.0]]), np.array(4.0))[
+        0
+    ] == pytest.approx([1.0, 2.0])
 
 
 def test_state_goes_through_plain_data_exactly() -> None:
@@ -69,7 +77,10 @@ def test_state_goes_through_plain_data_exactly() -> None:
         for b in (bank, other):
             b.predict(DT, ACCELERATION)
             b.update(np.arange(3), measured[t], NOISE)
-    assert all(np.array_equal(a, b) for a, b in zip(bank.state().values(), other.state().values(), strict=True))
+    assert all(
+        np.array_equal(a, b)
+        for a, b in zip(bank.state().values(), other.state().values(), strict=True)
+    )
 
 
 def test_keeping_rows_keeps_their_order() -> None:

@@ -1,4 +1,6 @@
-"""What was recorded passes through a replay as it is: times, sequence numbers, bytes, attachments, foreign channels."""
+"""What was recorded passes through a replay as it is: times, sequence numbers, bytes,
+attachments, foreign channels.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,13 @@ def test_every_recorded_message_is_as_it_was(tmp_path: Path) -> None:
         log.attach("lens.txt", "text/plain", b"wide", 5, 3)
         for k in range(12):
             now = 1_000 + k * FRAME_NS
-            # Between frames, at a frame's time, before and after all of them; spaces that no encoder of ours writes.
+            # Between frames, at a frame's time, before and after all of them; spaces that no
+            # encoder of ours writes.
             log.write(imu, b'{"a": %d }' % k, now - 7, now + 13, 40 + 3 * k)
             log.write(imu, b'{"b": %d }' % k, now, now - 11, 41 + 3 * k)
-            payload = channels.encode("detections", Detections(k, 64, 48, [(5.0 + k, 6.0, 10.0, 20.0)]))
+            payload = channels.encode(
+                "detections", Detections(k, 64, 48, [(5.0 + k, 6.0, 10.0, 20.0)])
+            )
             log.write(found, payload.replace(b":", b": "), now, now + 17, 900 - k)
         log.write(imu, b"last", now + 1, now + 2, 1)
     replay(path, out, ReplayOptions())
@@ -34,7 +39,15 @@ def test_every_recorded_message_is_as_it_was(tmp_path: Path) -> None:
         topics = before.topics()
         facts = [
             [
-                (m.topic, m.log_time_ns, m.publish_time_ns, m.sequence, m.data, m.channel.schema, m.channel.metadata)
+                (
+                    m.topic,
+                    m.log_time_ns,
+                    m.publish_time_ns,
+                    m.sequence,
+                    m.data,
+                    m.channel.schema,
+                    m.channel.metadata,
+                )
                 for m in log.messages(topics)
             ]
             for log in (before, after)

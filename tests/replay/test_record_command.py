@@ -37,7 +37,20 @@ def test_a_folder_is_recorded_and_summed_up_on_stderr(
     tmp_path: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "a.mcap"
-    assert run(folder, "--fps", 5, "-o", out, "--start", "2026-01-31T12:00:00.5Z", "--camera", "gate") == 0
+    assert (
+        run(
+            folder,
+            "--fps",
+            5,
+            "-o",
+            out,
+            "--start",
+            "2026-01-31T12:00:00.5Z",
+            "--camera",
+            "gate",
+        )
+        == 0
+    )
     said = capsys.readouterr()
     assert said.out == ""
     assert f"{out}: 10 frames of 64x48 over 1.8 s" in said.err
@@ -54,10 +67,15 @@ def test_what_was_assumed_and_left_out_is_said_and_the_code_is_3(
     assert run(folder, "--detections", det, "-o", tmp_path / "a.mcap") == 3
     lines = capsys.readouterr().err.splitlines()
     assert lines[:3] == [
-        "scenetrace: no frame rate is known: assuming 25 frames per second; say it with --fps",
+        (
+            "scenetrace: no frame rate is known: assuming 25 frames per second; say it with"
+            " --fps"
+        ),
         "scenetrace: det.txt: the frames are not in order; they were sorted",
-        "scenetrace: left out: det.txt: 1 detections from frame 12 on come after the last picture (10 pictures) "
-        "and were left out",
+        (
+            "scenetrace: left out: det.txt: 1 detections from frame 12 on come after the"
+            " last picture (10 pictures) and were left out"
+        ),
     ]
     assert len(lines) == 4
 
@@ -66,11 +84,23 @@ def test_what_was_assumed_and_left_out_is_said_and_the_code_is_3(
     ("words", "code", "message"),
     [
         (["none.avi"], 1, "none.avi: no such file or folder"),
-        (["img1", "--fps", "0"], 2, "--fps 0: must be a number of frames per second over 0"),
+        (
+            ["img1", "--fps", "0"],
+            2,
+            "--fps 0: must be a number of frames per second over 0",
+        ),
         (["img1", "--size", "640"], 2, "--size 640: must be WIDTHxHEIGHT in pixels"),
         (["img1", "--start", "noon"], 2, "time 'noon'"),
-        (["img1", "--start", "1960-01-01T00:00:00Z"], 2, "times before 1970 cannot be recorded"),
-        (["img1", "--set", "segmentation.nonsense=1"], 2, "unknown parameter segmentation.nonsense"),
+        (
+            ["img1", "--start", "1960-01-01T00:00:00Z"],
+            2,
+            "times before 1970 cannot be recorded",
+        ),
+        (
+            ["img1", "--set", "segmentation.nonsense=1"],
+            2,
+            "unknown parameter segmentation.nonsense",
+        ),
         (["img1", "--set", "segmentation.min_area=7"], 2, "must be in [0, 1]"),
         (["img1", "--detect", "magic"], 2, "--detect magic: must be one of"),
         (["img1", "--codec", "gif"], 2, "--codec gif: must be one of"),
@@ -108,7 +138,11 @@ def test_an_interrupted_recording_is_recovered(tmp_path: Path, number: int) -> N
     det = tmp_path / "det.txt"
     det.write_text("".join(f"{f},-1,{f % 50},2,30,40,1\n" for f in range(1, 400_001)))
     out, part = tmp_path / "a.mcap", tmp_path / "a.mcap.part"
-    command = [sys.executable, "-c", "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"]
+    command = [
+        sys.executable,
+        "-c",
+        "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))",
+    ]
     process = subprocess.Popen(
         [*command, "record", str(det), "--fps", "25", "--size", "99x99", "-o", str(out)],
         stderr=subprocess.PIPE,
@@ -136,17 +170,26 @@ def test_an_interrupted_recording_is_recovered(tmp_path: Path, number: int) -> N
 
 
 def test_the_examples_of_the_help_work(
-    tmp_path: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "det.txt").write_text("1,-1,1,2,3,4,1\n")
     box = '<box h="4" w="4" xc="9" yc="9"/>'
-    frame = f'<frame number="0"><objectlist><object id="0">{box}</object></objectlist></frame>'
+    frame = (
+        f'<frame number="0"><objectlist><object id="0">{box}</object></objectlist></frame>'
+    )
     (tmp_path / "Walk1.xml").write_text(f"<dataset>{frame}</dataset>")
     with pytest.raises(SystemExit):
         main(["record", "--help"])
     text = capsys.readouterr().out
-    examples = [line.split()[1:] for line in text.split("example:")[1].splitlines() if "scenetrace record" in line]
+    examples = [
+        line.split()[1:]
+        for line in text.split("example:")[1].splitlines()
+        if "scenetrace record" in line
+    ]
     assert len(examples) >= 4
     for words in examples:
         if (tmp_path / words[1]).exists():

@@ -1,4 +1,6 @@
-"""Replays: the recording passes through untouched, spans equal the whole, time travel changes nothing."""
+"""Replays: the recording passes through untouched, spans equal the whole, time travel changes
+nothing.
+"""
 
 from __future__ import annotations
 
@@ -43,16 +45,23 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
 
 
-def options(tracker: str, assignments: tuple[str, ...] = (), **more: object) -> ReplayOptions:
-    return ReplayOptions(tracker=tracker, config=replay_config(tracker, assignments=assignments), **more)
+def options(
+    tracker: str, assignments: tuple[str, ...] = (), **more: object
+) -> ReplayOptions:
+    return ReplayOptions(
+        tracker=tracker, config=replay_config(tracker, assignments=assignments), **more
+    )
 
 
-def messages(path: Path, keep: Callable[[int], bool] = lambda _: True, annotated: bool | None = None) -> Messages:
+def messages(
+    path: Path, keep: Callable[[int], bool] = lambda _: True, annotated: bool | None = None
+) -> Messages:
     with LogReader(path) as log:
         return [
             (m.topic, m.log_time_ns, m.publish_time_ns, m.sequence, m.data)
             for m in log.messages()
-            if keep(m.log_time_ns) and (annotated is None or (m.topic in ANNOTATED) == annotated)
+            if keep(m.log_time_ns)
+            and (annotated is None or (m.topic in ANNOTATED) == annotated)
         ]
 
 
@@ -61,7 +70,9 @@ def hindsight(tracker: str, on: bool) -> tuple[str, ...]:
 
 
 @pytest.mark.parametrize("tracker", TRACKERS)
-def test_recorded_messages_pass_byte_for_byte(scene: Path, tmp_path: Path, tracker: str) -> None:
+def test_recorded_messages_pass_byte_for_byte(
+    scene: Path, tmp_path: Path, tracker: str
+) -> None:
     replay(scene, tmp_path / "a.mcap", options(tracker))
     assert messages(tmp_path / "a.mcap", annotated=False) == messages(scene)
     with LogReader(tmp_path / "a.mcap") as log:
@@ -71,7 +82,9 @@ def test_recorded_messages_pass_byte_for_byte(scene: Path, tmp_path: Path, track
 
 @pytest.mark.parametrize("on", [True, False], ids=["hindsight", "forward"])
 @pytest.mark.parametrize("tracker", TRACKERS)
-def test_a_span_equals_the_same_span_of_the_whole(scene: Path, tmp_path: Path, tracker: str, on: bool) -> None:
+def test_a_span_equals_the_same_span_of_the_whole(
+    scene: Path, tmp_path: Path, tracker: str, on: bool
+) -> None:
     whole = options(tracker, hindsight(tracker, on), checkpoint_ns=400_000_000)
     replay(scene, tmp_path / "whole.mcap", whole)
     with SceneLog(scene) as log:
@@ -79,11 +92,18 @@ def test_a_span_equals_the_same_span_of_the_whole(scene: Path, tmp_path: Path, t
     for first, end in ((0, 5), (11, 12), (30, 47), (59, 60)):
         start_ns = times[first]
         end_ns = times[end] if end < FRAMES else None
-        expected = messages(tmp_path / "whole.mcap", lambda t, a=start_ns, b=end_ns: a <= t and (b is None or t < b))
+        expected = messages(
+            tmp_path / "whole.mcap",
+            lambda t, a=start_ns, b=end_ns: a <= t and (b is None or t < b),
+        )
         span = {"from_ns": start_ns, "to_ns": end_ns, "force": True}
-        replay(scene, tmp_path / "span.mcap", options(tracker, hindsight(tracker, on), **span))
+        replay(
+            scene, tmp_path / "span.mcap", options(tracker, hindsight(tracker, on), **span)
+        )
         assert messages(tmp_path / "span.mcap") == expected
-        with_checkpoints = options(tracker, hindsight(tracker, on), checkpoints=tmp_path / "whole.mcap", **span)
+        with_checkpoints = options(
+            tracker, hindsight(tracker, on), checkpoints=tmp_path / "whole.mcap", **span
+        )
         done = replay(scene, tmp_path / "span.mcap", with_checkpoints)
         assert messages(tmp_path / "span.mcap") == expected
         if first >= 11 and not on:
@@ -97,8 +117,12 @@ def test_checkpoints_of_another_configuration_or_recording_are_refused(
     replay(scene, tmp_path / "a.mcap", options(tracker, checkpoint_ns=400_000_000))
     late = {"checkpoints": tmp_path / "a.mcap", "from_ns": 1_500_000_000}
     with pytest.raises(UsageError, match="another configuration or package"):
-        replay(scene, tmp_path / "b.mcap", options(tracker, ("shell_model.k_s=0.11",), **late))
-    other = write_scene_log(generate("pass_by", size=(160, 120), frames=FRAMES), tmp_path / "other.mcap")
+        replay(
+            scene, tmp_path / "b.mcap", options(tracker, ("shell_model.k_s=0.11",), **late)
+        )
+    other = write_scene_log(
+        generate("pass_by", size=(160, 120), frames=FRAMES), tmp_path / "other.mcap"
+    )
     with pytest.raises(UsageError, match="another recording"):
         replay(other, tmp_path / "b.mcap", options(tracker, **late))
     assert not (tmp_path / "b.mcap").exists()
@@ -138,9 +162,9 @@ def test_other_processes_hash_seeds_threads_and_kernels_give_the_same_digest(
     scene: Path, tmp_path: Path, tracker: str
 ) -> None:
     program = (
-        "import sys; from replay.cli import main; from recorders.vision import cv2; "
-        "cv2.setNumThreads(int(sys.argv[1]));"
-        "sys.exit(main(['replay', sys.argv[2], '-o', sys.argv[3], '--tracker', sys.argv[4]]))"
+        "import sys; from replay.cli import main; from recorders.vision import cv2;"
+        " cv2.setNumThreads(int(sys.argv[1]));sys.exit(main(['replay', sys.argv[2], '-o',"
+        " sys.argv[3], '--tracker', sys.argv[4]]))"
     )
     digests = set()
     for k, (seed, threads, kernel) in enumerate(
@@ -150,7 +174,12 @@ def test_other_processes_hash_seeds_threads_and_kernels_give_the_same_digest(
         subprocess.run(
             [sys.executable, "-c", program, threads, str(scene), str(out), tracker],
             check=True,
-            env={**os.environ, "PYTHONHASHSEED": seed, "OPENBLAS_CORETYPE": kernel, "OPENBLAS_NUM_THREADS": threads},
+            env={
+                **os.environ,
+                "PYTHONHASHSEED": seed,
+                "OPENBLAS_CORETYPE": kernel,
+                "OPENBLAS_NUM_THREADS": threads,
+            },
             capture_output=True,
         )
         digests.add(verify_chain(out).output_digest)
@@ -169,7 +198,11 @@ def test_verify_of_a_span_finds_its_scene_beside_it(scene: Path, tmp_path: Path)
     with SceneLog(scene) as log:
         times = list(log.frame_times())
     span = tmp_path / "span.mcap"
-    replay(scene, span, options("events", from_ns=times[20], to_ns=times[40], annotations_only=True))
+    replay(
+        scene,
+        span,
+        options("events", from_ns=times[20], to_ns=times[40], annotations_only=True),
+    )
     with pytest.raises(UsageError, match=r"--scene SCENE\.mcap"):
         verify(span)
     verdict = verify(span, scene)
@@ -182,15 +215,24 @@ def test_verify_of_a_span_finds_its_scene_beside_it(scene: Path, tmp_path: Path)
 def test_verify_of_a_span_that_was_written_from_a_checkpoint(
     scene: Path, tmp_path: Path, tracker: str, on: bool
 ) -> None:
-    """Its chain goes on from the checkpoint, also where the first frame computed is the first one written."""
-    replay(scene, tmp_path / "whole.mcap", options(tracker, hindsight(tracker, on), checkpoint_ns=400_000_000))
+    """Its chain goes on from the checkpoint, also where the first frame computed is the first one
+    written.
+    """
+    replay(
+        scene,
+        tmp_path / "whole.mcap",
+        options(tracker, hindsight(tracker, on), checkpoint_ns=400_000_000),
+    )
     with SceneLog(scene) as log:
         times = list(log.frame_times())
     for first, end in ((10, 12), (11, 14), (25, 28), (59, 60)):
         more = {"from_ns": times[first], "to_ns": times[end] if end < FRAMES else None}
         whole = options(tracker, hindsight(tracker, on), **more)
         spans = []
-        for name, checkpoints in (("from-0", None), ("from-checkpoint", tmp_path / "whole.mcap")):
+        for name, checkpoints in (
+            ("from-0", None),
+            ("from-checkpoint", tmp_path / "whole.mcap"),
+        ):
             span = tmp_path / f"{name}-{first}.mcap"
             replay(scene, span, changed(whole, checkpoints=checkpoints))
             assert verify_chain(span).identical
@@ -201,12 +243,19 @@ def test_verify_of_a_span_that_was_written_from_a_checkpoint(
 
 
 def altered(source: Path, out: Path, change: Callable[[str, int, bytes], bytes]) -> Path:
-    """The same log with payloads changed by ``change(topic, sequence, data)``; metadata and attachments as before."""
+    """The same log with payloads changed by ``change(topic, sequence, data)``; metadata and
+    attachments as before.
+    """
     with LogReader(source) as log, LogWriter(out) as writer:
-        ids = {c.id: writer.channel(c.topic, c.schema, c.message_encoding, c.metadata) for c in log.channels}
+        ids = {
+            c.id: writer.channel(c.topic, c.schema, c.message_encoding, c.metadata)
+            for c in log.channels
+        }
         for m in log.messages():
             data = change(m.topic, m.sequence, m.data)
-            writer.write(ids[m.channel.id], data, m.log_time_ns, m.publish_time_ns, m.sequence)
+            writer.write(
+                ids[m.channel.id], data, m.log_time_ns, m.publish_time_ns, m.sequence
+            )
         for name, values in log.metadata():
             writer.metadata(name, values)
     return out
@@ -225,7 +274,10 @@ def test_an_edited_event_is_found_at_its_frame(scene: Path, tmp_path: Path) -> N
     out = altered(tmp_path / "a.mcap", tmp_path / "b.mcap", edit)
     quick = verify_chain(out)
     assert not quick.identical
-    assert (quick.difference.frame, quick.difference.channel) == (edited_frames[0], "events")
+    assert (quick.difference.frame, quick.difference.channel) == (
+        edited_frames[0],
+        "events",
+    )
     full = verify(out)
     assert not full.identical
     assert full.difference.frame == edited_frames[0]
@@ -246,7 +298,10 @@ def test_a_changed_recording_is_named_as_the_reason(scene: Path, tmp_path: Path)
 
     verdict = verify(altered(tmp_path / "a.mcap", tmp_path / "b.mcap", shift))
     assert not verdict.identical
-    assert (verdict.difference.frame, verdict.difference.channel) == (33, "recorded messages")
+    assert (verdict.difference.frame, verdict.difference.channel) == (
+        33,
+        "recorded messages",
+    )
 
 
 def test_outputs_are_complete_or_absent(scene: Path, tmp_path: Path) -> None:
@@ -282,24 +337,40 @@ class Broken:
     ("answer", "message"),
     [
         (lambda k: Targets(k + 1), "answered for frame 11 when asked for frame 10"),
-        (lambda k: Targets(k, [Target(2, (0, 0, 1, 1)), Target(2, (0, 0, 1, 1))]), "target 2 after 2"),
+        (
+            lambda k: Targets(k, [Target(2, (0, 0, 1, 1)), Target(2, (0, 0, 1, 1))]),
+            "target 2 after 2",
+        ),
         (lambda k: Targets(k, [Target(2, (0, 0, 0, 1))]), "target 2 has the box"),
-        (lambda k: Targets(k, [Target(2, (float("nan"), 0, 1, 1))]), "target 2 has the box"),
-        (lambda k: Targets(k, [Target(2, (0, 0, 1, 1), (float("inf"), 0))]), "velocity or confidence"),
+        (
+            lambda k: Targets(k, [Target(2, (float("nan"), 0, 1, 1))]),
+            "target 2 has the box",
+        ),
+        (
+            lambda k: Targets(k, [Target(2, (0, 0, 1, 1), (float("inf"), 0))]),
+            "velocity or confidence",
+        ),
     ],
 )
 def test_a_tracker_is_held_to_its_protocol(
     scene: Path, tmp_path: Path, answer: Callable[[int], Targets], message: str
 ) -> None:
     with pytest.raises(SceneTraceError, match=message):
-        replay(scene, tmp_path / "a.mcap", options("events", factory=lambda *_: Broken(answer)))
+        replay(
+            scene, tmp_path / "a.mcap", options("events", factory=lambda *_: Broken(answer))
+        )
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("answer", [None, [], {"frame": 10}], ids=["none", "list", "dict"])
-def test_an_answer_that_is_none_is_told(scene: Path, tmp_path: Path, answer: object) -> None:
+def test_an_answer_that_is_none_is_told(
+    scene: Path, tmp_path: Path, answer: object
+) -> None:
     factory = lambda *_: Broken(lambda _: answer)  # type: ignore[arg-type, return-value]  # noqa: E731
-    with pytest.raises(SceneTraceError, match=r"frame 10: the tracker's step\(\) answered .*, must be .*Targets"):
+    with pytest.raises(
+        SceneTraceError,
+        match=r"frame 10: the tracker's step\(\) answered .*, must be .*Targets",
+    ):
         replay(scene, tmp_path / "a.mcap", options("events", factory=factory))
 
 
@@ -324,16 +395,26 @@ class Asking:
 def test_how_a_factory_names_its_parameters(scene: Path) -> None:
     with SceneLog(scene) as log:
         assert Engine(log, partial(Asking, more=3)).name == "Asking"
-        with pytest.raises(SceneTraceError, match=r"asks for the parameters 'events', .*an attribute SECTIONS"):
+        with pytest.raises(
+            SceneTraceError,
+            match=r"asks for the parameters 'events', .*an attribute SECTIONS",
+        ):
             Engine(log, lambda *given: Asking(*given, more=3))
-        with pytest.raises(SceneTraceError, match=r"the tracker .* lacks step\(\) and state\(\) and restore\(\)"):
+        with pytest.raises(
+            SceneTraceError,
+            match=r"the tracker .* lacks step\(\) and state\(\) and restore\(\)",
+        ):
             Engine(log, lambda *_: object())
 
 
 def test_a_state_that_is_not_plain_is_told(scene: Path, tmp_path: Path) -> None:
     config = replay_config(Asking)
     with pytest.raises(SceneTraceError, match=r"the tracker's state\(\): .*object"):
-        replay(scene, tmp_path / "a.mcap", ReplayOptions("Asking", config, checkpoint_ns=1, factory=Asking))
+        replay(
+            scene,
+            tmp_path / "a.mcap",
+            ReplayOptions("Asking", config, checkpoint_ns=1, factory=Asking),
+        )
 
 
 def test_an_annotated_log_is_replayed_like_its_scene(scene: Path, tmp_path: Path) -> None:
@@ -347,5 +428,9 @@ def test_an_annotated_log_is_replayed_like_its_scene(scene: Path, tmp_path: Path
 
 def test_what_a_log_lacks_is_said(tmp_path: Path, real_data: Path) -> None:
     with pytest.raises(RecordingError, match=r"no detections to replay.*scenetrace record"):
-        replay(real_data / "mcap-recordings" / "talker.mcap", tmp_path / "a.mcap", options("events"))
+        replay(
+            real_data / "mcap-recordings" / "talker.mcap",
+            tmp_path / "a.mcap",
+            options("events"),
+        )
     assert list(tmp_path.iterdir()) == []

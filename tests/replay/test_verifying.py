@@ -1,4 +1,6 @@
-"""Verify names the reason; what a log says of itself is read strictly; states from files are not trusted."""
+"""Verify names the reason; what a log says of itself is read strictly; states from files are not
+trusted.
+"""
 
 from __future__ import annotations
 
@@ -35,13 +37,23 @@ Facts = dict[str, str]
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("verifying")
-    write_scene_log(generate("pass_by", seed=2, size=(96, 72), frames=FRAMES), place / "scene.mcap", pictures="none")
+    write_scene_log(
+        generate("pass_by", seed=2, size=(96, 72), frames=FRAMES),
+        place / "scene.mcap",
+        pictures="none",
+    )
     config = replay_config("events", assignments=["events.hindsight=false"])
-    replay(place / "scene.mcap", place / "a.mcap", ReplayOptions(config=config, checkpoint_ns=400_000_000))
+    replay(
+        place / "scene.mcap",
+        place / "a.mcap",
+        ReplayOptions(config=config, checkpoint_ns=400_000_000),
+    )
     return place
 
 
-def with_facts(source: Path, out: Path, change: Callable[[Facts], Facts], reseal: bool = True) -> Path:
+def with_facts(
+    source: Path, out: Path, change: Callable[[Facts], Facts], reseal: bool = True
+) -> Path:
     """The same log saying other things of itself; resealed, as if it had been written so."""
 
     def facts(values: Facts) -> Facts:
@@ -64,18 +76,32 @@ def configured(section: str, name: str, value: object) -> Callable[[Facts], Fact
     return change
 
 
-def test_a_log_of_older_parameters_still_verifies_and_says_what_changed(folder: Path, tmp_path: Path) -> None:
+def test_a_log_of_older_parameters_still_verifies_and_says_what_changed(
+    folder: Path, tmp_path: Path
+) -> None:
     for change, words in (
-        (configured("events", "renamed_since", 3), "events.renamed_since was 3, there is no such parameter any more"),
+        (
+            configured("events", "renamed_since", 3),
+            "events.renamed_since was 3, there is no such parameter any more",
+        ),
         (configured("gone", "x", 1), "gone.x was 1, there is no such parameter any more"),
-        (configured("interactions", "safety_margin", None), "interactions.safety_margin was absent, is 0.25"),
+        (
+            configured("interactions", "safety_margin", None),
+            "interactions.safety_margin was absent, is 0.25",
+        ),
     ):
         verdict = verify(with_facts(folder / "a.mcap", tmp_path / "b.mcap", change))
         assert verdict.identical
         assert [r for r in verdict.reasons if words in r], verdict.reasons
-    low = with_facts(folder / "a.mcap", tmp_path / "b.mcap", configured("interactions", "safety_margin", -5.0))
+    low = with_facts(
+        folder / "a.mcap",
+        tmp_path / "b.mcap",
+        configured("interactions", "safety_margin", -5.0),
+    )
     verdict = verify(low)
-    assert any("safety_margin was -5.0, is 0.25" in r for r in verdict.reasons), verdict.reasons
+    assert any("safety_margin was -5.0, is 0.25" in r for r in verdict.reasons), (
+        verdict.reasons
+    )
 
 
 def test_packages_build_and_interpreter_are_named_with_both_versions(
@@ -87,8 +113,14 @@ def test_packages_build_and_interpreter_are_named_with_both_versions(
     reasons = verify(folder / "a.mcap").reasons
     assert any(r.startswith("numpy was 2") and r.endswith("is 9.9") for r in reasons)
     assert "new was absent, is 1" in reasons
-    assert any(r.startswith("OpenCV's build: Intel IPP was 2") and r.endswith("is none") for r in reasons)
-    assert any(r.startswith("Python was CPython 3") and r.endswith("is CPython 9.0.0") for r in reasons)
+    assert any(
+        r.startswith("OpenCV's build: Intel IPP was 2") and r.endswith("is none")
+        for r in reasons
+    )
+    assert any(
+        r.startswith("Python was CPython 3") and r.endswith("is CPython 9.0.0")
+        for r in reasons
+    )
 
 
 def test_a_difference_without_a_known_reason_says_so(folder: Path, tmp_path: Path) -> None:
@@ -97,7 +129,10 @@ def test_a_difference_without_a_known_reason_says_so(folder: Path, tmp_path: Pat
 
     out = tmp_path / "b.mcap"
     with LogReader(folder / "a.mcap") as log, LogWriter(out) as writer:
-        ids = {c.id: writer.channel(c.topic, c.schema, c.message_encoding, c.metadata) for c in log.channels}
+        ids = {
+            c.id: writer.channel(c.topic, c.schema, c.message_encoding, c.metadata)
+            for c in log.channels
+        }
         link, payloads, last = digest.START, [], ""
         for m in log.messages():
             name, data = channels.split(m.topic)[1], m.data
@@ -106,23 +141,45 @@ def test_a_difference_without_a_known_reason_says_so(folder: Path, tmp_path: Pat
             if name == "digest":
                 d = channels.decode("digest", data)
                 made = digest.digest(link, d.frame, m.log_time_ns, d.recorded, payloads)
-                data, link, last, payloads = channels.encode("digest", made), made.link, made.link, []
+                data, link, last, payloads = (
+                    channels.encode("digest", made),
+                    made.link,
+                    made.link,
+                    [],
+                )
             elif name in channels.ANNOTATED:
                 payloads.append((name, data))
-            writer.write(ids[m.channel.id], data, m.log_time_ns, m.publish_time_ns, m.sequence)
+            writer.write(
+                ids[m.channel.id], data, m.log_time_ns, m.publish_time_ns, m.sequence
+            )
         (values,) = [v for n, v in log.metadata() if n == "scenetrace"]
-        changed = {**values, "output_digest": last, "checkpoints": "{}", "checkpoint_ns": "", "extras": "{}"}
-        writer.metadata("scenetrace", sealed({k: v for k, v in changed.items() if k != "fact_digests"}))
+        changed = {
+            **values,
+            "output_digest": last,
+            "checkpoints": "{}",
+            "checkpoint_ns": "",
+            "extras": "{}",
+        }
+        writer.metadata(
+            "scenetrace", sealed({k: v for k, v in changed.items() if k != "fact_digests"})
+        )
     assert verify_chain(out).identical
     verdict = verify(out)
     assert not verdict.identical
-    assert str(verdict.difference) == "frame 21, relations, planted: recorded True, now nothing"
+    assert (
+        str(verdict.difference)
+        == "frame 21, relations, planted: recorded True, now nothing"
+    )
     assert verdict.reasons[0].startswith("none is known")
 
 
 def test_a_tracker_that_is_not_ours_is_said(folder: Path, tmp_path: Path) -> None:
-    other = with_facts(folder / "a.mcap", tmp_path / "b.mcap", lambda v: {**v, "tracker": "mine"})
-    with pytest.raises(UsageError, match=r"made with the tracker 'mine', which is not one of scenetrace's"):
+    other = with_facts(
+        folder / "a.mcap", tmp_path / "b.mcap", lambda v: {**v, "tracker": "mine"}
+    )
+    with pytest.raises(
+        UsageError, match=r"made with the tracker 'mine', which is not one of scenetrace's"
+    ):
         verify(other)
 
 
@@ -139,7 +196,11 @@ def test_a_tracker_that_is_not_ours_is_said(folder: Path, tmp_path: Path) -> Non
     ],
 )
 def test_facts_are_read_strictly(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Any, words: str
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    change: Any,
+    words: str,
 ) -> None:
     for reseal in (True, False):
         altered = with_facts(folder / "a.mcap", tmp_path / "b.mcap", change, reseal)
@@ -159,17 +220,29 @@ def test_a_log_without_the_record_of_its_making_was_altered(
 ) -> None:
     out = tmp_path / "b.mcap"
     with LogReader(folder / "a.mcap") as log, LogWriter(out) as writer:
-        ids = {c.id: writer.channel(c.topic, c.schema, c.message_encoding, c.metadata) for c in log.channels}
+        ids = {
+            c.id: writer.channel(c.topic, c.schema, c.message_encoding, c.metadata)
+            for c in log.channels
+        }
         for m in log.messages():
-            writer.write(ids[m.channel.id], m.data, m.log_time_ns, m.publish_time_ns, m.sequence)
+            writer.write(
+                ids[m.channel.id], m.data, m.log_time_ns, m.publish_time_ns, m.sequence
+            )
     for more in ([], ["--quick"]):
         assert main(["verify", str(out), *more]) == 4
-        assert "the metadata record 'scenetrace', which every replay writes, is not there" in capsys.readouterr().out
+        assert (
+            "the metadata record 'scenetrace', which every replay writes, is not there"
+            in capsys.readouterr().out
+        )
     assert main(["verify", str(folder / "scene.mcap")]) == 1, "a scene log was never one"
 
 
-def test_a_tracker_that_the_configuration_does_not_know_is_named(folder: Path, tmp_path: Path) -> None:
-    lie = with_facts(folder / "a.mcap", tmp_path / "b.mcap", lambda v: {**v, "tracker": "shells"})
+def test_a_tracker_that_the_configuration_does_not_know_is_named(
+    folder: Path, tmp_path: Path
+) -> None:
+    lie = with_facts(
+        folder / "a.mcap", tmp_path / "b.mcap", lambda v: {**v, "tracker": "shells"}
+    )
     verdict = verify(lie)
     assert not verdict.identical
     assert verdict.reasons[0].startswith(
@@ -179,19 +252,30 @@ def test_a_tracker_that_the_configuration_does_not_know_is_named(folder: Path, t
     assert len(verdict.reasons) < 12, verdict.reasons
 
 
-@pytest.mark.parametrize(("fact", "value"), [("from_ns", "400000000"), ("to_ns", "1000000000")])
-def test_frames_outside_of_the_span_that_a_log_names(folder: Path, tmp_path: Path, fact: str, value: str) -> None:
-    verdict = verify_chain(with_facts(folder / "a.mcap", tmp_path / "b.mcap", lambda v: {**v, fact: value}))
+@pytest.mark.parametrize(
+    ("fact", "value"), [("from_ns", "400000000"), ("to_ns", "1000000000")]
+)
+def test_frames_outside_of_the_span_that_a_log_names(
+    folder: Path, tmp_path: Path, fact: str, value: str
+) -> None:
+    verdict = verify_chain(
+        with_facts(folder / "a.mcap", tmp_path / "b.mcap", lambda v: {**v, fact: value})
+    )
     assert not verdict.identical
     assert verdict.difference is not None
     assert (verdict.difference.channel, verdict.difference.field) == ("metadata", fact)
     assert verdict.difference.frame == verdict.frames == (0 if fact == "from_ns" else 25)
 
 
-def test_two_digests_that_begin_alike_are_shown_where_they_differ(folder: Path, tmp_path: Path) -> None:
+def test_two_digests_that_begin_alike_are_shown_where_they_differ(
+    folder: Path, tmp_path: Path
+) -> None:
     def change(values: Facts) -> Facts:
         link = values["output_digest"]
-        return {**values, "output_digest": link[:40] + ("0" if link[40] != "0" else "1") + link[41:]}
+        return {
+            **values,
+            "output_digest": link[:40] + ("0" if link[40] != "0" else "1") + link[41:],
+        }
 
     verdict = verify_chain(with_facts(folder / "a.mcap", tmp_path / "b.mcap", change))
     assert verdict.difference is not None
@@ -203,12 +287,21 @@ def test_frames_before_a_difference_are_counted(folder: Path, tmp_path: Path) ->
     """Also where nothing differs behind it, and where the replay stops at it."""
     out = tmp_path / "b.mcap"
     with LogReader(folder / "a.mcap") as log, LogWriter(out) as writer:
-        ids = {c.id: writer.channel(c.topic, c.schema, c.message_encoding, c.metadata) for c in log.channels}
+        ids = {
+            c.id: writer.channel(c.topic, c.schema, c.message_encoding, c.metadata)
+            for c in log.channels
+        }
         detections = 0
         for m in log.messages():
             detections += m.topic.endswith("/detections")
             later = m.topic.endswith("/detections") and detections == 31
-            writer.write(ids[m.channel.id], m.data, m.log_time_ns, m.publish_time_ns, m.sequence + later)
+            writer.write(
+                ids[m.channel.id],
+                m.data,
+                m.log_time_ns,
+                m.publish_time_ns,
+                m.sequence + later,
+            )
         for a in log.attachments():
             writer.attach(a.name, a.media_type, a.data, a.log_time_ns, a.create_time_ns)
         for name, values in log.metadata():
@@ -221,13 +314,19 @@ def test_frames_before_a_difference_are_counted(folder: Path, tmp_path: Path) ->
 def test_the_scene_beside_is_a_name_never_a_path(folder: Path, tmp_path: Path) -> None:
     span = tmp_path / "span.mcap"
     replay(folder / "scene.mcap", span, ReplayOptions(annotations_only=True))
-    away = with_facts(span, tmp_path / "b.mcap", lambda v: {**v, "scene": str(folder / "scene.mcap")})
+    away = with_facts(
+        span, tmp_path / "b.mcap", lambda v: {**v, "scene": str(folder / "scene.mcap")}
+    )
     with pytest.raises(UsageError, match=str(tmp_path / "scene.mcap")):
         verify(away)
 
 
-def test_the_command_prints_the_reasons(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    wrong = with_facts(folder / "a.mcap", tmp_path / "b.mcap", configured("shell_model", "k_s", 0.3))
+def test_the_command_prints_the_reasons(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = with_facts(
+        folder / "a.mcap", tmp_path / "b.mcap", configured("shell_model", "k_s", 0.3)
+    )
     assert main(["verify", str(wrong)]) == 4
     said = capsys.readouterr().out
     assert "shell_radius" in said
@@ -235,16 +334,29 @@ def test_the_command_prints_the_reasons(folder: Path, tmp_path: Path, capsys: py
     assert "identical: 40 frames" in capsys.readouterr().out
     assert main(["verify", str(wrong), "--quick", "--json"]) == 0
     capsys.readouterr()
-    wrong = with_facts(folder / "a.mcap", tmp_path / "c.mcap", configured("events", "gate", 1.5), reseal=False)
+    wrong = with_facts(
+        folder / "a.mcap",
+        tmp_path / "c.mcap",
+        configured("events", "gate", 1.5),
+        reseal=False,
+    )
     for more in ([], ["--quick"]):
-        assert main(["verify", str(wrong), *more]) == 4, "without the facts' digests any fact may be another one"
-        assert "the metadata's fact_digests was altered after the replay" in capsys.readouterr().out
+        assert main(["verify", str(wrong), *more]) == 4, (
+            "without the facts' digests any fact may be another one"
+        )
+        assert (
+            "the metadata's fact_digests was altered after the replay"
+            in capsys.readouterr().out
+        )
 
 
-# -- states that come from files -----------------------------------------------------------------------------------
+# -- states that come from files
+# -----------------------------------------------------------------------------------
 
 
-def forged_checkpoints(source: Path, out: Path, change: Callable[[dict[str, Any]], None]) -> Path:
+def forged_checkpoints(
+    source: Path, out: Path, change: Callable[[dict[str, Any]], None]
+) -> Path:
     """A log whose checkpoints were changed with care: their digests fit."""
     digests: dict[str, str] = {}
 
@@ -259,7 +371,9 @@ def forged_checkpoints(source: Path, out: Path, change: Callable[[dict[str, Any]
 
     def facts(values: Facts) -> Facts:
         kept = {k: v for k, v in values.items() if k != "fact_digests"}
-        return sealed({**kept, "checkpoints": msgspec.json.encode(digests, order="sorted").decode()})
+        return sealed(
+            {**kept, "checkpoints": msgspec.json.encode(digests, order="sorted").decode()}
+        )
 
     copy_log(source, out, attachment=attachment, facts=facts)
     return out
@@ -306,7 +420,9 @@ def test_an_altered_checkpoint_is_refused(folder: Path, tmp_path: Path) -> None:
         attachment=lambda name, data: data.replace(b"\x00", b"\x01", 1) if "checkpoint" in name else data,
     )  # fmt: skip
     config = replay_config("events", assignments=["events.hindsight=false"])
-    options = ReplayOptions(config=config, checkpoints=tmp_path / "b.mcap", from_ns=1_300_000_000)
+    options = ReplayOptions(
+        config=config, checkpoints=tmp_path / "b.mcap", from_ns=1_300_000_000
+    )
     with pytest.raises(RecordingError, match="is not what the replay wrote: altered"):
         replay(folder / "scene.mcap", tmp_path / "c.mcap", options)
 
@@ -324,7 +440,8 @@ def test_deep_nesting_is_refused() -> None:
         checkpoint.decode_state(b"\x91" * 100_000 + b"\x01")
 
 
-# -- the engine, travelling in time ----------------------------------------------------------------------------------
+# -- the engine, travelling in time
+# ----------------------------------------------------------------------------------
 
 
 def test_seek_by_seconds_pause_and_thinned_out_states(folder: Path) -> None:
@@ -359,7 +476,9 @@ def test_a_state_goes_to_another_engine_and_to_no_other_tracker(folder: Path) ->
         assert other.state()["frame"] == 20
         assert other.step().annotation == expected
         with pytest.raises(UsageError, match="configuration"):
-            Engine(scene, config=replay_config("events", assignments=["events.gate=3.5"])).restore(state)
+            Engine(
+                scene, config=replay_config("events", assignments=["events.gate=3.5"])
+            ).restore(state)
         with pytest.raises(SceneTraceError, match="not a state of an engine"):
             other.restore({"frame": 3})
 
@@ -384,20 +503,29 @@ def test_seek_to_no_number_says_so(folder: Path) -> None:
 def test_a_state_of_another_recording_is_refused(folder: Path, tmp_path: Path) -> None:
     other = generate("pass_by", seed=3, size=(96, 72), frames=FRAMES)
     write_scene_log(other, tmp_path / "other.mcap", pictures="none")
-    with SceneLog(folder / "scene.mcap") as scene, SceneLog(tmp_path / "other.mcap") as another:
+    with (
+        SceneLog(folder / "scene.mcap") as scene,
+        SceneLog(tmp_path / "other.mcap") as another,
+    ):
         engine = Engine(scene)
         engine.seek(20)
         with pytest.raises(UsageError, match=r"of another recording than .*other\.mcap"):
             Engine(another).restore(engine.state())
 
 
-def test_a_restore_that_fails_leaves_the_engine_where_it_was(folder: Path, tmp_path: Path) -> None:
+def test_a_restore_that_fails_leaves_the_engine_where_it_was(
+    folder: Path, tmp_path: Path
+) -> None:
     with SceneLog(folder / "scene.mcap") as scene:
         straight = [found.annotation for found in Engine(scene).run()]
         engine = Engine(scene)
         state = engine.seek(10) and engine.state()
         engine.seek(20)
-        for wrong in ({**state, "tracker_state": {}}, {**state, "reasoner_state": {}}, {**state, "recorded": "no"}):
+        for wrong in (
+            {**state, "tracker_state": {}},
+            {**state, "reasoner_state": {}},
+            {**state, "recorded": "no"},
+        ):
             with pytest.raises(SceneTraceError):
                 engine.restore(wrong)
             assert engine.current is not None
@@ -407,10 +535,15 @@ def test_a_restore_that_fails_leaves_the_engine_where_it_was(folder: Path, tmp_p
         assert engine.step().annotation == straight[11]
 
 
-def test_the_spool_gives_back_what_it_took_in_several_readings_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_spool_gives_back_what_it_took_in_several_readings_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("replay.replaying._BLOCK", 64)
     made = [
-        SpoolEntry(Targets(k, [Target(i, (1.0, 2.0, 3.0, 4.0)) for i in range(k % 5)]), (("x", b"y" * (k * 37)),))
+        SpoolEntry(
+            Targets(k, [Target(i, (1.0, 2.0, 3.0, 4.0)) for i in range(k % 5)]),
+            (("x", b"y" * (k * 37)),),
+        )
         for k in range(30)
     ]
     with Spool() as spool:
@@ -435,8 +568,12 @@ def test_facts_know_their_log(folder: Path) -> None:
     assert sorted(facts.checkpoints) == [checkpoint.name(k) for k in (10, 20, 30)]
 
 
-def test_the_documented_travel_in_time(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = (Path(__file__).resolve().parents[2] / "docs" / "trust.md").read_text(encoding="utf-8")
+def test_the_documented_travel_in_time(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (Path(__file__).resolve().parents[2] / "docs" / "trust.md").read_text(
+        encoding="utf-8"
+    )
     (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     monkeypatch.chdir(folder)
     found: dict[str, Any] = {}

@@ -11,10 +11,11 @@
 
 A ``name`` or a text is a zone's.
 
-``A ; B``: B starts after A has ended. ``A & B``: there is a frame that both (and all before them in the step) share.
-``A during B``: one of Allen's thirteen relations of A to B. ``!A``: no A between the steps beside it, or, after ``&``,
-none that touches the step. ``A{3}``: three of A for the same targets, one after the other. A variable is one target
-throughout, different variables are different targets, ``_`` is anybody.
+``A ; B``: B starts after A has ended. ``A & B``: there is a frame that both (and all before them
+in the step) share. ``A during B``: one of Allen's thirteen relations of A to B. ``!A``: no A
+between the steps beside it, or, after ``&``, none that touches the step. ``A{3}``: three of A for
+the same targets, one after the other. A variable is one target throughout, different variables
+are different targets, ``_`` is anybody.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ from recorders.errors import UsageError
 MAX_LENGTH = 2_000
 MAX_ITEMS = 24
 MAX_REPEAT = 1_000
-_TOKEN = re.compile(r"""\s*(?:([A-Za-z_][A-Za-z0-9_-]*)|(\d+(?:\.\d+)?)|('[^']*'|"[^"]*")|(<=|>=|[;&|!(),{}\[\]<>]))""")
+_TOKEN = re.compile(
+    r"""\s*(?:([A-Za-z_][A-Za-z0-9_-]*)|(\d+(?:\.\d+)?)|('[^']*'|"[^"]*")|(<=|>=|[;&|!(),{}\[\]<>]))"""
+)
 _UNITS = ("ms", "s", "sec", "m", "min", "h")
 
 
@@ -48,8 +51,13 @@ class PatternError(UsageError):
 
     def __init__(self, reason: str, text: str, position: int) -> None:
         shown = "".join(c if c.isprintable() else " " for c in text)
-        before = "".join("  " if unicodedata.east_asian_width(c) in "WF" else " " for c in shown[:position])
-        super().__init__(f"pattern, character {position + 1}: {reason}", f"  {shown}", f"  {before}^")
+        before = "".join(
+            "  " if unicodedata.east_asian_width(c) in "WF" else " "
+            for c in shown[:position]
+        )
+        super().__init__(
+            f"pattern, character {position + 1}: {reason}", f"  {shown}", f"  {before}^"
+        )
         self.reason = reason
         self.position = position
 
@@ -85,7 +93,8 @@ class Item:
         count: that many in a row, 1 without repetition.
         open_ended: ... or more.
         bounds: of duration and gap.
-        link: how it follows the item before it in its step: ``("&",)``, or names of Allen's relations.
+        link: how it follows the item before it in its step: ``("&",)``, or names of Allen's
+            relations.
         position: where it stands in the text.
     """
 
@@ -118,7 +127,9 @@ class Pattern:
         for step in self.steps:
             for item in step:
                 if not item.negated:
-                    seen.update({t.variable: None for t in item.terms if t.variable is not None})
+                    seen.update(
+                        {t.variable: None for t in item.terms if t.variable is not None}
+                    )
         return list(seen)
 
 
@@ -149,7 +160,11 @@ def _tokens(text: str) -> list[_Token]:
             bad = at + len(text[at:]) - len(text[at:].lstrip())
             raise PatternError(f"{text[bad]!r} means nothing here", text, bad)
         kind = ("name", "number", "text", "sign")[(match.lastindex or 1) - 1]
-        out.append(_Token(kind, match.group(match.lastindex or 1), match.start(match.lastindex or 1)))
+        out.append(
+            _Token(
+                kind, match.group(match.lastindex or 1), match.start(match.lastindex or 1)
+            )
+        )
         at = match.end()
     out.append(_Token("end", "the end", stop))
     return out
@@ -169,7 +184,11 @@ class _Parser:
         raise PatternError(reason, self._text, self._now.position if at is None else at)
 
     def _found(self) -> str:
-        return "the pattern ends here" if self._now.kind == "end" else f"found {self._now.value!r}"
+        return (
+            "the pattern ends here"
+            if self._now.kind == "end"
+            else f"found {self._now.value!r}"
+        )
 
     def _is(self, *signs: str) -> bool:
         return self._now.kind == "sign" and self._now.value in signs
@@ -194,7 +213,9 @@ class _Parser:
             self._take()
             within = self._time()
         if self._now.kind != "end":
-            self._fail(f"';', '&', one of Allen's relations or the end is wanted, {self._found()}")
+            self._fail(
+                f"';', '&', one of Allen's relations or the end is wanted, {self._found()}"
+            )
         found = Pattern(tuple(steps), within, self._text)
         self._check(found)
         return found
@@ -220,7 +241,10 @@ class _Parser:
             names.append(self._take().value.lower())
         item = self._item(tuple(dict.fromkeys(names)))
         if item.negated or before.negated:
-            self._fail(f"{names[0]!r} relates two items that happen; use '& !' for what must not", at)
+            self._fail(
+                f"{names[0]!r} relates two items that happen; use '& !' for what must not",
+                at,
+            )
         return item
 
     def _item(self, link: tuple[str, ...]) -> Item:
@@ -242,8 +266,15 @@ class _Parser:
         lower = token.value.lower().replace("-", "_")
         if lower not in NAMES:
             close = difflib.get_close_matches(lower, NAMES, 1)
-            hint = f"; did you mean {close[0]!r}?" if close else "; `query --pattern list` shows what there is"
-            self._fail(f"no relation, state or event is called {token.value!r}{hint}", token.position)
+            hint = (
+                f"; did you mean {close[0]!r}?"
+                if close
+                else "; `query --pattern list` shows what there is"
+            )
+            self._fail(
+                f"no relation, state or event is called {token.value!r}{hint}",
+                token.position,
+            )
         return lower
 
     def _terms(self, name: str) -> tuple[Term, ...]:
@@ -269,19 +300,35 @@ class _Parser:
             if token.kind == "text":
                 return Term(text=token.value[1:-1], position=token.position)
             if token.kind == "name":
-                return Term() if token.value == "_" else Term(text=token.value, position=token.position)
-            self._fail("a zone's name is wanted, like bench or 'north door'", token.position)
+                return (
+                    Term()
+                    if token.value == "_"
+                    else Term(text=token.value, position=token.position)
+                )
+            self._fail(
+                "a zone's name is wanted, like bench or 'north door'", token.position
+            )
         if token.kind == "number" and re.fullmatch(r"\d{1,9}", token.value):
             return Term(number=int(token.value), position=token.position)
         if token.kind == "name" and re.fullmatch(r"_|[a-z][a-z0-9_]*", token.value):
-            return Term() if token.value == "_" else Term(variable=token.value, position=token.position)
-        return self._fail("a variable (like a), a target's id or '_' is wanted", token.position)
+            return (
+                Term()
+                if token.value == "_"
+                else Term(variable=token.value, position=token.position)
+            )
+        return self._fail(
+            "a variable (like a), a target's id or '_' is wanted", token.position
+        )
 
     def _repeat(self) -> tuple[int, bool]:
         self._take()
         at = self._now.position
         token = self._take()
-        if token.kind != "number" or not token.value.isdigit() or not 1 <= int(token.value) <= MAX_REPEAT:
+        if (
+            token.kind != "number"
+            or not token.value.isdigit()
+            or not 1 <= int(token.value) <= MAX_REPEAT
+        ):
             self._fail(f"how many in a row, 1 to {MAX_REPEAT}, is wanted", at)
         open_ended = self._is(",")
         if open_ended:
@@ -332,13 +379,20 @@ class _Parser:
             if step[0].negated and len(step) > 1:
                 self._fail("put what happens first in a step: A & !B", step[0].position)
         for item in items:
-            named = [t.variable or t.number for t in item.terms if t.variable is not None or t.number is not None]
+            named = [
+                t.variable or t.number
+                for t in item.terms
+                if t.variable is not None or t.number is not None
+            ]
             if len(set(named)) < len(named):
                 self._fail("the same target stands twice in one item", item.position)
         self._check_gaps(pattern)
         for one, two in zip(pattern.steps, pattern.steps[1:], strict=False):
             if one[0].negated and two[0].negated:
-                self._fail("two negated steps beside one another; write them in two patterns", two[0].position)
+                self._fail(
+                    "two negated steps beside one another; write them in two patterns",
+                    two[0].position,
+                )
 
     def _check_gaps(self, pattern: Pattern) -> None:
         """That every gap is one between two things."""
@@ -348,13 +402,23 @@ class _Parser:
                 if gap is None or item.repeated:
                     continue
                 if item.negated and len(step) > 1:
-                    self._fail("what must not happen during a step has no gap to it", gap.position)
+                    self._fail(
+                        "what must not happen during a step has no gap to it", gap.position
+                    )
                 if not item.negated and k == 0:
-                    self._fail(f"nothing comes before {item.name}, so there is no gap to bound", gap.position)
+                    self._fail(
+                        f"nothing comes before {item.name}, so there is no gap to bound",
+                        gap.position,
+                    )
                 if not item.negated and k == 1 and pattern.steps[0][0].negated:
-                    self._fail(f"nothing that happens comes before {item.name}: there is no gap to bound", gap.position)
+                    self._fail(
+                        f"nothing that happens comes before {item.name}: there is no gap to bound",
+                        gap.position,
+                    )
 
 
 def variables_of(items: Sequence[Item]) -> list[str]:
     """Variables in these items, in order, without repeats."""
-    return list(dict.fromkeys(t.variable for i in items for t in i.terms if t.variable is not None))
+    return list(
+        dict.fromkeys(t.variable for i in items for t in i.terms if t.variable is not None)
+    )

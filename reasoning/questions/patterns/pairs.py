@@ -1,8 +1,9 @@
 """Which items of a pattern are matched as pairs before it matters which of the two is which.
 
-``interaction(a,b) ; joint(a,b)[gap<10s]`` asks two things of the same two targets, soon after one another. Rows of a
-pair stand in the tables once, the lower id first. Matched as they stand, and turned both ways afterwards, such items
-need half the rows of a match of everything both ways round.
+``interaction(a,b) ; joint(a,b)[gap<10s]`` asks two things of the same two targets, soon after one
+another. Rows of a pair stand in the tables once, the lower id first. Matched as they stand, and
+turned both ways afterwards, such items need half the rows of a match of everything both ways
+round.
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ _APART = ("before", "after")
 
 
 def one_way_groups(pattern: Pattern) -> list[list[Item]]:
-    """Items of the same two variables that each touch the time of one before them, or follow it within a limit.
+    """Items of the same two variables that each touch the time of one before them, or follow it
+    within a limit.
 
-    Without such a limit a group would be a list of all times of a pair against all of its others: those stay alone.
+    Without such a limit a group would be a list of all times of a pair against all of its others:
+    those stay alone.
     """
     groups: list[list[Item]] = []
     for one, other in _ties(pattern):
@@ -24,7 +27,9 @@ def one_way_groups(pattern: Pattern) -> list[list[Item]]:
             continue
         held = [g for g in groups if any(i is one or i is other for i in g)]
         whole = {id(i): i for g in held for i in g} | {id(i): i for i in (one, other)}
-        groups = [g for g in groups if all(g is not h for h in held)] + [list(whole.values())]
+        groups = [g for g in groups if all(g is not h for h in held)] + [
+            list(whole.values())
+        ]
     return groups
 
 

@@ -1,9 +1,11 @@
-"""A pattern as one SELECT: its items' intervals, joined on recording and shared variables, ordered in time.
+"""A pattern as one SELECT: its items' intervals, joined on recording and shared variables,
+ordered in time.
 
-Every item that is wanted becomes a common table; negated items become NOT EXISTS. No product of tracks is made: a join
-is on the recording and on the variables that two items share, and DuckDB orders the joins. Items of one pair that
-follow one another closely are joined before it matters which of the two is which (`pairs`): one table ``p0`` of them,
-both ways round, with a column for each item.
+Every item that is wanted becomes a common table; negated items become NOT EXISTS. No product of
+tracks is made: a join is on the recording and on the variables that two items share, and DuckDB
+orders the joins. Items of one pair that follow one another closely are joined before it matters
+which of the two is which (`pairs`): one table ``p0`` of them, both ways round, with a column for
+each item.
 """
 
 from __future__ import annotations
@@ -18,8 +20,8 @@ from reasoning.questions.values import Recordings
 def plan(text: str, recordings: Recordings | None = None) -> str:
     """The SQL of a pattern, or of the shipped pattern of that name.
 
-    Rows: recording, one column per variable, first and last frame and time, ``step_frames`` (first and last frame of
-    each wanted item in order), and ``explain``.
+    Rows: recording, one column per variable, first and last frame and time, ``step_frames``
+    (first and last frame of each wanted item in order), and ``explain``.
 
     Raises:
         PatternError: it is no pattern.
@@ -46,7 +48,9 @@ class _Plan:
         self._recordings = recordings
         self._tables: list[str] = []
         self._conditions: list[str] = []
-        self._groups = {id(item): k for k, group in enumerate(one_way_groups(pattern)) for item in group}
+        self._groups = {
+            id(item): k for k, group in enumerate(one_way_groups(pattern)) for item in group
+        }
         self._joined: dict[int, list[str]] = {k: [] for k in self._groups.values()}
         self._from: list[str] = []
         self._names: dict[int, str] = {}
@@ -64,7 +68,11 @@ class _Plan:
         name = own if group is None else f"{table}.{own}"
         self._names[id(item)] = name
         self._tables.append(f"{own} AS (\n  {self._source(item)})")
-        self._references.append(f"{name}.ref" if item.repeated else ATOMS[item.name].reference.replace("$n", name))
+        self._references.append(
+            f"{name}.ref"
+            if item.repeated
+            else ATOMS[item.name].reference.replace("$n", name)
+        )
         if table in self._from:
             return  # joined with the others of its pair
         self._from.append(table)
@@ -77,12 +85,16 @@ class _Plan:
             if term.variable in self._bound:
                 self._conditions.append(f"{column} = {self._bound[term.variable]}")
             else:
-                self._conditions += [f"{column} <> {other}" for other in self._bound.values()]
+                self._conditions += [
+                    f"{column} <> {other}" for other in self._bound.values()
+                ]
                 self._conditions += [f"{column} <> {n}" for n in self._numbers()]
                 self._bound[term.variable] = column
 
     def _require(self, condition: str, *items: Item) -> None:
-        """A condition on the times of some items: if they are all of one pair's, it is met where those are joined."""
+        """A condition on the times of some items: if they are all of one pair's, it is met where
+        those are joined.
+        """
         groups = {self._groups.get(id(i)) for i in items}
         group = groups.pop()
         if groups or group is None:
@@ -92,33 +104,46 @@ class _Plan:
 
     def _pair(self, group: int) -> str:
         """The table of a pair's items: both ways round, a column for each item."""
-        first, *others = names = [n.partition(".")[2] for n in self._names.values() if n.startswith(f"p{group}.")]
+        first, *others = names = [
+            n.partition(".")[2] for n in self._names.values() if n.startswith(f"p{group}.")
+        ]
         same = [f"{n}.{c} = {first}.{c}" for n in others for c in ("recording", "x0", "x1")]
         return (
-            f"p{group} AS (\n  SELECT {first}.recording, unnest([{first}.x0, {first}.x1]) AS x0, "  # noqa: S608
-            f"unnest([{first}.x1, {first}.x0]) AS x1, {', '.join(names)}\n  FROM {', '.join(names)}\n  "
+            f"p{group} AS (\n  SELECT {first}.recording, unnest([{first}.x0, {first}.x1]) AS x0, "
+            f"unnest([{first}.x1, {first}.x0]) AS x1, {', '.join(names)}\n  FROM"
+            f" {', '.join(names)}\n  "
             f"WHERE {' AND '.join([*same, *self._joined[group]])})"
         )
 
     def _numbers(self) -> list[int]:
         """Ids that the pattern names: no variable stands for them."""
-        return sorted({t.number for s in self._pattern.steps for i in s for t in i.terms if t.number is not None})
+        return sorted(
+            {
+                t.number
+                for s in self._pattern.steps
+                for i in s
+                for t in i.terms
+                if t.number is not None
+            }
+        )
 
     def _source(self, item: Item) -> str:
         targets = [t for t in item.terms if t.text is None and not self._is_zone(item, t)]
         zone = next((t.text for t in item.terms if t.text is not None), None)
-        wanted = [f"x{k} = {t.number}" for k, t in enumerate(targets) if t.number is not None]
+        wanted = [
+            f"x{k} = {t.number}" for k, t in enumerate(targets) if t.number is not None
+        ]
         wanted += [_compared("et - st", b) for b in item.bounds if b.what == "lasts"]
         if self._recordings is not None:
             wanted.append(self._recordings.sql())
         atom = ATOMS[item.name]
         one_way = atom.one_way if id(item) in self._groups else None
-        rows = f"SELECT * FROM ({one_way or atom.source(len(targets), zone)})"  # noqa: S608 - made of checked parts
+        rows = f"SELECT * FROM ({one_way or atom.source(len(targets), zone)})"
         if wanted:
             rows += f" WHERE {' AND '.join(wanted)}"
         if not item.repeated:
             return rows
-        rows = f"SELECT *, {atom.reference.replace('$n', 'r')} AS ref FROM ({rows}) r"  # noqa: S608
+        rows = f"SELECT *, {atom.reference.replace('$n', 'r')} AS ref FROM ({rows}) r"
         return _in_a_row(rows, [f"x{k}" for k in range(len(targets))], item)
 
     @staticmethod
@@ -129,17 +154,36 @@ class _Plan:
         spans = self._steps()
         self._symmetry()
         wanted = list(self._names.values())
-        first, last = _least([f"{n}.s" for n in wanted]), _greatest([f"{n}.e" for n in wanted])
-        first_t, last_t = _least([f"{n}.st" for n in wanted]), _greatest([f"{n}.et" for n in wanted])
+        first, last = (
+            _least([f"{n}.s" for n in wanted]),
+            _greatest([f"{n}.e" for n in wanted]),
+        )
+        first_t, last_t = (
+            _least([f"{n}.st" for n in wanted]),
+            _greatest([f"{n}.et" for n in wanted]),
+        )
         if self._pattern.within_s is not None:
-            self._conditions.append(_compared(f"{last_t} - {first_t}", Bound("lasts", "<=", self._pattern.within_s)))
+            self._conditions.append(
+                _compared(
+                    f"{last_t} - {first_t}", Bound("lasts", "<=", self._pattern.within_s)
+                )
+            )
         self._absences(spans)
         columns = [f"{column} AS {_quoted(name)}" for name, column in self._bound.items()]
-        columns += [f"{first} AS start_frame", f"{last} AS end_frame", f"{first_t} AS start_t", f"{last_t} AS end_t"]
-        columns.append("[" + ", ".join(f"[{n}.s, {n}.e]" for n in wanted) + "] AS step_frames")
+        columns += [
+            f"{first} AS start_frame",
+            f"{last} AS end_frame",
+            f"{first_t} AS start_t",
+            f"{last_t} AS end_t",
+        ]
+        columns.append(
+            "[" + ", ".join(f"[{n}.s, {n}.e]" for n in wanted) + "] AS step_frames"
+        )
         columns.append("concat_ws(' ', " + ", ".join(self._references) + ") AS explain")
         conditions = "\n  AND ".join(self._conditions) or "true"
-        order = ", ".join(["1", *(_quoted(v) for v in self._bound), "step_frames", "explain"])
+        order = ", ".join(
+            ["1", *(_quoted(v) for v in self._bound), "step_frames", "explain"]
+        )
         return (
             "WITH " + ",\n".join(self._tables + [self._pair(k) for k in self._joined])
             + f"\nSELECT DISTINCT {self._from[0]}.recording, " + ",\n  ".join(columns)
@@ -147,7 +191,9 @@ class _Plan:
         )  # fmt: skip
 
     def _steps(self) -> list[tuple[str, str, str, str] | None]:
-        """Each step's span (s, e, st, et) as SQL, None for a negated one; adds what orders items and steps."""
+        """Each step's span (s, e, st, et) as SQL, None for a negated one; adds what orders items
+        and steps.
+        """
         spans: list[tuple[str, str, str, str] | None] = []
         previous: tuple[str, str, str, str] | None = None
         before: list[Item] = []
@@ -166,7 +212,11 @@ class _Plan:
                 self._require(f"{span[0]} > {previous[1]}", *before, *items)
                 for i in (i for i in items if not i.repeated):
                     for b in (b for b in i.bounds if b.what == "gap"):
-                        self._require(_compared(f"{self._names[id(i)]}.st - {previous[3]}", b), *before, i)
+                        self._require(
+                            _compared(f"{self._names[id(i)]}.st - {previous[3]}", b),
+                            *before,
+                            i,
+                        )
             spans.append(span)
             previous, before = span, items
         return spans
@@ -180,7 +230,9 @@ class _Plan:
                     self._require(f"{n}.s <= {name}.e AND {name}.s <= {n}.e", other, item)
             else:
                 n = self._names[id(items[k - 1])]
-                either = " OR ".join(f"allen_{r}({n}.s, {n}.e, {name}.s, {name}.e)" for r in item.link)
+                either = " OR ".join(
+                    f"allen_{r}({n}.s, {n}.e, {name}.s, {name}.e)" for r in item.link
+                )
                 self._require(f"({either})", items[k - 1], item)
 
     def _absences(self, spans: list[tuple[str, str, str, str] | None]) -> None:
@@ -194,7 +246,9 @@ class _Plan:
                 self._conditions.append(self._none(item, window))
 
     @staticmethod
-    def _between(spans: list[tuple[str, str, str, str] | None], k: int, item: Item) -> list[str]:
+    def _between(
+        spans: list[tuple[str, str, str, str] | None], k: int, item: Item
+    ) -> list[str]:
         """What makes an interval ``n`` touch the time between the steps beside a negated one."""
         before = spans[k - 1] if k > 0 else None
         after = spans[k + 1] if k + 1 < len(spans) else None
@@ -221,38 +275,48 @@ class _Plan:
                 others = [*self._bound.values(), *free.values(), *map(str, self._numbers())]
                 conditions += [f"n.x{k} <> {other}" for other in others]
                 free[term.variable] = f"n.x{k}"
-        return f"NOT EXISTS (SELECT 1 FROM ({self._source(item)}) n WHERE {' AND '.join(conditions)})"  # noqa: S608
+        return f"NOT EXISTS (SELECT 1 FROM ({self._source(item)}) n WHERE {' AND '.join(conditions)})"
 
     def _symmetry(self) -> None:
-        """Where renaming variables does not change the pattern, a match is told once: the least ids first."""
+        """Where renaming variables does not change the pattern, a match is told once: the least
+        ids first.
+        """
         conditions: dict[str, None] = {}
         for renamed in symmetries(self._pattern):
-            # Two variables are never the same target: the first one that moves decides which telling is the least.
+            # Two variables are never the same target: the first one that moves decides which
+            # telling is the least.
             first = next(v for v in self._bound if renamed[v] != v)
             conditions[f"{self._bound[first]} < {self._bound[renamed[first]]}"] = None
         self._conditions += conditions
 
 
 def _in_a_row(rows: str, keys: list[str], item: Item) -> str:
-    """``count`` (or more) of one item for the same targets: each starts after the one before has ended."""
+    """``count`` (or more) of one item for the same targets: each starts after the one before has
+    ended.
+    """
     gaps = [b for b in item.bounds if b.what == "gap"]
     part = f"PARTITION BY {', '.join(['recording', *keys])} ORDER BY s, e, ref"
-    follows = " AND ".join(["s > lag(e) OVER w", *(_compared("st - lag(et) OVER w", b) for b in gaps)])
+    follows = " AND ".join(
+        ["s > lag(e) OVER w", *(_compared("st - lag(et) OVER w", b) for b in gaps)]
+    )
     targets = "".join(f", {k}" for k in keys)
-    marked = f"SELECT *, coalesce({follows}, false) AS follows FROM ({rows}) WINDOW w AS ({part})"  # noqa: S608
+    marked = f"SELECT *, coalesce({follows}, false) AS follows FROM ({rows}) WINDOW w AS ({part})"
     if item.open_ended:
-        runs = f"SELECT *, sum((NOT follows)::INTEGER) OVER ({part}) AS run FROM ({marked})"  # noqa: S608
+        runs = f"SELECT *, sum((NOT follows)::INTEGER) OVER ({part}) AS run FROM ({marked})"
         return (
-            f"SELECT recording{targets}, min(s) AS s, max(e) AS e, min(st) AS st, max(et) AS et, "  # noqa: S608
-            f"string_agg(ref, ' ' ORDER BY s, e, ref) AS ref FROM ({runs}) GROUP BY recording{targets}, run "
+            f"SELECT recording{targets}, min(s) AS s, max(e) AS e, min(st) AS st, max(et) AS et, "
+            f"string_agg(ref, ' ' ORDER BY s, e, ref) AS ref FROM ({runs}) GROUP BY"
+            f" recording{targets}, run "
             f"HAVING count(*) >= {item.count}"
         )
     more = item.count - 1
     return (
-        f"SELECT recording{targets}, s, e2 AS e, st, et2 AS et, ref2 AS ref FROM (SELECT *, "  # noqa: S608
+        f"SELECT recording{targets}, s, e2 AS e, st, et2 AS et, ref2 AS ref FROM (SELECT *, "
         f"lead(e, {more}) OVER w AS e2, lead(et, {more}) OVER w AS et2, "
-        f"sum(follows::INTEGER) OVER (w ROWS BETWEEN 1 FOLLOWING AND {more} FOLLOWING) AS linked, "
-        f"string_agg(ref, ' ') OVER (w ROWS BETWEEN CURRENT ROW AND {more} FOLLOWING) AS ref2 "
+        f"sum(follows::INTEGER) OVER (w ROWS BETWEEN 1 FOLLOWING AND {more} FOLLOWING) AS"
+        " linked, "
+        f"string_agg(ref, ' ') OVER (w ROWS BETWEEN CURRENT ROW AND {more} FOLLOWING) AS"
+        " ref2 "
         f"FROM ({marked}) WINDOW w AS ({part})) WHERE linked = {more}"
     )
 

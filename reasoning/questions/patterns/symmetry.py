@@ -1,7 +1,8 @@
 """Which variables of a pattern can be renamed into one another without changing what it says.
 
-``joint(a,b)`` says the same of (a, b) as of (b, a), ``present(a) & present(b)`` too, and ``joint(a,b) & joint(c,d)`` of
-(a, b, c, d) as of (c, d, a, b). A match of such a pattern is told once.
+``joint(a,b)`` says the same of (a, b) as of (b, a), ``present(a) & present(b)`` too, and
+``joint(a,b) & joint(c,d)`` of (a, b, c, d) as of (c, d, a, b). A match of such a pattern is told
+once.
 """
 
 from __future__ import annotations
@@ -23,7 +24,11 @@ def symmetries(pattern: Pattern) -> list[dict[str, str]]:
     Of patterns with more than six variables only those that swap two.
     """
     plain = _canonical(pattern, {})
-    return [renamed for renamed in _renamings(pattern.variables()) if _canonical(pattern, renamed) == plain]
+    return [
+        renamed
+        for renamed in _renamings(pattern.variables())
+        if _canonical(pattern, renamed) == plain
+    ]
 
 
 def _renamings(names: list[str]) -> Iterator[dict[str, str]]:
@@ -38,8 +43,12 @@ def _renamings(names: list[str]) -> Iterator[dict[str, str]]:
 
 def _canonical(pattern: Pattern, renamed: Mapping[str, str]) -> object:
     """The same object for two patterns that differ in the order of what has none."""
-    free = {v: renamed.get(v, v) for v in variables_of([i for s in pattern.steps for i in s])}
-    return tuple(_canonical_step([_canonical_item(i, free) for i in step]) for step in pattern.steps)
+    free = {
+        v: renamed.get(v, v) for v in variables_of([i for s in pattern.steps for i in s])
+    }
+    return tuple(
+        _canonical_step([_canonical_item(i, free) for i in step]) for step in pattern.steps
+    )
 
 
 def _canonical_step(items: list[Item]) -> tuple[object, ...]:
@@ -54,7 +63,10 @@ def _canonical_step(items: list[Item]) -> tuple[object, ...]:
 
 
 def _canonical_item(item: Item, renamed: Mapping[str, str]) -> Item:
-    terms = [replace(t, variable=None if t.variable is None else renamed[t.variable], position=0) for t in item.terms]
+    terms = [
+        replace(t, variable=None if t.variable is None else renamed[t.variable], position=0)
+        for t in item.terms
+    ]
     if ATOMS[item.name].symmetric and not ATOMS[item.name].zone:
         terms.sort(key=_order)
     bounds = tuple(sorted((replace(b, position=0) for b in item.bounds), key=repr))

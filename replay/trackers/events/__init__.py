@@ -12,7 +12,9 @@ SECTIONS: dict[str, type[Parameters]] = {"events": EventsParameters}
 
 
 def make(scene: SceneInfo, config: Config) -> Tracker:
-    """Build the tracker for a scene from its configuration's section ``events`` (and ``regions``, EVENTS 3.2)."""
+    """Build the tracker for a scene from its configuration's section ``events`` (and ``regions``,
+    EVENTS 3.2).
+    """
     parameters = config["events"]
     assert isinstance(parameters, EventsParameters)
     regions = config.get("regions", RegionParameters())

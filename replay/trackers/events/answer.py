@@ -18,11 +18,18 @@ def shared_regions(tracks: Tracks, frame: Frame) -> list[tuple[list[int], Box]]:
     for blob in sorted(members):
         if len(members[blob]) >= 2:
             boxes = [c.box for c in blobs if c.id == blob]
-            out.append((sorted(members[blob]), boxes[0] if boxes else frame.detections.boxes[blob - 1]))
+            out.append(
+                (
+                    sorted(members[blob]),
+                    boxes[0] if boxes else frame.detections.boxes[blob - 1],
+                )
+            )
     return out
 
 
-def answer(tracks: Tracks, frame: Frame, groups: list[GroupTrack], notices: list[Notice]) -> Targets:
+def answer(
+    tracks: Tracks, frame: Frame, groups: list[GroupTrack], notices: list[Notice]
+) -> Targets:
     """All confirmed targets, by id."""
     targets: list[Target] = []
     for row, track in enumerate(tracks.items):
@@ -44,7 +51,11 @@ def answer(tracks: Tracks, frame: Frame, groups: list[GroupTrack], notices: list
                 ellipse=tracks.ellipse(row),
                 score=track.quality,
                 measured=track.measured,
-                signature=track.colours.signature() if track.signed and track.colours is not None else [],
+                signature=(
+                    track.colours.signature()
+                    if track.signed and track.colours is not None
+                    else []
+                ),
             )
         )
     return Targets(frame.index, sorted(targets, key=lambda t: t.id), groups, notices)

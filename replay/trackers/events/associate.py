@@ -28,7 +28,8 @@ class Seen:
         scores: (N,) in [0, 1].
         blobs: (N,) the blobs they came from.
         ellipses: for each its ellipse, or None.
-        look: asked for a detection's colour histograms as `appearance.histograms` gives them; None: there are none.
+        look: asked for a detection's colour histograms as `appearance.histograms` gives them;
+            None: there are none.
     """
 
     boxes: Floats
@@ -38,11 +39,14 @@ class Seen:
     look: Callable[[int], Floats | None] | None
 
 
-def match(tracks: Tracks, rows: Rows, seen: Seen, columns: Rows, p: EventsParameters) -> list[tuple[int, int]]:
+def match(
+    tracks: Tracks, rows: Rows, seen: Seen, columns: Rows, p: EventsParameters
+) -> list[tuple[int, int]]:
     """Associate some tracks with some detections, (row, column) pairs by row.
 
-    A pair is possible within the gate on the centre's Mahalanobis distance and with some overlap; it costs the
-    distance, the overlap that is missing, and the difference of colours where both are known.
+    A pair is possible within the gate on the centre's Mahalanobis distance and with some overlap;
+    it costs the distance, the overlap that is missing, and the difference of colours where both
+    are known.
     """
     if not len(rows) or not len(columns):
         return []
@@ -50,18 +54,28 @@ def match(tracks: Tracks, rows: Rows, seen: Seen, columns: Rows, p: EventsParame
     bank = tracks.bank
     variance = tracks.place_variance(np.sqrt(np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)))
     residual = boxes[:, :2] + boxes[:, 2:] / 2 - bank.value[rows, None, :2]
-    distance2 = (residual * residual / (bank.p00[rows, None, :2] + variance[:, None])).sum(axis=2)
+    distance2 = (residual * residual / (bank.p00[rows, None, :2] + variance[:, None])).sum(
+        axis=2
+    )
     overlap = iou(tracks.boxes[rows], boxes)
     gate2 = p.gate * p.gate
     allowed = (distance2 <= gate2) & (overlap >= p.min_overlap)
-    cost = (1.0 - overlap) + distance2 / gate2 + p.colour_cost * _colour_costs(tracks, rows, seen, columns, allowed)
+    cost = (
+        (1.0 - overlap)
+        + distance2 / gate2
+        + p.colour_cost * _colour_costs(tracks, rows, seen, columns, allowed)
+    )
     return [(int(rows[i]), int(columns[j])) for i, j in assign(cost, allowed)]
 
 
-def one_each(tracks: Tracks, rows: Sequence[int], fg: Foreground, seen: Seen, p: EventsParameters) -> dict[int, int]:
-    """Blobs that several targets share and that hold as many detections: each target has its own, column by row.
+def one_each(
+    tracks: Tracks, rows: Sequence[int], fg: Foreground, seen: Seen, p: EventsParameters
+) -> dict[int, int]:
+    """Blobs that several targets share and that hold as many detections: each target has its own,
+    column by row.
 
-    Such a blob is not searched for its targets, its detections say where they are; unless one is out of reach.
+    Such a blob is not searched for its targets, its detections say where they are; unless one is
+    out of reach.
     """
     given = np.bincount(np.clip(seen.blobs, 0, len(fg.boxes)), minlength=len(fg.boxes) + 1)
     if not len(rows) or given[1:].max(initial=0) < 2:
@@ -78,14 +92,21 @@ def one_each(tracks: Tracks, rows: Sequence[int], fg: Foreground, seen: Seen, p:
     return found
 
 
-def _colour_costs(tracks: Tracks, rows: Rows, seen: Seen, columns: Rows, allowed: NDArray[np.bool_]) -> Floats:
-    """Hellinger distances where two pairs compete, 0 elsewhere: colours are asked only where places do not decide."""
+def _colour_costs(
+    tracks: Tracks, rows: Rows, seen: Seen, columns: Rows, allowed: NDArray[np.bool_]
+) -> Floats:
+    """Hellinger distances where two pairs compete, 0 elsewhere: colours are asked only where
+    places do not decide.
+    """
     out = np.zeros(allowed.shape)
     if seen.look is None:
         return out
-    rivals = (allowed.sum(axis=1, keepdims=True) > 1) | (allowed.sum(axis=0, keepdims=True) > 1)
+    rivals = (allowed.sum(axis=1, keepdims=True) > 1) | (
+        allowed.sum(axis=0, keepdims=True) > 1
+    )
     for i, j in np.argwhere(allowed & rivals).tolist():
         mine, theirs = tracks.items[rows[i]].colours, seen.look(int(columns[j]))
-        # A target whose colours are not known is as far as strangers usually are, so that it wins nothing by that.
+        # A target whose colours are not known is as far as strangers usually are, so that it wins
+        # nothing by that.
         out[i, j] = 0.4 if mine is None or theirs is None else distance(mine.table, theirs)
     return out

@@ -1,4 +1,6 @@
-"""Appearance of the targets (EVENTS 2): learnt while a target is alone, asked where blobs are shared."""
+"""Appearance of the targets (EVENTS 2): learnt while a target is alone, asked where blobs are
+shared.
+"""
 
 from __future__ import annotations
 
@@ -32,9 +34,11 @@ def learn(track: Track, seen: Floats) -> None:
     track.signed = True
 
 
-def look_at(image: Image, mask: Image | None, box: tuple[float, float, float, float]) -> Floats | None:
-    """Colour histograms of a box's foreground, weighted towards the ellipse's centre, None where less than a few of its
-    pixels lie in the picture.
+def look_at(
+    image: Image, mask: Image | None, box: tuple[float, float, float, float]
+) -> Floats | None:
+    """Colour histograms of a box's foreground, weighted towards the ellipse's centre, None where
+    less than a few of its pixels lie in the picture.
     """
     height, width = image.shape[:2]
     x1, y1 = max(0, round(box[0])), max(0, round(box[1]))
@@ -48,8 +52,13 @@ def look_at(image: Image, mask: Image | None, box: tuple[float, float, float, fl
 
 
 def likenesses(tracks: Sequence[Track], image: Image, cut: Cut) -> list[Likeness]:
-    """Each target's likeness against the others', None where its own or all others' colours are not known."""
-    known = [t.colours.body if t.colours is not None and t.colours.updates else None for t in tracks]
+    """Each target's likeness against the others', None where its own or all others' colours are
+    not known.
+    """
+    known = [
+        t.colours.body if t.colours is not None and t.colours.updates else None
+        for t in tracks
+    ]
     if sum(k is not None for k in known) < 2:
         return [None] * len(tracks)
     told: list[tuple[Floats, Floats, list[int]] | None] = []
@@ -64,5 +73,7 @@ def likenesses(tracks: Sequence[Track], image: Image, cut: Cut) -> list[Likeness
         told.append((mine, others, appearance.choose(mine, others)))
     height, width = cut.pixels.shape
     part = image[cut.top : cut.top + height, cut.left : cut.left + width]
-    bins = appearance.bins_of(part, sorted({k for t in told if t is not None for k in t[2]}))
+    bins = appearance.bins_of(
+        part, sorted({k for t in told if t is not None for k in t[2]})
+    )
     return [None if t is None else appearance.back_project(bins, *t) for t in told]

@@ -1,7 +1,8 @@
 """Group trackers (EVENTS 3.1): low-level tracks over blobs that hold several targets.
 
-A region of pixels (a blob, or a detection where there are no masks) that two or more confirmed targets share is
-observed by a group tracker. It is known by its members: nobody joins one, so other members are another tracker.
+A region of pixels (a blob, or a detection where there are no masks) that two or more confirmed
+targets share is observed by a group tracker. It is known by its members: nobody joins one, so
+other members are another tracker.
 """
 
 from __future__ import annotations
@@ -15,17 +16,23 @@ from recorders.messages import NO_BLOB, Box, GroupTrack
 from replay.trackers.events.tracks import TENTATIVE, Tracks
 
 HOLD_NS = 120_000_000
-"""Who shared a region is in it for this long still: blobs that come apart often touch again in the next frame."""
+"""Who shared a region is in it for this long still: blobs that come apart often touch again in
+the next frame.
+"""
 
 
 class Together:
-    """Who lately shared a region of pixels with whom, so that a blob's flicker is neither a split nor a meeting."""
+    """Who lately shared a region of pixels with whom, so that a blob's flicker is neither a split
+    nor a meeting.
+    """
 
     def __init__(self) -> None:
         self._shared: dict[tuple[int, int], int] = {}
 
     def step(self, tracks: Tracks, time_ns: int) -> None:
-        """Put those that have come apart just now into one region: the one of who has the lowest id."""
+        """Put those that have come apart just now into one region: the one of who has the lowest
+        id.
+        """
         here = {t.id: t for t in tracks.items if t.id != TENTATIVE and not t.lost}
         ids = sorted(here)
         regions: dict[int, list[int]] = {}
@@ -74,7 +81,9 @@ class GroupTracks:
         self._held: list[_Held] = []
         self._next = 1
 
-    def step(self, time_ns: int, shared: Sequence[tuple[Sequence[int], Box]]) -> list[GroupTrack]:
+    def step(
+        self, time_ns: int, shared: Sequence[tuple[Sequence[int], Box]]
+    ) -> list[GroupTrack]:
         """Take the regions of a frame that hold several targets.
 
         Args:
@@ -82,8 +91,8 @@ class GroupTracks:
             shared: members (ids ascending) and box of each region, in the order of the regions.
 
         Returns:
-            All group trackers by id. One without an observation is kept for a short while, unless one of its members
-            is under another one now.
+            All group trackers by id. One without an observation is kept for a short while, unless
+            one of its members is under another one now.
         """
         taken = {i for members, _ in shared for i in members}
         by_members = {tuple(h.members): h for h in self._held}
@@ -107,9 +116,15 @@ class GroupTracks:
 
     def state(self) -> dict[str, Any]:
         """Plain data for a checkpoint."""
-        return {"held": [{**asdict(h), "box": list(h.box)} for h in self._held], "next": self._next}
+        return {
+            "held": [{**asdict(h), "box": list(h.box)} for h in self._held],
+            "next": self._next,
+        }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` gave."""
-        self._held = [_Held(h["id"], list(h["members"]), tuple(h["box"]), h["seen_ns"]) for h in state["held"]]
+        self._held = [
+            _Held(h["id"], list(h["members"]), tuple(h["box"]), h["seen_ns"])
+            for h in state["held"]
+        ]
         self._next = state["next"]

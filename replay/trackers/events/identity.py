@@ -1,7 +1,8 @@
-"""Who is who after a blob has split (EVENTS 2): the colours that each target had before say if two were exchanged.
+"""Who is who after a blob has split (EVENTS 2): the colours that each target had before say if
+two were exchanged.
 
-While targets share a blob their colours are not learnt. What is seen of them afterwards is kept apart until it has been
-compared with what each one of them looked like before.
+While targets share a blob their colours are not learnt. What is seen of them afterwards is kept
+apart until it has been compared with what each one of them looked like before.
 """
 
 from __future__ import annotations
@@ -19,8 +20,12 @@ LOOKS = 3
 """So many looks at a target must have been taken before and after."""
 
 
-def keep_company(tracks: Tracks, regions: Sequence[Sequence[int]], frame: int, time_ns: int) -> None:
-    """Remember who shares a region of pixels with whom in this frame, and how near they are to one another."""
+def keep_company(
+    tracks: Tracks, regions: Sequence[Sequence[int]], frame: int, time_ns: int
+) -> None:
+    """Remember who shares a region of pixels with whom in this frame, and how near they are to
+    one another.
+    """
     rows = {t.id: k for k, t in enumerate(tracks.items) if t.id != TENTATIVE}
     places = tracks.bank.value[:, :2]
     for members in regions:
@@ -37,7 +42,9 @@ def keep_company(tracks: Tracks, regions: Sequence[Sequence[int]], frame: int, t
 
 
 def _note(track: Track, other: int, frame: int, distance2: float) -> None:
-    """Note a companion, and when the two were nearest to one another: there they were exchanged, if they were."""
+    """Note a companion, and when the two were nearest to one another: there they were exchanged,
+    if they were.
+    """
     known = next((c for c in track.company if c[0] == other), None)
     if known is None:
         track.company = sorted([*track.company, [other, frame, distance2]])
@@ -46,7 +53,9 @@ def _note(track: Track, other: int, frame: int, distance2: float) -> None:
 
 
 def verify(tracks: Tracks, time_ns: int, p: EventsParameters) -> list[Notice]:
-    """Exchange identities where colours say so, and believe the rest; by id of the first of each pair."""
+    """Exchange identities where colours say so, and believe the rest; by id of the first of each
+    pair.
+    """
     notices: list[Notice] = []
     by_id = {t.id: t for t in tracks.items if t.id != TENTATIVE}
     for i in sorted(by_id):
@@ -82,7 +91,10 @@ def _exchanged(a: Track, b: Track, since: int, p: EventsParameters) -> Notice | 
     """Whether a is b (and b is a, unless it has not been seen since)."""
     if a.colours is None or b.colours is None or a.fresh is None:
         return None
-    straight, crossed = distance(a.colours.table, a.fresh.table), distance(b.colours.table, a.fresh.table)
+    straight, crossed = (
+        distance(a.colours.table, a.fresh.table),
+        distance(b.colours.table, a.fresh.table),
+    )
     if _ready(b) and b.fresh is not None:
         straight += distance(b.colours.table, b.fresh.table)
         crossed += distance(a.colours.table, b.fresh.table)

@@ -1,4 +1,6 @@
-"""The life of a target: confirmed or recovered, seen, lost, removed (EVENTS 2, 3.2); ids and notices."""
+"""The life of a target: confirmed or recovered, seen, lost, removed (EVENTS 2, 3.2); ids and
+notices.
+"""
 
 from __future__ import annotations
 
@@ -30,21 +32,35 @@ class Lifecycle:
         return self._next_id - 1
 
     def confirm(self, frame: Frame, regions: SceneRegions) -> list[Notice]:
-        """Tentative tracks with enough support become targets, new ones or ones that had been lost (case 2)."""
+        """Tentative tracks with enough support become targets, new ones or ones that had been
+        lost (case 2).
+        """
         items = self._tracks.items
-        ripe = [k for k, t in enumerate(items) if t.id == TENTATIVE and self._ripe(t, frame)]
+        ripe = [
+            k for k, t in enumerate(items) if t.id == TENTATIVE and self._ripe(t, frame)
+        ]
         if not ripe:
             return []
-        lost = [k for k, t in enumerate(items) if t.id != TENTATIVE and t.lost and not t.observed]
+        lost = [
+            k
+            for k, t in enumerate(items)
+            if t.id != TENTATIVE and t.lost and not t.observed
+        ]
         notices: list[Notice] = []
-        found = {r.track: r for r in recover(self._tracks, lost, ripe, frame.time_ns, self._p)}
+        found = {
+            r.track: r for r in recover(self._tracks, lost, ripe, frame.time_ns, self._p)
+        }
         for row in ripe:
             track = items[row]
             if row in found:
                 notices += self._take_over(found[row], frame)
             elif regions.may_start_high_level(self._tracks.box(row)):
                 track.id, track.newborn = self.new_id(), True
-                evidence = {"hits": track.hits, "first_frame": track.born, "sightings": track.sightings[:-1]}
+                evidence = {
+                    "hits": track.hits,
+                    "first_frame": track.born,
+                    "sightings": track.sightings[:-1],
+                }
                 rule = "EVENTS 2: enough support, at least partly in the region of interest"
                 notices.append(Notice("track_confirmed", [track.id], rule, evidence))
                 track.sightings = []
@@ -60,7 +76,11 @@ class Lifecycle:
         """The new track lives on under the orphan's id, with the orphan's past."""
         orphan, track = self._tracks.items[r.orphan], self._tracks.items[r.track]
         track.id, track.split, track.mode = orphan.id, orphan.split, orphan.mode
-        track.born, track.born_ns, track.hits = orphan.born, orphan.born_ns, orphan.hits + track.hits
+        track.born, track.born_ns, track.hits = (
+            orphan.born,
+            orphan.born_ns,
+            orphan.hits + track.hits,
+        )
         if orphan.colours is not None:
             track.colours = orphan.colours
         evidence: dict[str, Any] = {
@@ -78,7 +98,9 @@ class Lifecycle:
         return [Notice("track_recovered", [track.id], rule, evidence)]
 
     def age(self, frame: Frame, regions: SceneRegions) -> list[Notice]:
-        """Modes and confidences; confidence falls while a target is unseen, then it is lost, then removed."""
+        """Modes and confidences; confidence falls while a target is unseen, then it is lost, then
+        removed.
+        """
         kept: list[int] = []
         notices: list[Notice] = []
         evidence: dict[str, Any]
@@ -94,7 +116,11 @@ class Lifecycle:
             if why is None:
                 kept.append(row)
             else:
-                evidence = {"unseen_s": unseen, "confidence": track.confidence, "box": list(self._tracks.box(row))}
+                evidence = {
+                    "unseen_s": unseen,
+                    "confidence": track.confidence,
+                    "box": list(self._tracks.box(row)),
+                }
                 evidence["left_scene"] = places[row] == OUTSIDE
                 notices.append(Notice("track_removed", [track.id], why, evidence))
         self._tracks.keep(kept)
@@ -107,26 +133,54 @@ class Lifecycle:
             mode = "appearance"
         # Behind somebody who explains the pixels where it should be, a target can be nowhere else.
         patience = self._p.hidden_patience if track.hidden else 1.0
-        track.confidence = track.quality * 0.5 ** (unseen / (patience * self._p.half_life_s))
+        track.confidence = track.quality * 0.5 ** (
+            unseen / (patience * self._p.half_life_s)
+        )
         if mode != track.mode:
             case = {"motion": 1, "appearance": 3, "predicted": 3}[mode]
-            change = {"from": track.mode, "to": mode, "unseen_s": unseen, "confidence": track.confidence}
-            notices.append(Notice("mode_changed", [track.id], f"EVENTS 2, matching case {case}", change))
+            change = {
+                "from": track.mode,
+                "to": mode,
+                "unseen_s": unseen,
+                "confidence": track.confidence,
+            }
+            notices.append(
+                Notice(
+                    "mode_changed", [track.id], f"EVENTS 2, matching case {case}", change
+                )
+            )
             track.mode = mode
         lost = unseen > patience * self._p.coast_s
         if lost and not track.lost:
-            evidence = {"unseen_s": unseen, "most_s": patience * self._p.coast_s, "confidence": track.confidence}
-            notices.append(Notice("track_lost", [track.id], "EVENTS 2: no observation for too long", evidence))
+            evidence = {
+                "unseen_s": unseen,
+                "most_s": patience * self._p.coast_s,
+                "confidence": track.confidence,
+            }
+            notices.append(
+                Notice(
+                    "track_lost",
+                    [track.id],
+                    "EVENTS 2: no observation for too long",
+                    evidence,
+                )
+            )
         elif track.lost and not lost:
             rule = "EVENTS 2, matching case 1: an observation where it was expected"
-            notices.append(Notice("track_recovered", [track.id], rule, {"quality": track.quality}))
+            notices.append(
+                Notice("track_recovered", [track.id], rule, {"quality": track.quality})
+            )
         track.lost = lost
         return notices
 
-    def _must_go(self, place: int, track: Track, unseen: float, regions: SceneRegions) -> str | None:
+    def _must_go(
+        self, place: int, track: Track, unseen: float, regions: SceneRegions
+    ) -> str | None:
         if unseen > self._p.keep_s:
             return "EVENTS 2: no observation for longer than targets are kept"
-        return regions.reason_to_remove(place, track.mode, min(1.0, max(0.0, track.confidence)))
+        return regions.reason_to_remove(
+            place, track.mode, min(1.0, max(0.0, track.confidence))
+        )
 
     def state(self) -> dict[str, Any]:
         """Plain data for a checkpoint."""

@@ -1,4 +1,6 @@
-"""Targets without a detection of their own in a recording without masks (EVENTS 2, matching case 3)."""
+"""Targets without a detection of their own in a recording without masks (EVENTS 2, matching case
+3).
+"""
 
 from __future__ import annotations
 
@@ -19,11 +21,18 @@ Floats = NDArray[np.float64]
 
 
 def _orphans(tracks: Tracks) -> list[int]:
-    return [k for k, t in enumerate(tracks.items) if t.id != TENTATIVE and not t.lost and not t.observed]
+    return [
+        k
+        for k, t in enumerate(tracks.items)
+        if t.id != TENTATIVE and not t.lost and not t.observed
+    ]
 
 
-def share_detections(tracks: Tracks, seen: Seen, used: NDArray[np.bool_], p: EventsParameters) -> None:
-    """Recognise merged detections: one that another target took and that covers where this one is expected.
+def share_detections(
+    tracks: Tracks, seen: Seen, used: NDArray[np.bool_], p: EventsParameters
+) -> None:
+    """Recognise merged detections: one that another target took and that covers where this one is
+    expected.
 
     Both lie in one blob then; its number is the detection's place in the recording, from 1.
     """
@@ -32,7 +41,10 @@ def share_detections(tracks: Tracks, seen: Seen, used: NDArray[np.bool_], p: Eve
     if not orphans or not len(taken):
         return
     boxes = tracks.boxes[orphans]
-    share = intersection(boxes, seen.boxes[taken]) / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)[:, None]
+    share = (
+        intersection(boxes, seen.boxes[taken])
+        / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)[:, None]
+    )
     owners = {t.column: t for t in tracks.items if t.observed and t.column >= 0}
     for k, row in enumerate(orphans):
         best = int(np.argmax(share[k]))
@@ -42,7 +54,9 @@ def share_detections(tracks: Tracks, seen: Seen, used: NDArray[np.bool_], p: Eve
             tracks.items[row].blob = owner.blob = int(taken[best]) + 1
 
 
-def follow_colours(tracks: Tracks, image: Image, p: EventsParameters) -> list[tuple[int, Box, float]]:
+def follow_colours(
+    tracks: Tracks, image: Image, p: EventsParameters
+) -> list[tuple[int, Box, float]]:
     """Mean shift of every orphan's colours against its surroundings' from where it is expected.
 
     Returns:
@@ -58,15 +72,23 @@ def follow_colours(tracks: Tracks, image: Image, p: EventsParameters) -> list[tu
         x, y, w, h = tracks.box(row)
         size = math.sqrt(w * h)
         left, top = max(0, round(x - size / 2)), max(0, round(y - size / 2))
-        right, bottom = min(width, round(x + w + size / 2)), min(height, round(y + h + size / 2))
+        right, bottom = (
+            min(width, round(x + w + size / 2)),
+            min(height, round(y + h + size / 2)),
+        )
         if right - left < 4 or bottom - top < 8:
             continue
         bins = appearance.bins_of(image[top:bottom, left:right])
         around = np.ones(bins.shape[1:])
-        around[max(0, round(y) - top) : max(0, round(y + h) - top), max(0, round(x) - left) : round(x + w) - left] = 0
+        around[
+            max(0, round(y) - top) : max(0, round(y + h) - top),
+            max(0, round(x) - left) : round(x + w) - left,
+        ] = 0
         mine, background = colours.body, appearance.histograms(bins, around).sum(axis=1)
         background /= max(1.0, float(background[0].sum()))
-        likeness = appearance.back_project(bins, mine, background, appearance.choose(mine, background))
+        likeness = appearance.back_project(
+            bins, mine, background, appearance.choose(mine, background)
+        )
         for k, t in enumerate(tracks.items):
             if k != row and t.observed:
                 a, b, c, d = others[k]

@@ -1,9 +1,11 @@
-"""Feedback (EVENTS, Figure 1): predictions are proposals that explain the foreground, also where blobs are merged.
+"""Feedback (EVENTS, Figure 1): predictions are proposals that explain the foreground, also where
+blobs are merged.
 
-A target alone in its blob is measured by the blob's own box. Targets that share a blob, or whose blob is cut, too
-large or in pieces, are placed one by one: a box of the target's own size is moved over the foreground around its
-prediction to where it is full of foreground that no other target explains, empty around, like the target's own
-colours and not far from where the target was expected. Ties go to the place nearest to the prediction's top left.
+A target alone in its blob is measured by the blob's own box. Targets that share a blob, or whose
+blob is cut, too large or in pieces, are placed one by one: a box of the target's own size is
+moved over the foreground around its prediction to where it is full of foreground that no other
+target explains, empty around, like the target's own colours and not far from where the target was
+expected. Ties go to the place nearest to the prediction's top left.
 """
 
 from __future__ import annotations
@@ -27,11 +29,11 @@ Ints = NDArray[np.int64]
 OWN, SHARED = 4, 1
 """Weights of a foreground pixel that nobody else, or somebody else too, explains."""
 LIKE, SURE = 0.25, 0.75
-"""Likenesses from which on a disputed pixel begins to be, and is, a target's own: where all have the same colours, as
-fish and flies do, small differences say nothing."""
+"""Likenesses from which on a disputed pixel begins to be, and is, a target's own: where all have
+the same colours, as fish and flies do, small differences say nothing."""
 CORE = 0.6
-"""Share of a target's width, around its middle, in which foreground is explained by it: arms and legs do not fill
-the rest, where a neighbour may be."""
+"""Share of a target's width, around its middle, in which foreground is explained by it: arms and
+legs do not fill the rest, where a neighbour may be."""
 GRID = 9
 
 
@@ -43,16 +45,24 @@ class Integral:
         left, top: place of its top left pixel in the picture.
     """
 
-    def __init__(self, image: NDArray[np.uint8] | NDArray[np.float32], left: int = 0, top: int = 0) -> None:
+    def __init__(
+        self, image: NDArray[np.uint8] | NDArray[np.float32], left: int = 0, top: int = 0
+    ) -> None:
         self.height, self.width = image.shape
         self.left, self.top = left, top
-        self._limits = np.array([[self.width], [self.height], [self.width], [self.height]], np.float64)
+        self._limits = np.array(
+            [[self.width], [self.height], [self.width], [self.height]], np.float64
+        )
         self._flat = np.asarray(
-            cv2.integral(image, sdepth=cv2.CV_32S if image.dtype == np.uint8 else cv2.CV_64F)
+            cv2.integral(
+                image, sdepth=cv2.CV_32S if image.dtype == np.uint8 else cv2.CV_64F
+            )
         ).ravel()
 
     def sums(self, boxes: Floats) -> Floats:
-        """Sums over boxes (N, 4) in the picture, (N,); what lies outside of the image counts nothing."""
+        """Sums over boxes (N, 4) in the picture, (N,); what lies outside of the image counts
+        nothing.
+        """
         return self.sums_at(self.corners(boxes))
 
     def corners(self, boxes: Floats) -> NDArray[np.intp]:
@@ -75,7 +85,9 @@ class Integral:
         return out
 
     def sums_at(self, corners: NDArray[np.intp]) -> Floats:
-        """Sums over boxes of which `corners` of an image of the same size at the same place is known."""
+        """Sums over boxes of which `corners` of an image of the same size at the same place is
+        known.
+        """
         f = self._flat.take(corners)
         return np.asarray(f[0] - f[1] - f[2] + f[3], np.float64)
 
@@ -92,7 +104,8 @@ class Place:
         blob: the blob that it mostly lies in, `NO_BLOB` for none.
         score: the search's score, 1 where no search was needed.
         company: other targets lie in the same blobs.
-        tenant: it is the only one in its blob, and the blob holds one detection at most, but of another size.
+        tenant: it is the only one in its blob, and the blob holds one detection at most, but of
+            another size.
     """
 
     box: tuple[float, float, float, float]
@@ -108,7 +121,9 @@ class Place:
 class Foreground:
     """One frame's foreground, with each pixel's blob in ``labels`` (H, W), and what explains it."""
 
-    def __init__(self, mask: Image, labels: Labels, components: Sequence[Blob], p: EventsParameters) -> None:
+    def __init__(
+        self, mask: Image, labels: Labels, components: Sequence[Blob], p: EventsParameters
+    ) -> None:
         self._p = p
         self.mask = mask
         self.components = components
@@ -153,7 +168,8 @@ class Expected:
         reach: (N,) standard deviations of the predicted places, pixels.
         doubt: (N, 2) standard deviations of the predicted widths and heights, pixels.
         axes: (N, 2) their ellipses' major and minor axes, pixels.
-        upright: they stand upright, so a body's width and height tell; if not, its axes do, however it turns.
+        upright: they stand upright, so a body's width and height tell; if not, its axes do,
+            however it turns.
         patient: (N,) bool: these have not fitted their blob for so long that it is believed.
     """
 
@@ -167,7 +183,9 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """A cut out of the foreground: pixels (H, W) uint8 0 or 1, and its top left corner in the picture."""
+    """A cut out of the foreground: pixels (H, W) uint8 0 or 1, and its top left corner in the
+    picture.
+    """
 
     pixels: Image
     left: int
@@ -175,15 +193,23 @@ class Cut:
 
 
 Likeness = NDArray[np.float32] | None
-"""How much each pixel of a cut looks like a target rather than like what is around it, (H, W) in [-1, 1]."""
+"""How much each pixel of a cut looks like a target rather than like what is around it, (H, W) in
+[-1, 1].
+"""
 Look = Callable[[list[int], Cut], list[Likeness]]
 """(rows of the targets, cut) -> their likenesses."""
 
 
 def search(
-    cut: Cut, boxes: Floats, reach: Floats, extra: Sequence[Floats], likeness: Sequence[Likeness], p: EventsParameters
+    cut: Cut,
+    boxes: Floats,
+    reach: Floats,
+    extra: Sequence[Floats],
+    likeness: Sequence[Likeness],
+    p: EventsParameters,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Place N targets in the foreground by moving boxes of their size, each against the places of all others.
+    """Place N targets in the foreground by moving boxes of their size, each against the places of
+    all others.
 
     Args:
         cut: the foreground that they share.
@@ -212,7 +238,9 @@ def search(
                 if u != t:
                     rest[y1:y2, x1:x2] = disputed[t][y1:y2, x1:x2]
             free = Integral(rest, left, top)
-            tried = _candidates(boxes[t], now[t] if sweep else boxes[t], float(reach[t]), extra[t], sweep)
+            tried = _candidates(
+                boxes[t], now[t] if sweep else boxes[t], float(reach[t]), extra[t], sweep
+            )
             score, inside = _score(tried, free, colours[t], boxes[t], float(reach[t]), p)
             best = int(np.argmax(score))
             now[t], scores[t], weighted[t] = tried[best], score[best], inside[best]
@@ -225,16 +253,22 @@ def search(
 
 
 def _disputed(pixels: Image, likeness: Likeness) -> Image:
-    """What pixels (H, W) that somebody else explains are worth to a target: as its own where they look like it."""
+    """What pixels (H, W) that somebody else explains are worth to a target: as its own where they
+    look like it.
+    """
     if likeness is None:
         return pixels * np.uint8(SHARED)
     scale = np.float32((OWN - SHARED) / (SURE - LIKE))
-    worth = np.rint(np.clip((likeness - np.float32(LIKE)) * scale, 0.0, OWN - SHARED)).astype(np.uint8)
+    worth = np.rint(
+        np.clip((likeness - np.float32(LIKE)) * scale, 0.0, OWN - SHARED)
+    ).astype(np.uint8)
     return np.asarray(pixels * (np.uint8(SHARED) + worth))
 
 
 def _claim(box: Sequence[float], left: int, top: int) -> tuple[int, int, int, int]:
-    """x1, y1, x2, y2 of the pixels that a target's box explains, in a cut with that top left corner."""
+    """x1, y1, x2, y2 of the pixels that a target's box explains, in a cut with that top left
+    corner.
+    """
     x, y, w, h = box
     x1, x2 = round(x + (0.5 - CORE / 2) * w) - left, round(x + (0.5 + CORE / 2) * w) - left
     return max(0, x1), max(0, round(y) - top), max(0, x2), max(0, round(y + h) - top)
@@ -249,8 +283,12 @@ def _grid(side: int) -> tuple[Floats, Ints, Ints]:
 _COARSE, _FINE = _grid(GRID), _grid(5)
 
 
-def _candidates(expected: Floats, now: Floats, reach: float, extra: Floats, sweep: int) -> Floats:
-    """Places to try: a grid around the expected place first, later a finer one around the best so far."""
+def _candidates(
+    expected: Floats, now: Floats, reach: float, extra: Floats, sweep: int
+) -> Floats:
+    """Places to try: a grid around the expected place first, later a finer one around the best so
+    far.
+    """
     size = float(np.sqrt(expected[2] * expected[3]))
     span = min(max(2.0 * reach, 0.2 * size), 0.6 * size) if not sweep else 0.12 * size
     numbers, columns, rows = _FINE if sweep else _COARSE
@@ -268,7 +306,12 @@ def _candidates(expected: Floats, now: Floats, reach: float, extra: Floats, swee
 
 
 def _score(
-    tried: Floats, free: Integral, colour: Integral | None, expected: Floats, reach: float, p: EventsParameters
+    tried: Floats,
+    free: Integral,
+    colour: Integral | None,
+    expected: Floats,
+    reach: float,
+    p: EventsParameters,
 ) -> tuple[Floats, Floats]:
     """Scores (K,) of the places tried, and what they hold of the foreground, weighted, (K,)."""
     area = max(1.0, float(expected[2] * expected[3]))
@@ -290,7 +333,12 @@ def _score(
 
 
 def place(
-    fg: Foreground, expected: Expected, detections: Floats, detection_blobs: Ints, look: Look, p: EventsParameters
+    fg: Foreground,
+    expected: Expected,
+    detections: Floats,
+    detection_blobs: Ints,
+    look: Look,
+    p: EventsParameters,
 ) -> list[Place | None]:
     """Find each of N targets in the foreground.
 
@@ -325,14 +373,22 @@ def place(
         if tenants[main] == 1 and held[main] <= 1 and fits[i, main]:
             box = fg.boxes[main]
             fill = float(fg.areas[main] / max(1.0, box[2] * box[3]))
-            out[i] = Place((float(box[0]), float(box[1]), float(box[2]), float(box[3])), True, fill, 0.0, main + 1)
+            out[i] = Place(
+                (float(box[0]), float(box[1]), float(box[2]), float(box[3])),
+                True,
+                fill,
+                0.0,
+                main + 1,
+            )
         else:
             searched.append(i)
             tenants_only[i] = bool(tenants[main] == 1 and held[main] <= 1)
     for rows in clusters(searched, linked):
         blobs = (np.flatnonzero(linked[rows].any(axis=0)) + 1).tolist()
         near = detections[(detection_blobs[:, None] == np.array(blobs)).any(axis=1)]
-        for i, at in zip(rows, _place_cluster(fg, blobs, rows, expected, near, look, p), strict=True):
+        for i, at in zip(
+            rows, _place_cluster(fg, blobs, rows, expected, near, look, p), strict=True
+        ):
             company = bool((tenants[linked[i]] > 1).any())
             out[i] = replace(at, company=company, tenant=tenants_only[i])
     return out
@@ -346,7 +402,9 @@ def _fits(expected: Expected, fg: Foreground, p: EventsParameters) -> NDArray[np
     boxes, doubt, blobs = expected.boxes, expected.doubt, fg.boxes
     height, width = fg.mask.shape
     ratio = blobs[None, :, 2:] / np.maximum(boxes[:, None, 2:], 1.0)
-    allowed = 1.0 + p.size_tolerance + 2.0 * (doubt / np.maximum(boxes[:, 2:], 1.0))[:, None, :]
+    allowed = (
+        1.0 + p.size_tolerance + 2.0 * (doubt / np.maximum(boxes[:, 2:], 1.0))[:, None, :]
+    )
     # Legs and arms change the width twice as much as the height.
     allowed = np.stack([allowed[..., 0] ** 2, allowed[..., 1]], axis=2)
     low = ratio >= 1 / allowed
@@ -380,13 +438,19 @@ def _place_cluster(
     for b, s in zip(mine, size, strict=True):
         away = np.abs(centres - (b[:2] + b[2:] / 2)) if len(centres) else np.zeros((0, 2))
         extra.append(centres[(away <= 0.6 * s).all(axis=1)])
-    found, own, shared, scores = search(cut, mine, expected.reach[rows], extra, look(rows, cut), p)
+    found, own, shared, scores = search(
+        cut, mine, expected.reach[rows], extra, look(rows, cut), p
+    )
     links = fg.links(found)[:, [b - 1 for b in blobs]]
     out: list[Place] = []
     for k in range(len(rows)):
         x, y, w, h = found[k].tolist()
         blob = blobs[int(np.argmax(links[k]))] if links[k].max() > 0 else NO_BLOB
-        out.append(Place((x, y, w, h), False, float(own[k]), float(shared[k]), blob, float(scores[k])))
+        out.append(
+            Place(
+                (x, y, w, h), False, float(own[k]), float(shared[k]), blob, float(scores[k])
+            )
+        )
     return out
 
 
@@ -406,4 +470,7 @@ class Rest:
 
     def share(self, boxes: Floats) -> Floats:
         """Share of each box's (N, 4) foreground that is not explained, (N,)."""
-        return np.asarray(Integral(self._pixels).sums(boxes) / np.maximum(self._fg.integral.sums(boxes), 1.0))
+        return np.asarray(
+            Integral(self._pixels).sums(boxes)
+            / np.maximum(self._fg.integral.sums(boxes), 1.0)
+        )

@@ -1,4 +1,6 @@
-"""Matching case 2 (EVENTS 2): an orphan takes over a new low-level track that looks like it and may be it by place."""
+"""Matching case 2 (EVENTS 2): an orphan takes over a new low-level track that looks like it and
+may be it by place.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ class Recovery:
     appearance: float | None
 
 
-def recover(tracks: Tracks, orphans: list[int], fresh: list[int], time_ns: int, p: EventsParameters) -> list[Recovery]:
+def recover(
+    tracks: Tracks, orphans: list[int], fresh: list[int], time_ns: int, p: EventsParameters
+) -> list[Recovery]:
     """Match orphans to new tracks, the cheapest assignment within the threshold, by orphan."""
     found: dict[tuple[int, int], Recovery] = {}
     cost = np.full((len(orphans), len(fresh)), 100.0)
@@ -44,20 +48,31 @@ def recover(tracks: Tracks, orphans: list[int], fresh: list[int], time_ns: int, 
 
 
 def _price(tracks: Tracks, a: int, b: int, time_ns: int, p: EventsParameters) -> Recovery:
-    """Half the squared miss, of the straight path or of one who stood still, plus size and colours."""
+    """Half the squared miss, of the straight path or of one who stood still, plus size and
+    colours.
+    """
     orphan, fresh, bank = tracks.items[a], tracks.items[b], tracks.bank
     gap = (time_ns - orphan.seen_ns) / 1e9
     x, y, w, h = bank.value[a, :4].tolist()
     vx, vy = bank.rate[a, :2].tolist()
     u, v, fw, fh = bank.value[b, :4].tolist()
-    # Unseen, the filter went straight on, so the place where the target was last seen is one step back in time.
-    misses = [math.hypot(x - k * gap * vx - u, y - k * gap * vy - v) for k in (0.0, 0.5, 1.0)]
+    # Unseen, the filter went straight on, so the place where the target was last seen is one step
+    # back in time.
+    misses = [
+        math.hypot(x - k * gap * vx - u, y - k * gap * vy - v) for k in (0.0, 0.5, 1.0)
+    ]
     size = math.sqrt(max(1.0, w * h))
     motion = 0.5 * (min(misses) / (size * (p.drift + p.drift_rate * gap))) ** 2
-    differs = abs(math.log(max(fw, 1.0) / max(w, 1.0))) + abs(math.log(max(fh, 1.0) / max(h, 1.0)))
+    differs = abs(math.log(max(fw, 1.0) / max(w, 1.0))) + abs(
+        math.log(max(fh, 1.0) / max(h, 1.0))
+    )
     colours = None
     if orphan.colours is not None and fresh.colours is not None:
         colours = distance(orphan.colours.table, fresh.colours.table)
     # Without colours nothing but the place speaks for it, so it has to be more exact.
-    cost = motion + 0.5 * differs + p.recover_colour_cost * (UNKNOWN if colours is None else colours)
+    cost = (
+        motion
+        + 0.5 * differs
+        + p.recover_colour_cost * (UNKNOWN if colours is None else colours)
+    )
     return Recovery(a, b, cost, motion, differs, colours)

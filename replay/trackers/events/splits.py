@@ -1,7 +1,8 @@
-"""Who is born of a split (EVENTS 3.1): the region of pixels that a target lay in has come apart, and holds two now.
+"""Who is born of a split (EVENTS 3.1): the region of pixels that a target lay in has come apart,
+and holds two now.
 
-A part that has come off is seen only once it is apart, when no target's box covers it any more, so the regions of the
-time just before are what it is compared with.
+A part that has come off is seen only once it is apart, when no target's box covers it any more,
+so the regions of the time just before are what it is compared with.
 """
 
 from __future__ import annotations
@@ -22,11 +23,15 @@ SPLIT_NS = 500_000_000
 EVERY_NS = 60_000_000
 """At most so often one is taken note of, whatever the frame rate."""
 COVERED = 0.5
-"""Share of both boxes, the target's and the newcomer's, that a region must have covered to have held both."""
+"""Share of both boxes, the target's and the newcomer's, that a region must have covered to have
+held both.
+"""
 
 
 def remember_regions(tracks: Tracks, blobs: Sequence[Blob], time_ns: int) -> None:
-    """Take note of the region that each observed target lies in: its blob, or without masks what was measured."""
+    """Take note of the region that each observed target lies in: its blob, or without masks what
+    was measured.
+    """
     for row, track in enumerate(tracks.items):
         track.regions = [r for r in track.regions if time_ns - r[0] <= SPLIT_NS]
         if track.id == TENTATIVE or track.lost or not (track.observed or track.hidden):
@@ -40,7 +45,9 @@ def remember_regions(tracks: Tracks, blobs: Sequence[Blob], time_ns: int) -> Non
 
 
 def came_from(tracks: Tracks, boxes: Floats) -> NDArray[np.bool_]:
-    """Whether each of some new boxes (N, 4) lay in one region with a confirmed target just before, (N,)."""
+    """Whether each of some new boxes (N, 4) lay in one region with a confirmed target just
+    before, (N,).
+    """
     out = np.zeros(len(boxes), bool)
     area = np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)
     for row, track in enumerate(tracks.items):

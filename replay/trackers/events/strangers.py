@@ -1,8 +1,9 @@
 """Motion agrees, but it is somebody else: one goes through a door, another comes out of it.
 
-A target that is alone in its blob is known by its colours. If they are entirely others from one look to the next, and
-stay so, then the blob is somebody else's since the first of these looks: a new target, who is told apart in hindsight
-from then on. The old one was last seen before, and may come back.
+A target that is alone in its blob is known by its colours. If they are entirely others from one
+look to the next, and stay so, then the blob is somebody else's since the first of these looks: a
+new target, who is told apart in hindsight from then on. The old one was last seen before, and may
+come back.
 """
 
 from __future__ import annotations
@@ -16,21 +17,34 @@ from replay.trackers.events.tracks import Floats, Track, Tracks
 LOOKS = 3
 """So often must a target have been looked at before its colours are known."""
 OTHER = 0.5
-"""Hellinger distance of somebody else's colours; one's own are nearer than 0.42 in 99 of 100 looks (PETS S2.L1)."""
+"""Hellinger distance of somebody else's colours; one's own are nearer than 0.42 in 99 of 100
+looks (PETS S2.L1).
+"""
 STILL = 0.42
-"""At the second look, which has to be more like the first strange one than like the target, this is enough."""
+"""At the second look, which has to be more like the first strange one than like the target, this
+is enough.
+"""
 WHOLE = 0.5
 """Share of the area that was seen before; in less, colours are those of a part."""
 
 
-def estranged(track: Track, seen: Floats, box: Box, frame: int, time_ns: int) -> bool | None:
+def estranged(
+    track: Track, seen: Floats, box: Box, frame: int, time_ns: int
+) -> bool | None:
     """Whether a lone target's blob is somebody else's.
 
     Returns:
-        None: no, these are its own colours. False: it is too early to tell, and nothing is to be learnt. True: yes.
+        None: no, these are its own colours. False: it is too early to tell, and nothing is to be
+            learnt. True: yes.
     """
     total = float(seen[0].sum())
-    if track.colours is None or track.colours.updates < LOOKS or track.company or total <= 0 or not track.known:
+    if (
+        track.colours is None
+        or track.colours.updates < LOOKS
+        or track.company
+        or total <= 0
+        or not track.known
+    ):
         track.known = [float(frame), float(time_ns), *box]
         return None
     away = distance(track.colours.table, seen / total)
@@ -52,7 +66,9 @@ def estranged(track: Track, seen: Floats, box: Box, frame: int, time_ns: int) ->
 
 
 def part(tracks: Tracks, row: int, identity: int, frame: int) -> list[Notice]:
-    """The row is a new target with the given id since the first strange look; the old one is lost where it was."""
+    """The row is a new target with the given id since the first strange look; the old one is lost
+    where it was.
+    """
     track = tracks.items[row]
     if track.colours is None or track.stranger is None:
         return []
@@ -72,5 +88,12 @@ def part(tracks: Tracks, row: int, identity: int, frame: int) -> list[Notice]:
     track.company, track.sightings = [], []
     tracks.start((x, y, w, h), None, past)
     rule = "EVENTS 2: the motion agrees, the colours are somebody else's"
-    told = [Notice("track_confirmed", [identity], rule, {"hits": track.hits, "first_frame": frame, "sightings": []})]
+    told = [
+        Notice(
+            "track_confirmed",
+            [identity],
+            rule,
+            {"hits": track.hits, "first_frame": frame, "sightings": []},
+        )
+    ]
     return [*told, Notice("track_recovered", sorted([old, identity]), rule, evidence)]

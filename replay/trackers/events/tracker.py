@@ -1,12 +1,15 @@
-"""EVENTS 2: low-level tracks by gated association, high-level targets that outlive them, three matching cases.
+"""EVENTS 2: low-level tracks by gated association, high-level targets that outlive them, three
+matching cases.
 
-1. A target that is alone in its blob, or has a detection of its own, is followed by motion; its colours are learnt.
-2. An orphan takes over a new low-level track that looks like it (`recover`).
-3. Whatever else is expected is looked for top-down: within the blob that it shares (`places`), or where its colours
-   are (`orphans`); with a confidence that falls while little or nothing supports it.
+1. A target that is alone in its blob, or has a detection of its own, is followed by motion; its
+colours are learnt. 2. An orphan takes over a new low-level track that looks like it (`recover`).
+3. Whatever else is expected is looked for top-down: within the blob that it shares (`places`), or
+where its colours are (`orphans`); with a confidence that falls while little or nothing supports
+it.
 
-Ties: association by `replay.trackers.association.assign` (tracks in the order of their birth, detections in the order
-of the recording); tentative tracks are confirmed, and ids given, in the order of their birth.
+Ties: association by `replay.trackers.association.assign` (tracks in the order of their birth,
+detections in the order of the recording); tentative tracks are confirmed, and ids given, in the
+order of their birth.
 """
 
 from __future__ import annotations
@@ -29,7 +32,15 @@ from replay.trackers.events.identity import keep_company, verify
 from replay.trackers.events.lifecycle import Lifecycle
 from replay.trackers.events.orphans import follow_colours, share_detections
 from replay.trackers.events.parameters import EventsParameters
-from replay.trackers.events.places import Cut, Expected, Foreground, Likeness, Place, Rest, place
+from replay.trackers.events.places import (
+    Cut,
+    Expected,
+    Foreground,
+    Likeness,
+    Place,
+    Rest,
+    place,
+)
 from replay.trackers.events.splits import came_from, remember_regions
 from replay.trackers.events.strangers import estranged, part
 from replay.trackers.events.tracks import TENTATIVE, Track, Tracks
@@ -43,18 +54,25 @@ class EventsTracker:
     """The EVENTS tracker: see `replay.trackers.tracker.Tracker`."""
 
     def __init__(
-        self, scene: SceneInfo, parameters: EventsParameters, region_parameters: RegionParameters | None = None
+        self,
+        scene: SceneInfo,
+        parameters: EventsParameters,
+        region_parameters: RegionParameters | None = None,
     ) -> None:
         self._scene = scene
         self._p = parameters
         self._region_parameters = region_parameters or RegionParameters()
         self._regions_message: Regions | None = None
-        self._regions = SceneRegions(default_regions(scene.width, scene.height, region_parameters), region_parameters)
+        self._regions = SceneRegions(
+            default_regions(scene.width, scene.height, region_parameters), region_parameters
+        )
         self._tracks = Tracks(parameters)
         self._groups = GroupTracks(parameters.tentative_s)
         self._together = Together()
         self._life = Lifecycle(self._tracks, parameters)
-        self._learn_every = max(1, round(parameters.learn_s / max(1e-3, scene.frame_ns * NS)))
+        self._learn_every = max(
+            1, round(parameters.learn_s / max(1e-3, scene.frame_ns * NS))
+        )
         self._time_ns: int | None = None
 
     def step(self, frame: Frame) -> Targets:
@@ -75,14 +93,18 @@ class EventsTracker:
             share_detections(self._tracks, seen, used, self._p)
             if self._scene.has_images and frame.image is not None:
                 for row, box, score in follow_colours(self._tracks, frame.image, self._p):
-                    self._observe(row, frame, box, score, NO_BLOB, "appearance", sized=False)
+                    self._observe(
+                        row, frame, box, score, NO_BLOB, "appearance", sized=False
+                    )
         self._start(frame, seen, used)
         notices = self._learn(frame)
         notices += self._life.confirm(frame, self._regions)
         self._together.step(self._tracks, frame.time_ns)
         notices += self._life.age(frame, self._regions)
         shared = shared_regions(self._tracks, frame)
-        keep_company(self._tracks, [members for members, _ in shared], frame.index, frame.time_ns)
+        keep_company(
+            self._tracks, [members for members, _ in shared], frame.index, frame.time_ns
+        )
         notices += verify(self._tracks, frame.time_ns, self._p)
         remember_regions(self._tracks, frame.detections.components, frame.time_ns)
         shared = shared_regions(self._tracks, frame)
@@ -95,22 +117,33 @@ class EventsTracker:
             self._regions = SceneRegions(regions, self._region_parameters)
 
     def _lean(self, model: SizeModel | None, dt: float) -> None:
-        """Targets whose size was not measured in the last frame lean towards the size usual at their place."""
-        rows = np.array([k for k, t in enumerate(self._tracks.items) if not t.sized], np.intp)
+        """Targets whose size was not measured in the last frame lean towards the size usual at
+        their place.
+        """
+        rows = np.array(
+            [k for k, t in enumerate(self._tracks.items) if not t.sized], np.intp
+        )
         if model is not None and len(rows):
             boxes = self._tracks.boxes[rows]
             heights = model.heights(boxes[:, 1] + boxes[:, 3])
             self._tracks.lean(rows, np.stack([model.aspect * heights, heights], axis=1), dt)
 
-    def _explain(self, frame: Frame, mask: NDArray[np.uint8], seen: Seen, dt: float) -> Seen:
-        """Let the confirmed targets explain the foreground; what is left over are the detections of others."""
+    def _explain(
+        self, frame: Frame, mask: NDArray[np.uint8], seen: Seen, dt: float
+    ) -> Seen:
+        """Let the confirmed targets explain the foreground; what is left over are the detections
+        of others.
+        """
         labels = frame.labels
         assert labels is not None
         fg = Foreground(mask, labels, frame.detections.components, self._p)
         items, bank = self._tracks.items, self._tracks.bank
         rows = [k for k, t in enumerate(items) if t.id != TENTATIVE and not t.lost]
         doubt = np.sqrt(bank.p00[rows])
-        reach = np.hypot(doubt[:, :2].max(axis=1, initial=0.0), self._p.place_noise * self._tracks.sizes[rows])
+        reach = np.hypot(
+            doubt[:, :2].max(axis=1, initial=0.0),
+            self._p.place_noise * self._tracks.sizes[rows],
+        )
         patient = np.array([items[r].misfit_s > self._p.patience_s for r in rows], bool)
         model = SizeModel.from_list(frame.detections.size_model)
         expected = Expected(
@@ -134,7 +167,11 @@ class EventsTracker:
                 found[k] = self._take(row, frame, seen, told[row])
             elif at is not None:
                 self._settle(row, frame, at, dt)
-        kept = [at for at, r in zip(found, rows, strict=True) if at is not None and items[r].observed]
+        kept = [
+            at
+            for at, r in zip(found, rows, strict=True)
+            if at is not None and items[r].observed
+        ]
         return _left_over(fg, kept, seen, model, self._p)
 
     def _take(self, row: int, frame: Frame, seen: Seen, column: int) -> Place:
@@ -142,7 +179,9 @@ class EventsTracker:
         x, y, w, h = seen.boxes[column].tolist()
         blob = int(seen.blobs[column])
         self._tracks.items[row].misfit_s = 0.0
-        self._observe(row, frame, (x, y, w, h), float(seen.scores[column]), blob, "appearance")
+        self._observe(
+            row, frame, (x, y, w, h), float(seen.scores[column]), blob, "appearance"
+        )
         return Place((x, y, w, h), False, 1.0, 0.0, blob, company=True)
 
     def _settle(self, row: int, frame: Frame, at: Place, dt: float) -> None:
@@ -152,7 +191,15 @@ class EventsTracker:
         if at.alone:
             track.misfit_s = 0.0
             track.alone = True
-            self._observe(row, frame, at.box, 1.0, at.blob, "motion", frame.detections.components[at.blob - 1].ellipse)
+            self._observe(
+                row,
+                frame,
+                at.box,
+                1.0,
+                at.blob,
+                "motion",
+                frame.detections.components[at.blob - 1].ellipse,
+            )
         elif at.own >= self._p.min_own:
             mode: Mode = "appearance" if at.company else "motion"
             score = min(1.0, (at.own + 0.5 * at.shared) / 0.6)
@@ -161,19 +208,28 @@ class EventsTracker:
             track.hidden, track.blob = True, at.blob
 
     def _associate(self, frame: Frame, seen: Seen) -> NDArray[np.bool_]:
-        """In stages: those who are followed to detections of high, then of low score; the lost; the tentative."""
+        """In stages: those who are followed to detections of high, then of low score; the lost;
+        the tentative.
+        """
         used = np.zeros(len(seen.boxes), bool)
         items = self._tracks.items
         followed = [k for k, t in enumerate(items) if t.id != TENTATIVE and not t.lost]
         missing = [k for k, t in enumerate(items) if t.id != TENTATIVE and t.lost]
         tentative = [k for k, t in enumerate(items) if t.id == TENTATIVE]
         high = seen.scores >= self._p.high_score
-        for who, which in ((followed, high), (followed, ~high), (missing, high), (tentative, high)):
+        for who, which in (
+            (followed, high),
+            (followed, ~high),
+            (missing, high),
+            (tentative, high),
+        ):
             rows = [k for k in who if not items[k].observed]
             columns = np.flatnonzero(which & ~used) if rows else ()
             if not len(columns):
                 continue
-            pairs = match(self._tracks, np.array(rows, np.intp), seen, np.asarray(columns), self._p)
+            pairs = match(
+                self._tracks, np.array(rows, np.intp), seen, np.asarray(columns), self._p
+            )
             used[[column for _, column in pairs]] = True
             self._follow(frame, seen, pairs)
         return used
@@ -189,7 +245,9 @@ class EventsTracker:
         for k, (x, y, w, h) in enumerate(boxes.tolist()):
             track = self._tracks.items[rows[k]]
             track.sized, track.column = True, columns[k]
-            self._note(track, frame, (x, y, w, h), scores[k], blobs[k], "motion", (x, y, w, h))
+            self._note(
+                track, frame, (x, y, w, h), scores[k], blobs[k], "motion", (x, y, w, h)
+            )
 
     def _observe(
         self,
@@ -205,17 +263,35 @@ class EventsTracker:
         track = self._tracks.items[row]
         track.sized = sized
         self._tracks.correct(row, box, ellipse, track.sized)
-        self._note(track, frame, box, score, blob, mode, box if track.sized else self._tracks.box(row))
+        self._note(
+            track,
+            frame,
+            box,
+            score,
+            blob,
+            mode,
+            box if track.sized else self._tracks.box(row),
+        )
 
     @staticmethod
-    def _note(track: Track, frame: Frame, box: Box, score: float, blob: int, mode: Mode, measured: Box) -> None:
+    def _note(
+        track: Track,
+        frame: Frame,
+        box: Box,
+        score: float,
+        blob: int,
+        mode: Mode,
+        measured: Box,
+    ) -> None:
         track.measured = measured
         track.seen(frame.time_ns, score, blob, mode)
         if track.id == TENTATIVE:
             track.sightings.append([float(frame.index), *box])
 
     def _start(self, frame: Frame, seen: Seen, used: NDArray[np.bool_]) -> None:
-        """A tentative track for every unassociated detection whose centroid lies in ROI or border (EVENTS 3.2)."""
+        """A tentative track for every unassociated detection whose centroid lies in ROI or border
+        (EVENTS 3.2).
+        """
         columns = np.flatnonzero(~used & (seen.scores >= self._p.high_score))
         if not len(columns):
             return
@@ -226,14 +302,26 @@ class EventsTracker:
             if not inside[k]:
                 continue
             x, y, w, h = boxes[k].tolist()
-            track = Track(TENTATIVE, frame.index, frame.time_ns, frame.time_ns, quality=float(seen.scores[column]))
-            track.blob, track.column, track.measured = int(seen.blobs[column]), column, (x, y, w, h)
+            track = Track(
+                TENTATIVE,
+                frame.index,
+                frame.time_ns,
+                frame.time_ns,
+                quality=float(seen.scores[column]),
+            )
+            track.blob, track.column, track.measured = (
+                int(seen.blobs[column]),
+                column,
+                (x, y, w, h),
+            )
             track.split = bool(from_split[k])
             track.sightings.append([float(frame.index), x, y, w, h])
             self._tracks.start((x, y, w, h), seen.ellipses[column], track)
 
     def _learn(self, frame: Frame) -> list[Notice]:
-        """Every so often, learn the colours of all targets alone in their blob, or with a box to themselves."""
+        """Every so often, learn the colours of all targets alone in their blob, or with a box to
+        themselves.
+        """
         if not self._scene.has_images or frame.index % self._learn_every:
             return []
         items = self._tracks.items
@@ -242,13 +330,18 @@ class EventsTracker:
             return []
         others = [k for k, t in enumerate(items) if not t.lost]
         boxes = self._tracks.boxes
-        shared = intersection(boxes[rows], boxes[others]) / np.maximum(boxes[rows, 2] * boxes[rows, 3], 1.0)[:, None]
+        shared = (
+            intersection(boxes[rows], boxes[others])
+            / np.maximum(boxes[rows, 2] * boxes[rows, 3], 1.0)[:, None]
+        )
         mask = frame.mask if self._scene.has_masks else None
         changed: list[int] = []
         for k, row in enumerate(rows):
             mine = np.array([o == row for o in others], bool)
             box = items[row].measured
-            if box is None or not (items[row].alone or float(shared[k][~mine].max(initial=0.0)) <= 0.1):
+            if box is None or not (
+                items[row].alone or float(shared[k][~mine].max(initial=0.0)) <= 0.1
+            ):
                 continue
             look = look_at(frame.image, mask, box)
             other = None
@@ -258,7 +351,11 @@ class EventsTracker:
                 changed.append(row)
             elif look is not None and other is None:
                 learn(items[row], look)
-        return [n for row in changed for n in part(self._tracks, row, self._life.new_id(), frame.index)]
+        return [
+            n
+            for row in changed
+            for n in part(self._tracks, row, self._life.new_id(), frame.index)
+        ]
 
     def state(self) -> Mapping[str, Any]:
         """The whole state as plain data."""
@@ -302,14 +399,23 @@ class _Looks:
         if column not in self._known:
             image = self._frame.image
             x, y, w, h = self._frame.boxes[column].tolist()
-            self._known[column] = None if image is None else look_at(image, None, (x, y, w, h))
+            self._known[column] = (
+                None if image is None else look_at(image, None, (x, y, w, h))
+            )
         return self._known[column]
 
 
-def _left_over(fg: Foreground, kept: list[Place], seen: Seen, model: SizeModel | None, p: EventsParameters) -> Seen:
+def _left_over(
+    fg: Foreground,
+    kept: list[Place],
+    seen: Seen,
+    model: SizeModel | None,
+    p: EventsParameters,
+) -> Seen:
     """The detections that no placed target explains, and blobs that were overlooked.
 
-    The only detection of a blob that nobody claims is the blob itself, unless that is a part of the body at most.
+    The only detection of a blob that nobody claims is the blob itself, unless that is a part of
+    the body at most.
     """
     rest = Rest(fg)
     rest.take(at.box for at in kept)
@@ -319,10 +425,14 @@ def _left_over(fg: Foreground, kept: list[Place], seen: Seen, model: SizeModel |
     boxes = seen.boxes.copy()
     for k in free.tolist():
         blob = int(seen.blobs[k])
-        whole = blob > 0 and fg.boxes[blob - 1, 3] * (1.0 + 2.0 * p.size_tolerance) >= boxes[k, 3]
+        whole = (
+            blob > 0
+            and fg.boxes[blob - 1, 3] * (1.0 + 2.0 * p.size_tolerance) >= boxes[k, 3]
+        )
         if whole and holds[blob] == 1 and blob not in claimed:
             boxes[k] = fg.boxes[blob - 1]
-    # What nobody explains may start a track whatever its score: how well a body's shape fits says little here.
+    # What nobody explains may start a track whatever its score: how well a body's shape fits says
+    # little here.
     scores = np.maximum(seen.scores, p.high_score)
     ellipses = [seen.ellipses[k] for k in free.tolist()]
     more, bodies = _overlooked(fg, rest, claimed, seen.boxes, model, p)
@@ -336,11 +446,18 @@ def _left_over(fg: Foreground, kept: list[Place], seen: Seen, model: SizeModel |
 
 
 def _overlooked(
-    fg: Foreground, rest: Rest, claimed: list[int], detections: Floats, model: SizeModel | None, p: EventsParameters
+    fg: Foreground,
+    rest: Rest,
+    claimed: list[int],
+    detections: Floats,
+    model: SizeModel | None,
+    p: EventsParameters,
 ) -> tuple[list[int], Floats]:
-    """Blobs, by row, that neither targets nor recorded detections explain, and the bodies that they may belong to.
+    """Blobs, by row, that neither targets nor recorded detections explain, and the bodies that
+    they may belong to.
 
-    What is smaller than a body may be its lower part: the upper one has the background's colours, or is hidden.
+    What is smaller than a body may be its lower part: the upper one has the background's colours,
+    or is hidden.
     """
     if model is None or not len(fg.boxes):
         return [], np.zeros((0, 4))

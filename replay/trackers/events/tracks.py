@@ -1,7 +1,8 @@
 """Low-level tracks: a bank of Kalman filters, and what is known of each track (EVENTS 2).
 
-The bank's components are the box's centre, width and height, and the ellipse's major and minor axis and orientation.
-Only the centre has a rate: a size that went on changing while nobody can see it would soon be nonsense.
+The bank's components are the box's centre, width and height, and the ellipse's major and minor
+axis and orientation. Only the centre has a rate: a size that went on changing while nobody can
+see it would soon be nonsense.
 """
 
 from __future__ import annotations
@@ -38,16 +39,18 @@ class Track:
         seen_ns: time of the last observation.
         hits: observations so far.
         quality: running mean of the observations' scores.
-        sightings: while tentative, [frame, x, y, w, h] of every observation: a confirmed track's earlier life.
-        company: [id, frame, squared distance in pixels] of those with whom it shared a blob since its colours last
-            proved who it is, and of when they were nearest.
+        sightings: while tentative, [frame, x, y, w, h] of every observation: a confirmed track's
+            earlier life.
+        company: [id, frame, squared distance in pixels] of those with whom it shared a blob since
+            its colours last proved who it is, and of when they were nearest.
         apart_ns: when it last shared one.
         fresh: its colours since then, to be compared with those that it had before.
         lost: held, but no longer said to be present.
-        regions: [time in ns, x, y, w, h] of the regions of pixels that it lately lay in: who is born there was in one
-            of them.
+        regions: [time in ns, x, y, w, h] of the regions of pixels that it lately lay in: who is
+            born there was in one of them.
         known: [frame, time in ns, x, y, w, h] of when and where its colours last were its own.
-        held: it has come apart from others just now, and still counts as being in one region with them.
+        held: it has come apart from others just now, and still counts as being in one region with
+            them.
         stranger: other colours that its blob has had since frame `since`.
     """
 
@@ -102,7 +105,9 @@ class Track:
 
 
 class Tracks:
-    """All tracks, tentative and confirmed, in the order of their birth; row k of the bank belongs to item k."""
+    """All tracks, tentative and confirmed, in the order of their birth; row k of the bank belongs
+    to item k.
+    """
 
     def __init__(self, parameters: EventsParameters) -> None:
         self._p = p = parameters
@@ -156,18 +161,26 @@ class Tracks:
         self.bank.p00[:, 6] += _TURN * _TURN * dt
 
     def lean(self, rows: NDArray[np.intp], expected: Floats, dt: float) -> None:
-        """Let sizes that were not measured lean towards those that are expected at their places (M, 2)."""
+        """Let sizes that were not measured lean towards those that are expected at their places
+        (M, 2).
+        """
         bank = self.bank
         # What is usual there says the same in every frame, so it counts once in a while only.
-        noise = (self._p.body_spread * expected[:, 1:]) ** 2 * max(1.0, self._p.lean_s / max(dt, 1e-9))
+        noise = (self._p.body_spread * expected[:, 1:]) ** 2 * max(
+            1.0, self._p.lean_s / max(dt, 1e-9)
+        )
         gain = bank.p00[rows, 2:4] / (bank.p00[rows, 2:4] + noise)
         foot = bank.value[rows, 1] + bank.value[rows, 3] / 2
         bank.value[rows, 2:4] += gain * (expected - bank.value[rows, 2:4])
         bank.p00[rows, 2:4] *= 1 - gain
         bank.value[rows, 1] = foot - bank.value[rows, 3] / 2
 
-    def correct(self, row: int, box: Box, ellipse: Ellipse | None, sized: bool = True) -> None:
-        """Correct a row with a measured box and ellipse; ``sized`` False: the shape tells nothing, the place less."""
+    def correct(
+        self, row: int, box: Box, ellipse: Ellipse | None, sized: bool = True
+    ) -> None:
+        """Correct a row with a measured box and ellipse; ``sized`` False: the shape tells
+        nothing, the place less.
+        """
         measured = _measured(box, ellipse, float(self.bank.value[row, 6]))
         variance = (math.sqrt(max(box[2] * box[3], 1.0)) * self._noise) ** 2
         variance[6] = _TURN * _TURN
@@ -176,17 +189,32 @@ class Tracks:
             variance[2:] = 1e12
         else:
             # The shape of a blob is its target's own, that of a detector's box is noise more often.
-            self._wake(row, measured, variance, (_PLACE, _SHAPE) if ellipse is not None else (_PLACE,))
+            self._wake(
+                row,
+                measured,
+                variance,
+                (_PLACE, _SHAPE) if ellipse is not None else (_PLACE,),
+            )
         self.bank.update_row(row, measured, variance)
 
-    def correct_all(self, rows: Sequence[int], boxes: Floats, ellipses: Sequence[Ellipse | None]) -> None:
+    def correct_all(
+        self, rows: Sequence[int], boxes: Floats, ellipses: Sequence[Ellipse | None]
+    ) -> None:
         """`correct` with sizes, for several rows at once, each named once: boxes (M, 4)."""
         bank, at = self.bank, np.array(rows, np.intp)
         near = bank.value[at, 6].tolist()
-        measured = np.array([_measured(*m) for m in zip(boxes.tolist(), ellipses, near, strict=True)])
-        variance = self.measurement_variance(np.sqrt(np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)))
+        measured = np.array(
+            [_measured(*m) for m in zip(boxes.tolist(), ellipses, near, strict=True)]
+        )
+        variance = self.measurement_variance(
+            np.sqrt(np.maximum(boxes[:, 2] * boxes[:, 3], 1.0))
+        )
         residual = measured - bank.value[at]
-        surprise = residual * residual / ((bank.p00[at] + variance) * (self._p.surprise * self._p.surprise))
+        surprise = (
+            residual
+            * residual
+            / ((bank.p00[at] + variance) * (self._p.surprise * self._p.surprise))
+        )
         factor = np.ones_like(surprise)
         factor[:, _PLACE] = _awakening(surprise[:, _PLACE])
         shaped = [k for k, e in enumerate(ellipses) if e is not None]
@@ -196,8 +224,12 @@ class Tracks:
             table[at] *= factor
         bank.update(at, measured, variance)
 
-    def _wake(self, row: int, measured: Floats, variance: Floats, parts: Sequence[slice]) -> None:
-        """A target that turns or starts off surprises its filter: believe the prediction less, by the surprise."""
+    def _wake(
+        self, row: int, measured: Floats, variance: Floats, parts: Sequence[slice]
+    ) -> None:
+        """A target that turns or starts off surprises its filter: believe the prediction less, by
+        the surprise.
+        """
         bank = self.bank
         residual = measured - bank.value[row]
         spread = (bank.p00[row] + variance) * (self._p.surprise * self._p.surprise)
@@ -213,7 +245,9 @@ class Tracks:
         size = math.sqrt(max(box[2] * box[3], 1.0))
         variance = self.measurement_variance(np.array([size]))
         speed = np.array([self._p.speed] * 2 + [0.0] * 5)
-        self.bank.add(_measured(box, ellipse, math.pi / 2)[None], variance, (size * speed) ** 2)
+        self.bank.add(
+            _measured(box, ellipse, math.pi / 2)[None], variance, (size * speed) ** 2
+        )
         self.items.append(track)
 
     def keep(self, kept: list[int]) -> None:
@@ -233,7 +267,9 @@ class Tracks:
 
 
 def _awakening(surprise: Floats) -> Floats:
-    """What to multiply the covariance of components (N, D) by that were surprised so much, (N, 1)."""
+    """What to multiply the covariance of components (N, D) by that were surprised so much, (N,
+    1).
+    """
     most = surprise.max(axis=1, keepdims=True)
     return np.asarray(np.where(most > 1.0, np.minimum(most, 25.0), 1.0))
 
@@ -253,10 +289,14 @@ def _plain(track: Track) -> dict[str, Any]:
 
 def _track(state: Mapping[str, Any]) -> Track:
     plain = dict(state)
-    plain["colours"] = None if plain["colours"] is None else Colours.from_state(plain["colours"])
+    plain["colours"] = (
+        None if plain["colours"] is None else Colours.from_state(plain["colours"])
+    )
     plain["measured"] = None if plain["measured"] is None else tuple(plain["measured"])
     plain["fresh"] = None if plain["fresh"] is None else Colours.from_state(plain["fresh"])
-    plain["stranger"] = None if plain["stranger"] is None else Colours.from_state(plain["stranger"])
+    plain["stranger"] = (
+        None if plain["stranger"] is None else Colours.from_state(plain["stranger"])
+    )
     plain["known"] = list(plain["known"])
     plain["company"] = [list(c) for c in plain["company"]]
     plain["sightings"] = [list(s) for s in plain["sightings"]]
@@ -265,7 +305,9 @@ def _track(state: Mapping[str, Any]) -> Track:
 
 
 def _measured(box: Box, ellipse: Ellipse | None, near: float) -> Floats:
-    """The bank's components of a box and its ellipse, the angle unwrapped to the half turn around ``near``."""
+    """The bank's components of a box and its ellipse, the angle unwrapped to the half turn around
+    ``near``.
+    """
     x, y, w, h = box
     major, minor, theta = (max(w, h), min(w, h), math.pi / 2 if h >= w else 0.0)
     if ellipse is not None:

@@ -9,11 +9,16 @@ from replay.trackers.parts.scoring import PartFeatures
 from replay.trackers.parts.tracker import PartsTracker
 from replay.trackers.tracker import SceneInfo, Tracker
 
-SECTIONS: dict[str, type[Parameters]] = {"parts": PartsParameters, "part_features": PartFeatures}
+SECTIONS: dict[str, type[Parameters]] = {
+    "parts": PartsParameters,
+    "part_features": PartFeatures,
+}
 
 
 def make(scene: SceneInfo, config: Config) -> Tracker:
-    """Build the tracker for a scene from its configuration's sections ``parts``, ``part_features`` and ``regions``."""
+    """Build the tracker for a scene from its configuration's sections ``parts``,
+    ``part_features`` and ``regions``.
+    """
     parameters, features = config["parts"], config["part_features"]
     assert isinstance(parameters, PartsParameters)
     assert isinstance(features, PartFeatures)

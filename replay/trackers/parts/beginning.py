@@ -1,4 +1,6 @@
-"""How targets begin (PARTS 3): at new blobs and where blobs split, or by hand; and how they are confirmed."""
+"""How targets begin (PARTS 3): at new blobs and where blobs split, or by hand; and how they are
+confirmed.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ Floats = NDArray[np.float64]
 SAME_PLACE = 0.4
 """IoU from which on a target drawn by hand is whom the tracker already knew."""
 SPLIT_SHARE = 0.3
-"""A new target that covers this much of another one's last box, or shares its blob, was born of a split."""
+"""A new target that covers this much of another one's last box, or shares its blob, was born of a
+split.
+"""
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,12 @@ def parse_init(words: str) -> tuple[Start, ...]:
         try:
             x, y, w, h = (float(v) for v in box.split(","))
             digits = number.isascii() and number.isdigit()
-            if kind != "frame" or not digits or not all(map(math.isfinite, (x, y, w, h))) or min(w, h) <= 0:
+            if (
+                kind != "frame"
+                or not digits
+                or not all(map(math.isfinite, (x, y, w, h)))
+                or min(w, h) <= 0
+            ):
                 raise ValueError(word)
         except ValueError:
             raise ConfigError(
@@ -74,15 +83,25 @@ class Beginning:
             if start.frame == frame.index:
                 box = np.array(start.box, np.float64)
                 same = iou(box[None], self._targets.boxes)[0]
-                strangers = [k for k, t in enumerate(self._targets.items) if not t.manual and same[k] >= SAME_PLACE]
-                self._targets.keep([k for k in range(len(self._targets)) if k not in strangers])
-                target = Target(TENTATIVE, frame.index, frame.time_ns, frame.time_ns, manual=True)
+                strangers = [
+                    k
+                    for k, t in enumerate(self._targets.items)
+                    if not t.manual and same[k] >= SAME_PLACE
+                ]
+                self._targets.keep(
+                    [k for k in range(len(self._targets)) if k not in strangers]
+                )
+                target = Target(
+                    TENTATIVE, frame.index, frame.time_ns, frame.time_ns, manual=True
+                )
                 target.measured = start.box
                 self._targets.start(box, target)
 
-    def automatic(self, frame: Frame, seen: Observed, unexplained: Floats, regions: SceneRegions) -> None:
-        """Start a tentative target at every detection that nobody explains and whose centroid lies in the region of
-        interest or its security border (EVENTS 3.2).
+    def automatic(
+        self, frame: Frame, seen: Observed, unexplained: Floats, regions: SceneRegions
+    ) -> None:
+        """Start a tentative target at every detection that nobody explains and whose centroid
+        lies in the region of interest or its security border (EVENTS 3.2).
 
         Args:
             frame: the frame.
@@ -97,19 +116,26 @@ class Beginning:
         centres = seen.boxes[free, :2] + seen.boxes[free, 2:] / 2
         centroids = np.where(np.isnan(seen.centroids[free]), centres, seen.centroids[free])
         for k in free[regions.may_start_low_level_all(centroids)].tolist():
-            # Whatever its score: the score of a body within a blob means little once nobody explains it.
+            # Whatever its score: the score of a body within a blob means little once nobody
+            # explains it.
             if not has_mask and seen.scores[k] < self._p.high_score:
                 continue
             blob = int(seen.blobs[k])
             target = Target(TENTATIVE, frame.index, frame.time_ns, frame.time_ns, blob=blob)
-            share = intersection(seen.boxes[k : k + 1], before) / max(float(seen.boxes[k, 2] * seen.boxes[k, 3]), 1.0)
+            share = intersection(seen.boxes[k : k + 1], before) / max(
+                float(seen.boxes[k, 2] * seen.boxes[k, 3]), 1.0
+            )
             target.split = blob in crowded or bool((share >= SPLIT_SHARE).any())
             target.sightings.append([float(frame.index), *seen.boxes[k].tolist()])
             target.measured = tuple(seen.boxes[k].tolist())
             self._targets.start(seen.boxes[k], target)
 
     def confirm(
-        self, frame: Frame, next_ids: tuple[int, int], notices: list[Notice], only_by_hand: bool
+        self,
+        frame: Frame,
+        next_ids: tuple[int, int],
+        notices: list[Notice],
+        only_by_hand: bool,
     ) -> tuple[int, int]:
         """Give ids to what has had enough support, in the order of birth.
 
@@ -128,7 +154,9 @@ class Beginning:
             if target.id != TENTATIVE or not target.observed:
                 continue
             seconds = (frame.time_ns - target.born_ns) * 1e-9
-            if not target.manual and (target.hits < p.confirm_hits or seconds < p.confirm_s):
+            if not target.manual and (
+                target.hits < p.confirm_hits or seconds < p.confirm_s
+            ):
                 continue
             if only_by_hand and not target.manual:
                 target.id, target.sightings = next_bystander, []
@@ -137,8 +165,16 @@ class Beginning:
             target.id = next_id
             next_id += 1
             target.newborn = True
-            rule = "PARTS 3: started by hand" if target.manual else "PARTS 3: a new blob or a split"
-            evidence = {"hits": target.hits, "first_frame": target.born, "sightings": target.sightings[:-1]}
+            rule = (
+                "PARTS 3: started by hand"
+                if target.manual
+                else "PARTS 3: a new blob or a split"
+            )
+            evidence = {
+                "hits": target.hits,
+                "first_frame": target.born,
+                "sightings": target.sightings[:-1],
+            }
             notices.append(Notice("track_confirmed", [target.id], rule, evidence))
             target.sightings = []
         return next_id, next_bystander

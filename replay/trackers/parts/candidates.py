@@ -1,10 +1,11 @@
 """Candidates: where each target may be in this frame (PARTS 2.1, 3 and 3.1).
 
-What is observed are blobs and recorded detections. One that is of the target's predicted size, within the occlusion
-test, is a candidate as it is. In a blob that is larger, the target hangs from every head in five sizes; in one that is
-smaller it is aligned with a head or the blob is dismissed. Observations and heads at one place are one *anchor*: no
-two targets may take the same. Deviation: detections that the segmentation recorded within a merged blob are candidates
-too, which the paper, without them, has to find by heads alone.
+What is observed are blobs and recorded detections. One that is of the target's predicted size,
+within the occlusion test, is a candidate as it is. In a blob that is larger, the target hangs
+from every head in five sizes; in one that is smaller it is aligned with a head or the blob is
+dismissed. Observations and heads at one place are one *anchor*: no two targets may take the same.
+Deviation: detections that the segmentation recorded within a merged blob are candidates too,
+which the paper, without them, has to find by heads alone.
 """
 
 from __future__ import annotations
@@ -62,7 +63,9 @@ class Observed:
 
 
 def observe(d: Detections) -> Observed:
-    """Blobs and detections of a frame; a detection that is alone in its blob and covers it is left out for the blob."""
+    """Blobs and detections of a frame; a detection that is alone in its blob and covers it is
+    left out for the blob.
+    """
     m = len(d.components)
     blob_boxes = np.array([c.box for c in d.components], np.float64).reshape(-1, 4)
     n = len(d.boxes)
@@ -78,14 +81,20 @@ def observe(d: Detections) -> Observed:
     rest = np.ones(n, bool)
     rest[lone] = False
     kept = np.flatnonzero(rest)
-    centroids = np.array([(c.ellipse.x, c.ellipse.y) for c in d.components], np.float64).reshape(-1, 2)
+    centroids = np.array(
+        [(c.ellipse.x, c.ellipse.y) for c in d.components], np.float64
+    ).reshape(-1, 2)
     ids = np.array([c.id for c in d.components], np.int64)
     return Observed(
         np.concatenate([blob_boxes, boxes[kept]]),
         np.concatenate([ids, blobs[kept]]),
         np.concatenate([centroids, np.full((len(kept), 2), np.nan)]),
         np.concatenate([own, scores[kept]]),
-        np.concatenate([held[ids] > 1, held[np.clip(blobs[kept], 0, m)] > 1]) if m else np.zeros(n, bool),
+        (
+            np.concatenate([held[ids] > 1, held[np.clip(blobs[kept], 0, m)] > 1])
+            if m
+            else np.zeros(n, bool)
+        ),
         held,
         blob_boxes,
     )
@@ -103,7 +112,8 @@ class Candidates:
         direct: (N,) bool: measured as they are, the target is not occluded.
         sources: (N,) row of the observation, -1 for those hung from heads.
         whole: (N,) bool: a blob in which nobody else was found.
-        fitting: (N,) bool: an observation of the target's size, within the parameter ``crowd_change``.
+        fitting: (N,) bool: an observation of the target's size, within the parameter
+            ``crowd_change``.
         stage: (N,) which targets are associated together; rising.
     """
 
@@ -118,19 +128,35 @@ class Candidates:
     stage: Rows
     count: int
 
-    def kept(self, keep: NDArray[np.bool_] | Rows | slice, count: int | None = None) -> Candidates:
-        """Some of them, in the order of ``keep`` if that is rows, of ``count`` anchors (default: as many as before)."""
+    def kept(
+        self, keep: NDArray[np.bool_] | Rows | slice, count: int | None = None
+    ) -> Candidates:
+        """Some of them, in the order of ``keep`` if that is rows, of ``count`` anchors (default:
+        as many as before).
+        """
         some: dict[str, Any] = {n: getattr(self, n)[keep] for n in _BY_CANDIDATE}
         return Candidates(**some, count=self.count if count is None else count)
 
     def beside(self, other: Candidates) -> Candidates:
         """These and others, by target; of each these first."""
-        both: dict[str, Any] = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in _BY_CANDIDATE}
+        both: dict[str, Any] = {
+            n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in _BY_CANDIDATE
+        }
         together = Candidates(**both, count=self.count)
         return together.kept(np.argsort(together.rows, kind="stable"))
 
 
-_BY_CANDIDATE = ("rows", "boxes", "anchors", "blobs", "direct", "sources", "whole", "fitting", "stage")
+_BY_CANDIDATE = (
+    "rows",
+    "boxes",
+    "anchors",
+    "blobs",
+    "direct",
+    "sources",
+    "whole",
+    "fitting",
+    "stage",
+)
 
 
 class Anchors:
@@ -178,7 +204,8 @@ def gather(
 
     Args:
         seen: the frame's observations.
-        stages: the targets, T in all; those of a stage are associated together and have their anchors in common.
+        stages: the targets, T in all; those of a stage are associated together and have their
+            anchors in common.
         at: where they are looked for.
         heads: the frame's heads.
         p: the parameters.
@@ -187,19 +214,32 @@ def gather(
         The candidates, and how many anchors each stage has.
     """
     expected, gates = at.boxes, at.gates
-    centres, middle = seen.boxes[:, :2] + seen.boxes[:, 2:] / 2, expected[:, :2] + expected[:, 2:] / 2
-    within = np.asarray((np.abs(centres[None] - middle[:, None]) <= gates[:, None, None]).all(axis=2))
+    centres, middle = (
+        seen.boxes[:, :2] + seen.boxes[:, 2:] / 2,
+        expected[:, :2] + expected[:, 2:] / 2,
+    )
+    within = np.asarray(
+        (np.abs(centres[None] - middle[:, None]) <= gates[:, None, None]).all(axis=2)
+    )
     change = seen.boxes[None, :, 2:] / np.maximum(expected[:, None, 2:], 1.0)
     larger = np.asarray((change > 1 + p.occlusion).any(axis=2))
     smaller = np.asarray((change < 1 - p.occlusion).any(axis=2))
-    # Where the segmentation itself found several people in a blob, half as much again is too much to be one of them.
+    # Where the segmentation itself found several people in a blob, half as much again is too much
+    # to be one of them.
     m = len(seen.blob_boxes)
     several = np.zeros(len(seen.boxes), bool)
     several[:m] = seen.crowd[:m]
-    direct = within & ~larger & ~smaller & ~(several[None, :] & (change > 1 + p.crowd_change).any(axis=2))
+    direct = (
+        within
+        & ~larger
+        & ~smaller
+        & ~(several[None, :] & (change > 1 + p.crowd_change).any(axis=2))
+    )
     owner, source = np.nonzero(direct)
     crowd = larger[:, :m] | seen.crowd[None, :m]
-    sizes = np.where(crowd, len(STEPS), smaller[:, :m] & within[:, :m]) * _meeting(expected, seen.blob_boxes, gates)
+    sizes = np.where(crowd, len(STEPS), smaller[:, :m] & within[:, :m]) * _meeting(
+        expected, seen.blob_boxes, gates
+    )
     known, names = seen.named
     anchors = [known.copy() for _ in stages]
     stage = np.repeat(np.arange(len(stages)), [len(s) for s in stages])
@@ -210,7 +250,9 @@ def gather(
     )  # fmt: skip
     hanging = _from_heads(seen, sizes, stage, at, heads, anchors, p)
     found = measured if hanging is None else measured.beside(hanging)
-    return replace(found, rows=np.concatenate(stages)[found.rows]), [len(a) for a in anchors]
+    return replace(found, rows=np.concatenate(stages)[found.rows]), [
+        len(a) for a in anchors
+    ]
 
 
 def _from_heads(
@@ -222,30 +264,41 @@ def _from_heads(
     anchors: Sequence[Anchors],
     p: PartsParameters,
 ) -> Candidates | None:
-    """Candidates that hang from the heads in blobs, in so many ``sizes`` (T, M) of each target and blob, or none."""
+    """Candidates that hang from the heads in blobs, in so many ``sizes`` (T, M) of each target
+    and blob, or none.
+    """
     expected = at.boxes
     places: list[tuple[int, int, float, float]] = []
     for t, b in np.argwhere(sizes).tolist():
-        places += [(t, b, x, y) for x, y in heads.of(b, seen.blob_boxes[b], float(expected[t, 3]))]
+        places += [
+            (t, b, x, y) for x, y in heads.of(b, seen.blob_boxes[b], float(expected[t, 3]))
+        ]
     if not places:
         return None
     owners, blobs, x, y = zip(*places, strict=True)
     owner, blob = np.array(owners, np.intp), np.array(blobs, np.intp)
     top, size = np.stack([np.array(x), np.array(y)], axis=1), expected[owner, 2:]
     plain = hung(top, size, at.alpha[owner])
-    middle, last = plain[:, :2] + plain[:, 2:] / 2, expected[owner, :2] + expected[owner, 2:] / 2
+    middle, last = (
+        plain[:, :2] + plain[:, 2:] / 2,
+        expected[owner, :2] + expected[owner, 2:] / 2,
+    )
     near = np.flatnonzero((np.abs(middle - last) <= at.gates[owner][:, None]).all(axis=1))
     if not len(near):
         return None
     who = owner[near]
-    found = zip(stage[who].tolist(), top[near].tolist(), expected[who, 3].tolist(), strict=True)
+    found = zip(
+        stage[who].tolist(), top[near].tolist(), expected[who, 3].tolist(), strict=True
+    )
     names = [anchors[k].at(tx, ty, height) for k, (tx, ty), height in found]
     times = sizes[who, blob[near]]
     each = np.repeat(near, times)
     # The plain size first, alone or followed by the four others.
     step = STEPS[np.concatenate([np.arange(n) for n in times.tolist()])]
     n, no = len(each), np.zeros(len(each), bool)
-    boxes = hung(top[each], size[each] * (1 + p.size_step * step)[:, None], at.alpha[owner[each]])
+    boxes = hung(
+        top[each], size[each] * (1 + p.size_step * step)[:, None], at.alpha[owner[each]]
+    )
     return Candidates(
         owner[each], boxes, np.repeat(np.array(names, np.int64), times), blob[each] + 1, no, np.full(n, -1), no, no,
         stage[owner[each]], 0,
@@ -261,9 +314,16 @@ def _meeting(expected: Floats, blobs: Floats, gates: Floats) -> NDArray[np.bool_
 
 
 class Heads:
-    """One frame's heads by blob, looked for when asked for, once for each size of body (four sizes to an octave)."""
+    """One frame's heads by blob, looked for when asked for, once for each size of body (four
+    sizes to an octave).
+    """
 
-    def __init__(self, find: HeadDetector | None, image: Callable[[], Image | None], mask: Image | None) -> None:
+    def __init__(
+        self,
+        find: HeadDetector | None,
+        image: Callable[[], Image | None],
+        mask: Image | None,
+    ) -> None:
         self._find, self._image, self._mask = find, image, mask
         self._known: dict[tuple[int, int], list[tuple[float, float]]] = {}
 
@@ -271,6 +331,10 @@ class Heads:
         """Tops of the heads in a blob."""
         size = round(4 * np.log2(max(height, 1.0)))
         if (blob, size) not in self._known:
-            found = () if self._find is None else self._find(self._image(), self._mask, box, 2.0 ** (size / 4))
+            found = (
+                ()
+                if self._find is None
+                else self._find(self._image(), self._mask, box, 2.0 ** (size / 4))
+            )
             self._known[blob, size] = [(h.x, h.y) for h in found]
         return self._known[blob, size]

@@ -1,9 +1,9 @@
 """The parts model's features (PARTS 2.2), for all candidates of a frame at once, as small integers.
 
-Area and perimeter are counted in integral images of the foreground and of its inner contour. Colours are read at
-fixed places within each part (`SAMPLES`), foreground alone, so that a candidate costs the same however large it is;
-their 8-bit HSV and XYZ values are counted in one `bincount`. Every feature and every difference is an integer, so
-that scores are sums of integers.
+Area and perimeter are counted in integral images of the foreground and of its inner contour.
+Colours are read at fixed places within each part (`SAMPLES`), foreground alone, so that a
+candidate costs the same however large it is; their 8-bit HSV and XYZ values are counted in one
+`bincount`. Every feature and every difference is an integer, so that scores are sums of integers.
 """
 
 from __future__ import annotations
@@ -41,14 +41,18 @@ MIN_SAMPLES = 0.15
 
 
 def _places() -> tuple[Floats, Floats, Rows, Rows, Rows]:
-    """Places in their parts: x of each column and y of each row of the parts' grids, in [0, 1], the parts one after
-    the other; and of every place its column, its row and its part, (S,) each.
+    """Places in their parts: x of each column and y of each row of the parts' grids, in [0, 1],
+    the parts one after the other; and of every place its column, its row and its part, (S,) each.
     """
     x = np.concatenate([(np.arange(columns) + 0.5) / columns for _, columns in SAMPLES])
     y = np.concatenate([(np.arange(rows) + 0.5) / rows for rows, _ in SAMPLES])
     column, row, part = np.array(
         [
-            (sum(c for _, c in SAMPLES[:j]) + k % columns, sum(r for r, _ in SAMPLES[:j]) + k // columns, j)
+            (
+                sum(c for _, c in SAMPLES[:j]) + k % columns,
+                sum(r for r, _ in SAMPLES[:j]) + k // columns,
+                j,
+            )
             for j, (rows, columns) in enumerate(SAMPLES)
             for k in range(rows * columns)
         ],
@@ -58,12 +62,16 @@ def _places() -> tuple[Floats, Floats, Rows, Rows, Rows]:
 
 
 def _bin_tables() -> tuple[Bytes, Bytes]:
-    """Bins of 8-bit H, S, V and X, Y, Z, each channel's from where its histogram starts among a part's: (256, 1, 3)."""
+    """Bins of 8-bit H, S, V and X, Y, Z, each channel's from where its histogram starts among a
+    part's: (256, 1, 3).
+    """
     level = np.arange(256)
     hue, plain = np.minimum(level // 15, NO_HUE - 1), level * BINS // 256
     hsv, xyz = np.stack([hue, plain, plain], axis=1), np.stack([plain] * 3, axis=1)
     starts = BINS * np.arange(CHANNELS)
-    return (hsv + starts[:3]).astype(np.uint8)[:, None], (xyz + starts[3:]).astype(np.uint8)[:, None]
+    return (hsv + starts[:3]).astype(np.uint8)[:, None], (xyz + starts[3:]).astype(
+        np.uint8
+    )[:, None]
 
 
 _X, _Y, _COLUMN, _ROW, _PART = _places()
@@ -90,13 +98,19 @@ class Pixels:
 
     Args:
         image: (H, W, 3) uint8 BGR, or None.
-        mask: (H, W) uint8, 0 or 255, or None: everything counts as foreground, area and perimeter are not known.
+        mask: (H, W) uint8, 0 or 255, or None: everything counts as foreground, area and perimeter
+            are not known.
         size: (width, height).
-        room: what is counted in; whoever gives the same for the next frame is through with this one.
+        room: what is counted in; whoever gives the same for the next frame is through with this
+            one.
     """
 
     def __init__(
-        self, image: Bytes | None, mask: Bytes | None, size: tuple[int, int], room: Room | None = None
+        self,
+        image: Bytes | None,
+        mask: Bytes | None,
+        size: tuple[int, int],
+        room: Room | None = None,
     ) -> None:
         self.image, self.mask = image, mask
         self.width, self.height = size
@@ -117,7 +131,13 @@ class Pixels:
                 return
             np.minimum(mask[top : top + h, left : left + w], np.uint8(1), out=ones)
             cv2.integral(ones, area, cv2.CV_32S)
-            cv2.erode(ones, np.ones((3, 3), np.uint8), inner, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+            cv2.erode(
+                ones,
+                np.ones((3, 3), np.uint8),
+                inner,
+                borderType=cv2.BORDER_CONSTANT,
+                borderValue=0,
+            )
             cv2.integral(cv2.subtract(ones, inner, inner), edge, cv2.CV_32S)
 
     def copied_mask(self) -> Bytes:
@@ -138,14 +158,18 @@ class Pixels:
         return _between(self.area, corners), _between(self.edge, corners)
 
     def shares(self, rest: Bytes, boxes: Floats) -> Floats:
-        """Share of the foreground within boxes (N, 4) that another mask, with less foreground, has too, (N,)."""
+        """Share of the foreground within boxes (N, 4) that another mask, with less foreground,
+        has too, (N,).
+        """
         assert self.area is not None
         ends = self._ends_of(boxes)
         left = [np.count_nonzero(rest[y1:y2, x1:x2]) for x1, y1, x2, y2 in ends.tolist()]
         return np.asarray(left / np.maximum(self.sums(self.area, boxes), 1))
 
     def _ends_of(self, boxes: Floats) -> Rows:
-        """Left, top, right and bottom of boxes (..., 4) in whole pixels, within the foreground's bounding box."""
+        """Left, top, right and bottom of boxes (..., 4) in whole pixels, within the foreground's
+        bounding box.
+        """
         ends = boxes.copy()
         ends[..., 2:] += boxes[..., :2]
         np.rint(ends, out=ends)
@@ -154,7 +178,9 @@ class Pixels:
         return ends.astype(np.intp)
 
     def _corners(self, boxes: Floats) -> tuple[Rows, Rows, Rows, Rows]:
-        """Where the boxes' corners lie in the flat integral image: lower right, upper right, lower left, upper left."""
+        """Where the boxes' corners lie in the flat integral image: lower right, upper right,
+        lower left, upper left.
+        """
         at = self._ends_of(boxes) - self._first.astype(np.intp)
         at[..., 1::2] *= self.width + 1
         x1, y1, x2, y2 = at[..., 0], at[..., 1], at[..., 2], at[..., 3]
@@ -176,9 +202,11 @@ class Measured:
         foreground: (N, 5) foreground pixels of each part.
         area: (N, 5) the same over the area of the target's part, in 1 / `ONE`.
         perimeter: (N, 5) contour pixels over the perimeter of the target's part, in 1 / `ONE`.
-        colours: (N, 5, CHANNELS, BINS) histograms of sum `MASS`, all 0 where too little foreground was seen.
+        colours: (N, 5, CHANNELS, BINS) histograms of sum `MASS`, all 0 where too little
+            foreground was seen.
         coloured: (N, 5) bool: foreground enough was seen.
-        displacement: (N, 5) way of the part's centre from where it was, over the gate's half side, in 1 / `ONE`.
+        displacement: (N, 5) way of the part's centre from where it was, over the gate's half
+            side, in 1 / `ONE`.
         overlap: (N, 5) share of the part's last rectangle that the new one covers, in 1 / `ONE`.
         known: (6,) bool, which of `FEATURES` were measured at all.
     """
@@ -200,13 +228,16 @@ class Measured:
         )  # fmt: skip
 
 
-def measure(pixels: Pixels, parts: Floats, expected: Floats, before: Floats, gate: Floats) -> Measured:
+def measure(
+    pixels: Pixels, parts: Floats, expected: Floats, before: Floats, gate: Floats
+) -> Measured:
     """Measure candidates.
 
     Args:
         pixels: the frame.
         parts: (N, 5, 4) the candidates' parts.
-        expected: (N, 5, 4) parts of the box that the candidate's target is expected to have: only sizes count.
+        expected: (N, 5, 4) parts of the box that the candidate's target is expected to have: only
+            sizes count.
         before: (N, 5, 4) its parts where it was last.
         gate: (N,) half side of its gate, pixels.
     """
@@ -222,13 +253,20 @@ def measure(pixels: Pixels, parts: Floats, expected: Floats, before: Floats, gat
     if pixels.image is not None and n:
         colours, coloured = _colours(pixels, parts)
     else:
-        colours, coloured = np.zeros((n, len(PARTS), CHANNELS, BINS), np.int64), np.zeros((n, len(PARTS)), bool)
+        colours, coloured = (
+            np.zeros((n, len(PARTS), CHANNELS, BINS), np.int64),
+            np.zeros((n, len(PARTS)), bool),
+        )
     displacement, overlap = _displacement(parts, before, gate), _overlap(parts, before)
-    return Measured(foreground, area, perimeter, colours, coloured, displacement, overlap, known)
+    return Measured(
+        foreground, area, perimeter, colours, coloured, displacement, overlap, known
+    )
 
 
 def _colours(pixels: Pixels, parts: Floats) -> tuple[Ints, NDArray[np.bool_]]:
-    """Normalised histograms of the parts' foreground colours, and which parts have foreground enough."""
+    """Normalised histograms of the parts' foreground colours, and which parts have foreground
+    enough.
+    """
     image, n = pixels.image, len(parts)
     assert image is not None
     flat, seen = _sampled(pixels, parts)
@@ -236,10 +274,13 @@ def _colours(pixels: Pixels, parts: Floats) -> tuple[Ints, NDArray[np.bool_]]:
     size = CHANNELS * BINS
     cell = (size * (np.arange(n)[:, None] * len(PARTS) + _PART)).ravel()[places]
     index = _cells_of(image.reshape(-1, 3).take(flat.ravel()[places], axis=0), cell)
-    counts = np.bincount(index.ravel(), minlength=n * len(PARTS) * size).reshape(n, len(PARTS), CHANNELS, BINS)
+    counts = np.bincount(index.ravel(), minlength=n * len(PARTS) * size).reshape(
+        n, len(PARTS), CHANNELS, BINS
+    )
     total = counts[:, :, 0, :].sum(axis=2)
     enough = total >= MIN_SAMPLES * _COUNTS
-    # Floor division, quicker: a quotient of such small whole numbers is never rounded up to a whole one.
+    # Floor division, quicker: a quotient of such small whole numbers is never rounded up to a
+    # whole one.
     share = counts.astype(np.float32)
     share *= MASS
     share /= np.where(enough, total, np.inf).astype(np.float32)[:, :, None, None]
@@ -247,25 +288,36 @@ def _colours(pixels: Pixels, parts: Floats) -> tuple[Ints, NDArray[np.bool_]]:
 
 
 def _sampled(pixels: Pixels, parts: Floats) -> tuple[Rows, NDArray[np.bool_]]:
-    """The flat pixel index of every place in every part, (N, S), and whether it is foreground of the picture."""
+    """The flat pixel index of every place in every part, (N, S), and whether it is foreground of
+    the picture.
+    """
     x = np.floor(parts[:, _OF_COLUMN, 0] + _X * parts[:, _OF_COLUMN, 2]).astype(np.intp)
     y = np.floor(parts[:, _OF_ROW, 1] + _Y * parts[:, _OF_ROW, 3]).astype(np.intp)
     # Outside of the picture a place counts as background, wherever its index then leads.
     across, down = (x >= 0) & (x < pixels.width), (y >= 0) & (y < pixels.height)
     x, y = np.where(across, x, 0), np.where(down, y, 0) * pixels.width
     flat = y[:, _ROW] + x[:, _COLUMN]
-    seen = np.ones(flat.shape, bool) if pixels.mask is None else pixels.mask.ravel().take(flat) > 0
+    seen = (
+        np.ones(flat.shape, bool)
+        if pixels.mask is None
+        else pixels.mask.ravel().take(flat) > 0
+    )
     if not (across.all() and down.all()):
         seen &= down[:, _ROW] & across[:, _COLUMN]
     return flat, seen
 
 
 def _cells_of(bgr: Bytes, part: Rows) -> Rows:
-    """Where pixels (P, 3) uint8 BGR count in H, S, V, X, Y, Z, (CHANNELS, P), given where their parts start (P,)."""
+    """Where pixels (P, 3) uint8 BGR count in H, S, V, X, Y, Z, (CHANNELS, P), given where their
+    parts start (P,).
+    """
     out = np.empty((CHANNELS, len(bgr)), np.intp)
     if not len(bgr):
         return out
-    hsv, xyz = cv2.cvtColor(bgr[None], cv2.COLOR_BGR2HSV), cv2.cvtColor(bgr[None], cv2.COLOR_BGR2XYZ)
+    hsv, xyz = (
+        cv2.cvtColor(bgr[None], cv2.COLOR_BGR2HSV),
+        cv2.cvtColor(bgr[None], cv2.COLOR_BGR2XYZ),
+    )
     np.add(cv2.LUT(hsv, _HSV_BINS)[0].T, part, out=out[:3])
     np.add(cv2.LUT(xyz, _XYZ_BINS)[0].T, part, out=out[3:])
     saturation, value = hsv[0, :, 1], hsv[0, :, 2]
@@ -283,7 +335,9 @@ def _displacement(parts: Floats, before: Floats, gate: Floats) -> Ints:
 
 def _overlap(parts: Floats, before: Floats) -> Ints:
     ends, ended = parts[..., :2] + parts[..., 2:], before[..., :2] + before[..., 2:]
-    size = np.maximum(np.minimum(ends, ended) - np.maximum(parts[..., :2], before[..., :2]), 0.0)
+    size = np.maximum(
+        np.minimum(ends, ended) - np.maximum(parts[..., :2], before[..., :2]), 0.0
+    )
     share = size[..., 0] * size[..., 1] / np.maximum(before[..., 2] * before[..., 3], 1e-9)
     return np.asarray(np.rint(np.minimum(share, 1.0) * ONE), np.int64)
 
@@ -309,12 +363,18 @@ class PartsModel:
         """Models of n targets of whom nothing is known."""
         k = len(PARTS)
         area, perimeter, overlap, seen = np.zeros((4, n, k), np.int64)
-        return cls(area, perimeter, overlap, np.zeros((n, k, CHANNELS, BINS), np.int64), seen)
+        return cls(
+            area, perimeter, overlap, np.zeros((n, k, CHANNELS, BINS), np.int64), seen
+        )
 
     def take(self, rows: Rows) -> PartsModel:
         """The models of some rows, in that order."""
         return PartsModel(
-            self.area[rows], self.perimeter[rows], self.overlap[rows], self.colours[rows], self.seen[rows]
+            self.area[rows],
+            self.perimeter[rows],
+            self.overlap[rows],
+            self.colours[rows],
+            self.seen[rows],
         )
 
     def append(self, other: PartsModel) -> None:
@@ -347,10 +407,11 @@ class PartsModel:
 
 
 def differences(model: PartsModel, rows: Rows, m: Measured) -> Ints:
-    """d_ij = |f_ij - F_ij| (eq. 11) of N candidates, (N, 5, 6) in [0, `FURTHEST`]; ``rows`` are their targets.
+    """d_ij = |f_ij - F_ij| (eq. 11) of N candidates, (N, 5, 6) in [0, `FURTHEST`]; ``rows`` are
+    their targets.
 
-    Colours differ by half the sum of absolute differences of their histograms, the mean over the three channels; those
-    of a part without foreground differ entirely.
+    Colours differ by half the sum of absolute differences of their histograms, the mean over the
+    three channels; those of a part without foreground differ entirely.
     """
     out = np.empty((len(rows), len(PARTS), len(FEATURES)), np.int64)
     out[:, :, AREA] = np.abs(m.area - model.area[rows])
@@ -358,7 +419,9 @@ def differences(model: PartsModel, rows: Rows, m: Measured) -> Ints:
     apart = m.colours - model.colours[rows]
     np.abs(apart, out=apart)
     apart = apart.reshape(len(rows), len(PARTS), 2, CHANNELS // 2 * BINS).sum(axis=3)
-    out[:, :, HSV : XYZ + 1] = np.where(m.coloured[:, :, None], apart * ONE // (6 * MASS), FURTHEST)
+    out[:, :, HSV : XYZ + 1] = np.where(
+        m.coloured[:, :, None], apart * ONE // (6 * MASS), FURTHEST
+    )
     out[:, :, DISPLACEMENT] = m.displacement
     out[:, :, OVERLAP] = np.abs(m.overlap - model.overlap[rows])
     return np.minimum(out, FURTHEST)

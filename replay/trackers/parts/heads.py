@@ -1,13 +1,15 @@
-"""Head detection (PARTS 2.3): hair and skin colours, closing, ellipses registered to the top, occupancy.
+"""Head detection (PARTS 2.3): hair and skin colours, closing, ellipses registered to the top,
+occupancy.
 
-A pixel's colour is judged in XYZ and HSV by mixtures per category of hair and skin, combined as p = w1 p_XYZ +
-w2 p_HSV with the highest category (eq. 3 to 6); the judgement is made once for 32 levels of each of blue, green and
-red, and looked up. Where colours say nothing (heads of eight pixels, hats) the silhouette does: the tops of its
-outline are heads too, as everywhere in the tracking literature that the paper cites.
+A pixel's colour is judged in XYZ and HSV by mixtures per category of hair and skin, combined as p
+= w1 p_XYZ + w2 p_HSV with the highest category (eq. 3 to 6); the judgement is made once for 32
+levels of each of blue, green and red, and looked up. Where colours say nothing (heads of eight
+pixels, hats) the silhouette does: the tops of its outline are heads too, as everywhere in the
+tracking literature that the paper cites.
 
-Deviations: the mixtures' parameters are not fitted to annotated heads (the paper's training set is not to be had) but
-set from the swatches below, one component each; each density is taken over its highest value, so that one threshold
-serves all categories.
+Deviations: the mixtures' parameters are not fitted to annotated heads (the paper's training set
+is not to be had) but set from the swatches below, one component each; each density is taken over
+its highest value, so that one threshold serves all categories.
 """
 
 from __future__ import annotations
@@ -26,8 +28,9 @@ Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
-# Red, green, blue of each category's components. Hair after the shades of the Fischer-Saller scale (A-L blond,
-# M-T brown, U-Y black, I-VI red), skin after the von Luschan scale in three kinds of light.
+# Red, green, blue of each category's components. Hair after the shades of the Fischer-Saller
+# scale (A-L blond, M-T brown, U-Y black, I-VI red), skin after the von Luschan scale in three
+# kinds of light.
 HAIR: dict[str, tuple[Colour, ...]] = {
     "black": ((22, 20, 22), (44, 40, 42), (62, 58, 60)),
     "brown": ((78, 52, 36), (104, 74, 54), (66, 48, 40)),
@@ -55,7 +58,9 @@ _ELLIPSE = np.array([[0.7, 0.05, 0.2], [1.0, 0.2, 0.8], [0.7, 0.8, 0.95]])
 _ELLIPSE_AREA = float((_ELLIPSE[:, 0] * (_ELLIPSE[:, 2] - _ELLIPSE[:, 1])).sum())
 _MIN_OCCUPANCY = 0.6
 CLEAR_PX = 12.0
-"""Least height of a head whose colours and image can be told from what is around it: below, the silhouette alone."""
+"""Least height of a head whose colours and image can be told from what is around it: below, the
+silhouette alone.
+"""
 _MIN_COLOURED, _MAX_BESIDE = 0.75, 0.5
 
 
@@ -69,9 +74,13 @@ class Head:
 
 
 class HeadDetector(Protocol):
-    """Finds heads. Another one can be given to the tracker: any callable of this shape that is a pure function."""
+    """Finds heads. Another one can be given to the tracker: any callable of this shape that is a
+    pure function.
+    """
 
-    def __call__(self, image: Bytes | None, mask: Bytes | None, box: Floats, height: float) -> Sequence[Head]:
+    def __call__(
+        self, image: Bytes | None, mask: Bytes | None, box: Floats, height: float
+    ) -> Sequence[Head]:
         """Heads in a part of the picture, best first.
 
         Args:
@@ -111,7 +120,9 @@ def _in_both(bgr: Bytes) -> tuple[Floats, Floats]:
 
 
 def _mixture(at: Floats, means: Floats, spreads: Floats, turn: float = 0.0) -> Floats:
-    """Equal Gaussians over their highest value at a mean; ``turn``: the channel is a circle of this length."""
+    """Equal Gaussians over their highest value at a mean; ``turn``: the channel is a circle of
+    this length.
+    """
 
     def density(x: Floats) -> Floats:
         away = np.abs(x[:, None] - means[None, :])
@@ -124,23 +135,34 @@ def _mixture(at: Floats, means: Floats, spreads: Floats, turn: float = 0.0) -> F
 
 @lru_cache(maxsize=1)
 def colour_table() -> Bytes:
-    """Whether a colour is hair's or skin's, (32, 32, 32) uint8 0 or 1, by red, green and blue over 8."""
+    """Whether a colour is hair's or skin's, (32, 32, 32) uint8 0 or 1, by red, green and blue
+    over 8.
+    """
     levels = (np.arange(_LEVELS) * 8 + 4).astype(np.uint8)
     r, g, b = np.meshgrid(levels, levels, levels, indexing="ij")
     colours = np.stack([b.ravel(), g.ravel(), r.ravel()], axis=1)
-    return (likelihood(colours) > THRESHOLD).astype(np.uint8).reshape(_LEVELS, _LEVELS, _LEVELS)
+    return (
+        (likelihood(colours) > THRESHOLD)
+        .astype(np.uint8)
+        .reshape(_LEVELS, _LEVELS, _LEVELS)
+    )
 
 
 def _crop(box: Floats, width: int, height: int) -> tuple[int, int, int, int]:
     x1, y1 = max(0, int(np.floor(box[0]))), max(0, int(np.floor(box[1])))
-    x2, y2 = min(width, int(np.ceil(box[0] + box[2]))), min(height, int(np.ceil(box[1] + box[3])))
+    x2, y2 = (
+        min(width, int(np.ceil(box[0] + box[2]))),
+        min(height, int(np.ceil(box[1] + box[3]))),
+    )
     return x1, y1, x2, y2
 
 
 class ColourShapeHeads:
     """The paper's detector by colour and ellipse, and the silhouette's tops."""
 
-    def __call__(self, image: Bytes | None, mask: Bytes | None, box: Floats, height: float) -> list[Head]:
+    def __call__(
+        self, image: Bytes | None, mask: Bytes | None, box: Floats, height: float
+    ) -> list[Head]:
         """See `HeadDetector`."""
         if mask is None:
             return []
@@ -163,24 +185,37 @@ def tops(part: Bytes, height: float) -> list[Head]:
         height: height of the bodies.
 
     Returns:
-        Heads in the part's own pixels, from left to right; the score is the share of the ellipse under the top that is
-        foreground.
+        Heads in the part's own pixels, from left to right; the score is the share of the ellipse
+        under the top that is foreground.
     """
     rows = len(part)
     first = np.argmax(part, axis=0)
     first[(first == 0) & (part[0] == 0)] = rows
     reach = max(1, round(0.5 * _HEAD_W * height))
     around = np.ones((1, 2 * reach + 1), np.uint8)
-    lowest = cv2.erode(first.astype(np.float32)[None], around, borderType=cv2.BORDER_CONSTANT, borderValue=float(rows))
+    lowest = cv2.erode(
+        first.astype(np.float32)[None],
+        around,
+        borderType=cv2.BORDER_CONSTANT,
+        borderValue=float(rows),
+    )
     peaks = np.flatnonzero((first == lowest[0]) & (first < rows)).tolist()
     # A plateau is one top, at its middle; a very long one is no head.
-    found = [((start + end) / 2, float(first[start])) for start, end in _runs(peaks) if end - start <= 4 * reach]
+    found = [
+        ((start + end) / 2, float(first[start]))
+        for start, end in _runs(peaks)
+        if end - start <= 4 * reach
+    ]
     if not found:
         return []
     total = np.asarray(cv2.integral(part, sdepth=cv2.CV_32S), np.int32)
     x, y = np.array(found).T
     scores = _occupancy(total, x, y, height).tolist()
-    return [Head(*top, score) for top, score in zip(found, scores, strict=True) if score >= _MIN_OCCUPANCY]
+    return [
+        Head(*top, score)
+        for top, score in zip(found, scores, strict=True)
+        if score >= _MIN_OCCUPANCY
+    ]
 
 
 def _runs(rising: Sequence[int]) -> list[tuple[int, int]]:
@@ -194,8 +229,8 @@ def _runs(rising: Sequence[int]) -> list[tuple[int, int]]:
 def coloured(image: Bytes, part: Bytes, height: float) -> list[Head]:
     """Heads within a silhouette by the colours of hair and skin.
 
-    Ellipses of a head's size are laid everywhere, two pixels apart; one is a head if it is full of such colours and
-    the places beside and above it are not.
+    Ellipses of a head's size are laid everywhere, two pixels apart; one is a head if it is full
+    of such colours and the places beside and above it are not.
     """
     # Five bits of each of red, green and blue, the highest first.
     colours = cv2.cvtColor(image, cv2.COLOR_BGR2BGR555).view(np.uint16)[:, :, 0]
@@ -213,7 +248,10 @@ def coloured(image: Bytes, part: Bytes, height: float) -> list[Head]:
     if not full.any():
         return []
     x, y, inside = x[full], y[full], inside[full]
-    left_right_above = np.concatenate([x - wide, x + wide, x]), np.concatenate([y, y, y - high])
+    left_right_above = (
+        np.concatenate([x - wide, x + wide, x]),
+        np.concatenate([y, y, y - high]),
+    )
     beside = _occupancy(total, *left_right_above, height).reshape(3, -1).max(axis=0)
     score = 0.9 * (inside - 0.5 * beside)
     good = np.flatnonzero(beside <= _MAX_BESIDE)
@@ -227,24 +265,37 @@ def _occupancy(total: NDArray[np.int32], x: Floats, y: Floats, height: float) ->
     w, h = _HEAD_W * height, _HEAD_H * height
     rows, columns = total.shape[0] - 1, total.shape[1] - 1
     half, ends = _ELLIPSE[:, :1] * w / 2, np.empty((4, len(_ELLIPSE), len(x)))
-    ends[0], ends[1], ends[2], ends[3] = x - half, y + _ELLIPSE[:, 1:2] * h, x + half, y + _ELLIPSE[:, 2:] * h
+    ends[0], ends[1], ends[2], ends[3] = (
+        x - half,
+        y + _ELLIPSE[:, 1:2] * h,
+        x + half,
+        y + _ELLIPSE[:, 2:] * h,
+    )
     np.rint(ends, out=ends)
     np.maximum(ends, 0, out=ends)
-    np.minimum(ends, np.array([columns, rows, columns, rows], np.float64)[:, None, None], out=ends)
+    np.minimum(
+        ends, np.array([columns, rows, columns, rows], np.float64)[:, None, None], out=ends
+    )
     at = ends.astype(np.intp)
     at[1::2] *= columns + 1
     x1, y1, x2, y2 = at
     flat = total.ravel()
-    count = (flat.take(y2 + x2) - flat.take(y1 + x2) - flat.take(y2 + x1) + flat.take(y1 + x1)).sum(axis=0)
+    count = (
+        flat.take(y2 + x2) - flat.take(y1 + x2) - flat.take(y2 + x1) + flat.take(y1 + x1)
+    ).sum(axis=0)
     area = _ELLIPSE_AREA * w * h
     return np.asarray(np.minimum(count / max(area, 1.0), 1.0))
 
 
 def _apart(heads: Sequence[Head], wide: float, high: float) -> list[Head]:
-    """The best heads, none within an ellipse of these half axes around a better one; ties by place, left first."""
+    """The best heads, none within an ellipse of these half axes around a better one; ties by
+    place, left first.
+    """
     ordered = sorted(heads, key=lambda h: (-h.score, h.x, h.y))
     kept: list[Head] = []
     for head in ordered:
-        if all(((head.x - k.x) / wide) ** 2 + ((head.y - k.y) / high) ** 2 >= 1 for k in kept):
+        if all(
+            ((head.x - k.x) / wide) ** 2 + ((head.y - k.y) / high) ** 2 >= 1 for k in kept
+        ):
             kept.append(head)
     return kept

@@ -1,9 +1,11 @@
-"""Layered data association (PARTS 4): features -> parts -> the whole target, then all targets jointly.
+"""Layered data association (PARTS 4): features -> parts -> the whole target, then all targets
+jointly.
 
-Conflicts: every anchor goes to one target at most, by the joint assignment of highest total score; it is made
-twice, first with everybody where they were last, then with everybody where the first one put them, so that a part
-that somebody nearer covers counts as hidden. Two targets whose boxes still all but coincide are told apart by their
-scores: the lower one (of equals the later born) gives way and chooses again without that anchor.
+Conflicts: every anchor goes to one target at most, by the joint assignment of highest total
+score; it is made twice, first with everybody where they were last, then with everybody where the
+first one put them, so that a part that somebody nearer covers counts as hidden. Two targets whose
+boxes still all but coincide are told apart by their scores: the lower one (of equals the later
+born) gives way and chooses again without that anchor.
 """
 
 from __future__ import annotations
@@ -81,7 +83,9 @@ class Match:
 
 
 Refine = Callable[[int, Floats, float], Floats | None]
-"""(target, box, reach in pixels) -> the box with the head where its image fits best, None if that tells nothing."""
+"""(target, box, reach in pixels) -> the box with the head where its image fits best, None if that
+tells nothing.
+"""
 
 
 def trunks(boxes: Floats) -> Floats:
@@ -95,7 +99,9 @@ def trunks(boxes: Floats) -> Floats:
 class Association:
     """One frame's layered association."""
 
-    def __init__(self, scored: Scored, scorer: Scorer, p: PartsParameters, refine: Refine | None) -> None:
+    def __init__(
+        self, scored: Scored, scorer: Scorer, p: PartsParameters, refine: Refine | None
+    ) -> None:
         self._s, self._scorer, self._p, self._refine = scored, scorer, p, refine
         self._hidden_score = round(p.hidden_score * FULL)
         self._least = round(p.match_score * FULL)
@@ -114,14 +120,26 @@ class Association:
         # What things in the scene hide is not there to be compared either.
         gone = self._s.empty & self._s.candidates.fitting[:, None]
         hidden = self._hidden(where, taken)
-        matches = self._assign(rows, self._scorer.whole(self._s.parts, hidden | gone, self._hidden_score), hidden)
-        # Where nothing else is hidden than before, as where nobody else takes part, a second time would be the same.
+        matches = self._assign(
+            rows,
+            self._scorer.whole(self._s.parts, hidden | gone, self._hidden_score),
+            hidden,
+        )
+        # Where nothing else is hidden than before, as where nobody else takes part, a second time
+        # would be the same.
         if len(rows) == 1:
             return matches
-        before, hidden = hidden, self._hidden({**where, **{m.row: m.box for m in matches}}, taken)
+        before, hidden = (
+            hidden,
+            self._hidden({**where, **{m.row: m.box for m in matches}}, taken),
+        )
         if np.array_equal(before, hidden):
             return matches
-        return self._assign(rows, self._scorer.whole(self._s.parts, hidden | gone, self._hidden_score), hidden)
+        return self._assign(
+            rows,
+            self._scorer.whole(self._s.parts, hidden | gone, self._hidden_score),
+            hidden,
+        )
 
     def _hidden(self, where: dict[int, Floats], taken: Floats) -> Bools:
         """Which parts of each candidate nearer targets cover."""
@@ -132,7 +150,9 @@ class Association:
         others = np.concatenate([np.array(list(where.values())).reshape(-1, 4), taken])
         owner = np.array([*where, *[-1] * len(taken)])
         foot = c.boxes[:, 1] + c.boxes[:, 3]
-        nearer = (others[:, 1] + others[:, 3])[None, :] > (foot + NEARER * c.boxes[:, 3])[:, None]
+        nearer = (others[:, 1] + others[:, 3])[None, :] > (foot + NEARER * c.boxes[:, 3])[
+            :, None
+        ]
         nearer &= owner[None, :] != c.rows[:, None]
         return covered(self._s.rectangles, trunks(others), nearer) >= self._p.hidden_cover
 
@@ -141,11 +161,19 @@ class Association:
         best = self._best(rows, scores)
         value = np.where(best >= 0, scores[best], -1)
         boxes = c.boxes
-        told = np.zeros(value.shape, bool) if self._refine is None else self._prune(rows, best, value, boxes)
-        visible = (~hidden * self._scorer.gamma).sum(axis=1) >= self._p.min_visible * int(self._scorer.gamma.sum())
+        told = (
+            np.zeros(value.shape, bool)
+            if self._refine is None
+            else self._prune(rows, best, value, boxes)
+        )
+        visible = (~hidden * self._scorer.gamma).sum(axis=1) >= self._p.min_visible * int(
+            self._scorer.gamma.sum()
+        )
         visible &= self._filled(hidden)
         allowed = ((value >= self._least) | told) & visible[best]
-        wanted = np.where(allowed.any(axis=1), np.argmax(np.where(allowed, value, -1), axis=1), -1)
+        wanted = np.where(
+            allowed.any(axis=1), np.argmax(np.where(allowed, value, -1), axis=1), -1
+        )
         while True:
             pairs = assign(-value / FULL, allowed)
             loser = _coinciding(pairs, best, boxes, value, self._p.coincide)
@@ -157,29 +185,46 @@ class Association:
         out = []
         for t, a in pairs:
             k = int(best[t, a])
-            rivals = [u for u in range(len(rows)) if u != t and wanted[u] == a and taker.get(a) == t]
+            rivals = [
+                u
+                for u in range(len(rows))
+                if u != t and wanted[u] == a and taker.get(a) == t
+            ]
             rival = int(rows[rivals[0]]) if rivals else -1
             out.append(Match(int(rows[t]), k, boxes[k], int(scores[k]), hidden[k], rival))
         return out
 
     def _best(self, rows: NDArray[np.intp], scores: Ints) -> Ints:
-        """Every target's best candidate at every anchor, of equals the first, (T, A); -1 where it has none."""
+        """Every target's best candidate at every anchor, of equals the first, (T, A); -1 where it
+        has none.
+        """
         c = self._s.candidates
         order = {r: t for t, r in enumerate(rows.tolist())}
         best = [[-1] * c.count for _ in order]
         value = scores.tolist()
-        for k, (row, anchor) in enumerate(zip(c.rows.tolist(), c.anchors.tolist(), strict=True)):
+        for k, (row, anchor) in enumerate(
+            zip(c.rows.tolist(), c.anchors.tolist(), strict=True)
+        ):
             mine = best[order[row]]
             if mine[anchor] < 0 or value[k] > value[mine[anchor]]:
                 mine[anchor] = k
         return np.array(best, np.int64)
 
-    def _left(self, pairs: list[tuple[int, int]], best: Ints, value: Ints, good: Bools) -> list[tuple[int, int]]:
-        """Targets that found nothing, and whole blobs of their size that nobody took and no other of them may take.
+    def _left(
+        self, pairs: list[tuple[int, int]], best: Ints, value: Ints, good: Bools
+    ) -> list[tuple[int, int]]:
+        """Targets that found nothing, and whole blobs of their size that nobody took and no other
+        of them may take.
 
-        What others have left of a target's parts counts for less there than that nobody else can be that blob.
+        What others have left of a target's parts counts for less there than that nobody else can
+        be that blob.
         """
-        free = (best >= 0) & self._s.candidates.whole[best] & good[best] & (value >= round(self._p.whole * self._least))
+        free = (
+            (best >= 0)
+            & self._s.candidates.whole[best]
+            & good[best]
+            & (value >= round(self._p.whole * self._least))
+        )
         for t, a in pairs:
             free[t] = False
             free[:, a] = False
@@ -189,17 +234,25 @@ class Association:
     def _filled(self, hidden: Bools) -> Bools:
         """Whether there is foreground enough in the parts that are to be seen, (N,)."""
         seen = self._s.rectangles[:, :, 2] * self._s.rectangles[:, :, 3] * ~hidden
-        return np.asarray((self._s.foreground * ~hidden).sum(axis=1) >= self._p.min_fill * seen.sum(axis=1))
+        return np.asarray(
+            (self._s.foreground * ~hidden).sum(axis=1)
+            >= self._p.min_fill * seen.sum(axis=1)
+        )
 
-    def _prune(self, rows: NDArray[np.intp], best: Ints, value: Ints, boxes: Floats) -> Bools:
-        """Multiple responses: candidates nearby that are near-equal, or all weak, are decided by the head's image.
+    def _prune(
+        self, rows: NDArray[np.intp], best: Ints, value: Ints, boxes: Floats
+    ) -> Bools:
+        """Multiple responses: candidates nearby that are near-equal, or all weak, are decided by
+        the head's image.
 
-        PARTS 4.1. Deviations: candidates are judged by where the head's image is found, but stay where they are: what
-        hangs from the image's own place is worse on TUD-Campus (docs/parts.md). Without an image of the head, or with
-        one that is found nowhere, the best score wins whatever its ratio over the runner-up.
+        PARTS 4.1. Deviations: candidates are judged by where the head's image is found, but stay
+        where they are: what hangs from the image's own place is worse on TUD-Campus
+        (docs/parts.md). Without an image of the head, or with one that is found nowhere, the best
+        score wins whatever its ratio over the runner-up.
 
         Returns:
-            What the head told, (T, A) bool: a match even where its score is weak. ``value`` ranks it first.
+            What the head told, (T, A) bool: a match even where its score is weak. ``value`` ranks
+            it first.
         """
         assert self._refine is not None
         told = np.zeros(value.shape, bool)
@@ -214,11 +267,17 @@ class Association:
             near = near[away <= 0.6 * box[3]]
             if len(near) < 2:
                 continue
-            refined = self._refine(int(rows[t]), box, float(away[away <= 0.6 * box[3]].max()) + 0.1 * float(box[3]))
+            refined = self._refine(
+                int(rows[t]),
+                box,
+                float(away[away <= 0.6 * box[3]].max()) + 0.1 * float(box[3]),
+            )
             if refined is None:
                 continue
             middle = boxes[best[t, near], 0] + boxes[best[t, near], 2] / 2
-            off = np.abs(middle - refined[0] - refined[2] / 2) + np.abs(boxes[best[t, near], 1] - refined[1])
+            off = np.abs(middle - refined[0] - refined[2] / 2) + np.abs(
+                boxes[best[t, near], 1] - refined[1]
+            )
             winner = near[int(np.argmin(off))]
             others = near[near != winner]
             value[t, winner] = top

@@ -1,4 +1,6 @@
-"""One frame's matching of targets with what is observed: who is alone, who is contested, who comes back."""
+"""One frame's matching of targets with what is observed: who is alone, who is contested, who
+comes back.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,15 @@ from numpy.typing import NDArray
 from recorders.messages import Box, Mode, Notice
 from replay.trackers.association import intersection, iou, iou_of_pairs
 from replay.trackers.parts.candidates import Candidates, Expected, Heads, Observed, gather
-from replay.trackers.parts.features import AREA, DISPLACEMENT, Measured, Pixels, Room, differences, measure
+from replay.trackers.parts.features import (
+    AREA,
+    DISPLACEMENT,
+    Measured,
+    Pixels,
+    Room,
+    differences,
+    measure,
+)
 from replay.trackers.parts.heads import CLEAR_PX, HeadDetector
 from replay.trackers.parts.layers import NEARER, Association, Match, Scored, trunks
 from replay.trackers.parts.parameters import PartsParameters
@@ -41,7 +51,13 @@ class Matching:
         dt: float,
         room: Room | None,
     ) -> None:
-        self._scene, self._frame, self._seen, self._targets, self._p = scene, frame, seen, targets, p
+        self._scene, self._frame, self._seen, self._targets, self._p = (
+            scene,
+            frame,
+            seen,
+            targets,
+            p,
+        )
         mask = frame.mask if scene.has_masks else None
         self._pixels = Pixels(None, mask, (scene.width, scene.height), room)
         self._expected = targets.expected()
@@ -50,7 +66,9 @@ class Matching:
         self._gone: dict[int, NDArray[np.bool_]] = {}
 
     def run(self, scorer: Scorer, find_heads: HeadDetector, notices: list[Notice]) -> None:
-        """Match and update every target: those alone first, then the contested, the new, and the lost."""
+        """Match and update every target: those alone first, then the contested, the new, and the
+        lost.
+        """
         items = self._targets.items
         tentative = np.array([t.id == TENTATIVE for t in items], bool)
         lost = np.array([t.lost for t in items], bool)
@@ -59,9 +77,14 @@ class Matching:
         self._heads = Heads(find_heads if use else None, self._image, self._pixels.mask)
         learnt, boxes = self._alone(np.flatnonzero(~lost))
         free = ~np.array([t.observed for t in items], bool)
-        # The lost one by one, in the order of their birth: each may be another of those who have appeared since.
+        # The lost one by one, in the order of their birth: each may be another of those who have
+        # appeared since.
         back = np.flatnonzero(~tentative & lost)
-        stages = [np.flatnonzero(~tentative & ~lost & free), np.flatnonzero(tentative & free), *back[:, None]]
+        stages = [
+            np.flatnonzero(~tentative & ~lost & free),
+            np.flatnonzero(tentative & free),
+            *back[:, None],
+        ]
         sure, new, *returned = self._evaluate(stages, back, learnt, boxes)
         self._contested(stages[0], sure, notices)
         self._contested(stages[1], new, notices)
@@ -93,18 +116,32 @@ class Matching:
         if not len(rows) or not len(blobs):
             return np.zeros(0, np.intp), np.zeros((0, 4))
         at = self._expected[rows]
-        linked = self._links(at, blobs) >= LINKED_SHARE * np.maximum(at[:, 2] * at[:, 3], 1.0)[:, None]
+        linked = (
+            self._links(at, blobs)
+            >= LINKED_SHARE * np.maximum(at[:, 2] * at[:, 3], 1.0)[:, None]
+        )
         lone = np.flatnonzero(linked.sum(axis=1) == 1)
         theirs = np.argmax(linked[lone], axis=1)
         box, expected = blobs[theirs], at[lone]
         change = box[:, 2:] / np.maximum(expected[:, 2:], 1.0)
-        away = np.abs(box[:, :2] + box[:, 2:] / 2 - expected[:, :2] - expected[:, 2:] / 2).max(axis=1)
-        fits = (change[:, 1] <= 1 + self._p.alone_change) & (change[:, 0] <= 1 + self._p.occlusion)
-        fits &= (change >= 1 - self._p.occlusion).all(axis=1) & (away <= self._gates[rows[lone]])
+        away = np.abs(
+            box[:, :2] + box[:, 2:] / 2 - expected[:, :2] - expected[:, 2:] / 2
+        ).max(axis=1)
+        fits = (change[:, 1] <= 1 + self._p.alone_change) & (
+            change[:, 0] <= 1 + self._p.occlusion
+        )
+        fits &= (change >= 1 - self._p.occlusion).all(axis=1) & (
+            away <= self._gates[rows[lone]]
+        )
         fits &= (linked.sum(axis=0)[theirs] == 1) & (self._seen.held[theirs + 1] <= 1)
         found, theirs = rows[lone[fits]], theirs[fits]
         self._observe(
-            found, blobs[theirs], theirs + 1, ["motion"] * len(found), [None] * len(found), self._seen.centroids[theirs]
+            found,
+            blobs[theirs],
+            theirs + 1,
+            ["motion"] * len(found),
+            [None] * len(found),
+            self._seen.centroids[theirs],
         )
         now = self._frame.time_ns
         due = np.zeros(len(found), bool)
@@ -122,23 +159,34 @@ class Matching:
             return intersection(boxes, blobs)
         a, b = boxes[:, None, :], blobs[None, :, :]
         corner = np.maximum(a[..., :2], b[..., :2])
-        size = np.maximum(np.minimum(a[..., :2] + a[..., 2:], b[..., :2] + b[..., 2:]) - corner, 0.0)
-        counts = self._pixels.sums(self._pixels.area, np.concatenate([corner, size], axis=2))
+        size = np.maximum(
+            np.minimum(a[..., :2] + a[..., 2:], b[..., :2] + b[..., 2:]) - corner, 0.0
+        )
+        counts = self._pixels.sums(
+            self._pixels.area, np.concatenate([corner, size], axis=2)
+        )
         return np.asarray(np.where((size > 0).all(axis=2), counts, 0), np.float64)
 
     def _standing(self, rows: Rows) -> None:
-        """Targets that stand behind something that nobody tracks: alive, and in their place, while pieces are seen."""
+        """Targets that stand behind something that nobody tracks: alive, and in their place,
+        while pieces are seen.
+        """
         blobs, area = self._seen.blob_boxes, self._pixels.area
         still = self._targets.speeds <= self._p.stands * self._targets.boxes[:, 3]
         items, now = self._targets.items, self._frame.time_ns
         left = [row for row in rows.tolist() if still[row] and not items[row].observed]
-        # Whatever was left there, a shadow's edge or a thing that was put down, is not somebody for ever.
-        left = [row for row in left if now - items[row].matched_ns <= self._p.pieces_s * 1e9]
+        # Whatever was left there, a shadow's edge or a thing that was put down, is not somebody
+        # for ever.
+        left = [
+            row for row in left if now - items[row].matched_ns <= self._p.pieces_s * 1e9
+        ]
         if not left or not len(blobs) or area is None:
             return
         filled = self._pixels.sums(area, blobs).astype(np.float64)
         for row in left:
-            found = held_by_pieces(self._expected[row], blobs, filled, self._taken(), self._p)
+            found = held_by_pieces(
+                self._expected[row], blobs, filled, self._taken(), self._p
+            )
             if found is None:
                 continue
             box, piece = found
@@ -146,7 +194,14 @@ class Matching:
             self._gone[row] = self._empty(only, self._measure(only, box[None])[0])[0]
             # As sure as the weakest match: that the pieces are this target's is only likely.
             least = round(self._p.match_score * FULL)
-            self._observe(only, box[None], np.array([piece + 1]), ["appearance"], [least], np.full((1, 2), np.nan))
+            self._observe(
+                only,
+                box[None],
+                np.array([piece + 1]),
+                ["appearance"],
+                [least],
+                np.full((1, 2), np.nan),
+            )
 
     def _measure(self, rows: Rows, boxes: Floats) -> tuple[Measured, Floats]:
         """Features of boxes (N, 4) for their targets, and their parts."""
@@ -154,14 +209,19 @@ class Matching:
         places = np.concatenate([boxes, self._before[rows], self._expected[rows]])
         every = self._targets.parts(np.concatenate([rows, rows, rows]), places)
         parts, before, expected = every.reshape(3, len(rows), *every.shape[1:])
-        return measure(self._pixels, parts, expected, before, np.maximum(self._gates[rows], 1.0)), parts
+        return measure(
+            self._pixels, parts, expected, before, np.maximum(self._gates[rows], 1.0)
+        ), parts
 
     def _learn(self, rows: Rows, boxes: Floats, m: Measured) -> None:
         """Learn the parts of targets (M,) that are alone in their boxes (M, 4)."""
         scores = self._scorer.parts(differences(self._targets.model, rows, m), m.known)
-        # A part that does not match is learnt too, slowly: nobody else is there whom it might belong to.
+        # A part that does not match is learnt too, slowly: nobody else is there whom it might
+        # belong to.
         least = np.maximum(scores, round(0.3 * FULL))
-        self._targets.learn(rows, m, np.arange(len(rows)), least, np.ones(least.shape, bool))
+        self._targets.learn(
+            rows, m, np.arange(len(rows)), least, np.ones(least.shape, bool)
+        )
         for row in rows.tolist():
             self._targets.items[row].signed = True
         self._learn_heads(rows, boxes)
@@ -174,7 +234,9 @@ class Matching:
             return
         self._image()
         parts = targets.parts(rows, targets.boxes[rows])
-        m = measure(self._pixels, parts, parts, parts, np.maximum(targets.boxes[rows, 3], 1.0))
+        m = measure(
+            self._pixels, parts, parts, parts, np.maximum(targets.boxes[rows, 3], 1.0)
+        )
         everything = np.ones((len(rows), len(PARTS)), bool)
         targets.learn(rows, m, np.arange(len(rows)), FULL * everything, everything)
         self._learn_heads(rows, targets.boxes[rows])
@@ -186,13 +248,18 @@ class Matching:
         if image is None:
             return
         rows, boxes = rows[clear], boxes[clear]
-        tops = np.stack([boxes[:, 0] + self._targets.alpha[rows] * boxes[:, 2], boxes[:, 1]], axis=1)
+        tops = np.stack(
+            [boxes[:, 0] + self._targets.alpha[rows] * boxes[:, 2], boxes[:, 1]], axis=1
+        )
         seen, whole = patches(image, tops, HEAD * boxes[:, 3])
         self._targets.template[rows[whole]] = seen[whole]
         self._targets.has_template[rows[whole]] = True
 
-    def _evaluate(self, stages: list[Rows], back: Rows, learnt: Rows, boxes: Floats) -> list[Scored | None]:
-        """Measure all that has to be compared in this frame, at once; learn the parts of those who are alone.
+    def _evaluate(
+        self, stages: list[Rows], back: Rows, learnt: Rows, boxes: Floats
+    ) -> list[Scored | None]:
+        """Measure all that has to be compared in this frame, at once; learn the parts of those
+        who are alone.
 
         Args:
             stages: targets that are associated together.
@@ -210,7 +277,9 @@ class Matching:
             return [None] * len(stages)
         at = Expected(self._expected[rows], targets.alpha[rows], self._gates[rows])
         found, counts = gather(self._seen, stages, at, self._heads, self._p)
-        both, parts = self._measure(np.concatenate([learnt, found.rows]), np.concatenate([boxes, found.boxes]))
+        both, parts = self._measure(
+            np.concatenate([learnt, found.rows]), np.concatenate([boxes, found.boxes])
+        )
         if len(learnt):
             self._learn(learnt, boxes, both.kept(slice(len(learnt))))
         m, parts = both.kept(slice(len(learnt), None)), parts[len(learnt) :]
@@ -221,10 +290,16 @@ class Matching:
         scores = self._scorer.parts(differences(targets.model, found.rows, m), known)
         if not m.known[:DISPLACEMENT].any():
             scores[:] = self._by_place(found)[:, None]
-        filled = m.foreground.astype(np.float64) if m.known[AREA] else parts[..., 2] * parts[..., 3]
+        filled = (
+            m.foreground.astype(np.float64)
+            if m.known[AREA]
+            else parts[..., 2] * parts[..., 3]
+        )
         scored = Scored(found, m, scores, parts, filled, self._empty(found.rows, m))
         ends = np.searchsorted(found.stage, np.arange(len(stages) + 1)).tolist()
-        return [scored.kept(slice(*ends[k : k + 2]), count) for k, count in enumerate(counts)]
+        return [
+            scored.kept(slice(*ends[k : k + 2]), count) for k, count in enumerate(counts)
+        ]
 
     def _contested(self, rows: Rows, found: Scored | None, notices: list[Notice]) -> None:
         """Layered association of some targets among their candidates that nobody has taken."""
@@ -237,28 +312,46 @@ class Matching:
                 return
             found = found.kept(free)
         pruner = self._refine if self._p.use_pruning and self._scene.has_images else None
-        matches = Association(found, self._scorer, self._p, pruner).solve(rows, self._expected[rows], taken)
+        matches = Association(found, self._scorer, self._p, pruner).solve(
+            rows, self._expected[rows], taken
+        )
         if matches:
             self._take(matches, found, notices)
 
     def _empty(self, rows: Rows, m: Measured) -> NDArray[np.bool_]:
-        """Where a part should be is hardly any foreground: hidden by things that nobody tracks, (N, 5)."""
+        """Where a part should be is hardly any foreground: hidden by things that nobody tracks,
+        (N, 5).
+        """
         known = self._targets.model
-        return np.asarray((m.area < self._p.empty * known.area[rows]) & (known.seen[rows] > 0) & bool(m.known[0]))
+        return np.asarray(
+            (m.area < self._p.empty * known.area[rows])
+            & (known.seen[rows] > 0)
+            & bool(m.known[0])
+        )
 
     def _by_place(self, found: Candidates) -> NDArray[np.int64]:
-        """Scores where there are boxes alone: 1 where the filters expect the target, the least match far from there."""
+        """Scores where there are boxes alone: 1 where the filters expect the target, the least
+        match far from there.
+        """
         expected = self._expected[found.rows]
         expected[:, :2] = self._targets.motion.value[found.rows] - expected[:, 2:] / 2
-        off = found.boxes[:, :2] + found.boxes[:, 2:] / 2 - self._targets.motion.value[found.rows]
-        far = np.minimum(np.sqrt((off * off).sum(axis=1)) / np.maximum(self._gates[found.rows], 1.0), 1.0)
+        off = (
+            found.boxes[:, :2]
+            + found.boxes[:, 2:] / 2
+            - self._targets.motion.value[found.rows]
+        )
+        far = np.minimum(
+            np.sqrt((off * off).sum(axis=1)) / np.maximum(self._gates[found.rows], 1.0), 1.0
+        )
         apart = 1.0 - iou_of_pairs(expected, found.boxes)
         worst = (1 - self._p.match_score) / FAR
         return np.asarray(np.rint(FULL * (1 - worst * (far + apart) / 2)), np.int64)
 
     def _taken(self) -> Floats:
         """Boxes of the targets that have been placed."""
-        return self._targets.boxes[[k for k, t in enumerate(self._targets.items) if t.observed]]
+        return self._targets.boxes[
+            [k for k, t in enumerate(self._targets.items) if t.observed]
+        ]
 
     def _refine(self, row: int, box: Floats, reach: float) -> Floats | None:
         """The box with the head where its image fits best."""
@@ -269,16 +362,25 @@ class Matching:
         if HEAD * h < CLEAR_PX:
             return None
         alpha = float(targets.alpha[row])
-        (tx, ty), away = refine(image, targets.template[row], (x + alpha * w, y), HEAD * h, min(reach, 0.5 * h))
+        (tx, ty), away = refine(
+            image, targets.template[row], (x + alpha * w, y), HEAD * h, min(reach, 0.5 * h)
+        )
         return np.array([tx - alpha * w, ty, w, h]) if away <= self._p.head_levels else None
 
     def _take(self, matches: list[Match], s: Scored, notices: list[Notice]) -> None:
         """Matches become observations; the targets' parts are updated one by one (PARTS 4.2)."""
         targets, c = self._targets, s.candidates
-        rows, k = np.array([m.row for m in matches], np.intp), np.array([m.candidate for m in matches], np.intp)
+        rows, k = (
+            np.array([m.row for m in matches], np.intp),
+            np.array([m.candidate for m in matches], np.intp),
+        )
         hidden = np.array([m.hidden for m in matches])
         direct = c.direct[k] & ~hidden.any(axis=1)
-        centroids = np.where((direct & (c.sources[k] >= 0))[:, None], self._seen.centroids[c.sources[k]], np.nan)
+        centroids = np.where(
+            (direct & (c.sources[k] >= 0))[:, None],
+            self._seen.centroids[c.sources[k]],
+            np.nan,
+        )
         modes: list[Mode] = ["motion" if d else "appearance" for d in direct.tolist()]
         boxes = np.array([m.box for m in matches])
         self._observe(rows, boxes, c.blobs[k], modes, [m.score for m in matches], centroids)
@@ -297,10 +399,16 @@ class Matching:
                 if rival.told and mine.told:
                     self._tell_conflict(mine.id, rival.id, match, notices)
 
-    def _tell_conflict(self, mine: int, rival: int, match: Match, notices: list[Notice]) -> None:
+    def _tell_conflict(
+        self, mine: int, rival: int, match: Match, notices: list[Notice]
+    ) -> None:
         evidence = {"score": match.score / FULL, "gave_way": rival}
         text = f"Targets {mine} and {rival} fit the same place best; {mine} was given it."
-        notices.append(Notice("disagreement", [mine, rival], "PARTS 4: joint assignment", evidence, text))
+        notices.append(
+            Notice(
+                "disagreement", [mine, rival], "PARTS 4: joint assignment", evidence, text
+            )
+        )
 
     def _observe(
         self,
@@ -311,10 +419,16 @@ class Matching:
         scores: list[int | None] | list[int] | list[None],
         centroids: Floats,
     ) -> None:
-        """Different targets (M,) were seen in boxes (M, 4) of blobs (M,); centroids (M, 2) are nan where unknown."""
+        """Different targets (M,) were seen in boxes (M, 4) of blobs (M,); centroids (M, 2) are
+        nan where unknown.
+        """
         targets = self._targets
-        targets.correct(rows, boxes, centroids, np.array([mode != "motion" for mode in modes], bool))
-        seen = zip(rows.tolist(), boxes.tolist(), blobs.tolist(), modes, scores, strict=True)
+        targets.correct(
+            rows, boxes, centroids, np.array([mode != "motion" for mode in modes], bool)
+        )
+        seen = zip(
+            rows.tolist(), boxes.tolist(), blobs.tolist(), modes, scores, strict=True
+        )
         for row, (x, y, w, h), blob, mode, score in seen:
             item = targets.items[row]
             item.measured = (x, y, w, h)
@@ -330,7 +444,8 @@ class Matching:
                 item.sightings.append([float(self._frame.index), x, y, w, h])
 
     def _hide(self) -> None:
-        """Which parts are hidden now that everybody has a place: those that nearer targets cover, and those gone.
+        """Which parts are hidden now that everybody has a place: those that nearer targets cover,
+        and those gone.
 
         Of an unseen target every part that anybody covers is hidden where the target is expected.
         """
@@ -355,7 +470,10 @@ class Matching:
         if not len(boxes):
             return np.zeros(0)
         if self._pixels.mask is None:
-            share = intersection(boxes, taken) / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)[:, None]
+            share = (
+                intersection(boxes, taken)
+                / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)[:, None]
+            )
             return np.asarray(1.0 - np.minimum(share.max(axis=1, initial=0.0), 1.0))
         rest = self._pixels.copied_mask()
         for x, y, w, h in taken.tolist():

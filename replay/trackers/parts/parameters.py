@@ -1,4 +1,6 @@
-"""Parameters of the PARTS tracker. Lengths are in units of the target's width or height, times in seconds."""
+"""Parameters of the PARTS tracker. Lengths are in units of the target's width or height, times in
+seconds.
+"""
 
 from __future__ import annotations
 
@@ -14,27 +16,57 @@ class PartsParameters(Parameters):
     hindsight: bool = param(True, "join, fill and smooth the tracks after the forward pass")
     init: str = param(
         "",
-        "targets that are started by hand: frame:N:x,y,w,h, several parted by ';'. With any, nothing else starts one",
+        "targets that are started by hand: frame:N:x,y,w,h, several parted by ';'. With"
+        " any, nothing else starts one",
         source="PARTS 3",
     )
-    use_parts: bool = param(True, "off: candidates are scored by place and size alone (for comparison)")
+    use_parts: bool = param(
+        True, "off: candidates are scored by place and size alone (for comparison)"
+    )
     use_heads: bool = param(
-        True, "off: no head detection, merged blobs give no candidates of their own (for comparison)"
+        True,
+        "off: no head detection, merged blobs give no candidates of their own (for"
+        " comparison)",
     )
     use_pruning: bool = param(
-        True, "off: near-equal candidates are not told apart by the head's image (for comparison)"
+        True,
+        "off: near-equal candidates are not told apart by the head's image (for"
+        " comparison)",
     )
-    gate_sizes: float = param(0.45, "least half side of the gate", unit="target heights", low=0.01, high=10.0)
-    gate_speeds: float = param(2.5, "half side of the gate over the way at the present speed", low=0.0, high=100.0)
-    gate_most: float = param(2.0, "largest half side of the gate", unit="target heights", low=0.1, high=100.0)
+    gate_sizes: float = param(
+        0.45, "least half side of the gate", unit="target heights", low=0.01, high=10.0
+    )
+    gate_speeds: float = param(
+        2.5, "half side of the gate over the way at the present speed", low=0.0, high=100.0
+    )
+    gate_most: float = param(
+        2.0, "largest half side of the gate", unit="target heights", low=0.1, high=100.0
+    )
     occlusion: float = param(
-        0.5, "a candidate that much wider, higher or smaller is occluded", low=0.05, high=5.0, source="PARTS 3.1"
+        0.5,
+        "a candidate that much wider, higher or smaller is occluded",
+        low=0.05,
+        high=5.0,
+        source="PARTS 3.1",
     )
-    size_step: float = param(0.05, "step of the five sizes under a head", low=0.0, high=0.2, source="PARTS eq. 9, 10")
+    size_step: float = param(
+        0.05,
+        "step of the five sizes under a head",
+        low=0.0,
+        high=0.2,
+        source="PARTS eq. 9, 10",
+    )
     centroid_frames: int = param(
-        4, "window of the running means of alpha and beta", unit="frames", low=1, high=100, source="PARTS 2.1: 3 to 5"
+        4,
+        "window of the running means of alpha and beta",
+        unit="frames",
+        low=1,
+        high=100,
+        source="PARTS 2.1: 3 to 5",
     )
-    match_score: float = param(0.55, "least global score of a match", low=0.0, high=1.0, source="PARTS 4")
+    match_score: float = param(
+        0.55, "least global score of a match", low=0.0, high=1.0, source="PARTS 4"
+    )
     ratio: float = param(
         1.06, "the best candidate's score over its runner-up's, else the head's image decides", low=1.0, high=10.0,
         source="PARTS 4",
@@ -51,40 +83,124 @@ class PartsParameters(Parameters):
         high=255,
     )
     whole: float = param(
-        0.9, "share of match_score that suffices for a whole blob that can be nobody else", low=0.0, high=1.0
+        0.9,
+        "share of match_score that suffices for a whole blob that can be nobody else",
+        low=0.0,
+        high=1.0,
     )
-    coincide: float = param(0.75, "IoU of two targets' boxes from which on one gives way", low=0.05, high=1.0)
+    coincide: float = param(
+        0.75, "IoU of two targets' boxes from which on one gives way", low=0.05, high=1.0
+    )
     alone_change: float = param(
-        0.35, "a blob that much wider or higher than its lone target is compared part by part first", low=0.0, high=5.0
+        0.35,
+        "a blob that much wider or higher than its lone target is compared part by part"
+        " first",
+        low=0.0,
+        high=5.0,
     )
     crowd_change: float = param(
-        0.25, "a blob of several detections that much larger than a target is not the target alone", low=0.0, high=5.0
+        0.25,
+        "a blob of several detections that much larger than a target is not the target"
+        " alone",
+        low=0.0,
+        high=5.0,
     )
     empty: float = param(
-        1 / 3, "a part with less than this share of the foreground that it used to have is hidden", low=0.0, high=1.0
+        1 / 3,
+        "a part with less than this share of the foreground that it used to have is hidden",
+        low=0.0,
+        high=1.0,
     )
     stands: float = param(
-        0.2, "a target up to this speed may stand behind something that nobody tracks", unit="heights/s", low=0, high=10
+        0.2,
+        "a target up to this speed may stand behind something that nobody tracks",
+        unit="heights/s",
+        low=0,
+        high=10,
     )
-    pieces_near: float = param(0.5, "its pieces lie within its box grown by this", unit="widths", low=0, high=5)
-    pieces_least: float = param(0.03, "they have at least this share of its box in foreground", low=0.0, high=1.0)
-    pieces_s: float = param(20.0, "and hold it for so long after its last match", unit="s", low=0.0, high=3600.0)
-    part_score: float = param(0.35, "least score of a part that matches", low=0.0, high=1.0, source="PARTS 4.2")
-    hidden_score: float = param(0.4, "what a part that others cover counts for", low=0.0, high=1.0)
-    hidden_cover: float = param(0.5, "a part is hidden if nearer targets cover this much of it", low=0.05, high=1.0)
-    min_fill: float = param(0.3, "least share of foreground in the parts that nobody covers", low=0.0, high=1.0)
-    min_visible: float = param(0.3, "least visible share of an observed target, by gamma", low=0.0, high=1.0)
-    learn_most: float = param(0.3, "largest weight of a new observation in a part's model", low=0.0, high=1.0)
-    learn_s: float = param(0.2, "a lone target's parts are compared and learnt this often", unit="s", low=0.0, high=60)
-    place_noise: float = param(0.06, "standard deviation of a measured centroid", unit="heights", low=0.001, high=10)
-    size_noise: float = param(0.08, "standard deviation of a measured size", unit="heights", low=0.001, high=10)
-    agility: float = param(0.7, "standard deviation of a target's acceleration", unit="heights/s^2", low=0, high=1e3)
-    size_agility: float = param(0.05, "the same of width and height", unit="heights/s^2", low=0, high=1e3)
-    high_score: float = param(0.7, "lone detections from this score on may start targets", low=0.0, high=1.0)
-    confirm_s: float = param(0.25, "a new target is confirmed after this time", unit="s", low=0.0, high=60.0)
-    confirm_hits: int = param(3, "and after this many observations", unit="frames", low=1, high=1000)
-    tentative_s: float = param(0.3, "a new target unseen for longer is dropped", unit="s", low=0.0, high=60.0)
-    coast_s: float = param(0.5, "an unseen target is held present for this time", unit="s", low=0.0, high=60.0)
-    keep_s: float = param(2.0, "an unseen target may come back within this time", unit="s", low=0.0, high=3600.0)
-    half_life_s: float = param(0.5, "an unseen target's confidence halves in this time", unit="s", low=0.001, high=3600)
-    min_unexplained: float = param(0.5, "a detection with less foreground of its own starts nothing", low=0, high=1)
+    pieces_near: float = param(
+        0.5, "its pieces lie within its box grown by this", unit="widths", low=0, high=5
+    )
+    pieces_least: float = param(
+        0.03, "they have at least this share of its box in foreground", low=0.0, high=1.0
+    )
+    pieces_s: float = param(
+        20.0, "and hold it for so long after its last match", unit="s", low=0.0, high=3600.0
+    )
+    part_score: float = param(
+        0.35, "least score of a part that matches", low=0.0, high=1.0, source="PARTS 4.2"
+    )
+    hidden_score: float = param(
+        0.4, "what a part that others cover counts for", low=0.0, high=1.0
+    )
+    hidden_cover: float = param(
+        0.5, "a part is hidden if nearer targets cover this much of it", low=0.05, high=1.0
+    )
+    min_fill: float = param(
+        0.3, "least share of foreground in the parts that nobody covers", low=0.0, high=1.0
+    )
+    min_visible: float = param(
+        0.3, "least visible share of an observed target, by gamma", low=0.0, high=1.0
+    )
+    learn_most: float = param(
+        0.3, "largest weight of a new observation in a part's model", low=0.0, high=1.0
+    )
+    learn_s: float = param(
+        0.2,
+        "a lone target's parts are compared and learnt this often",
+        unit="s",
+        low=0.0,
+        high=60,
+    )
+    place_noise: float = param(
+        0.06,
+        "standard deviation of a measured centroid",
+        unit="heights",
+        low=0.001,
+        high=10,
+    )
+    size_noise: float = param(
+        0.08, "standard deviation of a measured size", unit="heights", low=0.001, high=10
+    )
+    agility: float = param(
+        0.7,
+        "standard deviation of a target's acceleration",
+        unit="heights/s^2",
+        low=0,
+        high=1e3,
+    )
+    size_agility: float = param(
+        0.05, "the same of width and height", unit="heights/s^2", low=0, high=1e3
+    )
+    high_score: float = param(
+        0.7, "lone detections from this score on may start targets", low=0.0, high=1.0
+    )
+    confirm_s: float = param(
+        0.25, "a new target is confirmed after this time", unit="s", low=0.0, high=60.0
+    )
+    confirm_hits: int = param(
+        3, "and after this many observations", unit="frames", low=1, high=1000
+    )
+    tentative_s: float = param(
+        0.3, "a new target unseen for longer is dropped", unit="s", low=0.0, high=60.0
+    )
+    coast_s: float = param(
+        0.5, "an unseen target is held present for this time", unit="s", low=0.0, high=60.0
+    )
+    keep_s: float = param(
+        2.0,
+        "an unseen target may come back within this time",
+        unit="s",
+        low=0.0,
+        high=3600.0,
+    )
+    half_life_s: float = param(
+        0.5,
+        "an unseen target's confidence halves in this time",
+        unit="s",
+        low=0.001,
+        high=3600,
+    )
+    min_unexplained: float = param(
+        0.5, "a detection with less foreground of its own starts nothing", low=0, high=1
+    )

@@ -1,7 +1,8 @@
-"""What is left of somebody who stands behind a thing that nobody tracks: a sign, a post, a parked car.
+"""What is left of somebody who stands behind a thing that nobody tracks: a sign, a post, a parked
+car.
 
-The paper knows parts that other people cover (PARTS 2.2). A thing in the scene covers as much, but has no box, and what
-is seen beside it is too small for any body. (Ours.)
+The paper knows parts that other people cover (PARTS 2.2). A thing in the scene covers as much,
+but has no box, and what is seen beside it is too small for any body. (Ours.)
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ def held_by_pieces(
         p: the parameters.
 
     Returns:
-        The box (4,) and the row of the largest piece; None where there are too few pixels, or a whole body.
+        The box (4,) and the row of the largest piece; None where there are too few pixels, or a
+        whole body.
     """
     w, h = box[2:].tolist()
     near = p.pieces_near * w

@@ -9,7 +9,9 @@ _HSV = 3
 
 
 def signature(model: PartsModel, row: int) -> list[int]:
-    """H, S and V histograms of torso and legs, 96 counts; [] where nothing is known of one of them."""
+    """H, S and V histograms of torso and legs, 96 counts; [] where nothing is known of one of
+    them.
+    """
     out: list[int] = []
     for left, right in _SIDES:
         both = model.colours[row, left, :_HSV] + model.colours[row, right, :_HSV]

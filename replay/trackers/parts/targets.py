@@ -1,4 +1,6 @@
-"""The targets: global model, parts model, the two Kalman filters, the head's template (PARTS 2 and 3)."""
+"""The targets: global model, parts model, the two Kalman filters, the head's template (PARTS 2
+and 3).
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ Bytes = NDArray[np.uint8]
 Rows = NDArray[np.intp]
 TENTATIVE = -1
 BYSTANDERS = 1 << 30
-"""First identity of those who are followed, but not told of, because targets are started by hand."""
+"""First identity of those who are followed, but not told of, because targets are started by hand.
+"""
 _MODEL = ("area", "perimeter", "overlap", "colours", "seen")
 
 
@@ -30,7 +33,8 @@ class Target:
     """One target's bookkeeping; its numbers are a row of `Targets`' arrays.
 
     Attributes:
-        id: identity, `TENTATIVE` before confirmation, from `BYSTANDERS` on for those who are not told of.
+        id: identity, `TENTATIVE` before confirmation, from `BYSTANDERS` on for those who are not
+            told of.
         born: frame of the first observation; born_ns its time.
         seen_ns: time of the last observation.
         hits: observations so far.
@@ -122,7 +126,10 @@ class Targets:
 
     def expected(self) -> Floats:
         """Boxes of the predicted sizes at the last places, the foot's middle kept, (N, 4)."""
-        w, h = np.maximum(self.size.value[:, 1], 2.0), np.maximum(self.size.value[:, 0], 4.0)
+        w, h = (
+            np.maximum(self.size.value[:, 1], 2.0),
+            np.maximum(self.size.value[:, 0], 4.0),
+        )
         b = self.boxes
         return np.stack([b[:, 0] + (b[:, 2] - w) / 2, b[:, 1] + b[:, 3] - h, w, h], axis=1)
 
@@ -135,10 +142,14 @@ class Targets:
         """Half sides of the gates, (N,) pixels: by speed, doubled for every frame missed."""
         p, h = self._p, self.boxes[:, 3]
         half = np.maximum(p.gate_sizes * h, p.gate_speeds * self.speeds * dt)
-        return np.asarray(np.minimum(half * 2.0 ** np.minimum(self.misses, 8), p.gate_most * h))
+        return np.asarray(
+            np.minimum(half * 2.0 ** np.minimum(self.misses, 8), p.gate_most * h)
+        )
 
     def lean(self, rows: Rows, sizes: Floats, spread: float) -> None:
-        """Let predicted sizes lean towards those that are usual at their places, (M, 2) width and height."""
+        """Let predicted sizes lean towards those that are usual at their places, (M, 2) width and
+        height.
+        """
         usual = sizes[:, ::-1]
         self.size.update(rows, usual, (spread * usual[:, :1]) ** 2)
 
@@ -148,21 +159,28 @@ class Targets:
         p = self._p
         place = np.array([[x + w / 2, y + h / 2]])
         self.motion.add(place, np.array((h * p.place_noise) ** 2), np.array(h**2))
-        self.size.add(np.array([[h, w]]), np.array((h * p.size_noise) ** 2), np.array((0.03 * h) ** 2))
+        self.size.add(
+            np.array([[h, w]]), np.array((h * p.size_noise) ** 2), np.array((0.03 * h) ** 2)
+        )
         self.boxes = np.concatenate([self.boxes, box[None]])
         self.alpha, self.beta = np.append(self.alpha, ALPHA), np.append(self.beta, BETA)
         self.misses = np.append(self.misses, 0)
         self.hidden = np.concatenate([self.hidden, np.zeros((1, len(PARTS)), bool)])
         self.model.append(PartsModel.empty(1))
-        self.template = np.concatenate([self.template, np.zeros((1, SIDE * SIDE, 3), np.uint8)])
+        self.template = np.concatenate(
+            [self.template, np.zeros((1, SIDE * SIDE, 3), np.uint8)]
+        )
         self.has_template = np.append(self.has_template, False)
         self.items.append(target)
 
-    def correct(self, rows: Rows, boxes: Floats, centroids: Floats, occluded: NDArray[np.bool_]) -> None:
+    def correct(
+        self, rows: Rows, boxes: Floats, centroids: Floats, occluded: NDArray[np.bool_]
+    ) -> None:
         """Update the global models (PARTS 4.2): replaced if unoccluded, else averaged over time.
 
-        The average over a sliding window is the filters' own: KF1's for the place, KF2's for the size; what is averaged
-        is where the target is relative to its path, so that it does not lag behind.
+        The average over a sliding window is the filters' own: KF1's for the place, KF2's for the
+        size; what is averaged is where the target is relative to its path, so that it does not
+        lag behind.
 
         Args:
             rows: (M,) different targets.
@@ -173,25 +191,44 @@ class Targets:
         p = self._p
         h = boxes[:, 3]
         k = np.where(occluded, 4.0, 1.0)
-        self.size.update(rows, boxes[:, :1:-1], (k * k * k * (h * p.size_noise) ** 2)[:, None])
+        self.size.update(
+            rows, boxes[:, :1:-1], (k * k * k * (h * p.size_noise) ** 2)[:, None]
+        )
         free = np.flatnonzero(~occluded & ~np.isnan(centroids).any(axis=1))
         if len(free):
             at, gain = rows[free], 1.0 / p.centroid_frames
-            self.alpha[at] += gain * (alpha_of(boxes[free], centroids[free, 0]) - self.alpha[at])
-            self.beta[at] += gain * (beta_of(boxes[free], centroids[free, 1]) - self.beta[at])
-        self.motion.update(rows, boxes[:, :2] + boxes[:, 2:] / 2, (k * (h * p.place_noise) ** 2)[:, None])
+            self.alpha[at] += gain * (
+                alpha_of(boxes[free], centroids[free, 0]) - self.alpha[at]
+            )
+            self.beta[at] += gain * (
+                beta_of(boxes[free], centroids[free, 1]) - self.beta[at]
+            )
+        self.motion.update(
+            rows, boxes[:, :2] + boxes[:, 2:] / 2, (k * (h * p.place_noise) ** 2)[:, None]
+        )
         self.boxes[rows] = boxes
         hidden = rows[occluded]
         if len(hidden):
             size = self.size.value[hidden, ::-1]
-            self.boxes[hidden] = np.concatenate([self.motion.value[hidden] - size / 2, size], axis=1)
+            self.boxes[hidden] = np.concatenate(
+                [self.motion.value[hidden] - size / 2, size], axis=1
+            )
         self.misses[rows] = 0
 
     def parts(self, rows: Rows, boxes: Floats) -> Floats:
-        """Parts (N, 5, 4) of boxes (N, 4), split where the targets of these rows usually have their centroids."""
+        """Parts (N, 5, 4) of boxes (N, 4), split where the targets of these rows usually have
+        their centroids.
+        """
         return parts_of(boxes, self.alpha[rows], self.beta[rows])
 
-    def learn(self, rows: Rows, m: Measured, k: Rows, scores: NDArray[np.int64], matched: NDArray[np.bool_]) -> None:
+    def learn(
+        self,
+        rows: Rows,
+        m: Measured,
+        k: Rows,
+        scores: NDArray[np.int64],
+        matched: NDArray[np.bool_],
+    ) -> None:
         """Blend matched parts of candidates k (M,) into the models of different targets (M,).
 
         Weights grow with the parts' scores (M, 5), of 1000.
@@ -208,7 +245,15 @@ class Targets:
         self.size.keep(rows)
         self.items = [self.items[k] for k in kept]
         self.model = self.model.take(rows)
-        for name in ("boxes", "alpha", "beta", "misses", "hidden", "template", "has_template"):
+        for name in (
+            "boxes",
+            "alpha",
+            "beta",
+            "misses",
+            "hidden",
+            "template",
+            "has_template",
+        ):
             setattr(self, name, getattr(self, name)[rows])
 
     def state(self) -> dict[str, Any]:
@@ -228,12 +273,26 @@ class Targets:
         self.motion.restore(state["motion"])
         self.size.restore(state["size"])
         n, empty = len(self.items), Targets(self._p)
-        for name in ("boxes", "alpha", "beta", "misses", "hidden", "template", "has_template"):
+        for name in (
+            "boxes",
+            "alpha",
+            "beta",
+            "misses",
+            "hidden",
+            "template",
+            "has_template",
+        ):
             like = getattr(empty, name)
-            setattr(self, name, np.array(state[name], like.dtype).reshape(n, *like.shape[1:]))
+            setattr(
+                self, name, np.array(state[name], like.dtype).reshape(n, *like.shape[1:])
+            )
         for name in _MODEL:
             like = getattr(empty.model, name)
-            setattr(self.model, name, np.array(state["model"][name], like.dtype).reshape(n, *like.shape[1:]))
+            setattr(
+                self.model,
+                name,
+                np.array(state["model"][name], like.dtype).reshape(n, *like.shape[1:]),
+            )
 
 
 def _plain(target: Target) -> dict[str, Any]:

@@ -1,9 +1,10 @@
 """The PARTS tracker: people under heavy occlusion by five parts and layered data association.
 
-Ties: joint assignment by `replay.trackers.association.assign` (targets in the order of their birth, anchors in the
-order of the observations); ids are given in the order of birth. Deviations from the paper are said where they are made
-(`candidates`, `features`, `heads`, `targets`); here: a target alone in a blob of its own that fits is matched to it
-without a comparison of parts, except every `learn_s`, when its parts are learnt.
+Ties: joint assignment by `replay.trackers.association.assign` (targets in the order of their
+birth, anchors in the order of the observations); ids are given in the order of birth. Deviations
+from the paper are said where they are made (`candidates`, `features`, `heads`, `targets`); here:
+a target alone in a blob of its own that fits is matched to it without a comparison of parts,
+except every `learn_s`, when its parts are learnt.
 """
 
 from __future__ import annotations
@@ -59,7 +60,9 @@ class PartsTracker:
         self._scene = scene
         self._region_parameters = region_parameters or RegionParameters()
         self._regions_message: Regions | None = None
-        self._regions = SceneRegions(default_regions(scene.width, scene.height, region_parameters), region_parameters)
+        self._regions = SceneRegions(
+            default_regions(scene.width, scene.height, region_parameters), region_parameters
+        )
         self._p = parameters
         self._scorer = Scorer(features)
         self._find_heads = find_heads or ColourShapeHeads()
@@ -82,9 +85,19 @@ class PartsTracker:
             item.begin_frame()
         seen = observe(frame.detections)
         matching = Matching(
-            self._scene, frame, seen, targets, self._p, dt if dt > 0 else self._scene.frame_ns * NS, self._room
+            self._scene,
+            frame,
+            seen,
+            targets,
+            self._p,
+            dt if dt > 0 else self._scene.frame_ns * NS,
+            self._room,
         )
-        gates = {item.id: gate for item, gate in zip(targets.items, matching.gates(), strict=True) if item.told}
+        gates = {
+            item.id: gate
+            for item, gate in zip(targets.items, matching.gates(), strict=True)
+            if item.told
+        }
         matching.run(self._scorer, self._find_heads, notices)
         begin = Beginning(self._p, targets)
         begin.by_hand(frame, self._by_hand)
@@ -100,12 +113,23 @@ class PartsTracker:
             self._regions = SceneRegions(regions, self._region_parameters)
 
     def _lean(self, model: SizeModel | None) -> None:
-        """Predicted sizes of targets that are not seen whole lean towards those usual at their places."""
-        rows = np.array([k for k, t in enumerate(self._targets.items) if t.now != "motion" or not t.observed], np.intp)
+        """Predicted sizes of targets that are not seen whole lean towards those usual at their
+        places.
+        """
+        rows = np.array(
+            [
+                k
+                for k, t in enumerate(self._targets.items)
+                if t.now != "motion" or not t.observed
+            ],
+            np.intp,
+        )
         if model is not None and len(rows):
             boxes = self._targets.boxes[rows]
             heights = model.heights(boxes[:, 1] + boxes[:, 3])
-            self._targets.lean(rows, np.stack([model.aspect * heights, heights], axis=1), BODY_SPREAD)
+            self._targets.lean(
+                rows, np.stack([model.aspect * heights, heights], axis=1), BODY_SPREAD
+            )
 
     def _age(self, frame: Frame, notices: list[Notice]) -> None:
         """Confidence falls while a target is unseen; then it is lost, then removed."""
@@ -124,14 +148,21 @@ class PartsTracker:
             told = notices if item.told else []
             if mode != item.mode:
                 change = {"from": item.mode, "to": mode, "unseen_s": unseen}
-                told.append(Notice("mode_changed", [item.id], "PARTS 3.1: occlusion test", change))
+                told.append(
+                    Notice("mode_changed", [item.id], "PARTS 3.1: occlusion test", change)
+                )
                 item.mode = mode
             item.confidence = item.quality * 0.5 ** (unseen / p.half_life_s)
             lost = unseen > p.coast_s
             if lost != item.lost:
                 kind = "track_lost" if lost else "track_recovered"
                 told.append(
-                    Notice(kind, [item.id], "PARTS 3: the gate grows until found or lost", {"unseen_s": unseen})
+                    Notice(
+                        kind,
+                        [item.id],
+                        "PARTS 3: the gate grows until found or lost",
+                        {"unseen_s": unseen},
+                    )
                 )
                 item.lost = lost
             why = self._must_go(row, unseen, places[row])
@@ -140,13 +171,18 @@ class PartsTracker:
                 continue
             box = self._targets.boxes[row].tolist()
             evidence = {"unseen_s": unseen, "confidence": item.confidence, "box": box}
-            # The place stays where the target was last seen: only the speed says that it went on, out of the scene.
-            evidence["left_scene"] = self._regions.area_cover(self._targets.onward(row)[None])[0] == OUTSIDE
+            # The place stays where the target was last seen: only the speed says that it went on,
+            # out of the scene.
+            evidence["left_scene"] = (
+                self._regions.area_cover(self._targets.onward(row)[None])[0] == OUTSIDE
+            )
             told.append(Notice("track_removed", [item.id], why, evidence))
         self._targets.keep(kept)
 
     def _must_go(self, row: int, unseen: float, place: int) -> str | None:
-        """Why a target has to go, None if it may stay. Who was started by hand may be anywhere in the picture."""
+        """Why a target has to go, None if it may stay. Who was started by hand may be anywhere in
+        the picture.
+        """
         item = self._targets.items[row]
         if unseen > self._p.keep_s:
             return "PARTS 3: no observation for longer than targets are kept"
@@ -155,13 +191,18 @@ class PartsTracker:
             return "PARTS 3: out of the picture"
         if item.manual:
             return None
-        return self._regions.reason_to_remove(place, item.mode, min(1.0, max(0.0, item.confidence)))
+        return self._regions.reason_to_remove(
+            place, item.mode, min(1.0, max(0.0, item.confidence))
+        )
 
-    def _answer(self, frame: Frame, notices: list[Notice], gates: dict[int, Box]) -> Answers:
+    def _answer(
+        self, frame: Frame, notices: list[Notice], gates: dict[int, Box]
+    ) -> Answers:
         out = []
         targets = self._targets
         for row, item in enumerate(targets.items):
-            # Bystanders are there for hindsight, which may find that one of them is a target that was lost.
+            # Bystanders are there for hindsight, which may find that one of them is a target that
+            # was lost.
             if item.id == TENTATIVE or not (item.told or self._p.hindsight):
                 continue
             vx, vy = targets.motion.rate[row].tolist()
@@ -178,7 +219,13 @@ class PartsTracker:
                     blob=item.blob if item.observed else NO_BLOB,
                     newborn=item.newborn,
                     born_of_split=item.newborn and item.split,
-                    hidden_parts=[name for name, hid in zip(PARTS, targets.hidden[row].tolist(), strict=True) if hid],
+                    hidden_parts=[
+                        name
+                        for name, hid in zip(
+                            PARTS, targets.hidden[row].tolist(), strict=True
+                        )
+                        if hid
+                    ],
                     score=item.score,
                     measured=item.measured,
                     signature=signature(targets.model, row) if item.signed else [],
@@ -190,7 +237,11 @@ class PartsTracker:
 
     def state(self) -> State:
         """The whole state as plain data."""
-        return {"next_ids": list(self._next_ids), "time_ns": self._time_ns, "targets": self._targets.state()}
+        return {
+            "next_ids": list(self._next_ids),
+            "time_ns": self._time_ns,
+            "targets": self._targets.state(),
+        }
 
     def restore(self, state: State) -> None:
         """Continue from what `state` gave."""

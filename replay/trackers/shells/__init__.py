@@ -15,15 +15,21 @@ SECTIONS: dict[str, type[Parameters]] = {"shells": ShellsParameters}
 
 
 def make(scene: SceneInfo, config: Config) -> Tracker:
-    """Build the tracker for a scene from its configuration's section ``shells`` and three of the reasoning."""
+    """Build the tracker for a scene from its configuration's section ``shells`` and three of the
+    reasoning.
+    """
     parameters = config["shells"]
-    shell, relation = config.get("shell_model", ShellParameters()), config.get("relations", RelationParameters())
+    shell, relation = (
+        config.get("shell_model", ShellParameters()),
+        config.get("relations", RelationParameters()),
+    )
     assert isinstance(parameters, ShellsParameters)
     assert isinstance(shell, ShellParameters)
     if shell.outline == "ellipse":
         raise UsageError(
-            "shell_model.outline = ellipse: the shells tracker's own shells enclose boxes, as pixels that are shared "
-            "have no ellipse yet; leave it at smallest, or use box"
+            "shell_model.outline = ellipse: the shells tracker's own shells enclose boxes,"
+            " as pixels that are shared have no ellipse yet; leave it at smallest, or"
+            " use box"
         )
     regions = config.get("regions", RegionParameters())
     assert isinstance(relation, RelationParameters)

@@ -1,4 +1,6 @@
-"""What nobody explains: free detections, the first guess of a new object's area, and objects that come back."""
+"""What nobody explains: free detections, the first guess of a new object's area, and objects that
+come back.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,11 @@ def boxes_alone(frame: Frame) -> Free:
 
 def _scores(frame: Frame) -> Floats:
     scores = frame.detections.scores
-    return np.array(scores, np.float64) if len(scores) == len(frame.boxes) else np.ones(len(frame.boxes))
+    return (
+        np.array(scores, np.float64)
+        if len(scores) == len(frame.boxes)
+        else np.ones(len(frame.boxes))
+    )
 
 
 def unexplained(frame: Frame, resolver: Resolver, p: ShellsParameters) -> Free:
@@ -67,7 +73,8 @@ def unexplained(frame: Frame, resolver: Resolver, p: ShellsParameters) -> Free:
         if not at.alone:
             placed.append(at.box)
     only = np.bincount(np.clip(blobs, 0, len(fg.boxes)), minlength=len(fg.boxes) + 1)
-    # A blob that is wholly somebody's own explains itself; only blobs that were shared or misfit are looked into.
+    # A blob that is wholly somebody's own explains itself; only blobs that were shared or misfit
+    # are looked into.
     own = {at.blob for at in resolver.found.values() if at.alone}
     keep: list[int] = []
     whole = np.zeros(n, bool)
@@ -89,7 +96,12 @@ def _rest(fg: Foreground, box: Floats, placed: list[Box]) -> float:
     """Share of a box's foreground outside of all placed objects and their immediate surroundings."""
     height, width = fg.mask.shape
     x, y, w, h = box.tolist()
-    x1, y1, x2, y2 = max(0, round(x)), max(0, round(y)), min(width, round(x + w)), min(height, round(y + h))
+    x1, y1, x2, y2 = (
+        max(0, round(x)),
+        max(0, round(y)),
+        min(width, round(x + w)),
+        min(height, round(y + h)),
+    )
     part = fg.mask[y1 : max(y1, y2), x1 : max(x1, x2)] > 0
     total = int(np.count_nonzero(part))
     if not total:
@@ -132,10 +144,14 @@ class Known:
     by_colours: bool
 
 
-def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, p: ShellsParameters) -> Known | None:
-    """The lost object that a new one is: near enough for the time that it was away, and of like colours.
+def returned(
+    body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, p: ShellsParameters
+) -> Known | None:
+    """The lost object that a new one is: near enough for the time that it was away, and of like
+    colours.
 
-    One that was hidden by another may come back anywhere within that one's shell (SHELLS 2.3, case III).
+    One that was hidden by another may come back anywhere within that one's shell (SHELLS 2.3,
+    case III).
 
     Returns:
         the best of them, None if it is a stranger.
@@ -150,16 +166,27 @@ def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, 
     for k in lost:
         other = bodies.items[k]
         away = (body.born_ns - other.seen_ns) * 1e-9
-        ratio = abs(float(np.log(here[2] * here[3] / (bodies.bank.value[k, 2] * bodies.bank.value[k, 3]))))
+        ratio = abs(
+            float(
+                np.log(
+                    here[2] * here[3] / (bodies.bank.value[k, 2] * bodies.bank.value[k, 3])
+                )
+            )
+        )
         if ratio > 1.0 or away <= 0:
             continue
         by_colours = seen is not None and other.colours is not None
         if seen is None or other.colours is None:
-            cost = _off_path(bodies, k, row, (frame.time_ns - other.seen_ns) * 1e-9) + 0.5 * ratio
+            cost = (
+                _off_path(bodies, k, row, (frame.time_ns - other.seen_ns) * 1e-9)
+                + 0.5 * ratio
+            )
             limit = p.recover_path
         else:
             there = bodies.bank.value[by_id.get(other.front, k)]
-            reach = float(radii[by_id.get(other.front, k)]) + away * p.speed * float(bodies.sizes[k])
+            reach = float(radii[by_id.get(other.front, k)]) + away * p.speed * float(
+                bodies.sizes[k]
+            )
             dx, dy = float(here[0] - there[0]), float(here[1] - there[1])
             if dx * dx + dy * dy > reach * reach:
                 continue
@@ -170,7 +197,9 @@ def returned(body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, 
 
 
 def _off_path(bodies: Bodies, lost: int, new: int, gap: float) -> float:
-    """Half the squared miss of a lost object's path, in standard deviations: straight on, stopped, or in between."""
+    """Half the squared miss of a lost object's path, in standard deviations: straight on,
+    stopped, or in between.
+    """
     bank, size = bodies.bank, float(bodies.sizes[lost])
     # Unseen it was moved straight on, so that where it was last seen lies back in time.
     back = bank.rate[lost, :2] * gap * np.array([[0.0], [0.5], [1.0]])

@@ -1,11 +1,14 @@
-"""Boxes without pixels: whose detection is whose, and who is hidden behind whom, by predictions and shells alone.
+"""Boxes without pixels: whose detection is whose, and who is hidden behind whom, by predictions
+and shells alone.
 
-Where a scene has no foreground there is nothing to own, but the rest of the method stands. An object that is not seen
-while another lies over it is occluded: it goes on as predicted, but stays within its occluder's shell (SHELLS 2.3, case
-III), and is held present for longer. Detections are given to those in sight first, near their predictions: were
-everybody to choose within a whole shell, one missing detection would push a row of neighbours on to the next one's.
+Where a scene has no foreground there is nothing to own, but the rest of the method stands. An
+object that is not seen while another lies over it is occluded: it goes on as predicted, but stays
+within its occluder's shell (SHELLS 2.3, case III), and is held present for longer. Detections are
+given to those in sight first, near their predictions: were everybody to choose within a whole
+shell, one missing detection would push a row of neighbours on to the next one's.
 
-Equation 9's ``a`` is the filter's own gain here: a detected box's error is known, an owned pixel's is not.
+Equation 9's ``a`` is the filter's own gain here: a detected box's error is known, an owned
+pixel's is not.
 """
 
 from __future__ import annotations
@@ -40,7 +43,9 @@ _STRANGER = 0.4
 
 
 class Looks:
-    """The colours of detections, looked at when somebody asks: of the ellipse within the box, where the body is."""
+    """The colours of detections, looked at when somebody asks: of the ellipse within the box,
+    where the body is.
+    """
 
     def __init__(self, boxes: Floats, picture: Callable[[], Image | None] | None) -> None:
         self._boxes, self._picture = boxes, picture
@@ -48,7 +53,9 @@ class Looks:
         self._known: dict[int, Floats | None] = {}
 
     def of(self, column: int) -> Floats | None:
-        """A detection's histogram; None without pictures, or where hardly a pixel of it is in the picture."""
+        """A detection's histogram; None without pictures, or where hardly a pixel of it is in the
+        picture.
+        """
         if column not in self._known:
             image = None if self._picture is None else self._picture()
             self._known[column] = colours_in(self._boxes[column].tolist(), image)
@@ -82,24 +89,41 @@ def match(bodies: Bodies, free: Free, looks: Looks, p: ShellsParameters) -> Pair
     return out
 
 
-def _near(bodies: Bodies, rows: Rows, boxes: Floats, columns: Rows, looks: Looks, p: ShellsParameters) -> Pairs:
+def _near(
+    bodies: Bodies,
+    rows: Rows,
+    boxes: Floats,
+    columns: Rows,
+    looks: Looks,
+    p: ShellsParameters,
+) -> Pairs:
     """Pairs near the predictions, (index of row, index of box)."""
     bank = bodies.bank
     noise = p.box_noise * sizes_of(boxes)
     away = boxes[:, :2] + boxes[:, 2:] / 2 - bank.value[rows, None, :2]
-    distance2 = (away * away / (bank.p00[rows, None, :2] + (noise * noise)[None, :, None])).sum(axis=2)
+    distance2 = (
+        away * away / (bank.p00[rows, None, :2] + (noise * noise)[None, :, None])
+    ).sum(axis=2)
     overlap = iou(bodies.boxes[rows], boxes)
     allowed = (distance2 <= _GATE * _GATE) & (overlap >= _OVERLAP)
     cost = 1.0 - overlap + distance2 / (_GATE * _GATE)
-    return assign(cost + p.box_colour * _strange(bodies, rows, columns, allowed, looks), allowed)
+    return assign(
+        cost + p.box_colour * _strange(bodies, rows, columns, allowed, looks), allowed
+    )
 
 
-def _strange(bodies: Bodies, rows: Rows, columns: Rows, allowed: NDArray[np.bool_], looks: Looks) -> Floats:
-    """Hellinger distances of colours where pairs compete, 0 elsewhere: places decide where they can."""
+def _strange(
+    bodies: Bodies, rows: Rows, columns: Rows, allowed: NDArray[np.bool_], looks: Looks
+) -> Floats:
+    """Hellinger distances of colours where pairs compete, 0 elsewhere: places decide where they
+    can.
+    """
     out = np.zeros(allowed.shape)
     if looks.blind:
         return out
-    rivals = (allowed.sum(axis=1, keepdims=True) > 1) | (allowed.sum(axis=0, keepdims=True) > 1)
+    rivals = (allowed.sum(axis=1, keepdims=True) > 1) | (
+        allowed.sum(axis=0, keepdims=True) > 1
+    )
     for i, j in np.argwhere(allowed & rivals).tolist():
         mine = bodies.items[rows[i]].colours
         theirs = None if mine is None else looks.of(int(columns[j]))
@@ -108,21 +132,37 @@ def _strange(bodies: Bodies, rows: Rows, columns: Rows, allowed: NDArray[np.bool
     return out
 
 
-def learn(bodies: Bodies, taken: Mapping[int, int], free: Free, looks: Looks, due: bool, p: ShellsParameters) -> None:
-    """Learn from {detection: row}, where no other detection is near: how who was in sight moves, and its colours."""
+def learn(
+    bodies: Bodies,
+    taken: Mapping[int, int],
+    free: Free,
+    looks: Looks,
+    due: bool,
+    p: ShellsParameters,
+) -> None:
+    """Learn from {detection: row}, where no other detection is near: how who was in sight moves,
+    and its colours.
+    """
     if not taken:
         return
     columns = sorted(taken)
     rows = np.array([taken[c] for c in columns], np.intp)
     near = np.count_nonzero(intersection(free.boxes[columns], free.boxes) > 0, axis=1) > 1
-    steady = np.array([b.id != TENTATIVE and b.mode == "motion" for b in (bodies.items[k] for k in rows)], bool)
+    steady = np.array(
+        [b.id != TENTATIVE and b.mode == "motion" for b in (bodies.items[k] for k in rows)],
+        bool,
+    )
     found = free.boxes[columns]
     sure = free.scores[columns] >= p.start_score
     if bodies.manner is not None:
-        bodies.manner.see(rows, found[:, :2] + found[:, 2:] / 2, sizes_of(found), steady & sure & ~near)
+        bodies.manner.see(
+            rows, found[:, :2] + found[:, 2:] / 2, sizes_of(found), steady & sure & ~near
+        )
     if looks.blind:
         return
-    for column, row, telling in zip(columns, rows.tolist(), (steady & sure & ~near).tolist(), strict=True):
+    for column, row, telling in zip(
+        columns, rows.tolist(), (steady & sure & ~near).tolist(), strict=True
+    ):
         body = bodies.items[row]
         seen = looks.of(column) if telling and (due or body.colours is None) else None
         if seen is not None:
@@ -130,7 +170,8 @@ def learn(bodies: Bodies, taken: Mapping[int, int], free: Free, looks: Looks, du
 
 
 def _only(bodies: Bodies, rows: Rows, boxes: Floats, columns: Rows) -> Pairs:  # noqa: ARG001
-    """Pairs within a minimum shell without a rival: no other detection, and nobody else, is left unmatched in it.
+    """Pairs within a minimum shell without a rival: no other detection, and nobody else, is left
+    unmatched in it.
 
     Whoever turns back abruptly is off its prediction, yet nobody else can be there.
     """
@@ -139,8 +180,14 @@ def _only(bodies: Bodies, rows: Rows, boxes: Floats, columns: Rows) -> Pairs:  #
     smallest = bodies.radii(0.0)[rows]
     inside = (away * away).sum(axis=2) <= (smallest * smallest)[:, None]
     area = bank.value[rows, 2] * bank.value[rows, 3]
-    ratio = np.log(np.maximum(area, 1.0)[:, None] / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0))
-    alone = inside & (inside.sum(axis=1, keepdims=True) == 1) & (inside.sum(axis=0, keepdims=True) == 1)
+    ratio = np.log(
+        np.maximum(area, 1.0)[:, None] / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)
+    )
+    alone = (
+        inside
+        & (inside.sum(axis=1, keepdims=True) == 1)
+        & (inside.sum(axis=0, keepdims=True) == 1)
+    )
     return [(int(i), int(j)) for i, j in np.argwhere(alone & (np.abs(ratio) <= _RESIZED))]
 
 
@@ -155,6 +202,8 @@ def hide(bodies: Bodies, p: ShellsParameters) -> None:
         if any(items[k].id == body.front for k in seen):
             continue
         mine = boxes[row : row + 1]
-        cover = intersection(mine, boxes[seen])[0] / max(1.0, float(mine[0, 2] * mine[0, 3]))
+        cover = intersection(mine, boxes[seen])[0] / max(
+            1.0, float(mine[0, 2] * mine[0, 3])
+        )
         best = int(np.argmax(cover))
         body.front = items[seen[best]].id if cover[best] >= p.hidden_cover else TENTATIVE

@@ -1,8 +1,8 @@
 """Colour histograms of objects: P(p|c) of SHELLS, equation 8.
 
-One joint histogram over luma and both chromas, so that a red shirt with blue trousers is not a purple coat. Chroma
-lies near its middle in most scenes; its bins are finer there. Everything is 8-bit tables, `bincount` and written-out
-sums: the same on every machine.
+One joint histogram over luma and both chromas, so that a red shirt with blue trousers is not a
+purple coat. Chroma lies near its middle in most scenes; its bins are finer there. Everything is
+8-bit tables, `bincount` and written-out sums: the same on every machine.
 """
 
 from __future__ import annotations
@@ -36,8 +36,14 @@ def _table() -> NDArray[np.uint16]:
     luma = level * LUMA // 256
     # Bins of 5 levels; the first and the last take everything beyond.
     away = level - 128
-    chroma = np.clip(CHROMA // 2 + np.sign(away) * np.minimum(np.abs(away) // 5, CHROMA // 2), 0, CHROMA - 1)
-    return np.stack([luma * CHROMA * CHROMA, chroma * CHROMA, chroma], axis=1).astype(np.uint16)[None]
+    chroma = np.clip(
+        CHROMA // 2 + np.sign(away) * np.minimum(np.abs(away) // 5, CHROMA // 2),
+        0,
+        CHROMA - 1,
+    )
+    return np.stack([luma * CHROMA * CHROMA, chroma * CHROMA, chroma], axis=1).astype(
+        np.uint16
+    )[None]
 
 
 _TABLE = _table()
@@ -55,8 +61,11 @@ def histogram(bins: Bins, own: NDArray[np.bool_]) -> Floats:
     return np.asarray(counts / max(1.0, float(counts.sum())))
 
 
-def colours_in(box: Sequence[float], image: Image | None, mask: Image | None = None) -> Floats | None:
-    """Histogram of the foreground in a box; without a mask of the ellipse in it, where most of a body is.
+def colours_in(
+    box: Sequence[float], image: Image | None, mask: Image | None = None
+) -> Floats | None:
+    """Histogram of the foreground in a box; without a mask of the ellipse in it, where most of a
+    body is.
 
     None without a picture, or where hardly a pixel of the box is in it.
     """
@@ -64,13 +73,21 @@ def colours_in(box: Sequence[float], image: Image | None, mask: Image | None = N
         return None
     height, width = image.shape[:2]
     x, y, w, h = box
-    x1, y1, x2, y2 = max(0, round(x)), max(0, round(y)), min(width, round(x + w)), min(height, round(y + h))
+    x1, y1, x2, y2 = (
+        max(0, round(x)),
+        max(0, round(y)),
+        min(width, round(x + w)),
+        min(height, round(y + h)),
+    )
     if x2 - x1 < 2 or y2 - y1 < 2:
         return None
     if mask is not None:
         own = mask[y1:y2, x1:x2] > 0
     else:
-        u, v = (np.arange(x1, x2) + 0.5 - x) / w * 2 - 1, (np.arange(y1, y2) + 0.5 - y) / h * 2 - 1
+        u, v = (
+            (np.arange(x1, x2) + 0.5 - x) / w * 2 - 1,
+            (np.arange(y1, y2) + 0.5 - y) / h * 2 - 1,
+        )
         own = (u * u)[None, :] + (v * v)[:, None] <= _BODY * _BODY
     return histogram(bins_of(image[y1:y2, x1:x2]), own) if own.any() else None
 
@@ -78,8 +95,9 @@ def colours_in(box: Sequence[float], image: Image | None, mask: Image | None = N
 def tell(tables: Sequence[Floats | None]) -> list[Floats | None]:
     """Each object's log likelihood ratio of every bin against the mean of all, within `LIMIT`.
 
-    The common denominator leaves equation 6 as it is and makes a colour that all of them have worth nothing. None for
-    objects whose colours are not known; all None where fewer than two are known.
+    The common denominator leaves equation 6 as it is and makes a colour that all of them have
+    worth nothing. None for objects whose colours are not known; all None where fewer than two are
+    known.
     """
     known = [t for t in tables if t is not None]
     if len(known) < 2:
@@ -87,11 +105,16 @@ def tell(tables: Sequence[Floats | None]) -> list[Floats | None]:
     mean = np.zeros(BINS)
     for table in known:
         mean += table / len(known)
-    return [None if t is None else np.clip(np.log((t + _SOFT) / (mean + _SOFT)), -LIMIT, LIMIT) for t in tables]
+    return [
+        None if t is None else np.clip(np.log((t + _SOFT) / (mean + _SOFT)), -LIMIT, LIMIT)
+        for t in tables
+    ]
 
 
 def against(mine: Floats, other: Floats, seen: Floats) -> float:
-    """How much seen pixels (BINS,) speak for one histogram against another: mean log likelihood ratio per pixel."""
+    """How much seen pixels (BINS,) speak for one histogram against another: mean log likelihood
+    ratio per pixel.
+    """
     ratio = np.clip(np.log((mine + _SOFT) / (other + _SOFT)), -LIMIT, LIMIT)
     return float((seen * ratio).sum())
 
@@ -102,7 +125,9 @@ def distance(a: Floats, b: Floats) -> float:
 
 
 def signature(table: Floats) -> list[int]:
-    """A compact form for `recorders.messages.Target.signature`: 4 lumas by 8 by 8 chromas, counts of 1000."""
+    """A compact form for `recorders.messages.Target.signature`: 4 lumas by 8 by 8 chromas, counts
+    of 1000.
+    """
     # Eight bins make one, added two by two: a third of the time of a sum over three axes.
     pairs = table.reshape(LUMA // 2, 2, CHROMA // 2, 2, CHROMA // 2, 2)
     pairs = pairs[..., 0] + pairs[..., 1]

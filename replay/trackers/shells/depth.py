@@ -1,4 +1,6 @@
-"""Who covers whom among objects that share their foreground, and who is in front, by the owners of pixels."""
+"""Who covers whom among objects that share their foreground, and who is in front, by the owners
+of pixels.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,9 @@ class Depth:
         return np.bincount(self._owner[rows, columns].ravel(), minlength=self._n + 1)
 
     def covering(self, k: int) -> list[tuple[int, float]]:
-        """Who else owns pixels within claimant k's box, and their share where both boxes overlap, largest first."""
+        """Who else owns pixels within claimant k's box, and their share where both boxes overlap,
+        largest first.
+        """
         if self._n == 1:
             return []
         a, b, c, d = self._spans[k]
@@ -61,17 +65,21 @@ class Depth:
                 continue
             p, q, r, s = self._spans[other]
             top, left = max(a, p), max(c, r)
-            split = self._owners(slice(top, max(top, min(b, q))), slice(left, max(left, min(d, s))))
+            split = self._owners(
+                slice(top, max(top, min(b, q))), slice(left, max(left, min(d, s)))
+            )
             lost, kept = int(split[other + 1]), int(split[k + 1])
             if lost + kept > 0:
                 out.append((other, lost / (lost + kept)))
         return sorted(out, key=lambda r: (-r[1], r[0]))
 
     def lead(self, j: int, k: int, visible: Sequence[float]) -> float | None:
-        """Evidence that claimant j lies in front of k, negative if behind; None where they do not overlap.
+        """Evidence that claimant j lies in front of k, negative if behind; None where they do not
+        overlap.
 
-        What lies behind has lost pixels within its last mask to the one in front, and a part of its usual area; what
-        lies in front has not. Who shrinks because it turns loses area alone, so area counts half.
+        What lies behind has lost pixels within its last mask to the one in front, and a part of
+        its usual area; what lies in front has not. Who shrinks because it turns loses area alone,
+        so area counts half.
 
         Args:
             j: the one claimant.
@@ -93,7 +101,9 @@ class Depth:
         a, b, c, d = self._spans[k]
         mine = self._silhouette(k)[a:b, c:d]
         owners = self._owner[a:b, c:d]
-        return int(np.count_nonzero(owners[mine] == to + 1)) / (int(np.count_nonzero(mine)) + 1)
+        return int(np.count_nonzero(owners[mine] == to + 1)) / (
+            int(np.count_nonzero(mine)) + 1
+        )
 
     def _silhouette(self, k: int) -> Bools:
         """The last mask of a claimant at its place in the cut, (H, W) bool."""

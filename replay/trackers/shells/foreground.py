@@ -1,4 +1,6 @@
-"""One frame's foreground: blobs, their labels where pixels are asked for, and which objects lie over which blobs."""
+"""One frame's foreground: blobs, their labels where pixels are asked for, and which objects lie
+over which blobs.
+"""
 
 from __future__ import annotations
 
@@ -36,27 +38,34 @@ class Cut:
 
 
 class Foreground:
-    """Blobs by row; blob k's label in ``labels`` (H, W), as of `recorders.masks.label_blobs`, is k + 1."""
+    """Blobs by row; blob k's label in ``labels`` (H, W), as of `recorders.masks.label_blobs`, is
+    k + 1.
+    """
 
     def __init__(self, mask: Image, labels: Labels, components: Sequence[Blob]) -> None:
         self.mask = mask
         self.components = components
-        self.boxes: Floats = np.array([c.box for c in components], np.float64).reshape(-1, 4)
+        self.boxes: Floats = np.array([c.box for c in components], np.float64).reshape(
+            -1, 4
+        )
         self.areas: Floats = np.array([c.area for c in components], np.float64)
         self.labels = labels
 
     def links(self, boxes: Floats) -> Floats:
         """Pixels of each blob within each of the boxes (N, 4), (N, M).
 
-        Where a box meets one blob's box alone and that blob no other, no pixel is looked at: the blob's pixels are
-        taken to fill its box evenly.
+        Where a box meets one blob's box alone and that blob no other, no pixel is looked at: the
+        blob's pixels are taken to fill its box evenly.
         """
         n, m = len(boxes), len(self.boxes)
         if not n or not m:
             return np.zeros((n, m))
         common = intersection(boxes, self.boxes)
         meets = common > 0
-        out = common * (self.areas / np.maximum(self.boxes[:, 2] * self.boxes[:, 3], 1.0))[None, :]
+        out = (
+            common
+            * (self.areas / np.maximum(self.boxes[:, 2] * self.boxes[:, 3], 1.0))[None, :]
+        )
         crowded = meets[:, meets.sum(axis=0) > 1].any(axis=1) | (meets.sum(axis=1) > 1)
         height, width = self.mask.shape
         for i in np.flatnonzero(crowded).tolist():
@@ -93,4 +102,9 @@ class Foreground:
 def touches(boxes: Floats, width: int, height: int) -> NDArray[np.bool_]:
     """Which of the boxes (N, 4) reach the picture's border, (N,)."""
     right, bottom = boxes[:, 0] + boxes[:, 2], boxes[:, 1] + boxes[:, 3]
-    return np.asarray((boxes[:, 0] <= 1) | (boxes[:, 1] <= 1) | (right >= width - 1) | (bottom >= height - 1))
+    return np.asarray(
+        (boxes[:, 0] <= 1)
+        | (boxes[:, 1] <= 1)
+        | (right >= width - 1)
+        | (bottom >= height - 1)
+    )

@@ -1,9 +1,9 @@
 """Who is who after a JOINT: colours decide where places cannot.
 
-Two objects that were JOINT may have changed places unseen. Once each has a blob of its own again, both blobs' colours
-are compared with both histograms over a short time, in which nothing is learnt; where they say that the two have
-changed places, the identities follow the colours. This is how an occluded object reappears under its own id anywhere
-within its occluder's shell.
+Two objects that were JOINT may have changed places unseen. Once each has a blob of its own again,
+both blobs' colours are compared with both histograms over a short time, in which nothing is
+learnt; where they say that the two have changed places, the identities follow the colours. This
+is how an occluded object reappears under its own id anywhere within its occluder's shell.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ Pair = tuple[int, int]
 
 @dataclass(slots=True)
 class _Doubt:
-    """Evidence about a pair (a, b) since it separated: sums of what a's and b's blobs said, and of how many frames."""
+    """Evidence about a pair (a, b) since it separated: sums of what a's and b's blobs said, and
+    of how many frames.
+    """
 
     frames: int
     first: Floats
@@ -33,7 +35,9 @@ class _Doubt:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A decided pair: ``evidence`` > 0 speaks for the places as they are, in log likelihood per pixel of both blobs."""
+    """A decided pair: ``evidence`` > 0 speaks for the places as they are, in log likelihood per
+    pixel of both blobs.
+    """
 
     a: int
     b: int
@@ -57,7 +61,9 @@ class Doubts:
 
     def keep(self, living: list[int]) -> None:
         """Forget pairs of objects that are gone."""
-        self._pairs = {p: d for p, d in self._pairs.items() if p[0] in living and p[1] in living}
+        self._pairs = {
+            p: d for p, d in self._pairs.items() if p[0] in living and p[1] in living
+        }
 
     def alone(self) -> list[int]:
         """Ids in doubt, ascending."""
@@ -71,10 +77,14 @@ class Doubts:
                 doubt.first = doubt.first + looks[a]
                 doubt.second = doubt.second + looks[b]
 
-    def decide(self, bodies: Mapping[int, Body], apart: set[Pair], frames: int, margin: float) -> list[Verdict]:
-        """Decide pairs seen often enough, or already INDEPENDENT, those with the clearest evidence first.
+    def decide(
+        self, bodies: Mapping[int, Body], apart: set[Pair], frames: int, margin: float
+    ) -> list[Verdict]:
+        """Decide pairs seen often enough, or already INDEPENDENT, those with the clearest
+        evidence first.
 
-        At most one exchange of each object in one frame; a pair whose partner has just been exchanged waits.
+        At most one exchange of each object in one frame; a pair whose partner has just been
+        exchanged waits.
         """
         due: list[tuple[float, Pair]] = []
         for pair in sorted(self._pairs):
@@ -104,7 +114,10 @@ class Doubts:
 
     def state(self) -> list[Any]:
         """Plain data for a checkpoint."""
-        return [[a, b, d.frames, d.first.copy(), d.second.copy()] for (a, b), d in self._pairs.items()]
+        return [
+            [a, b, d.frames, d.first.copy(), d.second.copy()]
+            for (a, b), d in self._pairs.items()
+        ]
 
     def restore(self, state: list[Any]) -> None:
         """Continue from what `state` gave."""
@@ -118,4 +131,6 @@ def _evidence(a: Body, b: Body, doubt: _Doubt) -> float:
     if a.colours is None or b.colours is None or not doubt.frames:
         return 0.0
     n = doubt.frames
-    return against(a.colours, b.colours, doubt.first / n) + against(b.colours, a.colours, doubt.second / n)
+    return against(a.colours, b.colours, doubt.first / n) + against(
+        b.colours, a.colours, doubt.second / n
+    )

@@ -1,4 +1,6 @@
-"""The life of an object: where it may start, when it is confirmed, found again, lost, removed (EVENTS 2, 3.2)."""
+"""The life of an object: where it may start, when it is confirmed, found again, lost, removed
+(EVENTS 2, 3.2).
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,12 @@ class Life:
     """Gives ids, and decides who starts, is confirmed, lost and removed."""
 
     def __init__(
-        self, scene: SceneInfo, bodies: Bodies, parameters: ShellsParameters, k_s: float, regions: RegionParameters
+        self,
+        scene: SceneInfo,
+        bodies: Bodies,
+        parameters: ShellsParameters,
+        k_s: float,
+        regions: RegionParameters,
     ) -> None:
         self._bodies = bodies
         self._p = parameters
@@ -31,7 +38,9 @@ class Life:
         self._region_parameters = regions
         self._width, self._height = scene.width, scene.height
         self._drawn: Regions | None = None
-        self._regions = SceneRegions(default_regions(scene.width, scene.height, regions), regions)
+        self._regions = SceneRegions(
+            default_regions(scene.width, scene.height, regions), regions
+        )
         self._next_id = 1
 
     def take_regions(self, regions: Regions | None) -> None:
@@ -41,14 +50,22 @@ class Life:
             self._regions = SceneRegions(regions, self._region_parameters)
 
     def may_start(self, boxes: Floats) -> NDArray[np.bool_]:
-        """Which of boxes (N, 4) may start an object: their centres lie in the region of interest or the border."""
+        """Which of boxes (N, 4) may start an object: their centres lie in the region of interest
+        or the border.
+        """
         return self._regions.may_start_low_level_all(boxes[:, :2] + boxes[:, 2:] / 2)
 
     def confirm(self, frame: Frame) -> list[Notice]:
-        """New objects with enough support get an identity, their own or that of one who had been lost."""
+        """New objects with enough support get an identity, their own or that of one who had been
+        lost.
+        """
         notices: list[Notice] = []
         for row, body in enumerate(self._bodies.items):
-            if body.id != TENTATIVE or not body.observed or body.hits < self._p.confirm_hits:
+            if (
+                body.id != TENTATIVE
+                or not body.observed
+                or body.hits < self._p.confirm_hits
+            ):
                 continue
             if (frame.time_ns - body.born_ns) * NS < self._p.confirm_s:
                 continue
@@ -59,23 +76,35 @@ class Life:
             body.newborn = True
             if body.area <= 0:
                 body.area = births.area_of(self._bodies.box(row), body.blob, frame)
-            evidence = {"hits": body.hits, "first_frame": body.born, "sightings": body.sightings[:-1]}
-            notices.append(Notice("track_confirmed", [body.id], "EVENTS 2: enough support", evidence))
+            evidence = {
+                "hits": body.hits,
+                "first_frame": body.born,
+                "sightings": body.sightings[:-1],
+            }
+            notices.append(
+                Notice("track_confirmed", [body.id], "EVENTS 2: enough support", evidence)
+            )
             body.sightings = []
         return notices
 
     def _may_confirm(self, row: int) -> bool:
-        """Where somebody has drawn the regions, a target starts at least partly in the region of interest (EVENTS 3.2).
+        """Where somebody has drawn the regions, a target starts at least partly in the region of
+        interest (EVENTS 3.2).
 
-        The default one leaves out the picture's rim, along which animals in a dish or tank live: there they start too.
+        The default one leaves out the picture's rim, along which animals in a dish or tank live:
+        there they start too.
         """
         default = self._drawn is None or self._drawn.source == "default"
         return default or self._regions.may_start_high_level(self._bodies.box(row))
 
     def _returns(self, row: int, frame: Frame, notices: list[Notice]) -> bool:
-        """Whether a new object is one that was lost: then that one takes its place, and the new one is dropped."""
+        """Whether a new object is one that was lost: then that one takes its place, and the new
+        one is dropped.
+        """
         body = self._bodies.items[row]
-        known = births.returned(body, row, self._bodies, self._bodies.radii(self._k_s), frame, self._p)
+        known = births.returned(
+            body, row, self._bodies, self._bodies.radii(self._k_s), frame, self._p
+        )
         if known is None:
             return False
         old = self._bodies.items[known.row]
@@ -103,7 +132,9 @@ class Life:
             mode: Mode = body.now if body.observed else "predicted"
             if mode != body.mode:
                 change = {"from": body.mode, "to": mode, "unseen_s": unseen}
-                notices.append(Notice("mode_changed", [body.id], "EVENTS 2: matching case", change))
+                notices.append(
+                    Notice("mode_changed", [body.id], "EVENTS 2: matching case", change)
+                )
                 body.mode = mode
             body.confidence = body.quality * 0.5 ** (unseen / self._p.half_life_s)
             # Behind somebody who lies where it should be, an object can be nowhere else.
@@ -111,11 +142,22 @@ class Life:
             lost = unseen > patience * self._p.coast_s
             if lost != body.lost:
                 kind = "track_lost" if lost else "track_recovered"
-                notices.append(Notice(kind, [body.id], "EVENTS 2: unseen for too long", {"unseen_s": unseen}))
+                notices.append(
+                    Notice(
+                        kind,
+                        [body.id],
+                        "EVENTS 2: unseen for too long",
+                        {"unseen_s": unseen},
+                    )
+                )
                 body.lost = lost
             why = self._must_go(row, body, unseen)
             if why is not None:
-                evidence = {"unseen_s": unseen, "confidence": body.confidence, "box": list(self._bodies.box(row))}
+                evidence = {
+                    "unseen_s": unseen,
+                    "confidence": body.confidence,
+                    "box": list(self._bodies.box(row)),
+                }
                 notices.append(Notice("track_removed", [body.id], why, evidence))
                 continue
             kept.append(row)
@@ -128,7 +170,9 @@ class Life:
         cx, cy = self._bodies.bank.value[row, :2].tolist()
         if not (0 <= cx < self._width and 0 <= cy < self._height):
             return "EVENTS 3.2, ours: its centre has left the picture"
-        return self._regions.must_remove(self._bodies.box(row), body.mode, min(1.0, max(0.0, body.confidence)))
+        return self._regions.must_remove(
+            self._bodies.box(row), body.mode, min(1.0, max(0.0, body.confidence))
+        )
 
     def state(self) -> dict[str, Any]:
         """Plain data for a checkpoint."""

@@ -1,10 +1,12 @@
-"""How abruptly the targets of a recording move, and how exact its detections are, learnt from their own innovations.
+"""How abruptly the targets of a recording move, and how exact its detections are, learnt from
+their own innovations.
 
-People walk on, fish dash and turn: no one process noise suits both, and a filter that is too calm loses whoever turns.
-Beside the tracker's own filter, each target's centre is therefore followed by one filter for each of several
-accelerations, in body sizes, fed with the same detections. The acceleration under which all targets' innovations so far
-are likeliest, where it was not ambiguous whose a detection is, is the tracker's own from the next frame on, as
-hindsight chooses the liveliness of its smoother. One choice for the whole recording: pooled, it is known soon, before
+People walk on, fish dash and turn: no one process noise suits both, and a filter that is too calm
+loses whoever turns. Beside the tracker's own filter, each target's centre is therefore followed
+by one filter for each of several accelerations, in body sizes, fed with the same detections. The
+acceleration under which all targets' innovations so far are likeliest, where it was not ambiguous
+whose a detection is, is the tracker's own from the next frame on, as hindsight chooses the
+liveliness of its smoother. One choice for the whole recording: pooled, it is known soon, before
 most targets have turned for the second time.
 """
 
@@ -24,21 +26,24 @@ Rows = NDArray[np.intp]
 AGILITIES = (1.0, 2.0, 4.0, 8.0, 16.0)
 """Times the acceleration that is assumed at first: none is calmer."""
 SHARP = 0.5
-"""Times the error of a detection that is assumed at first: what liveliness is judged by, and what the lively get.
+"""Times the error of a detection that is assumed at first: what liveliness is judged by, and what
+the lively get.
 
-Judged by the whole error, turns pass for errors of detection. The calm keep the whole: followed as closely as their
-detections are exact, people who pass one another change places.
+Judged by the whole error, turns pass for errors of detection. The calm keep the whole: followed
+as closely as their detections are exact, people who pass one another change places.
 """
 LIVELY = 8.0
 """Times the acceleration that is assumed at first, from which on targets are lively."""
 ENOUGH = 40
 """Innovations from which on what they say is believed."""
 _WORST = 16.0
-"""Squared innovations count no more than this, in variances: a wrong association is no manoeuvre."""
+"""Squared innovations count no more than this, in variances: a wrong association is no manoeuvre.
+"""
 
 
 class Liveliness:
-    """A bank of filters of the centre: x and y of every acceleration after another, by the bodies' rows.
+    """A bank of filters of the centre: x and y of every acceleration after another, by the
+    bodies' rows.
 
     Attributes:
         noise: standard deviation of a detected centre, sizes.
@@ -57,7 +62,9 @@ class Liveliness:
     def start(self, centre: tuple[float, float], size: float) -> None:
         """A new body, at a measured centre."""
         rate = np.array((size * self._speed) ** 2)
-        self._bank.add(np.tile(centre, len(AGILITIES))[None], np.array(self._variance(size)), rate)
+        self._bank.add(
+            np.tile(centre, len(AGILITIES))[None], np.array(self._variance(size)), rate
+        )
 
     def _variance(self, sizes: Any) -> Any:
         return (sizes * (SHARP * self._calm[0])) ** 2
@@ -70,7 +77,9 @@ class Liveliness:
         """Advance all bodies by dt seconds."""
         self._bank.predict(dt, (sizes[:, None] * self._tried) ** 2)
 
-    def see(self, rows: Rows, centres: Floats, sizes: Floats, telling: NDArray[np.bool_]) -> None:
+    def see(
+        self, rows: Rows, centres: Floats, sizes: Floats, telling: NDArray[np.bool_]
+    ) -> None:
         """Take the detections of a frame.
 
         Args:

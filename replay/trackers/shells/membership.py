@@ -1,12 +1,14 @@
-"""Pixel membership (SHELLS 2.4): who owns each foreground pixel within the shells of objects that meet.
+"""Pixel membership (SHELLS 2.4): who owns each foreground pixel within the shells of objects that
+meet.
 
-Equations 6 to 8: the owner of a pixel is argmax over the object and those it is related to of P(p|c) P(c), with the
-colour histogram's likelihood and the shell's Epanechnikov kernel as the prior, which is 0 outside c's own shell. Ties
-go to the object that was born first. Everything is done over all pixels of an object's shell at once.
+Equations 6 to 8: the owner of a pixel is argmax over the object and those it is related to of
+P(p|c) P(c), with the colour histogram's likelihood and the shell's Epanechnikov kernel as the
+prior, which is 0 outside c's own shell. Ties go to the object that was born first. Everything is
+done over all pixels of an object's shell at once.
 
-Beyond the paper, each with a parameter of its own: the object's last mask as a further cue (``shape``), shares of
-pixels in place of whole ones (``soft``), and pixels that belong to nobody because two objects claim them alike
-(``disputed``).
+Beyond the paper, each with a parameter of its own: the object's last mask as a further cue
+(``shape``), shares of pixels in place of whole ones (``soft``), and pixels that belong to nobody
+because two objects claim them alike (``disputed``).
 """
 
 from __future__ import annotations
@@ -32,7 +34,9 @@ _TAIL = 0.05
 
 @dataclass(frozen=True)
 class Claimants:
-    """N objects that claim pixels: boxes (N, 4) and shell radii (N,) in pixels, tables (BINS,) and masks, or None."""
+    """N objects that claim pixels: boxes (N, 4) and shell radii (N,) in pixels, tables (BINS,)
+    and masks, or None.
+    """
 
     boxes: Floats
     radii: Floats
@@ -46,7 +50,8 @@ class Members:
 
     Attributes:
         owner: (H, W) uint16, 0 for nobody, k + 1 for claimant k.
-        counts: (N,) owned pixels, or with ``soft`` sums of shares. The owners are the hard rule's in either case.
+        counts: (N,) owned pixels, or with ``soft`` sums of shares. The owners are the hard rule's
+            in either case.
         means: (N, 2) E[P_k] in the picture, pixel centres at integers + 0.5; nan without pixels.
     """
 
@@ -56,7 +61,9 @@ class Members:
 
 
 def log_mask(mask: Image | None) -> Floats:
-    """Log share of own pixels by cell of the box, (GRID, GRID); an ellipse where no mask is known."""
+    """Log share of own pixels by cell of the box, (GRID, GRID); an ellipse where no mask is
+    known.
+    """
     share = _ELLIPSE if mask is None else mask.astype(np.float64) / 255.0
     return np.asarray(np.log(_TAIL + (1 - _TAIL) * share))
 
@@ -70,13 +77,19 @@ _ELLIPSE = _ellipse()
 
 
 def cells(start: float, size: float, first: int, last: int) -> NDArray[np.intp]:
-    """Cells of a box's side (start, size) in which the pixels first to last - 1 lie, out of range outside of it."""
+    """Cells of a box's side (start, size) in which the pixels first to last - 1 lie, out of range
+    outside of it.
+    """
     centre = np.arange(first, last) + 0.5
     return np.asarray(np.floor((centre - start) * (GRID / max(size, 1.0))), np.intp)
 
 
-def score(k: int, who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParameters) -> tuple[Floats, Places]:
-    """Score log P(p|c) P(c) of claimant k for the pixels of the cut within its shell, and which they are (flat)."""
+def score(
+    k: int, who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParameters
+) -> tuple[Floats, Places]:
+    """Score log P(p|c) P(c) of claimant k for the pixels of the cut within its shell, and which
+    they are (flat).
+    """
     x, y, w, h = who.boxes[k].tolist()
     r = float(who.radii[k])
     cx, cy = x + w / 2 - cut.left, y + h / 2 - cut.top
@@ -109,7 +122,9 @@ def _shape(mask: Image | None) -> Floats:
     return table
 
 
-def assign_pixels(who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParameters) -> Members:
+def assign_pixels(
+    who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParameters
+) -> Members:
     """Decide every pixel of a cut.
 
     Args:
@@ -151,11 +166,15 @@ def moments(owner: NDArray[np.uint16], n: int, cut: Cut) -> tuple[Floats, Floats
     counts = np.bincount(who, minlength=n + 1)[1:].astype(np.float64)
     total = np.stack([np.bincount(who, v, minlength=n + 1)[1:] for v in (xs, ys)], axis=1)
     with np.errstate(invalid="ignore"):
-        means = total / np.where(counts > 0, counts, np.nan)[:, None] + np.array([cut.left + 0.5, cut.top + 0.5])
+        means = total / np.where(counts > 0, counts, np.nan)[:, None] + np.array(
+            [cut.left + 0.5, cut.top + 0.5]
+        )
     return counts, np.asarray(means)
 
 
-def _soft(owner: NDArray[np.uint16], best: Floats, scores: list[tuple[Floats, Places]], cut: Cut) -> Members:
+def _soft(
+    owner: NDArray[np.uint16], best: Floats, scores: list[tuple[Floats, Places]], cut: Cut
+) -> Members:
     """Counts and means from shares P(c|p) in place of whole pixels."""
     total = np.zeros(best.shape)
     shares = [np.exp(mine - best[at]) for mine, at in scores]
@@ -174,7 +193,9 @@ def _soft(owner: NDArray[np.uint16], best: Floats, scores: list[tuple[Floats, Pl
 
 
 def extent(own: Bools, cut: Cut) -> tuple[float, float, float, float] | None:
-    """The box of a mask's pixels in the cut, without the outermost 2 % on each side; None for an empty one."""
+    """The box of a mask's pixels in the cut, without the outermost 2 % on each side; None for an
+    empty one.
+    """
     count = int(np.count_nonzero(own))
     if not count:
         return None

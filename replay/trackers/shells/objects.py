@@ -29,12 +29,14 @@ COMPONENTS = 4
 
 @dataclass(slots=True)
 class Body:
-    """One object; what belongs to its identity first, then where it is and how it was found in this frame.
+    """One object; what belongs to its identity first, then where it is and how it was found in
+    this frame.
 
     Attributes:
         colours: its colour histogram, None before the first look.
         updates: how often it was learnt.
-        mask: (GRID, GRID) uint8, how often each cell of its box was its own, of 255, lately; None before that.
+        mask: (GRID, GRID) uint8, how often each cell of its box was its own, of 255, lately; None
+            before that.
         area: its typical number of pixels when alone.
         centroid: mean of its pixels from the box's centre, in widths and heights.
         visible: share of its area that was its own in the last frame.
@@ -85,7 +87,9 @@ class Body:
 
     def learn_mask(self, own: NDArray[np.bool_]) -> None:
         """Blend in the mask (h, w) that fills the object's box."""
-        cells = cv2.resize(own.astype(np.uint8) * np.uint8(255), (GRID, GRID), interpolation=cv2.INTER_AREA)
+        cells = cv2.resize(
+            own.astype(np.uint8) * np.uint8(255), (GRID, GRID), interpolation=cv2.INTER_AREA
+        )
         fresh = np.asarray(cells, np.int16)
         if self.mask is not None:
             old = self.mask.astype(np.int16)
@@ -110,7 +114,11 @@ class Bodies:
     def __init__(self, parameters: ShellsParameters, has_pixels: bool = True) -> None:
         self._p = p = parameters
         self._agility = p.agility if has_pixels else p.box_agility
-        self.manner = Liveliness(p.box_noise, p.box_agility, p.speed) if p.box_lively and not has_pixels else None
+        self.manner = (
+            Liveliness(p.box_noise, p.box_agility, p.speed)
+            if p.box_lively and not has_pixels
+            else None
+        )
         self.bank = KalmanBank(COMPONENTS)
         self.items: list[Body] = []
 
@@ -133,7 +141,9 @@ class Bodies:
         return (cx - w / 2, cy - h / 2, w, h)
 
     def radii(self, k_s: float) -> Floats:
-        """Shell radii r_min + k |v| (SHELLS 2.2), (N,) pixels: r_min is the smallest disc around the box."""
+        """Shell radii r_min + k |v| (SHELLS 2.2), (N,) pixels: r_min is the smallest disc around
+        the box.
+        """
         v, r = self.bank.value, self.bank.rate
         smallest = 0.5 * np.sqrt(v[:, 2] * v[:, 2] + v[:, 3] * v[:, 3])
         return np.asarray(smallest + k_s * np.sqrt(r[:, 0] * r[:, 0] + r[:, 1] * r[:, 1]))
@@ -152,7 +162,9 @@ class Bodies:
         self.bank.p00[:, 2:] += (sizes * 0.1) ** 2 * dt
 
     def move(self, row: int, place: tuple[float, float], a: float) -> None:
-        """Position update (SHELLS, equation 9): C = a E[P] + (1 - a) prediction, and the speed that follows from it."""
+        """Position update (SHELLS, equation 9): C = a E[P] + (1 - a) prediction, and the speed
+        that follows from it.
+        """
         variance = self.bank.p00[row] * ((1 - a) / a)
         variance[2:] = 1e12
         measured = self.bank.value[row].copy()
@@ -167,7 +179,9 @@ class Bodies:
         self.bank.p00[row, 2:] *= 1 - a
 
     def correct(self, row: int, box: Box) -> None:
-        """Equation 9 with the filter's own gain in place of a: a measured box whose error is known."""
+        """Equation 9 with the filter's own gain in place of a: a measured box whose error is
+        known.
+        """
         x, y, w, h = box
         noise = self._p.box_noise if self.manner is None else self.manner.noise
         bank, variance = self.bank, max(w * h, 1.0) * noise * noise
@@ -179,7 +193,9 @@ class Bodies:
         x, y, w, h = box
         size = max(w * h, 1.0) ** 0.5
         rate = (size * np.array([self._p.speed] * 2 + [0.0] * 2)) ** 2
-        self.bank.add(np.array([[x + w / 2, y + h / 2, w, h]]), (0.1 * size) ** 2, rate[None])
+        self.bank.add(
+            np.array([[x + w / 2, y + h / 2, w, h]]), (0.1 * size) ** 2, rate[None]
+        )
         self.items.append(body)
         if self.manner is not None:
             self.manner.start((x + w / 2, y + h / 2), size)
@@ -209,7 +225,11 @@ class Bodies:
     def state(self) -> dict[str, Any]:
         """Plain data for a checkpoint."""
         manner = None if self.manner is None else self.manner.state()
-        return {"bank": self.bank.state(), "items": [_plain(b) for b in self.items], "manner": manner}
+        return {
+            "bank": self.bank.state(),
+            "items": [_plain(b) for b in self.items],
+            "manner": manner,
+        }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` gave."""
@@ -239,7 +259,9 @@ def _plain(body: Body) -> dict[str, Any]:
 
 def _body(state: Mapping[str, Any]) -> Body:
     plain = dict(state)
-    plain["colours"] = None if plain["colours"] is None else np.array(plain["colours"], np.float64)
+    plain["colours"] = (
+        None if plain["colours"] is None else np.array(plain["colours"], np.float64)
+    )
     plain["mask"] = None if plain["mask"] is None else np.array(plain["mask"], np.uint8)
     plain["measured"] = None if plain["measured"] is None else tuple(plain["measured"])
     plain["ellipse"] = None if plain["ellipse"] is None else Ellipse(*plain["ellipse"])

@@ -1,12 +1,15 @@
-"""Where objects are that share their foreground: each at the place where its last mask explains most of it.
+"""Where objects are that share their foreground: each at the place where its last mask explains
+most of it.
 
-The prior of equation 8 stands or falls with the shell's centre, and in a JOINT the mean of the owned pixels is that of
-the visible ones alone. So before pixels are assigned, each object's last mask is moved over the foreground around its
-prediction to where it explains, by its colours, most of what nobody else explains better, and little background. The
-objects are moved by turns, those that were seen best first. (Ours; the paper stays with the prediction.)
+The prior of equation 8 stands or falls with the shell's centre, and in a JOINT the mean of the
+owned pixels is that of the visible ones alone. So before pixels are assigned, each object's last
+mask is moved over the foreground around its prediction to where it explains, by its colours, most
+of what nobody else explains better, and little background. The objects are moved by turns, those
+that were seen best first. (Ours; the paper stays with the prediction.)
 
-The search itself is done in whole numbers of `_UNIT`s of log likelihood: 8 bits hold what a cell can gain, saturating
-subtraction is the maximum with 0, and sums of whole numbers are the same on every machine.
+The search itself is done in whole numbers of `_UNIT`s of log likelihood: 8 bits hold what a cell
+can gain, saturating subtraction is the maximum with 0, and sums of whole numbers are the same on
+every machine.
 """
 
 from __future__ import annotations
@@ -34,13 +37,15 @@ _ACROSS = 12
 """Cells across the smallest object's size: the search's resolution."""
 SWEEPS = 2
 _AT_ONCE = 4 << 20
-"""Cells of windows held at a time, as far as one row of places allows: memory must not grow with the search."""
+"""Cells of windows held at a time, as far as one row of places allows: memory must not grow with
+the search.
+"""
 
 
 @dataclass(slots=True)
 class _Piece:
-    """An object on the search's grid: what its colours tell, log mask, what is needed to explain a cell and what
-    background below it costs in units, place of its top left cell.
+    """An object on the search's grid: what its colours tell, log mask, what is needed to explain
+    a cell and what background below it costs in units, place of its top left cell.
     """
 
     tells: Floats | None
@@ -54,7 +59,12 @@ class _Piece:
 
 
 def place(
-    who: Claimants, reach: Floats, order: Sequence[int], cut: Cut, bins: Bins | None, p: ShellsParameters
+    who: Claimants,
+    reach: Floats,
+    order: Sequence[int],
+    cut: Cut,
+    bins: Bins | None,
+    p: ShellsParameters,
 ) -> Floats:
     """Boxes (N, 4) of the objects at the places that explain the foreground best.
 
@@ -62,7 +72,8 @@ def place(
         who: the objects, boxes predicted.
         reach: (N,) standard deviations of the predicted places, pixels.
         order: the rows in the order in which they choose.
-        cut: the foreground that they share, with a margin of at least one object's size around their boxes.
+        cut: the foreground that they share, with a margin of at least one object's size around
+            their boxes.
         bins: (H, W) colour bins, None without pictures.
         p: the parameters.
     """
@@ -83,8 +94,18 @@ def place(
             for j, piece in enumerate(pieces):
                 if j != k:
                     _explain(others, (area[0].start, area[1].start), piece, coarse)
-            gained = np.where(own[area], _units(_gain(pieces[k], coarse, area) - others), np.uint8(0))
-            _move(pieces[k], gained, empty[area], (area[0].start, area[1].start), stride, reach[k] / step, p)
+            gained = np.where(
+                own[area], _units(_gain(pieces[k], coarse, area) - others), np.uint8(0)
+            )
+            _move(
+                pieces[k],
+                gained,
+                empty[area],
+                (area[0].start, area[1].start),
+                stride,
+                reach[k] / step,
+                p,
+            )
     out = who.boxes.copy()
     for k, piece in enumerate(pieces):
         out[k, 0] += (piece.left - piece.home[1]) * step
@@ -108,7 +129,16 @@ def _piece(who: Claimants, k: int, cut: Cut, step: int) -> _Piece:
     gap = -np.log(np.maximum(1.0 - np.exp(log), 0.03))
     top, left = round((y - cut.top) / step), round((x - cut.left) / step)
     worth = float((log - _UNEXPLAINED)[log > _UNEXPLAINED].sum())
-    return _Piece(who.tells[k], log, _units(-log), _units(gap), top, left, (top, left), max(worth, 1.0))
+    return _Piece(
+        who.tells[k],
+        log,
+        _units(-log),
+        _units(gap),
+        top,
+        left,
+        (top, left),
+        max(worth, 1.0),
+    )
 
 
 def _units(values: Floats) -> Bytes:
@@ -120,18 +150,26 @@ def _units(values: Floats) -> Bytes:
 
 
 def _span(who: Claimants, k: int, reach: Floats, step: int, sweep: int) -> tuple[int, int]:
-    """How far (cells) the search goes, and its stride: widely first, then closely around what was found."""
+    """How far (cells) the search goes, and its stride: widely first, then closely around what was
+    found.
+    """
     size = float(np.sqrt(max(1.0, who.boxes[k, 2] * who.boxes[k, 3])))
     # Of an object far larger than the smallest, places as far apart as its own size warrants.
     stride = max(2, int(size / step / _ACROSS))
     if sweep:
         return stride, max(1, stride // 2)
-    span = min(max(2.0 * float(reach[k]), 0.25 * size), max(0.7 * size, 1.5 * float(reach[k])))
+    span = min(
+        max(2.0 * float(reach[k]), 0.25 * size), max(0.7 * size, 1.5 * float(reach[k]))
+    )
     return max(stride, stride * round(span / step / stride)), stride
 
 
-def _within(piece: _Piece, reach: int, shape: tuple[int, ...]) -> tuple[slice, slice] | None:
-    """The cells that a piece may cover at any place within the search's reach, None where there is no place for it."""
+def _within(
+    piece: _Piece, reach: int, shape: tuple[int, ...]
+) -> tuple[slice, slice] | None:
+    """The cells that a piece may cover at any place within the search's reach, None where there
+    is no place for it.
+    """
     rows, columns = piece.need.shape
     height, width = shape
     top = min(max(piece.top - reach, 0), max(0, height - rows))
@@ -143,8 +181,12 @@ def _within(piece: _Piece, reach: int, shape: tuple[int, ...]) -> tuple[slice, s
     return slice(top, bottom + rows), slice(left, right + columns)
 
 
-def _explain(others: Floats, corner: tuple[int, int], piece: _Piece, bins: Bins | None) -> None:
-    """Raise the explanation of an area's cells under a piece to its own; ``corner``: the area's top left cell."""
+def _explain(
+    others: Floats, corner: tuple[int, int], piece: _Piece, bins: Bins | None
+) -> None:
+    """Raise the explanation of an area's cells under a piece to its own; ``corner``: the area's
+    top left cell.
+    """
     (height, width), (top, left) = others.shape, corner
     rows, columns = piece.log.shape
     a, b = max(top, piece.top), max(left, piece.left)
@@ -170,27 +212,34 @@ def _move(
     many = max(1, _AT_ONCE // (frees.shape[1] * rows * columns))
     total = np.concatenate(
         [
-            _explained(frees[i : i + many], piece) - p.gap_cost * _emptied(empties[i : i + many], piece)
+            _explained(frees[i : i + many], piece)
+            - p.gap_cost * _emptied(empties[i : i + many], piece)
             for i in range(0, len(frees), many)
         ]
     )
     y = top + np.arange(total.shape[0]) * stride - piece.home[0]
     x = left + np.arange(total.shape[1]) * stride - piece.home[1]
     scale = max(0.1 * float(np.sqrt(rows * columns)), doubt)
-    total = total / piece.worth - p.prior_cost * (y[:, None] * y[:, None] + x * x) / (scale * scale)
+    total = total / piece.worth - p.prior_cost * (y[:, None] * y[:, None] + x * x) / (
+        scale * scale
+    )
     i, j = divmod(int(np.argmax(total)), total.shape[1])
     piece.top, piece.left = top + i * stride, left + j * stride
 
 
 def _explained(windows: Bytes, piece: _Piece) -> Floats:
-    """What a piece would explain at each place, from the windows (I, J, h, w) of what nobody explains."""
+    """What a piece would explain at each place, from the windows (I, J, h, w) of what nobody
+    explains.
+    """
     # In C order, as `_sums` wants them: the windows' own order in memory is another.
     gained = np.maximum(windows, piece.need, order="C")
     return _sums(np.subtract(gained, piece.need, out=gained))
 
 
 def _emptied(windows: Bytes, piece: _Piece) -> Floats:
-    """What the background below a piece would cost at each place, from the windows of what is background."""
+    """What the background below a piece would cost at each place, from the windows of what is
+    background.
+    """
     return _sums(np.bitwise_and(windows, piece.gap, order="C"))
 
 
@@ -200,7 +249,9 @@ def _windows(cells: Bytes, shape: tuple[int, int], stride: int) -> Bytes:
     count = ((height - shape[0]) // stride + 1, (width - shape[1]) // stride + 1)
     cells = np.ascontiguousarray(cells)
     down, right = cells.strides
-    return np.ndarray((*count, *shape), np.uint8, cells, 0, (down * stride, right * stride, down, right))
+    return np.ndarray(
+        (*count, *shape), np.uint8, cells, 0, (down * stride, right * stride, down, right)
+    )
 
 
 def _sums(windows: Bytes) -> Floats:

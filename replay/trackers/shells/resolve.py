@@ -1,10 +1,12 @@
-"""From shells and blobs to each object's place: who is alone, who shares, and pixels only where they are shared.
+"""From shells and blobs to each object's place: who is alone, who shares, and pixels only where
+they are shared.
 
-An object that lies alone over a blob of its own size is measured by the blob. Objects that are related (SHELLS 2.3,
-resolved on the predicted shells and blobs before anything is looked at) and lie over common blobs form a neighbourhood:
-if each of them fits a blob of its own, blobs are handed out whole; else every foreground pixel in their shells is
-evaluated (`membership`), without any joint object (straight-through). Who is not related to an object, directly or
-through others, is no rival of its (equation 7) and is evaluated without it.
+An object that lies alone over a blob of its own size is measured by the blob. Objects that are
+related (SHELLS 2.3, resolved on the predicted shells and blobs before anything is looked at) and
+lie over common blobs form a neighbourhood: if each of them fits a blob of its own, blobs are
+handed out whole; else every foreground pixel in their shells is evaluated (`membership`), without
+any joint object (straight-through). Who is not related to an object, directly or through others,
+is no rival of its (equation 7) and is evaluated without it.
 """
 
 from __future__ import annotations
@@ -44,7 +46,8 @@ class Found:
     """An object's observation in this frame.
 
     Attributes:
-        box: measured box, pixels; its centre is E[P] brought from the pixels' mean to the box's centre.
+        box: measured box, pixels; its centre is E[P] brought from the pixels' mean to the box's
+            centre.
         weight: share of a (equation 9) that these pixels deserve.
         sized: width and height were measured.
         alone: it has the blob for itself.
@@ -116,13 +119,23 @@ class Resolver:
         area = np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)
         self._pixels = self._fg.links(boxes)
         self._linked = np.asarray(
-            (self._pixels > 0) & ((self._pixels >= _LINK * area[:, None]) | (self._pixels >= 0.5 * self._fg.areas))
+            (self._pixels > 0)
+            & (
+                (self._pixels >= _LINK * area[:, None])
+                | (self._pixels >= 0.5 * self._fg.areas)
+            )
         )
 
     def blobs(self) -> dict[int, int]:
-        """The blob (label) that each object lies over by its prediction, by row: B_i of the events' cases."""
+        """The blob (label) that each object lies over by its prediction, by row: B_i of the
+        events' cases.
+        """
         held = np.where(self._linked, self._pixels, 0.0)
-        return {int(row): int(np.argmax(held[i])) + 1 for i, row in enumerate(self._rows) if self._linked[i].any()}
+        return {
+            int(row): int(np.argmax(held[i])) + 1
+            for i, row in enumerate(self._rows)
+            if self._linked[i].any()
+        }
 
     def resolve(self) -> None:
         """Find the objects: `found` and `fronts`. Relations are asked for here, not before."""
@@ -132,7 +145,10 @@ class Resolver:
         self.free = np.asarray(~linked.any(axis=0))
         fits = self._fits(rows)
         tenants = linked.sum(axis=0)
-        held = np.bincount(np.clip(self._frame.detection_blobs, 0, len(fg.boxes)), minlength=len(fg.boxes) + 1)[1:]
+        held = np.bincount(
+            np.clip(self._frame.detection_blobs, 0, len(fg.boxes)),
+            minlength=len(fg.boxes) + 1,
+        )[1:]
         shared: list[int] = []
         for i in range(len(rows)):
             mine = np.flatnonzero(linked[i])
@@ -146,7 +162,9 @@ class Resolver:
         hidden = self._hidden(rows, linked, shared)
         for members in self._neighbourhoods(shared):
             blobs = np.flatnonzero(linked[members].any(axis=0))
-            sought = [k for k in hidden if any(self._reappears(rows, k, i) for i in members)]
+            sought = [
+                k for k in hidden if any(self._reappears(rows, k, i) for i in members)
+            ]
             hidden = [k for k in hidden if k not in sought]
             everyone = sorted(members + sought)
             self._neighbourhood(rows[everyone], blobs, fits[everyone])
@@ -157,22 +175,35 @@ class Resolver:
         for members in clusters(shared, self._linked):
             ids = [self._bodies.items[int(self._rows[i])].id for i in members]
             pairs = np.array([[a == b or self._related(a, b) for b in ids] for a in ids])
-            together += [[members[k] for k in part] for part in clusters(list(range(len(ids))), pairs)]
+            together += [
+                [members[k] for k in part]
+                for part in clusters(list(range(len(ids))), pairs)
+            ]
         return sorted(together)
 
     def _hidden(self, rows: Rows, linked: Bools, shared: list[int]) -> list[int]:
-        """Objects that lie over no blob and were hidden by another when last sought, or meet another now."""
+        """Objects that lie over no blob and were hidden by another when last sought, or meet
+        another now.
+        """
         items = self._bodies.items
-        gone = [k for k in range(len(rows)) if int(rows[k]) not in self.found and k not in shared]
+        gone = [
+            k
+            for k in range(len(rows))
+            if int(rows[k]) not in self.found and k not in shared
+        ]
         return [k for k in gone if not linked[k].any() or items[rows[k]].front]
 
     def _reappears(self, rows: Rows, hidden: int, other: int) -> bool:
-        """Whether a hidden object may reappear around another: one that it is related to (SHELLS 2.3, case III)."""
+        """Whether a hidden object may reappear around another: one that it is related to (SHELLS
+        2.3, case III).
+        """
         a, b = (self._bodies.items[int(rows[k])] for k in (hidden, other))
         return a.front == b.id or self._related(a.id, b.id)
 
     def _fits(self, rows: Rows) -> Bools:
-        """Whether each blob may be each object alone, by its area, (N, M); what the border cuts may be smaller."""
+        """Whether each blob may be each object alone, by its area, (N, M); what the border cuts
+        may be smaller.
+        """
         p, fg = self._p, self._fg
         items = [self._bodies.items[r] for r in rows]
         area = np.array([b.area for b in items])
@@ -182,7 +213,9 @@ class Resolver:
         cut = touches(fg.boxes, width, height)
         mine = touches(self._boxes[rows], width, height)
         low = (ratio >= p.smaller) | cut[None, :]
-        high = (ratio <= p.larger) | (cut[None, :] & mine[:, None] & (ratio <= 2 * p.larger))
+        high = (ratio <= p.larger) | (
+            cut[None, :] & mine[:, None] & (ratio <= 2 * p.larger)
+        )
         return np.asarray((low & high) | patient[:, None])
 
     def whole(self, row: int, blob: int) -> Found:
@@ -193,10 +226,16 @@ class Resolver:
         meets = (others[:, 0] < x + w) & (others[:, 0] + others[:, 2] > x)
         meets &= (others[:, 1] < y + h) & (others[:, 1] + others[:, 3] > y)
         alone_in_box = int(np.count_nonzero(meets)) == 1
-        own = self._fg.mask[y : y + h, x : x + w] > 0 if alone_in_box else self._fg.pixels(blob)
+        own = (
+            self._fg.mask[y : y + h, x : x + w] > 0
+            if alone_in_box
+            else self._fg.pixels(blob)
+        )
         body = self._bodies.items[row]
         visible = min(1.0, b.area / max(1.0, body.area))
-        return Found(b.box, 1.0, True, True, blob + 1, visible, b.area, b.ellipse, own, x, y)
+        return Found(
+            b.box, 1.0, True, True, blob + 1, visible, b.area, b.ellipse, own, x, y
+        )
 
     def _neighbourhood(self, rows: Rows, blobs: Rows, fits: Bools) -> None:
         """Objects over common blobs: blobs whole if everybody has one, else pixel by pixel."""
@@ -207,8 +246,12 @@ class Resolver:
             return
         self._evaluate(rows, blobs, fits)
 
-    def _hand_out(self, rows: Rows, blobs: Rows, fits: Bools) -> list[tuple[int, int]] | None:
-        """A blob of its own for each of several objects, and no large blob left; None where that cannot be."""
+    def _hand_out(
+        self, rows: Rows, blobs: Rows, fits: Bools
+    ) -> list[tuple[int, int]] | None:
+        """A blob of its own for each of several objects, and no large blob left; None where that
+        cannot be.
+        """
         fg = self._fg
         items = [self._bodies.items[r] for r in rows]
         major = fg.areas[blobs] >= _MINOR * min(b.area for b in items)
@@ -217,7 +260,10 @@ class Resolver:
         blob_boxes = fg.boxes[blobs]
         centre = self._bodies.bank.value[rows, :2]
         away = centre[:, None] - (blob_boxes[:, :2] + blob_boxes[:, 2:] / 2)[None]
-        gap = np.sqrt(away[..., 0] * away[..., 0] + away[..., 1] * away[..., 1]) / self._radii[rows][:, None]
+        gap = (
+            np.sqrt(away[..., 0] * away[..., 0] + away[..., 1] * away[..., 1])
+            / self._radii[rows][:, None]
+        )
         allowed = fits & major[None, :] & (gap <= 1.5)
         cost = gap + 1.0 - iou(self._boxes[rows], blob_boxes)
         if len(rows) > 1:
@@ -226,7 +272,9 @@ class Resolver:
         return pairs if len(pairs) == len(rows) else None
 
     def _colour_cost(self, items: Sequence[Body], blobs: Rows) -> Floats:
-        """Hellinger distances of objects' colours and blobs', (N, M); 0.4 where colours are not known."""
+        """Hellinger distances of objects' colours and blobs', (N, M); 0.4 where colours are not
+        known.
+        """
         out = np.full((len(items), len(blobs)), 0.4)
         image = self._frame.image()
         if image is None or all(b.colours is None for b in items):
@@ -246,7 +294,9 @@ class Resolver:
         blobs = self._with_fragments(boxes, radii, blobs)
         size = np.sqrt(boxes[:, 2] * boxes[:, 3])
         x1, y1 = (int(v) for v in (boxes[:, :2] - size[:, None]).min(axis=0))
-        x2, y2 = (int(v) + 1 for v in (boxes[:, :2] + boxes[:, 2:] + size[:, None]).max(axis=0))
+        x2, y2 = (
+            int(v) + 1 for v in (boxes[:, :2] + boxes[:, 2:] + size[:, None]).max(axis=0)
+        )
         cut = self._fg.cut(blobs.tolist(), x1, y1, x2, y2)
         tells = tell([b.colours for b in items])
         bins = self._bins(cut) if any(t is not None for t in tells) else None
@@ -257,7 +307,9 @@ class Resolver:
                 reach[k] = max(float(reach[k]), 0.5 * float(radii.max()))
         order = np.argsort([-b.visible for b in items], kind="stable").tolist()
         if self._p.placing:
-            who = Claimants(place(who, reach, order, cut, bins, self._p), radii, tells, who.masks)
+            who = Claimants(
+                place(who, reach, order, cut, bins, self._p), radii, tells, who.masks
+            )
         members = assign_pixels(who, cut, bins, self._p)
         owner = members.owner
         whole = self._purify(owner, rows, blobs, fits, cut)
@@ -270,7 +322,9 @@ class Resolver:
         fg = self._fg
         centre = boxes[:, :2] + boxes[:, 2:] / 2
         away = centre[:, None] - (fg.boxes[:, :2] + fg.boxes[:, 2:] / 2)[None]
-        inside = (away[..., 0] ** 2 + away[..., 1] ** 2 <= (radii * radii)[:, None]).any(axis=0) & self.free
+        inside = (away[..., 0] ** 2 + away[..., 1] ** 2 <= (radii * radii)[:, None]).any(
+            axis=0
+        ) & self.free
         inside &= fg.areas < _MINOR * min(1e9, float((boxes[:, 2] * boxes[:, 3]).min()))
         return np.union1d(blobs, np.flatnonzero(inside)) if inside.any() else blobs
 
@@ -284,11 +338,17 @@ class Resolver:
         a, b = max(0, cut.left), max(0, cut.top)
         c, d = min(width, cut.left + columns), min(height, cut.top + rows)
         if c > a and d > b:
-            out[b - cut.top : d - cut.top, a - cut.left : c - cut.left] = bins_of(image[b:d, a:c])
+            out[b - cut.top : d - cut.top, a - cut.left : c - cut.left] = bins_of(
+                image[b:d, a:c]
+            )
         return out
 
-    def _purify(self, owner: NDArray[np.uint16], rows: Rows, blobs: Rows, fits: Bools, cut: Cut) -> dict[int, int]:
-        """Blobs that are nearly wholly one object's become wholly its own; {claimant: blob} for lone objects."""
+    def _purify(
+        self, owner: NDArray[np.uint16], rows: Rows, blobs: Rows, fits: Bools, cut: Cut
+    ) -> dict[int, int]:
+        """Blobs that are nearly wholly one object's become wholly its own; {claimant: blob} for
+        lone objects.
+        """
         n = len(rows)
         owned = np.flatnonzero(owner)
         table = np.bincount(
@@ -307,9 +367,11 @@ class Resolver:
         return whole
 
     def _agree(self, rows: Rows, blobs: Rows) -> None:
-        """Boxes as they were detected, where as many bodies were detected in the blobs as objects are found there.
+        """Boxes as they were detected, where as many bodies were detected in the blobs as objects
+        are found there.
 
-        A detection that has its blob for itself is but the blob again, and tells nothing of bodies in it.
+        A detection that has its blob for itself is but the blob again, and tells nothing of
+        bodies in it.
         """
         blob_of = self._frame.detection_blobs
         inside = np.flatnonzero((blob_of[:, None] == blobs + 1).any(axis=1))
@@ -328,9 +390,15 @@ class Resolver:
                 at.box, at.sized = (x, y, w, h), True
 
     def _deny_strangers(
-        self, items: Sequence[Body], owner: NDArray[np.uint16], bins: Bins | None, whole: dict[int, int]
+        self,
+        items: Sequence[Body],
+        owner: NDArray[np.uint16],
+        bins: Bins | None,
+        whole: dict[int, int],
     ) -> None:
-        """One that was hidden comes back only to pixels of its own colours; others are not its own."""
+        """One that was hidden comes back only to pixels of its own colours; others are not its
+        own.
+        """
         for k, body in enumerate(items):
             if not body.front:
                 continue
@@ -356,10 +424,16 @@ class Resolver:
         counts = np.bincount(owner.ravel(), minlength=len(rows) + 1)[1:].tolist()
         if self._p.soft:
             # Whoever was denied its pixels has none to share.
-            counts = [share if own else 0 for share, own in zip(members.counts.tolist(), counts, strict=True)]
+            counts = [
+                share if own else 0
+                for share, own in zip(members.counts.tolist(), counts, strict=True)
+            ]
         means = members.means
         ids = [self._bodies.items[int(row)].id for row in rows]
-        shares = [c / max(1.0, self._bodies.items[int(r)].area) for c, r in zip(counts, rows, strict=True)]
+        shares = [
+            c / max(1.0, self._bodies.items[int(r)].area)
+            for c, r in zip(counts, rows, strict=True)
+        ]
         for j, k in combinations(range(len(rows)), 2):
             lead = depth.lead(j, k, shares)
             if lead is not None:
@@ -380,7 +454,11 @@ class Resolver:
             mean = (float(means[k, 0]), float(means[k, 1]))
             # E[P] of what is visible, and the placed mask for what is not.
             mx, my = mean[0] - body.centroid[0] * w, mean[1] - body.centroid[1] * h
-            share = 0.0 if math.isnan(mx) else 1.0 - self._p.yielding * min(1.0, (1.0 - visible) * 2)
+            share = (
+                0.0
+                if math.isnan(mx)
+                else 1.0 - self._p.yielding * min(1.0, (1.0 - visible) * 2)
+            )
             cx = share * mx + (1 - share) * (x + w / 2)
             cy = share * my + (1 - share) * (y + h / 2)
             blob = int(np.argmax(np.bincount(cut.labels[own], minlength=1)))
@@ -391,10 +469,19 @@ class Resolver:
                 _ellipse(own, cut), own, cut.left, cut.top, len(rows) == 1,
             )  # fmt: skip
             grown = extent(own, cut)
-            if visible >= 0.8 and count <= self._p.larger * body.area and grown is not None and not covered:
+            if (
+                visible >= 0.8
+                and count <= self._p.larger * body.area
+                and grown is not None
+                and not covered
+            ):
                 self.found[row].box = grown
                 self.found[row].sized = True
 
 
 def _ellipse(own: Bools, cut: Cut) -> Ellipse | None:
-    return ellipse_of(own.view(np.uint8), float(cut.left), float(cut.top)) if own.any() else None
+    return (
+        ellipse_of(own.view(np.uint8), float(cut.left), float(cut.top))
+        if own.any()
+        else None
+    )

@@ -1,9 +1,10 @@
-"""SHELLS: virtual shells, event resolution, pixel membership; straight through, without joint objects.
+"""SHELLS: virtual shells, event resolution, pixel membership; straight through, without joint
+objects.
 
-Per frame: predict; resolve the relations' cases I to V on the predicted shells and the blobs below them; then who is
-alone and who shares with whom it is related to (`resolve`), pixels where they are shared (`membership`); move every
-object by equation 9; settle identities after a JOINT (`identity`); learn from who is alone. What nobody explains may
-start new objects.
+Per frame: predict; resolve the relations' cases I to V on the predicted shells and the blobs
+below them; then who is alone and who shares with whom it is related to (`resolve`), pixels where
+they are shared (`membership`); move every object by equation 9; settle identities after a JOINT
+(`identity`); learn from who is alone. What nobody explains may start new objects.
 
 Ties: objects in the order of their birth, detections and blobs in the order of the recording.
 """
@@ -63,7 +64,8 @@ class ShellsTracker:
         self._time_ns: int | None = None
         self._patches: Patches | None = None
 
-    # -- the frame -------------------------------------------------------------------------------------------------
+    # -- the frame
+    # -------------------------------------------------------------------------------------------------
 
     def step(self, frame: Frame) -> Targets:
         """Take the next frame, answer with all targets, by id."""
@@ -77,8 +79,16 @@ class ShellsTracker:
             body.begin_frame()
         radii = self._bodies.radii(self._k_s)
         resolver = self._resolve(frame, radii, dt)
-        free = births.boxes_alone(frame) if resolver is None else births.unexplained(frame, resolver, self._p)
-        taken = self._follow_boxes(frame, free, radii) if resolver is None else self._associate(frame, free, radii)
+        free = (
+            births.boxes_alone(frame)
+            if resolver is None
+            else births.unexplained(frame, resolver, self._p)
+        )
+        taken = (
+            self._follow_boxes(frame, free, radii)
+            if resolver is None
+            else self._associate(frame, free, radii)
+        )
         taken |= self._start(frame, free, taken)
         found: dict[int, Found] = {}
         if resolver is not None:
@@ -86,11 +96,15 @@ class ShellsTracker:
             for column in np.flatnonzero(free.whole).tolist():
                 if column not in taken:
                     continue  # outside of the scene
-                found[taken[column]] = resolver.whole(taken[column], int(free.blobs[column]) - 1)
+                found[taken[column]] = resolver.whole(
+                    taken[column], int(free.blobs[column]) - 1
+                )
         notices += self._life.confirm(frame)
         found = self._settle(frame, found, notices)
         if resolver is None:
-            self._relate(frame, [b.blob if b.observed else NO_BLOB for b in self._bodies.items])
+            self._relate(
+                frame, [b.blob if b.observed else NO_BLOB for b in self._bodies.items]
+            )
         notices += self._tell_depth(resolver, dt)
         self._learn(frame, found)
         self._patches = self._own_pixels(frame, found)
@@ -106,11 +120,16 @@ class ShellsTracker:
         return () if self._patches is None else ((PATCHES, self._patches.packed()),)
 
     def _lean(self, model: SizeModel | None) -> None:
-        """Objects whose size was not measured in the last frame lean towards the size usual at their place."""
+        """Objects whose size was not measured in the last frame lean towards the size usual at
+        their place.
+        """
         if model is None:
             return
         bank = self._bodies.bank
-        rows = np.array([k for k, b in enumerate(self._bodies.items) if not (b.alone and b.observed)], np.intp)
+        rows = np.array(
+            [k for k, b in enumerate(self._bodies.items) if not (b.alone and b.observed)],
+            np.intp,
+        )
         if not len(rows):
             return
         foot = bank.value[rows, 1] + bank.value[rows, 3] / 2
@@ -128,9 +147,21 @@ class ShellsTracker:
         if mask is None or labels is None:
             return None
         items = self._bodies.items
-        rows = np.array([k for k, b in enumerate(items) if b.id != TENTATIVE and (not b.lost or b.front)], np.intp)
+        rows = np.array(
+            [
+                k
+                for k, b in enumerate(items)
+                if b.id != TENTATIVE and (not b.lost or b.front)
+            ],
+            np.intp,
+        )
         blobs = np.array(frame.detections.blobs or [NO_BLOB] * len(frame.boxes), np.int64)
-        seen = Seen(Foreground(mask, labels, frame.detections.components), frame.boxes, blobs, lambda: frame.image)
+        seen = Seen(
+            Foreground(mask, labels, frame.detections.components),
+            frame.boxes,
+            blobs,
+            lambda: frame.image,
+        )
         resolver = Resolver(seen, self._bodies, rows, radii, self._are_related, self._p)
         below = resolver.blobs()
         self._relate(frame, [below.get(k, NO_BLOB) for k in range(len(items))])
@@ -144,12 +175,15 @@ class ShellsTracker:
         return resolver
 
     def _hide_twins(self, resolver: Resolver, dt: float) -> None:
-        """Of two objects that claim one body for long, hide the one that is seen worse, of equals the younger.
+        """Of two objects that claim one body for long, hide the one that is seen worse, of equals
+        the younger.
 
         It may come back as itself wherever a body of its colours shows up in the other's shell.
         """
         found, items, p = resolver.found, self._bodies.items, self._p
-        rows = sorted((k for k in found if not found[k].alone), key=lambda k: (-found[k].visible, k))
+        rows = sorted(
+            (k for k in found if not found[k].alone), key=lambda k: (-found[k].visible, k)
+        )
         boxes = np.array([found[k].box for k in rows], np.float64).reshape(-1, 4)
         overlap = iou(boxes, boxes).tolist()
         for i, row in enumerate(rows):
@@ -170,7 +204,9 @@ class ShellsTracker:
         return self._book.get(a, b) is not None
 
     def _follow(self, radii: Floats) -> None:
-        """What is hidden stays within the shell of who hides it (SHELLS 2.3, case III), and goes along with it."""
+        """What is hidden stays within the shell of who hides it (SHELLS 2.3, case III), and goes
+        along with it.
+        """
         rows = dict(self._rows_by_id())
         bank = self._bodies.bank
         for row, body in enumerate(self._bodies.items):
@@ -178,7 +214,10 @@ class ShellsTracker:
             if body.observed or front is None:
                 continue
             d = bank.value[row, :2] - bank.value[front, :2]
-            away, reach = float(np.sqrt(d[0] * d[0] + d[1] * d[1])), 0.7 * float(radii[front])
+            away, reach = (
+                float(np.sqrt(d[0] * d[0] + d[1] * d[1])),
+                0.7 * float(radii[front]),
+            )
             if away > reach:
                 bank.value[row, :2] = bank.value[front, :2] + d * (reach / away)
             if self._scene.has_masks:
@@ -194,17 +233,28 @@ class ShellsTracker:
         body.misfit_s = body.misfit_s + dt if at.misfit else 0.0
         body.seen_ns, body.observed, body.alone = frame.time_ns, True, at.alone
         body.now = "motion" if at.alone else "appearance"
-        body.visible, body.blob, body.ellipse, body.front = at.visible, at.blob, at.ellipse, TENTATIVE
+        body.visible, body.blob, body.ellipse, body.front = (
+            at.visible,
+            at.blob,
+            at.ellipse,
+            TENTATIVE,
+        )
         body.hits += 1
         body.quality += (at.visible - body.quality) / min(body.hits, 10)
         body.measured = at.box if at.sized else self._bodies.box(row)
 
     def _associate(self, frame: Frame, free: Free, radii: Floats) -> dict[int, int]:
-        """What was not found takes what is free within its shell, confirmed objects first; {column: row}."""
+        """What was not found takes what is free within its shell, confirmed objects first;
+        {column: row}.
+        """
         taken: dict[int, int] = {}
         items = self._bodies.items
         stages = (
-            [k for k, b in enumerate(items) if b.id != TENTATIVE and not b.observed and not b.lost],
+            [
+                k
+                for k, b in enumerate(items)
+                if b.id != TENTATIVE and not b.observed and not b.lost
+            ],
             [k for k, b in enumerate(items) if b.id == TENTATIVE],
         )
         for stage in stages:
@@ -218,8 +268,12 @@ class ShellsTracker:
         """The same where boxes are all there is; {column: row}."""
         seeing = self._scene.has_images and self._p.box_colour > 0
         looks = boxes.Looks(free.boxes, (lambda: frame.image) if seeing else None)
-        taken = {column: row for row, column in boxes.match(self._bodies, free, looks, self._p)}
-        boxes.learn(self._bodies, taken, free, looks, frame.index % self._learn_every == 0, self._p)
+        taken = {
+            column: row for row, column in boxes.match(self._bodies, free, looks, self._p)
+        }
+        boxes.learn(
+            self._bodies, taken, free, looks, frame.index % self._learn_every == 0, self._p
+        )
         for column, row in taken.items():
             self._sight(row, frame, free, column)
         boxes.hide(self._bodies, self._p)
@@ -231,11 +285,18 @@ class ShellsTracker:
             return []
         centre = self._bodies.bank.value[rows, :2]
         away = centre[:, None] - (boxes[:, :2] + boxes[:, 2:] / 2)[None]
-        gap = np.sqrt(away[..., 0] * away[..., 0] + away[..., 1] * away[..., 1]) / radii[rows][:, None]
+        gap = (
+            np.sqrt(away[..., 0] * away[..., 0] + away[..., 1] * away[..., 1])
+            / radii[rows][:, None]
+        )
         size = self._bodies.bank.value[rows, 2] * self._bodies.bank.value[rows, 3]
-        ratio = np.abs(np.log(np.maximum(size, 1.0)[:, None] / (boxes[:, 2] * boxes[:, 3])[None]))
+        ratio = np.abs(
+            np.log(np.maximum(size, 1.0)[:, None] / (boxes[:, 2] * boxes[:, 3])[None])
+        )
         allowed = (gap <= 1.0) & (ratio <= 1.4)
-        return assign(gap + 1.0 - iou(self._bodies.boxes[rows], boxes) + 0.3 * ratio, allowed)
+        return assign(
+            gap + 1.0 - iou(self._bodies.boxes[rows], boxes) + 0.3 * ratio, allowed
+        )
 
     def _sight(self, row: int, frame: Frame, free: Free, column: int) -> None:
         """An observation as a whole box: a blob, or a detection where there are no masks."""
@@ -246,7 +307,12 @@ class ShellsTracker:
         else:
             self._bodies.move(row, (x + w / 2, y + h / 2), p.blend)
             self._bodies.resize(row, w, h, p.size_blend)
-        body.seen_ns, body.observed, body.now, body.front = frame.time_ns, True, "motion", TENTATIVE
+        body.seen_ns, body.observed, body.now, body.front = (
+            frame.time_ns,
+            True,
+            "motion",
+            TENTATIVE,
+        )
         body.measured, body.blob, body.visible = (x, y, w, h), int(free.blobs[column]), 1.0
         body.hits += 1
         body.quality += (1.0 - body.quality) / min(body.hits, 10)
@@ -254,27 +320,40 @@ class ShellsTracker:
             body.sightings.append([float(frame.index), x, y, w, h])
 
     def _start(self, frame: Frame, free: Free, taken: dict[int, int]) -> dict[int, int]:
-        """Start an object at everything that is left within the scene (EVENTS 3.2); {column: row}."""
+        """Start an object at everything that is left within the scene (EVENTS 3.2); {column:
+        row}.
+        """
         begun: dict[int, int] = {}
         inside = self._life.may_start(free.boxes) & (free.scores >= self._p.start_score)
         for column in range(len(free.boxes)):
             if column in taken or not inside[column]:
                 continue
             x, y, w, h = free.boxes[column].tolist()
-            body = Body(TENTATIVE, frame.index, frame.time_ns, frame.time_ns, blob=int(free.blobs[column]))
+            body = Body(
+                TENTATIVE,
+                frame.index,
+                frame.time_ns,
+                frame.time_ns,
+                blob=int(free.blobs[column]),
+            )
             body.sightings.append([float(frame.index), x, y, w, h])
             begun[column] = len(self._bodies)
             self._bodies.start((x, y, w, h), body)
         return begun
 
-    # -- relations, identities, learning ---------------------------------------------------------------------------
+    # -- relations, identities, learning
+    # ---------------------------------------------------------------------------
 
     def _rows_by_id(self) -> list[tuple[int, int]]:
         """(id, row) of the confirmed objects, by id."""
-        return sorted((b.id, k) for k, b in enumerate(self._bodies.items) if b.id != TENTATIVE)
+        return sorted(
+            (b.id, k) for k, b in enumerate(self._bodies.items) if b.id != TENTATIVE
+        )
 
     def _relate(self, frame: Frame, blobs: list[int]) -> None:
-        """Event resolution (SHELLS 2.3) on shells and blobs, by row; pairs that are JOINT come into doubt."""
+        """Event resolution (SHELLS 2.3) on shells and blobs, by row; pairs that are JOINT come
+        into doubt.
+        """
         pairs = self._rows_by_id()
         rows = np.array([k for _, k in pairs], np.intp)
         items = [self._bodies.items[k] for k in rows.tolist()]
@@ -298,7 +377,9 @@ class ShellsTracker:
         return self._order.step(joint, {} if resolver is None else resolver.leads, dt)
 
     def _learn(self, frame: Frame, found: dict[int, Found]) -> None:
-        """Learn mask, area and colours of who is alone, nothing in JOINT, no colours while identities are in doubt."""
+        """Learn mask, area and colours of who is alone, nothing in JOINT, no colours while
+        identities are in doubt.
+        """
         doubtful = set(self._doubts.alone())
         joint = {i for e in self._book.edges if e.state == "JOINT" for i in (e.a, e.b)}
         due = frame.index % self._learn_every == 0
@@ -328,8 +409,12 @@ class ShellsTracker:
         h, w = at.own.shape
         return bins_of(image[at.top : at.top + h, at.left : at.left + w])
 
-    def _settle(self, frame: Frame, found: dict[int, Found], notices: list[Notice]) -> dict[int, Found]:
-        """Who is who among those that were JOINT and have blobs of their own again; what was found, by row, then."""
+    def _settle(
+        self, frame: Frame, found: dict[int, Found], notices: list[Notice]
+    ) -> dict[int, Found]:
+        """Who is who among those that were JOINT and have blobs of their own again; what was
+        found, by row, then.
+        """
         in_doubt = self._doubts.alone()
         if not in_doubt or not self._scene.has_images:
             return found
@@ -349,17 +434,26 @@ class ShellsTracker:
             if a < b and a in rows and b in rows and self._book.get(a, b) is None
         }
         known = {i: items[k] for i, k in rows.items()}
-        for verdict in self._doubts.decide(known, apart, self._look_frames, self._p.exchange):
+        for verdict in self._doubts.decide(
+            known, apart, self._look_frames, self._p.exchange
+        ):
             if verdict.exchanged:
                 a, b = rows[verdict.a], rows[verdict.b]
                 self._bodies.exchange(a, b)
                 found = {{a: b, b: a}.get(row, row): at for row, at in found.items()}
-                evidence = {"log_likelihood": verdict.evidence, "frames": verdict.frames, "margin": self._p.exchange}
+                evidence = {
+                    "log_likelihood": verdict.evidence,
+                    "frames": verdict.frames,
+                    "margin": self._p.exchange,
+                }
                 rule = "SHELLS 2.3, ours: identities follow the colours after a JOINT"
-                notices.append(Notice("track_recovered", [verdict.a, verdict.b], rule, evidence))
+                notices.append(
+                    Notice("track_recovered", [verdict.a, verdict.b], rule, evidence)
+                )
         return found
 
-    # -- the answer ------------------------------------------------------------------------------------------------
+    # -- the answer
+    # ------------------------------------------------------------------------------------------------
 
     def _own_pixels(self, frame: Frame, found: dict[int, Found]) -> Patches | None:
         """Each object's pixels, by id."""
@@ -367,7 +461,9 @@ class ShellsTracker:
             return None
         by_id = {self._bodies.items[row].id: at for row, at in found.items()}
         by_id.pop(TENTATIVE, None)
-        patches = [Patches.patch(i, at.own, at.left, at.top) for i, at in sorted(by_id.items())]
+        patches = [
+            Patches.patch(i, at.own, at.left, at.top) for i, at in sorted(by_id.items())
+        ]
         return Patches(self._scene.width, self._scene.height, frame.time_ns, patches)
 
     def _answer(self, frame: Frame, notices: list[Notice]) -> Targets:
@@ -392,7 +488,11 @@ class ShellsTracker:
                     ellipse=body.ellipse,
                     shell_radius=float(radii[row]),
                     measured=body.measured,
-                    signature=signature(body.colours) if body.signed and body.colours is not None else [],
+                    signature=(
+                        signature(body.colours)
+                        if body.signed and body.colours is not None
+                        else []
+                    ),
                 )
             )
         return Targets(frame.index, sorted(targets, key=lambda t: t.id), None, notices)

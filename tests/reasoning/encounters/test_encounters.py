@@ -1,4 +1,6 @@
-"""Encounters: who is together and who only passes; the same in any scale and order; live never looks ahead."""
+"""Encounters: who is together and who only passes; the same in any scale and order; live never
+looks ahead.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ SIZE = float(np.hypot(H, 30.0))
 def walk(xs: np.ndarray, y: float = 200.0, first: int = 0) -> History:
     """A person of height H whose standing point goes along xs at height y."""
     n = len(xs)
-    boxes = np.stack([xs - 15.0, np.full(n, y - H), np.full(n, 30.0), np.full(n, H)], axis=1)
+    boxes = np.stack(
+        [xs - 15.0, np.full(n, y - H), np.full(n, 30.0), np.full(n, H)], axis=1
+    )
     frames = np.arange(first, first + n)
     return History(frames, frames / FPS, boxes.astype(np.float64))
 
@@ -58,7 +62,9 @@ def test_two_who_pass_are_none() -> None:
 @pytest.mark.parametrize("sizes_per_s", [0.35, 0.45, 0.55])
 @pytest.mark.parametrize("heading", [1, -1])
 def test_two_who_pass_slowly_are_none(sizes_per_s: float, heading: int) -> None:
-    """Slow against one another and near for seconds, but one goes past the other from side to side."""
+    """Slow against one another and near for seconds, but one goes past the other from side to
+    side.
+    """
     n, pace = 400, sizes_per_s * SIZE / FPS
     # One walks, the other one comes from behind and overtakes, or comes towards and passes.
     one = np.arange(n) * (2.0 if heading > 0 else pace / 2)
@@ -66,12 +72,18 @@ def test_two_who_pass_slowly_are_none(sizes_per_s: float, heading: int) -> None:
     together = {1: walk(one), 2: walk(two, 225.0)}
     assert find_encounters(together) == []
     loose = EncounterParameters(drift_sizes_per_s=20.0)
-    assert len(find_encounters(together, loose)) == 1, "else the test shows nothing of the drift"
+    assert len(find_encounters(together, loose)) == 1, (
+        "else the test shows nothing of the drift"
+    )
 
 
 def test_who_stops_to_talk_and_walks_on_was_together() -> None:
-    """One comes, stands for five seconds, and goes on the other way: the drift of a meeting is small."""
-    path = np.concatenate([np.arange(300.0, 480.0, 3.0), np.full(125, 480.0), np.arange(480.0, 800.0, 3.0)])
+    """One comes, stands for five seconds, and goes on the other way: the drift of a meeting is
+    small.
+    """
+    path = np.concatenate(
+        [np.arange(300.0, 480.0, 3.0), np.full(125, 480.0), np.arange(480.0, 800.0, 3.0)]
+    )
     (found,) = find_encounters({1: walk(path), 2: walk(np.full(len(path), 520.0))})
     assert found.drift < 0.2
 
@@ -94,13 +106,24 @@ def test_joint_makes_contact() -> None:
     assert {p.kind for e in find_encounters(pair) for p in e.phases} == {"meeting"}
     (found,) = find_encounters(pair, joint={(1, 2): [(50, 180)]})
     assert found.kind == "contact"
-    assert [(p.kind, p.start_frame, p.end_frame) for p in found.phases][1] == ("contact", 50, 180)
+    assert [(p.kind, p.start_frame, p.end_frame) for p in found.phases][1] == (
+        "contact",
+        50,
+        180,
+    )
 
 
 def wrestle(seconds: float, pace: float) -> np.ndarray:
     """Back and forth by 0.4 body sizes at a speed in body sizes per second."""
     n = round(seconds * FPS)
-    way = np.cumsum(np.where((np.arange(n) * pace / FPS / 0.4).astype(int) % 2 == 0, 1.0, -1.0)) * pace * SIZE / FPS
+    way = (
+        np.cumsum(
+            np.where((np.arange(n) * pace / FPS / 0.4).astype(int) % 2 == 0, 1.0, -1.0)
+        )
+        * pace
+        * SIZE
+        / FPS
+    )
     return np.concatenate([np.zeros(60), way, np.full(60, way[-1])])
 
 
@@ -116,20 +139,32 @@ def test_two_who_wrestle_are_abrupt_and_the_values_are_those_of_the_moments() ->
     assert fierce.through <= 0.5
     assert fierce.abrupt_s <= fierce.end_s - fierce.start_s + 1 / FPS + 1e-9
     (contact,) = [x for x in found.phases if x.kind == "contact"]
-    assert (contact.start_frame, contact.end_frame) == (fierce.start_frame, fierce.end_frame)
+    assert (contact.start_frame, contact.end_frame) == (
+        fierce.start_frame,
+        fierce.end_frame,
+    )
 
 
 def test_joint_or_passing_by_is_not_abrupt() -> None:
-    """From pixels two are JOINT whenever one hides the other, and one who walks past another is abrupt for a moment."""
+    """From pixels two are JOINT whenever one hides the other, and one who walks past another is
+    abrupt for a moment.
+    """
     stand = np.full(200, 300.0)
-    (found,) = find_encounters({1: walk(stand), 2: walk(stand + 40)}, joint={(1, 2): [(50, 180)]})
+    (found,) = find_encounters(
+        {1: walk(stand), 2: walk(stand + 40)}, joint={(1, 2): [(50, 180)]}
+    )
     assert [x.kind for x in found.phases].count("contact") == 1
     assert found.abrupt == ()
-    # Two stand together; then one walks past the other, from touching on one side to touching on the other.
+    # Two stand together; then one walks past the other, from touching on one side to touching on
+    # the other.
     step = 0.7 * SIZE / FPS
-    past = np.concatenate([np.full(100, 250.0), np.arange(250.0, 350.0, step), np.full(100, 350.0)])
+    past = np.concatenate(
+        [np.full(100, 250.0), np.arange(250.0, 350.0, step), np.full(100, 350.0)]
+    )
     (found,) = find_encounters({1: walk(np.full(len(past), 300.0)), 2: walk(past)})
-    assert [x.kind for x in found.phases].count("contact") == 1, "else the test shows nothing"
+    assert [x.kind for x in found.phases].count("contact") == 1, (
+        "else the test shows nothing"
+    )
     assert found.abrupt == ()
 
 
@@ -174,8 +209,14 @@ def test_parameters_are_checked() -> None:
 @settings(max_examples=25, deadline=None)
 def test_neither_scale_nor_order_nor_place_matters(seed: int, scale: float) -> None:
     rng = np.random.default_rng(seed)
-    people = {i: walk(np.cumsum(rng.normal(0, 3, 200)) + 120 * i, 200.0 + 10 * i) for i in range(4)}
-    moved = {i: History(h.frames, h.times_s, h.boxes * scale) for i, h in reversed(people.items())}
+    people = {
+        i: walk(np.cumsum(rng.normal(0, 3, 200)) + 120 * i, 200.0 + 10 * i)
+        for i in range(4)
+    }
+    moved = {
+        i: History(h.frames, h.times_s, h.boxes * scale)
+        for i, h in reversed(people.items())
+    }
     one, two = find_encounters(people), find_encounters(moved)
     assert [(e.a, e.b, e.kind, e.start_frame, e.end_frame) for e in one] == [
         (e.a, e.b, e.kind, e.start_frame, e.end_frame) for e in two
@@ -189,8 +230,15 @@ def test_live_onsets_never_look_ahead(seed: int) -> None:
     rng = np.random.default_rng(seed)
     people = {i: walk(np.cumsum(rng.normal(0, 4, 240)) + 100 * i) for i in range(3)}
     cut = 160
-    short = {i: History(h.frames[:cut], h.times_s[:cut], h.boxes[:cut]) for i, h in people.items()}
-    whole = {(e.a, e.b, e.start_frame) for e in find_encounters(people, live=True) if e.start_frame < cut}
+    short = {
+        i: History(h.frames[:cut], h.times_s[:cut], h.boxes[:cut])
+        for i, h in people.items()
+    }
+    whole = {
+        (e.a, e.b, e.start_frame)
+        for e in find_encounters(people, live=True)
+        if e.start_frame < cut
+    }
     assert whole == {(e.a, e.b, e.start_frame) for e in find_encounters(short, live=True)}
 
 
@@ -212,7 +260,9 @@ def test_a_causal_median_uses_the_past_alone() -> None:
 
 
 def test_still_and_near() -> None:
-    path = np.concatenate([np.arange(0.0, 300.0, 4.0), np.full(100, 300.0), np.arange(300.0, 700.0, 4.0)])
+    path = np.concatenate(
+        [np.arange(0.0, 300.0, 4.0), np.full(100, 300.0), np.arange(300.0, 700.0, 4.0)]
+    )
     (stood,) = still(walk(path))
     assert abs(stood.start_frame - 75) <= 15
     assert abs(stood.end_frame - 175) <= 15
@@ -232,7 +282,9 @@ def bench(real_data: Path):
         assert spec.loader is not None
         loaded[name] = sys.modules[name] = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(loaded[name])
-    sequences = [loaded["caviar"].read(p) for p in sorted((real_data / "caviar").glob("*.xml"))]
+    sequences = [
+        loaded["caviar"].read(p) for p in sorted((real_data / "caviar").glob("*.xml"))
+    ]
     yield loaded["caviar"], loaded["bench_encounters"], sequences
     for name in loaded:
         del sys.modules[name]
@@ -243,10 +295,16 @@ def test_caviar_truth_is_what_the_labels_say(bench) -> None:
     _, _, sequences = bench
     assert len(sequences) == 12
     assert sum(len(s.together) for s in sequences) == 15
-    assert [(x.a, x.b, x.start, x.end) for s in sequences if s.name == "Meet_WalkSplit" for x in s.together] == [
-        (1, 3, 100, 300)
+    assert [
+        (x.a, x.b, x.start, x.end)
+        for s in sequences
+        if s.name == "Meet_WalkSplit"
+        for x in s.together
+    ] == [(1, 3, 100, 300)]
+    assert [sorted(s.things) for s in sequences if s.name.startswith("LeftBag")] == [
+        [4],
+        [4],
     ]
-    assert [sorted(s.things) for s in sequences if s.name.startswith("LeftBag")] == [[4], [4]]
 
 
 @pytest.mark.real

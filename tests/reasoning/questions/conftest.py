@@ -10,7 +10,16 @@ import pytest
 
 from recorders import channels
 from recorders.log import LogWriter
-from recorders.messages import Detections, Event, Group, Groups, Relation, Relations, Track, Tracks
+from recorders.messages import (
+    Detections,
+    Event,
+    Group,
+    Groups,
+    Relation,
+    Relations,
+    Track,
+    Tracks,
+)
 
 FRAME_NS = 40_000_000
 Box = tuple[float, float, float, float]
@@ -20,14 +29,16 @@ Box = tuple[float, float, float, float]
 class Story:
     """What happens in a recording: all intervals are closed frames.
 
-    ``tracks``: id to (first, last, box at first, velocity in px per frame); ``relations``: (a, b, state, first, last);
-    ``groups``: (label, members, first, last, formed_from); ``events``: (kind, subjects, frame, groups, evidence);
-    ``zones``: (track, zone, first, last); ``bits``: (track, bit, partners, first, last);
-    ``hidden``: (track, part, first, last).
+    ``tracks``: id to (first, last, box at first, velocity in px per frame); ``relations``: (a, b,
+    state, first, last); ``groups``: (label, members, first, last, formed_from); ``events``:
+    (kind, subjects, frame, groups, evidence); ``zones``: (track, zone, first, last); ``bits``:
+    (track, bit, partners, first, last); ``hidden``: (track, part, first, last).
     """
 
     frames: int
-    tracks: Mapping[int, tuple[int, int, Box, tuple[float, float]]] = field(default_factory=dict)
+    tracks: Mapping[int, tuple[int, int, Box, tuple[float, float]]] = field(
+        default_factory=dict
+    )
     relations: Sequence[tuple[int, int, str, int, int]] = ()
     groups: Sequence[tuple[int, list[int], int, int, list[int]]] = ()
     events: Sequence[tuple[str, list[int], int, list[int], dict]] = ()
@@ -53,10 +64,23 @@ class Story:
         )  # fmt: skip
 
     def frame(self, n: int) -> list[tuple[str, object]]:
-        tracks = [self._track(i, n) for i, (s, e, *_) in sorted(self.tracks.items()) if s <= n <= e]
+        tracks = [
+            self._track(i, n)
+            for i, (s, e, *_) in sorted(self.tracks.items())
+            if s <= n <= e
+        ]
         relations = [
             Relation(
-                a, b, state, s, self.start_ns + s * self.frame_ns, False, state == "JOINT", False, 0.5, "SHELLS 2.3 II"
+                a,
+                b,
+                state,
+                s,
+                self.start_ns + s * self.frame_ns,
+                False,
+                state == "JOINT",
+                False,
+                0.5,
+                "SHELLS 2.3 II",
             )
             for a, b, state, s, e in sorted(self.relations)
             if s <= n <= e
@@ -78,7 +102,17 @@ class Story:
                 out.append(
                     (
                         "events",
-                        Event(k, kind, subjects, n, time_ns, "EVENTS 3.1", evidence, f"{kind} {subjects}", labels),
+                        Event(
+                            k,
+                            kind,
+                            subjects,
+                            n,
+                            time_ns,
+                            "EVENTS 3.1",
+                            evidence,
+                            f"{kind} {subjects}",
+                            labels,
+                        ),
                     )
                 )
         return out
@@ -88,13 +122,23 @@ def write(story: Story, path: Path, first: int = 0) -> Path:
     with LogWriter(path) as log:
         names = ("detections", "tracks", "relations", "groups", "events")
         ids = {
-            n: log.channel(channels.topic(story.camera, n), channels.schema(n), channels.message_encoding(n))
+            n: log.channel(
+                channels.topic(story.camera, n),
+                channels.schema(n),
+                channels.message_encoding(n),
+            )
             for n in names
         }
         for n in range(first, story.frames):
             for name, message in story.frame(n):
-                log.write(ids[name], channels.encode(name, message), story.start_ns + n * story.frame_ns)
-        log.metadata("scenetrace", {"tracker": "events", "output_digest": f"digest-of-{path.stem}"})
+                log.write(
+                    ids[name],
+                    channels.encode(name, message),
+                    story.start_ns + n * story.frame_ns,
+                )
+        log.metadata(
+            "scenetrace", {"tracker": "events", "output_digest": f"digest-of-{path.stem}"}
+        )
     return path
 
 

@@ -17,7 +17,9 @@ Contact = tuple[int, int, int, int]
 def earliest_by_brute_force(
     contacts: list[Contact], source: int, depth: int, since: float
 ) -> dict[int, tuple[int, int]]:
-    """Earliest arrival over at most ``depth`` contacts, by walking every path; with the fewest contacts for it."""
+    """Earliest arrival over at most ``depth`` contacts, by walking every path; with the fewest
+    contacts for it.
+    """
     best: dict[int, tuple[float, int]] = {}
 
     def walk(track: int, t: float, hops: int) -> None:
@@ -55,9 +57,17 @@ def test_chains_equal_a_search_of_every_path(depth: int, since: float | None) ->
     with duckdb.connect(":memory:", config={"threads": "1"}) as con:
         for statement in create_statements():
             con.execute(statement)
-        rows = [(g, a, b, "JOINT", s, e, float(s), float(e)) for g, cs in made.items() for a, b, s, e in cs]
+        rows = [
+            (g, a, b, "JOINT", s, e, float(s), float(e))
+            for g, cs in made.items()
+            for a, b, s, e in cs
+        ]
         insert(con, "relations", rows)
-        insert(con, "recordings", [(g, g, "", "camera", "", 1, 1, 1, 0, 30.0, "", 0) for g in made])
+        insert(
+            con,
+            "recordings",
+            [(g, g, "", "camera", "", 1, 1, 1, 0, 30.0, "", 0) for g in made],
+        )
         at = None if since is None else Moment(seconds=since)
         query = question("contacts").sql(["0"], Options(depth=depth, at=at))
         found: dict[str, dict[int, tuple[int, int]]] = {g: {} for g in made}
@@ -66,6 +76,10 @@ def test_chains_equal_a_search_of_every_path(depth: int, since: float | None) ->
             assert len(via) == hops == len(why.split())
             assert via[0] == 0
     for g, contacts in made.items():
-        wanted = earliest_by_brute_force(contacts, 0, depth, -1e18 if since is None else since)
-        assert {k: t for k, (t, _) in found[g].items()} == {k: t for k, (t, _) in wanted.items()}, (g, contacts)
+        wanted = earliest_by_brute_force(
+            contacts, 0, depth, -1e18 if since is None else since
+        )
+        assert {k: t for k, (t, _) in found[g].items()} == {
+            k: t for k, (t, _) in wanted.items()
+        }, (g, contacts)
         assert found[g] == wanted, (g, contacts)

@@ -1,4 +1,6 @@
-"""Why a row is there: a phase's own values, a contact's rule, the thresholds that the row was found with."""
+"""Why a row is there: a phase's own values, a contact's rule, the thresholds that the row was
+found with.
+"""
 
 from __future__ import annotations
 
@@ -34,21 +36,44 @@ def _track(i: int, x: float) -> Track:
 
 @pytest.fixture(scope="module")
 def fight(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """1 stands. 2 stands beside it (JOINT in frames 20 to 39), wrestles with it in 100 to 199, stands, and goes."""
+    """1 stands. 2 stands beside it (JOINT in frames 20 to 39), wrestles with it in 100 to 199,
+    stands, and goes.
+    """
     n = 100
-    way = np.cumsum(np.where((np.arange(n) * 0.8 / FPS / 0.56).astype(int) % 2 == 0, 1.0, -1.0)) * 0.8 * SIZE / FPS
+    way = (
+        np.cumsum(
+            np.where((np.arange(n) * 0.8 / FPS / 0.56).astype(int) % 2 == 0, 1.0, -1.0)
+        )
+        * 0.8
+        * SIZE
+        / FPS
+    )
     here = 320.0 + way[-1]
-    path = np.concatenate([np.full(100, 320.0), 320.0 + way, np.full(50, here), here + 4.0 * np.arange(80)])
-    path += np.concatenate([np.zeros(100), np.full(n, -20.0), np.full(50, -20.0), np.full(80, -20.0)])
+    path = np.concatenate(
+        [np.full(100, 320.0), 320.0 + way, np.full(50, here), here + 4.0 * np.arange(80)]
+    )
+    path += np.concatenate(
+        [np.zeros(100), np.full(n, -20.0), np.full(50, -20.0), np.full(80, -20.0)]
+    )
     out = tmp_path_factory.mktemp("explain") / "fight.mcap"
     with LogWriter(out) as log:
         ids = {c: log.channel(channels.topic("camera", c), channels.schema(c), channels.message_encoding(c))
                for c in ("tracks", "relations", "groups")}  # fmt: skip
         for k, x in enumerate(path.tolist()):
             t = k * FRAME_NS
-            joint = [Relation(1, 2, "JOINT", 20, 20 * FRAME_NS, False, True, False, 0.5)] if 20 <= k < 40 else []
-            log.write(ids["tracks"], channels.encode("tracks", Tracks(k, [_track(1, 300.0), _track(2, x)])), t)
-            log.write(ids["relations"], channels.encode("relations", Relations(k, joint)), t)
+            joint = (
+                [Relation(1, 2, "JOINT", 20, 20 * FRAME_NS, False, True, False, 0.5)]
+                if 20 <= k < 40
+                else []
+            )
+            log.write(
+                ids["tracks"],
+                channels.encode("tracks", Tracks(k, [_track(1, 300.0), _track(2, x)])),
+                t,
+            )
+            log.write(
+                ids["relations"], channels.encode("relations", Relations(k, joint)), t
+            )
             log.write(ids["groups"], channels.encode("groups", Groups(k)), t)
     return out
 
@@ -97,16 +122,26 @@ def test_a_contact_says_which_way_it_is_one(case: Case) -> None:
 
 def test_phases_have_their_own_values_over_their_own_frames(case: Case) -> None:
     """Reckoned here from the path: 20 pixels apart while they stand, on the way out ever more."""
-    stand, apart, whole = phase(case, 60), phase(case, 280), explain(case, "encounter:1-2@60")
+    stand, apart, whole = (
+        phase(case, 60),
+        phase(case, 280),
+        explain(case, "encounter:1-2@60"),
+    )
     assert value(stand, "median distance") == pytest.approx(20.0 / SIZE, abs=0.01)
     assert float(str(value(apart, "median distance"))) > 1.0
-    assert value(apart, "last frame") == pytest.approx(EncounterParameters().far_sizes, abs=0.1)
+    assert value(apart, "last frame") == pytest.approx(
+        EncounterParameters().far_sizes, abs=0.1
+    )
     assert value(apart, "median relative speed") == pytest.approx(4.0 * FPS / SIZE, abs=0.1)
     assert stand.measures != apart.measures
     assert (stand.start_frame, stand.end_frame) != (whole.start_frame, whole.end_frame)
     # The encounter has both: the moments that decided, and all of its frames.
-    assert float(str(value(whole, "median distance in the moments together for sure"))) < 1.0
-    assert value(whole, "median distance over all its frames") != value(whole, "median distance in the moments")
+    assert (
+        float(str(value(whole, "median distance in the moments together for sure"))) < 1.0
+    )
+    assert value(whole, "median distance over all its frames") != value(
+        whole, "median distance in the moments"
+    )
 
 
 def test_nearness_and_standing_still_have_their_values(case: Case) -> None:
@@ -119,7 +154,12 @@ def test_nearness_and_standing_still_have_their_values(case: Case) -> None:
 
 
 def test_a_reference_names_its_interval_by_its_first_frame(case: Case) -> None:
-    for kind, frames in (("relation", (20, 39)), ("near", (60, 61)), ("encounter", (60, 150)), ("still", (3, 200))):
+    for kind, frames in (
+        ("relation", (20, 39)),
+        ("near", (60, 61)),
+        ("encounter", (60, 150)),
+        ("still", (3, 200)),
+    ):
         who = "1" if kind == "still" else "1-2"
         one, two = (explain(case, f"{kind}:{who}@{n}") for n in frames)
         assert one == two
@@ -127,20 +167,30 @@ def test_a_reference_names_its_interval_by_its_first_frame(case: Case) -> None:
 
 
 def test_the_thresholds_are_those_of_the_rows(fight: Path) -> None:
-    with Case([fight], encounters=EncounterParameters(near_sizes=1.5, touch_sizes=0.7)) as c:
+    with Case(
+        [fight], encounters=EncounterParameters(near_sizes=1.5, touch_sizes=0.7)
+    ) as c:
         held = {m.threshold for m in explain(c, "encounter:1-2@60").measures}
         assert 1.5 in held
         assert explain(c, "near:1-2@60").measures[-1].threshold == 0.7
 
 
-def test_a_stay_is_explained_in_the_zone_that_the_row_named(tmp_path: Path, story_type, write_story) -> None:
+def test_a_stay_is_explained_in_the_zone_that_the_row_named(
+    tmp_path: Path, story_type, write_story
+) -> None:
     odd = "bus stop, 'A' 50%"
-    story = story_type(100, {2: (0, 99, (9.0, 9.0, 9.0, 9.0), (0.0, 0.0))},
-                       zones=[(2, "hall", 0, 99), (2, odd, 0, 99), (2, "bench", 40, 60)])  # fmt: skip
+    story = story_type(
+        100,
+        {2: (0, 99, (9.0, 9.0, 9.0, 9.0), (0.0, 0.0))},
+        zones=[(2, "hall", 0, 99), (2, odd, 0, 99), (2, "bench", 40, 60)],
+    )
     with Case([write_story(story, tmp_path / "nested.mcap")]) as case:
         for zone in ("hall", odd):
             told = f"Target 2 was in the zone {zone!r}."
-            for name, options in (("loitered", {"least_s": 1.0}), ("who-was-in", {"at": Moment(seconds=1.0)})):
+            for name, options in (
+                ("loitered", {"least_s": 1.0}),
+                ("who-was-in", {"at": Moment(seconds=1.0)}),
+            ):
                 answer = case.sql(question(name).sql([zone], Options(**options)))
                 (row,) = [dict(zip(answer.columns, r, strict=True)) for r in answer.rows]
                 assert explain(case, row["explain"]).text == told
@@ -150,15 +200,27 @@ def test_a_stay_is_explained_in_the_zone_that_the_row_named(tmp_path: Path, stor
         assert explain(case, row["explain"]).text == "Target 2 was in the zone 'hall'."
         answer = case.sql(question("timeline").sql(["2"], Options()))
         rows = [dict(zip(answer.columns, r, strict=True)) for r in answer.rows]
-        stays = {r["what"]: explain(case, r["explain"]).text for r in rows if r["what"].startswith("in ")}
-        assert stays == {f"in {z}": f"Target 2 was in the zone {z!r}." for z in ("hall", odd, "bench")}
-        with pytest.raises(UsageError, match=r"in 3 zones then; give one of them: .*zone:2@50:hall"):
+        stays = {
+            r["what"]: explain(case, r["explain"]).text
+            for r in rows
+            if r["what"].startswith("in ")
+        }
+        assert stays == {
+            f"in {z}": f"Target 2 was in the zone {z!r}." for z in ("hall", odd, "bench")
+        }
+        with pytest.raises(
+            UsageError, match=r"in 3 zones then; give one of them: .*zone:2@50:hall"
+        ):
             explain(case, "zone:2@50")
         with pytest.raises(UsageError, match="zone:2@70:bench: there is none"):
             explain(case, "zone:2@70:bench")
 
 
-def test_the_zone_may_be_left_out_where_there_is_one(tmp_path: Path, story_type, write_story) -> None:
-    story = story_type(50, {4: (0, 49, (9.0, 9.0, 9.0, 9.0), (0.0, 0.0))}, zones=[(4, "bench", 10, 40)])
+def test_the_zone_may_be_left_out_where_there_is_one(
+    tmp_path: Path, story_type, write_story
+) -> None:
+    story = story_type(
+        50, {4: (0, 49, (9.0, 9.0, 9.0, 9.0), (0.0, 0.0))}, zones=[(4, "bench", 10, 40)]
+    )
     with Case([write_story(story, tmp_path / "one.mcap")]) as case:
         assert explain(case, "zone:4@20").reference == "zone:4@10:bench"

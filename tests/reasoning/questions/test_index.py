@@ -21,7 +21,9 @@ from recorders.errors import RecordingError, UsageError
 
 
 @pytest.fixture(scope="module")
-def logs(tmp_path_factory: pytest.TempPathFactory, meeting_story, write_story) -> list[Path]:
+def logs(
+    tmp_path_factory: pytest.TempPathFactory, meeting_story, write_story
+) -> list[Path]:
     folder = tmp_path_factory.mktemp("many")
     out = []
     for k in range(5):
@@ -40,7 +42,9 @@ def indexes(logs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> list[
 
 
 @pytest.mark.parametrize("name", ["case.duckdb", "case"])
-def test_an_index_answers_like_the_logs(logs: list[Path], tmp_path: Path, name: str) -> None:
+def test_an_index_answers_like_the_logs(
+    logs: list[Path], tmp_path: Path, name: str
+) -> None:
     out = tmp_path / name
     done = build_index(logs, out)
     assert [f.recording for f in done.added] == [f"rec{k}" for k in range(5)]
@@ -71,14 +75,22 @@ def test_each_question_is_answered_alike_by_logs_database_and_parquet(
     def make(some: Recordings | None) -> str:
         return question(name).sql(words, Options(recordings=some, **options))
 
-    monkeypatch.setattr(case_module, "_FIRST_ROWS", 10)  # so that recordings are asked one by one
+    monkeypatch.setattr(
+        case_module, "_FIRST_ROWS", 10
+    )  # so that recordings are asked one by one
     answers = []
     for inputs in (logs, indexes[:1], indexes[1:]):
         with Case(inputs) as c:
             answers.append((c.by_recording(make).columns, list(c.by_recording(make).rows)))
-            assert answers[-1][1] == c.rows(make(None)) == list(c.by_recording(make, keeps_few=True).rows)
+            assert (
+                answers[-1][1]
+                == c.rows(make(None))
+                == list(c.by_recording(make, keeps_few=True).rows)
+            )
             alone = Recordings("rec2", "rec3")
-            assert list(c.by_recording(make, alone).rows) == [r for r in answers[-1][1] if r[0] in ("rec2", "rec3")]
+            assert list(c.by_recording(make, alone).rows) == [
+                r for r in answers[-1][1] if r[0] in ("rec2", "rec3")
+            ]
     assert answers[0] == answers[1] == answers[2]
     assert bool(answers[0][1]) == (name != "left-with")  # nobody leaves with another here
 
@@ -92,10 +104,15 @@ def test_a_question_that_takes_too_much_memory_at_once_is_asked_by_and_by(
     def make(some: Recordings | None) -> str:
         where, large = ("true", 10**8) if some is None else (some.sql(), 1)
         numbers = f"(SELECT list(range) AS all_of_them FROM range({large}))"
-        return f"{few}, {numbers} WHERE len(all_of_them) > 0 AND {where} GROUP BY recording ORDER BY recording"
+        return (
+            f"{few}, {numbers} WHERE len(all_of_them) > 0 AND {where} GROUP BY recording"
+            " ORDER BY recording"
+        )
 
     with Case(logs, QueryLimits(memory_mib=128)) as c:
-        assert list(c.by_recording(make, keeps_few=True).rows) == c.rows(f"{few} GROUP BY recording ORDER BY recording")
+        assert list(c.by_recording(make, keeps_few=True).rows) == c.rows(
+            f"{few} GROUP BY recording ORDER BY recording"
+        )
         with pytest.raises(QueryError, match="128 MiB"):
             c.rows(make(None))
 
@@ -103,15 +120,27 @@ def test_a_question_that_takes_too_much_memory_at_once_is_asked_by_and_by(
 def test_a_pair_stands_together_in_an_index(indexes: list[Path]) -> None:
     for index in indexes:
         with Case([index]) as c:
-            rows = c.rows("SELECT recording, a, b, start_frame FROM relations WHERE recording = 'rec1'")
+            rows = c.rows(
+                "SELECT recording, a, b, start_frame FROM relations WHERE recording ="
+                " 'rec1'"
+            )
             assert rows == sorted(rows)
 
 
-def test_a_time_limit_is_that_of_the_whole_answer(logs: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_time_limit_is_that_of_the_whole_answer(
+    logs: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(case_module, "_FIRST_ROWS", 10)
     slow = "SELECT count(*) FROM frames, range(200000000) WHERE hash(range) = 7"
-    with Case(logs, QueryLimits(seconds=0.5)) as c, pytest.raises(QueryError, match="stopped after"):
-        list(c.by_recording(lambda some: slow if some is None else f"{slow} AND {some.sql()}").rows)
+    with (
+        Case(logs, QueryLimits(seconds=0.5)) as c,
+        pytest.raises(QueryError, match="stopped after"),
+    ):
+        list(
+            c.by_recording(
+                lambda some: slow if some is None else f"{slow} AND {some.sql()}"
+            ).rows
+        )
 
 
 @pytest.mark.parametrize("name", ["case.duckdb", "case"])
@@ -123,7 +152,11 @@ def test_each_recording_once(logs: list[Path], tmp_path: Path, name: str) -> Non
     assert [f.recording for f in done.added] == ["rec2"]
     assert done.known == [copied, logs[0], logs[1]]
     with Case([out]) as c:
-        assert c.rows("SELECT recording FROM recordings ORDER BY 1") == [("rec0",), ("rec1",), ("rec2",)]
+        assert c.rows("SELECT recording FROM recordings ORDER BY 1") == [
+            ("rec0",),
+            ("rec1",),
+            ("rec2",),
+        ]
 
 
 @pytest.mark.parametrize("name", ["case.duckdb", "case"])
@@ -150,7 +183,9 @@ def test_an_interrupted_run_is_resumed(
     monkeypatch.setattr(index_module, "read_recordings", real)
     build_index(logs, out)
     with Case([out]) as c:
-        assert c.rows("SELECT count(*), count(DISTINCT recording) FROM recordings") == [(5, 5)]
+        assert c.rows("SELECT count(*), count(DISTINCT recording) FROM recordings") == [
+            (5, 5)
+        ]
         assert c.rows("SELECT count(*) FROM frames WHERE recording = 'rec3'") == [(263,)]
 
 
@@ -168,13 +203,23 @@ index.build_index([Path(p) for p in sys.argv[3:]], Path(sys.argv[2]))
 
 
 @pytest.mark.parametrize("name", ["case.duckdb", "case"])
-def test_killed_at_any_moment_and_run_again(logs: list[Path], tmp_path: Path, name: str) -> None:
-    """SIGKILL after ever longer times, until a run ends by itself: what is in it is whole each time, all at last."""
+def test_killed_at_any_moment_and_run_again(
+    logs: list[Path], tmp_path: Path, name: str
+) -> None:
+    """SIGKILL after ever longer times, until a run ends by itself: what is in it is whole each
+    time, all at last.
+    """
     out = tmp_path / name
     killed, wait, seen = 0, 0.03, False
     while True:
         words = [sys.executable, "-c", KILLED, str(wait), str(out), *map(str, logs)]
-        done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=Path(__file__).parents[3])
+        done = subprocess.run(
+            words,
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=Path(__file__).parents[3],
+        )
         if done.returncode == 0:
             break
         assert done.returncode == -signal.SIGKILL, done.stderr
@@ -183,11 +228,19 @@ def test_killed_at_any_moment_and_run_again(logs: list[Path], tmp_path: Path, na
         opened = True
         try:
             with Case([out]) as c:
-                counted = "SELECT recording, frames, (SELECT count(*) FROM frames f WHERE f.recording = r.recording)"
-                assert all(said == there for _, said, there in c.rows(f"{counted} FROM recordings r"))
+                counted = (
+                    "SELECT recording, frames, (SELECT count(*) FROM frames f WHERE"
+                    " f.recording = r.recording)"
+                )
+                assert all(
+                    said == there
+                    for _, said, there in c.rows(f"{counted} FROM recordings r")
+                )
         except RecordingError:
             opened = False
-        assert opened or not seen  # it may have been killed before there was a first recording
+        assert (
+            opened or not seen
+        )  # it may have been killed before there was a first recording
         seen = opened
     assert killed >= 3
     with Case(logs) as direct, Case([out]) as indexed:
@@ -227,6 +280,10 @@ def test_strangers_are_left_alone(logs: list[Path], tmp_path: Path) -> None:
     assert (tmp_path / "x.duckdb").read_bytes() == b"not a database at all"
 
 
-def test_an_index_has_two_cameras_of_one_log_apart(tmp_path: Path, meeting_story, meeting_log: Path) -> None:
+def test_an_index_has_two_cameras_of_one_log_apart(
+    tmp_path: Path, meeting_story, meeting_log: Path
+) -> None:
     with Case([meeting_log]) as c:
-        assert c.rows("SELECT recording, camera FROM recordings") == [("meeting", meeting_story.camera)]
+        assert c.rows("SELECT recording, camera FROM recordings") == [
+            ("meeting", meeting_story.camera)
+        ]

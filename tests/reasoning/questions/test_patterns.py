@@ -1,4 +1,6 @@
-"""Patterns against a matcher that tries everything, on a thousand small histories; errors that point at the place."""
+"""Patterns against a matcher that tries everything, on a thousand small histories; errors that
+point at the place.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,14 @@ from hypothesis import strategies as st
 
 from reasoning.questions import Case
 from reasoning.questions.macros import ALLEN, macro_statements
-from reasoning.questions.patterns import ATOMS, SHIPPED, PatternError, compile_pattern, parse, plan
+from reasoning.questions.patterns import (
+    ATOMS,
+    SHIPPED,
+    PatternError,
+    compile_pattern,
+    parse,
+    plan,
+)
 from reasoning.questions.patterns.grammar import Bound, Item, Pattern
 from reasoning.questions.schema import create_statements
 from reasoning.questions.store import insert
@@ -26,8 +35,8 @@ FPS = 10.0
 Found = tuple[tuple[int, ...], int, int]
 History = dict[str, list[Found]]
 
-# Each pattern, and which orders of its variables say the same (by hand; all but the one that they are read in): a match
-# is told in one of them.
+# Each pattern, and which orders of its variables say the same (by hand; all but the one that they
+# are read in): a match is told in one of them.
 SAME: dict[str, tuple[str, ...]] = {
     "joint(a,b)": ("ba",),
     "interaction(a,b) ; joint(a,b)": ("ba",),
@@ -82,14 +91,23 @@ def histories(count: int, seed: int) -> dict[str, History]:
                 a, b = sorted(int(v) for v in rng.choice(4, 2, replace=False))
                 s = int(rng.integers(0, 24))
                 row = ((a, b), s, s + int(rng.integers(0, 9)))
-                # One pair is in one state at a time, and one encounter does not begin within another.
-                others = history["interaction"] + history["joint"] if name != "together" else history[name]
-                if not any(p == row[0] and s1 <= row[2] and row[1] <= e1 for p, s1, e1 in others):
+                # One pair is in one state at a time, and one encounter does not begin within
+                # another.
+                others = (
+                    history["interaction"] + history["joint"]
+                    if name != "together"
+                    else history[name]
+                )
+                if not any(
+                    p == row[0] and s1 <= row[2] and row[1] <= e1 for p, s1, e1 in others
+                ):
                     history[name].append(row)
         for _ in range(int(rng.integers(0, 4))):
             a, s = int(rng.integers(0, 4)), int(rng.integers(0, 24))
             row = ((a,), s, s + int(rng.integers(0, 9)))
-            if not any(p == (a,) and s1 <= row[2] and row[1] <= e1 for p, s1, e1 in history["in"]):
+            if not any(
+                p == (a,) and s1 <= row[2] and row[1] <= e1 for p, s1, e1 in history["in"]
+            ):
                 history["in"].append(row)
         for a in rng.permutation(4)[: int(rng.integers(0, 3))].tolist():
             n = int(rng.integers(5, 34))
@@ -107,7 +125,11 @@ def occurrences(history: History, item: Item) -> list[Found]:
     rows = [r for name in names for r in history.get(name, [])]
     if item.name in EITHER_WAY:
         rows = [(p, s, e) for (a, b), s, e in rows for p in ((a, b), (b, a))]
-    rows = [r for r in rows if all(_holds(b, (r[2] - r[1]) / FPS) for b in item.bounds if b.what == "lasts")]
+    rows = [
+        r
+        for r in rows
+        if all(_holds(b, (r[2] - r[1]) / FPS) for b in item.bounds if b.what == "lasts")
+    ]
     numbers = [(k, t.number) for k, t in enumerate(item.terms) if t.number is not None]
     rows = [r for r in rows if all(r[0][k] == n for k, n in numbers)]
     return _in_a_row(rows, item) if item.repeated else rows
@@ -124,7 +146,11 @@ def _in_a_row(rows: list[Found], item: Item) -> list[Found]:
         runs: list[list[Found]] = []
         for row in mine:
             last = runs[-1][-1] if runs else None
-            if last is not None and row[1] > last[2] and all(_holds(b, (row[1] - last[2]) / FPS) for b in gaps):
+            if (
+                last is not None
+                and row[1] > last[2]
+                and all(_holds(b, (row[1] - last[2]) / FPS) for b in gaps)
+            ):
                 runs[-1].append(row)
             else:
                 runs.append([row])
@@ -133,7 +159,10 @@ def _in_a_row(rows: list[Found], item: Item) -> list[Found]:
                 if len(run) >= item.count:
                     out.append((targets, run[0][1], max(r[2] for r in run)))
             else:
-                out += [(targets, run[k][1], run[k + item.count - 1][2]) for k in range(len(run) - item.count + 1)]
+                out += [
+                    (targets, run[k][1], run[k + item.count - 1][2])
+                    for k in range(len(run) - item.count + 1)
+                ]
     return out
 
 
@@ -165,7 +194,9 @@ def allen(s1: int, e1: int, s2: int, e2: int) -> str:
     return "during" if b < d else "overlapped_by"
 
 
-def bind(bound: dict[str, int], item: Item, targets: tuple[int, ...], numbers: set[int]) -> dict[str, int] | None:
+def bind(
+    bound: dict[str, int], item: Item, targets: tuple[int, ...], numbers: set[int]
+) -> dict[str, int] | None:
     """The bindings with this occurrence's targets, None where they clash."""
     out = dict(bound)
     for term, target in zip(item.terms, targets, strict=False):
@@ -183,7 +214,14 @@ def bind(bound: dict[str, int], item: Item, targets: tuple[int, ...], numbers: s
 
 def variables(pattern: Pattern) -> list[str]:
     """Variables that stand in something that happens, as they are first read."""
-    read = [t.variable for s in pattern.steps for i in s if not i.negated for t in i.terms if t.variable is not None]
+    read = [
+        t.variable
+        for s in pattern.steps
+        for i in s
+        if not i.negated
+        for t in i.terms
+        if t.variable is not None
+    ]
     return list(dict.fromkeys(read))
 
 
@@ -193,7 +231,8 @@ def told_once(matches: set[tuple], pattern: Pattern, orders: Sequence[str]) -> s
     out = set()
     for ids, spans in matches:
         value = dict(zip(names, ids, strict=True))
-        # Read in another order: the variable that stands at a place there takes the id of this place here.
+        # Read in another order: the variable that stands at a place there takes the id of this
+        # place here.
         others = [tuple(value[v] for v in order) for order in orders]
         if all(ids <= other for other in others):
             out.add((ids, spans))
@@ -202,7 +241,9 @@ def told_once(matches: set[tuple], pattern: Pattern, orders: Sequence[str]) -> s
 
 def by_brute_force(pattern: Pattern, history: History) -> set[tuple]:
     """Every way in which targets fit, each telling of it."""
-    numbers = {t.number for s in pattern.steps for i in s for t in i.terms if t.number is not None}
+    numbers = {
+        t.number for s in pattern.steps for i in s for t in i.terms if t.number is not None
+    }
     wanted = [i for s in pattern.steps for i in s if not i.negated]
     found = set()
     for chosen in itertools.product(*(occurrences(history, i) for i in wanted)):
@@ -211,9 +252,20 @@ def by_brute_force(pattern: Pattern, history: History) -> set[tuple]:
             bound = bind(bound, item, row[0], numbers)
             if bound is None:
                 break
-        if bound is None or not fits(pattern, history, dict(zip(map(id, wanted), chosen, strict=True)), bound, numbers):
+        if bound is None or not fits(
+            pattern,
+            history,
+            dict(zip(map(id, wanted), chosen, strict=True)),
+            bound,
+            numbers,
+        ):
             continue
-        found.add((tuple(bound[v] for v in variables(pattern)), tuple((r[1], r[2]) for r in chosen)))
+        found.add(
+            (
+                tuple(bound[v] for v in variables(pattern)),
+                tuple((r[1], r[2]) for r in chosen),
+            )
+        )
     return found
 
 
@@ -230,7 +282,10 @@ def fits(pattern, history, chosen, bound, numbers) -> bool:
             if items[k].link == ("&",):
                 if any(r[1] > rows[k][2] or rows[k][1] > r[2] for r in rows[:k]):
                     return False
-            elif allen(rows[k - 1][1], rows[k - 1][2], rows[k][1], rows[k][2]) not in items[k].link:
+            elif (
+                allen(rows[k - 1][1], rows[k - 1][2], rows[k][1], rows[k][2])
+                not in items[k].link
+            ):
                 return False
         span = (min(r[1] for r in rows), max(r[2] for r in rows))
         if previous is not None:
@@ -238,12 +293,17 @@ def fits(pattern, history, chosen, bound, numbers) -> bool:
                 return False
             for i in items:
                 gaps = [] if i.repeated else [b for b in i.bounds if b.what == "gap"]
-                if not all(_holds(b, chosen[id(i)][1] / FPS - previous[1] / FPS) for b in gaps):
+                if not all(
+                    _holds(b, chosen[id(i)][1] / FPS - previous[1] / FPS) for b in gaps
+                ):
                     return False
         spans.append(span)
         previous = span
     whole = [s for s in spans if s is not None]
-    if pattern.within_s is not None and round((whole[-1][1] - whole[0][0]) / FPS, 3) > pattern.within_s:
+    if (
+        pattern.within_s is not None
+        and round((whole[-1][1] - whole[0][0]) / FPS, 3) > pattern.within_s
+    ):
         return False
     return not any(
         happens(history, i, k, spans, bound, numbers)
@@ -278,11 +338,27 @@ def load(made: dict[str, History]) -> duckdb.DuckDBPyConnection:
         con.execute(statement)
     for name, history in made.items():
         for state in ("interaction", "joint"):
-            insert(con, "relations", [(name, *p, state.upper(), s, e, s / FPS, e / FPS) for p, s, e in history[state]])
+            insert(
+                con,
+                "relations",
+                [
+                    (name, *p, state.upper(), s, e, s / FPS, e / FPS)
+                    for p, s, e in history[state]
+                ],
+            )
         insert(
-            con, "encounters", [(name, *p, "meeting", s, e, s / FPS, e / FPS, 0.5) for p, s, e in history["together"]]
+            con,
+            "encounters",
+            [
+                (name, *p, "meeting", s, e, s / FPS, e / FPS, 0.5)
+                for p, s, e in history["together"]
+            ],
         )
-        insert(con, "zones", [(name, *p, "door", s, e, s / FPS, e / FPS) for p, s, e in history["in"]])
+        insert(
+            con,
+            "zones",
+            [(name, *p, "door", s, e, s / FPS, e / FPS) for p, s, e in history["in"]],
+        )
         insert(con, "events", [(name, k, "exited", s, s / FPS, list(p), "", "{}", "")
                                for k, (p, s, _) in enumerate(history["exited"])])  # fmt: skip
     return con
@@ -302,7 +378,10 @@ def test_a_thousand_histories_match_as_brute_force_says() -> None:
                 got[row[0]].append((tuple(row[1 : 1 + count]), steps))
             for name, history in made.items():
                 every = by_brute_force(pattern, history)
-                assert all(same_match_is_there(ids, spans, every, pattern, SAME[text]) for ids, spans in every), text
+                assert all(
+                    same_match_is_there(ids, spans, every, pattern, SAME[text])
+                    for ids, spans in every
+                ), text
                 wanted = told_once(every, pattern, SAME[text])
                 assert set(got[name]) == wanted, (text, name, dict(history))
                 if "_" not in text:  # of anybody there may be several over the same spans
@@ -312,22 +391,35 @@ def test_a_thousand_histories_match_as_brute_force_says() -> None:
     assert min(matched.values()) > 0, matched
 
 
-def same_match_is_there(ids, spans, every: set[tuple], pattern: Pattern, orders: Sequence[str]) -> bool:
+def same_match_is_there(
+    ids, spans, every: set[tuple], pattern: Pattern, orders: Sequence[str]
+) -> bool:
     """That the table of orders above is right: each other telling is a match over the same spans."""
     value = dict(zip(variables(pattern), ids, strict=True))
     others = [tuple(value[v] for v in order) for order in orders]
-    return all(any(i == other and sorted(s) == sorted(spans) for i, s in every) for other in others)
+    return all(
+        any(i == other and sorted(s) == sorted(spans) for i, s in every) for other in others
+    )
 
 
 @pytest.mark.parametrize("text", PATTERNS)
 def test_no_other_order_of_variables_says_the_same(text: str) -> None:
-    """That the table of orders above is whole, shown by histories: in one of them the other telling is no match."""
+    """That the table of orders above is whole, shown by histories: in one of them the other
+    telling is no match.
+    """
     pattern = parse(text)
     names = variables(pattern)
-    orders = {"".join(o) for o in itertools.permutations(names)} - {"".join(names), *SAME[text]}
+    orders = {"".join(o) for o in itertools.permutations(names)} - {
+        "".join(names),
+        *SAME[text],
+    }
     for history in histories(2000, seed=9).values() if orders else ():
         every = by_brute_force(pattern, history)
-        orders -= {o for o in orders if not all(same_match_is_there(i, s, every, pattern, [o]) for i, s in every)}
+        orders -= {
+            o
+            for o in orders
+            if not all(same_match_is_there(i, s, every, pattern, [o]) for i, s in every)
+        }
         if not orders:
             break
     assert not orders
@@ -447,7 +539,9 @@ def test_mutilated_patterns_are_read_or_refused(data: st.DataObject) -> None:
     text = data.draw(st.sampled_from(PATTERNS))
     at = data.draw(st.integers(0, len(text)))
     cut = data.draw(st.integers(0, 4))
-    added = data.draw(st.sampled_from(["", ";", "(", ")", "&", "!", "[", "{", "|", "a", "9", "'"]))
+    added = data.draw(
+        st.sampled_from(["", ";", "(", ")", "&", "!", "[", "{", "|", "a", "9", "'"])
+    )
     mutilated = text[:at] + added + text[at + cut :]
     answer = read_or_refused(mutilated)
     assert isinstance(answer, Pattern) or answer.position <= len(mutilated)

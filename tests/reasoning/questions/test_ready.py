@@ -1,4 +1,6 @@
-"""The ready questions on a small story whose answers are known, and what they say when asked wrongly."""
+"""The ready questions on a small story whose answers are known, and what they say when asked
+wrongly.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,12 @@ def ask(case: Case, name: str, *words: str, **options) -> list[dict]:
 
 def test_met(case: Case) -> None:
     (row,) = ask(case, "met", "1")
-    assert (row["other"], row["start_frame"], row["end_frame"], row["joint_s"]) == (2, 40, 179, 1.96)
+    assert (row["other"], row["start_frame"], row["end_frame"], row["joint_s"]) == (
+        2,
+        40,
+        179,
+        1.96,
+    )
     assert row["explain"] == "relation:1-2@40"
     assert [r["other"] for r in ask(case, "met", "2")] == [1, 3]
     assert [r["start_frame"] for r in ask(case, "met", "3", "2")] == [170]
@@ -53,9 +60,14 @@ def test_left_with(case: Case) -> None:
 
 
 def test_who_was_in(case: Case) -> None:
-    assert [r["track"] for r in ask(case, "who-was-in", "bench", at=moment("frame:170"))] == [3, 4]
+    assert [
+        r["track"] for r in ask(case, "who-was-in", "bench", at=moment("frame:170"))
+    ] == [3, 4]
     assert [r["track"] for r in ask(case, "who-was-in", "bench", at=moment("2.5"))] == [3]
-    assert [r["track"] for r in ask(case, "who-was-in", "scene", at=moment("2023-11-14T22:13:20.1Z"))] == [1]
+    assert [
+        r["track"]
+        for r in ask(case, "who-was-in", "scene", at=moment("2023-11-14T22:13:20.1Z"))
+    ] == [1]
     assert ask(case, "who-was-in", "nowhere' OR '1'='1", at=moment("2.5")) == []
 
 
@@ -64,12 +76,18 @@ def test_a_wall_time_is_asked_of_every_recording_by_its_own_clock(
     tmp_path: Path, story_type, write_story, indexed: bool
 ) -> None:
     boxes = ((9.0, 9.0, 9.0, 9.0), (0.0, 0.0))
-    shared = {"relations": [(1, 2, "JOINT", 60, 90)], "zones": [(1, "bench", 40, 99), (2, "bench", 0, 39)]}
+    shared = {
+        "relations": [(1, 2, "JOINT", 60, 90)],
+        "zones": [(1, "bench", 40, 99), (2, "bench", 0, 39)],
+    }
     # The second camera's clock was started two seconds after the first one's.
     logs = [
         write_story(
             story_type(
-                100, {1: (0, 99, *boxes), 2: (0, 99, *boxes)}, start_ns=1_700_000_000_000_000_000 + late, **shared
+                100,
+                {1: (0, 99, *boxes), 2: (0, 99, *boxes)},
+                start_ns=1_700_000_000_000_000_000 + late,
+                **shared,
             ),
             tmp_path / f"{name}.mcap",
         )
@@ -80,10 +98,18 @@ def test_a_wall_time_is_asked_of_every_recording_by_its_own_clock(
     at = moment("2023-11-14T22:13:22.5Z")
     with Case([tmp_path / "case.duckdb"] if indexed else logs) as case:
         check_moment(case, at, None)
-        there = [(r["recording"], r["track"]) for r in ask(case, "who-was-in", "bench", at=at)]
+        there = [
+            (r["recording"], r["track"]) for r in ask(case, "who-was-in", "bench", at=at)
+        ]
         assert there == [("gate", 1), ("yard", 2)]
-        assert ask(case, "who-was-in", "bench", at=at, recordings=only("yard"))[0]["track"] == 2
-        reached = [(r["recording"], round(r["reached_t"], 3)) for r in ask(case, "contacts", "1", at=at, depth=2)]
+        assert (
+            ask(case, "who-was-in", "bench", at=at, recordings=only("yard"))[0]["track"]
+            == 2
+        )
+        reached = [
+            (r["recording"], round(r["reached_t"], 3))
+            for r in ask(case, "contacts", "1", at=at, depth=2)
+        ]
         assert reached == [("gate", 2.5), ("yard", 2.4)]
 
 
@@ -98,16 +124,23 @@ def test_loitering_closes_gaps(tmp_path: Path, story_type, write_story) -> None:
     story = story_type(100, {1: (0, 99, (9.0, 9.0, 9.0, 9.0), (0.0, 0.0))},
                        zones=[(1, "door", 0, 39), (1, "door", 50, 99)])  # fmt: skip
     with Case([write_story(story, tmp_path / "gap.mcap")]) as c:
-        assert [(r["start_frame"], r["end_frame"]) for r in ask(c, "loitered", "door", least_s=3.0)] == [(0, 99)]
+        assert [
+            (r["start_frame"], r["end_frame"])
+            for r in ask(c, "loitered", "door", least_s=3.0)
+        ] == [(0, 99)]
         assert ask(c, "loitered", "door", least_s=3.0, gap_s=0.1) == []
 
 
 def test_entered_never_left(case: Case) -> None:
     # Target 1 is there in the first frame: it did not come in. 2 and 3 left.
-    assert [(r["track"], r["there_at_the_end"]) for r in ask(case, "entered-never-left")] == [(4, True)]
+    assert [
+        (r["track"], r["there_at_the_end"]) for r in ask(case, "entered-never-left")
+    ] == [(4, True)]
 
 
-def test_who_left_and_came_in_again_is_there(tmp_path: Path, story_type, write_story) -> None:
+def test_who_left_and_came_in_again_is_there(
+    tmp_path: Path, story_type, write_story
+) -> None:
     here = (9.0, 9.0, 5.0, 9.0)
     story = story_type(60, {1: (0, 59, here, (0.0, 0.0)), 2: (3, 59, here, (0.0, 0.0)), 3: (3, 59, here, (0.0, 0.0))},
                        events=[("entering", [1], 0, [], {}), ("exited", [1], 20, [], {}), ("entering", [1], 30, [], {}),
@@ -119,8 +152,15 @@ def test_who_left_and_came_in_again_is_there(tmp_path: Path, story_type, write_s
 
 
 def test_hidden(case: Case) -> None:
-    hers = [(r["part"], r["start_frame"], r["end_frame"], r["seconds"]) for r in ask(case, "hidden", "2")]
-    assert hers == [("left_legs", 110, 120, 0.4), ("head", 111, 111, 0.0), ("left_legs", 130, 131, 0.04)]
+    hers = [
+        (r["part"], r["start_frame"], r["end_frame"], r["seconds"])
+        for r in ask(case, "hidden", "2")
+    ]
+    assert hers == [
+        ("left_legs", 110, 120, 0.4),
+        ("head", 111, 111, 0.0),
+        ("left_legs", 130, 131, 0.04),
+    ]
     assert [r["track"] for r in ask(case, "hidden")] == [2, 2, 2, 3]
     assert ask(case, "hidden", "1") == []
 
@@ -132,12 +172,20 @@ def test_grouping_and_splitting(case: Case) -> None:
 
 
 def test_group_history(case: Case) -> None:
-    assert [(r["is"], r["group_id"]) for r in ask(case, "group-history", "3")] == [("ancestor", 2), ("itself", 3)]
-    assert [(r["is"], r["group_id"]) for r in ask(case, "group-history", "2")] == [("itself", 2), ("descendant", 3)]
+    assert [(r["is"], r["group_id"]) for r in ask(case, "group-history", "3")] == [
+        ("ancestor", 2),
+        ("itself", 3),
+    ]
+    assert [(r["is"], r["group_id"]) for r in ask(case, "group-history", "2")] == [
+        ("itself", 2),
+        ("descendant", 3),
+    ]
     assert ask(case, "group-history", "99") == []
 
 
-def test_a_history_that_bites_its_tail_ends(tmp_path: Path, story_type, write_story) -> None:
+def test_a_history_that_bites_its_tail_ends(
+    tmp_path: Path, story_type, write_story
+) -> None:
     box = (9.0, 9.0, 9.0, 9.0)
     story = story_type(30, {1: (0, 29, box, (0.0, 0.0)), 2: (0, 29, box, (0.0, 0.0))},
                        groups=[(1, [1, 2], 0, 9, [2]), (2, [1, 2], 10, 19, [1])])  # fmt: skip
@@ -156,7 +204,11 @@ def test_before(case: Case) -> None:
 
 def test_contacts(case: Case) -> None:
     rows = ask(case, "contacts", "1")
-    assert [(r["track"], r["contacts"], r["via"]) for r in rows] == [(2, 1, [1]), (3, 2, [1, 2]), (4, 3, [1, 2, 3])]
+    assert [(r["track"], r["contacts"], r["via"]) for r in rows] == [
+        (2, 1, [1]),
+        (3, 2, [1, 2]),
+        (4, 3, [1, 2, 3]),
+    ]
     assert [r["track"] for r in ask(case, "contacts", "1", depth=2)] == [2, 3]
     # Back in time nothing passes on: 4 meets 3 after 3 met 2, and 2 is no longer near then.
     assert [r["track"] for r in ask(case, "contacts", "4", at=moment("frame:205"))] == [3]
@@ -200,10 +252,15 @@ def test_every_row_can_be_explained(case: Case) -> None:
             assert ids <= {i for found in told for i in found.subjects}, (name, row)
             if "start_frame" in row:
                 assert any(
-                    found.start_frame <= row["end_frame"] and row["start_frame"] <= found.end_frame for found in told
+                    found.start_frame <= row["end_frame"]
+                    and row["start_frame"] <= found.end_frame
+                    for found in told
                 )
             if "start_t" in row and "end_t" in row:
-                assert any(found.start_t <= row["end_t"] and row["start_t"] <= found.end_t for found in told)
+                assert any(
+                    found.start_t <= row["end_t"] and row["start_t"] <= found.end_t
+                    for found in told
+                )
 
 
 @pytest.mark.parametrize(
@@ -231,7 +288,14 @@ def test_unknown_question_names_the_known() -> None:
 
 
 def test_values() -> None:
-    assert [duration(t) for t in ("30", "30s", "500ms", "2min", "1.5h", ".5")] == [30, 30, 0.5, 120, 5400, 0.5]
+    assert [duration(t) for t in ("30", "30s", "500ms", "2min", "1.5h", ".5")] == [
+        30,
+        30,
+        0.5,
+        120,
+        5400,
+        0.5,
+    ]
     for bad in ("", "s", "3 days", "-1", "1e9", "99999999999"):
         with pytest.raises(UsageError, match="duration"):
             duration(bad)
@@ -255,29 +319,44 @@ SEVENTHS = 142_857_143
 
 
 @pytest.fixture(scope="module")
-def sevenths(tmp_path_factory: pytest.TempPathFactory, story_type, write_story) -> Iterator[Case]:
-    """Seven frames a second, so that no time has few digits: 1 and 2 meet and leave, 2 three frames after 1."""
-    places = {i: (20 if i == 2 else 0, 59, (200.0 * i, 9.0, 5.0, 9.0), (0.0, 0.0)) for i in (1, 2, 3)}
+def sevenths(
+    tmp_path_factory: pytest.TempPathFactory, story_type, write_story
+) -> Iterator[Case]:
+    """Seven frames a second, so that no time has few digits: 1 and 2 meet and leave, 2 three
+    frames after 1.
+    """
+    places = {
+        i: (20 if i == 2 else 0, 59, (200.0 * i, 9.0, 5.0, 9.0), (0.0, 0.0))
+        for i in (1, 2, 3)
+    }
     story = story_type(
         60, places,
         relations=[(1, 2, "INTERACTION", 24, 30)],
         events=[("exited", [1], 37, [], {}), ("exited", [2], 40, [], {})],
         zones=[(2, "bench", 21, 24), (2, "bench", 27, 30)], frame_ns=SEVENTHS,
     )  # fmt: skip
-    with Case([write_story(story, tmp_path_factory.mktemp("ready") / "sevenths.mcap")]) as c:
+    with Case(
+        [write_story(story, tmp_path_factory.mktemp("ready") / "sevenths.mcap")]
+    ) as c:
         yield c
 
 
 def test_a_limit_that_a_row_shows_itself_lets_it_in(sevenths: Case) -> None:
     """Times are shown to the millisecond: 3/7 s is 0.429 s, 10/7 s is 1.429 s, 4/7 s is 0.571 s."""
-    assert [r["seconds_after"] for r in ask(sevenths, "left-with", "1", within_s=9.0, gap_s=9.0)] == [0.429]
+    assert [
+        r["seconds_after"] for r in ask(sevenths, "left-with", "1", within_s=9.0, gap_s=9.0)
+    ] == [0.429]
     assert len(ask(sevenths, "left-with", "1", within_s=0.429, gap_s=9.0)) == 1
     assert ask(sevenths, "left-with", "1", within_s=0.428, gap_s=9.0) == []
     assert len(ask(sevenths, "left-with", "1", within_s=9.0, gap_s=1.0)) == 1
     assert ask(sevenths, "left-with", "1", within_s=9.0, gap_s=0.999) == []
 
-    assert [r["seconds_before"] for r in ask(sevenths, "before", "2", within_s=9.0)] == [1.429]
-    assert len(ask(sevenths, "before", "2", within_s=1.429)) == len(ask(sevenths, "before", "2", within_s=9.0))
+    assert [r["seconds_before"] for r in ask(sevenths, "before", "2", within_s=9.0)] == [
+        1.429
+    ]
+    assert len(ask(sevenths, "before", "2", within_s=1.429)) == len(
+        ask(sevenths, "before", "2", within_s=9.0)
+    )
     assert ask(sevenths, "before", "2", within_s=1.428) == []
 
     (whole,) = ask(sevenths, "loitered", "bench", least_s=1.0, gap_s=0.429)
@@ -289,9 +368,15 @@ def test_a_limit_that_a_row_shows_itself_lets_it_in(sevenths: Case) -> None:
 
 def test_a_moment_as_it_is_shown_is_within(sevenths: Case) -> None:
     """20/7 s is shown as 2.857 s, which is less."""
-    assert [r["track"] for r in ask(sevenths, "who-was-in", "scene", at=moment("2.857"))] == [1, 2, 3]
-    assert [r["track"] for r in ask(sevenths, "who-was-in", "scene", at=moment("2.856"))] == [1, 3]
-    assert [r["track"] for r in ask(sevenths, "who-was-in", "bench", at=moment("4.286"))] == [2]
+    assert [
+        r["track"] for r in ask(sevenths, "who-was-in", "scene", at=moment("2.857"))
+    ] == [1, 2, 3]
+    assert [
+        r["track"] for r in ask(sevenths, "who-was-in", "scene", at=moment("2.856"))
+    ] == [1, 3]
+    assert [
+        r["track"] for r in ask(sevenths, "who-was-in", "bench", at=moment("4.286"))
+    ] == [2]
     assert ask(sevenths, "who-was-in", "bench", at=moment("4.287")) == []
 
 

@@ -1,6 +1,7 @@
 """The ready questions on every scripted scene, against what the generator knows to be true.
 
-The targets are the truth's, through the reasoning; so what is tested is what the questions make of it.
+The targets are the truth's, through the reasoning; so what is tested is what the questions make
+of it.
 """
 
 from __future__ import annotations
@@ -31,20 +32,30 @@ def write(scene: GeneratedScene, path: Path) -> Path:
     reasoner = Reasoner({}, scene.width, scene.height)
     with LogWriter(path) as log:
         ids = {
-            n: log.channel(channels.topic("camera", n), channels.schema(n), channels.message_encoding(n))
+            n: log.channel(
+                channels.topic("camera", n),
+                channels.schema(n),
+                channels.message_encoding(n),
+            )
             for n in CHANNELS
         }
         for targets in truth_targets(scene):
             ns = targets.frame * scene.frame_ns
             made = reasoner.step(targets.frame, ns, targets, scene.truth.regions)
-            messages = [("tracks", made.tracks), ("relations", made.relations), ("groups", made.groups)]
+            messages = [
+                ("tracks", made.tracks),
+                ("relations", made.relations),
+                ("groups", made.groups),
+            ]
             for name, message in [*messages, *(("events", e) for e in made.events)]:
                 log.write(ids[name], channels.encode(name, message), ns)
     return path
 
 
 @pytest.fixture(scope="session")
-def played(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[GeneratedScene, Path]]:
+def played(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Callable[[str], tuple[GeneratedScene, Path]]:
     """A scene and its annotated log by name, made once in whatever order the tests run."""
     folder = tmp_path_factory.mktemp("scripted")
     made: dict[str, tuple[GeneratedScene, Path]] = {}
@@ -71,16 +82,26 @@ def ask(case: Case, name: str, *words: object, **options) -> list[dict]:
 
 
 def present(scene: GeneratedScene, frame: int) -> set[int]:
-    """Who is tracked: from the first time partly in the region of interest to the time wholly beyond the border."""
+    """Who is tracked: from the first time partly in the region of interest to the time wholly
+    beyond the border.
+    """
     found = set()
     for actor in {s.actor for s in scene.truth.region_stays}:
         here = False
-        for stay in sorted((s for s in scene.truth.region_stays if s.actor == actor), key=lambda s: s.start):
+        for stay in sorted(
+            (s for s in scene.truth.region_stays if s.actor == actor), key=lambda s: s.start
+        ):
             if stay.start > frame:
                 break
-            here = stay.status != "outside" and (here or stay.status in ("inside", "partly"))
+            here = stay.status != "outside" and (
+                here or stay.status in ("inside", "partly")
+            )
             if stay.end <= frame:
-                gone = all(s.start != stay.end for s in scene.truth.region_stays if s.actor == actor)
+                gone = all(
+                    s.start != stay.end
+                    for s in scene.truth.region_stays
+                    if s.actor == actor
+                )
                 here = here and not gone
         if here:
             found.add(actor)
@@ -99,17 +120,30 @@ def test_who_was_in_a_zone_and_who_loitered(asked) -> None:
     for visit in scene.truth.zone_visits:
         middle = (visit.start + visit.end) // 2
         rows = ask(case, "who-was-in", visit.zone, at=Moment(frame=middle))
-        wanted = {v.actor for v in scene.truth.zone_visits if v.zone == visit.zone and v.start <= middle < v.end}
+        wanted = {
+            v.actor
+            for v in scene.truth.zone_visits
+            if v.zone == visit.zone and v.start <= middle < v.end
+        }
         assert {r["track"] for r in rows} == wanted
     for zone in {v.zone for v in scene.truth.zone_visits}:
         for least in (1.0, 5.0, 20.0):
             rows = ask(case, "loitered", zone, least_s=least, gap_s=0.0)
-            stays = [(v.actor, v.start, v.end - 1) for v in scene.truth.zone_visits if v.zone == zone]
-            # The middle of a box's lower edge is where one stands to within a stride: two frames at these paces.
+            stays = [
+                (v.actor, v.start, v.end - 1)
+                for v in scene.truth.zone_visits
+                if v.zone == zone
+            ]
+            # The middle of a box's lower edge is where one stands to within a stride: two frames
+            # at these paces.
             slack = 2 / scene.fps
             found = {r["track"]: (r["start_frame"], r["end_frame"]) for r in rows}
-            assert {a for a, s, e in stays if (e - s) / scene.fps >= least + slack} <= set(found)
-            assert set(found) <= {a for a, s, e in stays if (e - s) / scene.fps >= least - slack}
+            assert {a for a, s, e in stays if (e - s) / scene.fps >= least + slack} <= set(
+                found
+            )
+            assert set(found) <= {
+                a for a, s, e in stays if (e - s) / scene.fps >= least - slack
+            }
             for actor, start, end in stays:
                 if actor in found:
                     assert abs(found[actor][0] - start) <= 2
@@ -119,7 +153,10 @@ def test_who_was_in_a_zone_and_who_loitered(asked) -> None:
 def test_who_never_left(asked) -> None:
     scene, case = asked
     last = scene.frame_count - 1
-    away = {a.id: [n for n in range(last + 1) if a.id not in present(scene, n)] for a in scene.truth.actors}
+    away = {
+        a.id: [n for n in range(last + 1) if a.id not in present(scene, n)]
+        for a in scene.truth.actors
+    }
     wanted = {a for a, frames in away.items() if frames and last not in frames}
     rows = ask(case, "entered-never-left")
     assert {r["track"] for r in rows} == wanted
@@ -129,21 +166,32 @@ def test_who_never_left(asked) -> None:
 
 
 def apart(scene: GeneratedScene, a: int, b: int) -> dict[int, np.ndarray]:
-    """From a's feet to b's in body sizes, in the frames in which both are tracked and whole in the picture."""
+    """From a's feet to b's in body sizes, in the frames in which both are tracked and whole in
+    the picture.
+    """
     out = {}
     for frame in scene.truth.frames:
         if not {a, b} <= present(scene, frame.index):
             continue
         one, two = frame.actor(a), frame.actor(b)
-        if one is not None and two is not None and one.box == one.full_box and two.box == two.full_box:
+        if (
+            one is not None
+            and two is not None
+            and one.box == one.full_box
+            and two.box == two.full_box
+        ):
             size = (np.hypot(*one.full_box[2:]) + np.hypot(*two.full_box[2:])) / 2
-            feet = [np.array([x + w / 2, y + h]) for x, y, w, h in (one.full_box, two.full_box)]
+            feet = [
+                np.array([x + w / 2, y + h]) for x, y, w, h in (one.full_box, two.full_box)
+            ]
             out[frame.index] = (feet[1] - feet[0]) / size
     return out
 
 
 def test_together(asked) -> None:
-    """What the script says is found, and what is found is so: near one another, and whoever stays near is found."""
+    """What the script says is found, and what is found is so: near one another, and whoever stays
+    near is found.
+    """
     scene, case = asked
     window = round(3 * scene.fps)
     for a, b in combinations([x.id for x in scene.truth.actors], 2):
@@ -156,8 +204,14 @@ def test_together(asked) -> None:
         ways = apart(scene, a, b)
         for s, e in found:
             far = [n for n in range(s, e + 1) if n in ways and np.hypot(*ways[n]) > 2.1]
-            # Gaps of up to a second within an encounter are closed, of distances that are filtered over half a second.
-            assert all(until - since <= 1.5 * scene.fps for since, until in runs(far)), (a, b, s, e)
+            # Gaps of up to a second within an encounter are closed, of distances that are
+            # filtered over half a second.
+            assert all(until - since <= 1.5 * scene.fps for since, until in runs(far)), (
+                a,
+                b,
+                s,
+                e,
+            )
             assert any(np.hypot(*ways[n]) <= 1.0 for n in range(s, e + 1) if n in ways)
         for n in ways:
             span = [ways[k] for k in range(n, n + window) if k in ways]
@@ -166,7 +220,10 @@ def test_together(asked) -> None:
                 assert any(s <= n and n + window - 1 <= e for s, e in found), (a, b, n)
 
 
-@pytest.mark.parametrize("name", ["pass_by", "full_occlusion", "leave_and_come_back", "stand_on_edge", "single_walker"])
+@pytest.mark.parametrize(
+    "name",
+    ["pass_by", "full_occlusion", "leave_and_come_back", "stand_on_edge", "single_walker"],
+)
 def test_nobody_together(name: str, played) -> None:
     with Case([played(name)[1]]) as case:
         assert case.rows("SELECT * FROM encounters") == []
@@ -180,26 +237,36 @@ class Raw:
     """What the messages say: frames of relations, groups, presence, zones and bits; events."""
 
     events: list[Event] = field(default_factory=list)
-    relations: dict[tuple[int, int, str, int], list[int]] = field(default_factory=lambda: defaultdict(list))
+    relations: dict[tuple[int, int, str, int], list[int]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
     groups: dict[int, list[int]] = field(default_factory=lambda: defaultdict(list))
     members: dict[int, list[int]] = field(default_factory=dict)
     parents: dict[int, list[int]] = field(default_factory=dict)
     presence: dict[int, list[int]] = field(default_factory=lambda: defaultdict(list))
-    zones: dict[tuple[int, str], list[int]] = field(default_factory=lambda: defaultdict(list))
+    zones: dict[tuple[int, str], list[int]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
     both: dict[tuple[int, tuple[int, ...], tuple[int, ...]], list[int]] = field(
         default_factory=lambda: defaultdict(list)
     )
 
     def intervals(self) -> list[tuple[int, int, str, int, int]]:
         """(a, b, state, first, last) of relations."""
-        return [(a, b, state, s, e) for (a, b, state, _), n in self.relations.items() for s, e in runs(n)]
+        return [
+            (a, b, state, s, e)
+            for (a, b, state, _), n in self.relations.items()
+            for s, e in runs(n)
+        ]
 
 
 def runs(frames: list[int]) -> list[tuple[int, int]]:
     """Runs of successive frames."""
     out: list[tuple[int, int]] = []
     for n in sorted(set(frames)):
-        out = [*out[:-1], (out[-1][0], n)] if out and out[-1][1] == n - 1 else [*out, (n, n)]
+        out = (
+            [*out[:-1], (out[-1][0], n)] if out and out[-1][1] == n - 1 else [*out, (n, n)]
+        )
     return out
 
 
@@ -209,7 +276,12 @@ def raw(asked) -> Raw:
     told = Raw()
     with LogReader(case.inputs[0]) as log:
         for message in log.messages([channels.topic("camera", n) for n in CHANNELS]):
-            take(told, channels.decode(channels.split(message.topic)[1], message.data, path=case.inputs[0]))
+            take(
+                told,
+                channels.decode(
+                    channels.split(message.topic)[1], message.data, path=case.inputs[0]
+                ),
+            )
     return told
 
 
@@ -222,14 +294,20 @@ def take(told: Raw, message: object) -> None:
     elif isinstance(message, Groups):
         for g in message.groups:
             told.groups[g.label].append(message.frame)
-            told.members[g.label], told.parents[g.label] = sorted(g.members), list(g.formed_from)
+            told.members[g.label], told.parents[g.label] = (
+                sorted(g.members),
+                list(g.formed_from),
+            )
     elif isinstance(message, Tracks):
         for t in (t for t in message.tracks if t.present):
             told.presence[t.id].append(message.frame)
             for zone in t.zones:
                 told.zones[t.id, zone].append(message.frame)
             if t.grouping and t.splitting:
-                partners = tuple(sorted(t.grouping_partners)), tuple(sorted(t.splitting_partners))
+                partners = (
+                    tuple(sorted(t.grouping_partners)),
+                    tuple(sorted(t.splitting_partners)),
+                )
                 told.both[t.id, *partners].append(message.frame)
 
 
@@ -242,10 +320,18 @@ def test_met(asked, raw: Raw) -> None:
                 frames[one + two - a] += n
         wanted = sorted((other, s, e) for other, n in frames.items() for s, e in runs(n))
         rows = ask(case, "met", a)
-        assert sorted((r["other"], r["start_frame"], r["end_frame"]) for r in rows) == wanted
+        assert (
+            sorted((r["other"], r["start_frame"], r["end_frame"]) for r in rows) == wanted
+        )
         for row in rows:
-            assert row["seconds"] == pytest.approx((row["end_frame"] - row["start_frame"]) / scene.fps, abs=0.002)
-            both = [x for x in ask(case, "met", a, row["other"]) if x["start_frame"] == row["start_frame"]]
+            assert row["seconds"] == pytest.approx(
+                (row["end_frame"] - row["start_frame"]) / scene.fps, abs=0.002
+            )
+            both = [
+                x
+                for x in ask(case, "met", a, row["other"])
+                if x["start_frame"] == row["start_frame"]
+            ]
             assert both == [row]
 
 
@@ -260,27 +346,40 @@ def test_contacts(asked, raw: Raw) -> None:
             for one, two, _, s, e in raw.intervals():
                 for giver, taker in ((one, two), (two, one)):
                     if giver in reached and taker != a and e >= reached[giver][0]:
-                        step[taker] = min(step.get(taker, (10**9, 0)), (max(s, reached[giver][0]), hops))
+                        step[taker] = min(
+                            step.get(taker, (10**9, 0)), (max(s, reached[giver][0]), hops)
+                        )
             for taker, arrival in step.items():
                 wanted[taker] = min(wanted.get(taker, arrival), arrival)
             reached = {a: (-1, 0), **wanted}
         rows = ask(case, "contacts", a, depth=3)
-        assert {r["track"]: (round(r["reached_t"] * scene.fps), r["contacts"]) for r in rows} == wanted
+        assert {
+            r["track"]: (round(r["reached_t"] * scene.fps), r["contacts"]) for r in rows
+        } == wanted
 
 
 def test_who_left_with_whom(asked, raw: Raw) -> None:
     scene, case = asked
     last = scene.frame_count - 1
     exits = {e.subjects[0]: e.frame for e in raw.events if e.kind == "exited"}
-    left = {t: exits.get(t, max(n)) for t, n in raw.presence.items() if t in exits or max(n) < last}
-    phases = case.rows("SELECT a, b, start_frame, end_frame FROM phases WHERE kind <> 'separation'")
+    left = {
+        t: exits.get(t, max(n))
+        for t, n in raw.presence.items()
+        if t in exits or max(n) < last
+    }
+    phases = case.rows(
+        "SELECT a, b, start_frame, end_frame FROM phases WHERE kind <> 'separation'"
+    )
     touched = [(a, b, s, e) for a, b, _, s, e in raw.intervals()] + phases
     slack = round(1.0 * scene.fps)
     for a in raw.presence:
         wanted = set()
         for b in left.keys() - {a} if a in left else ():
             until = min(left[a], left[b])
-            near = any({x, y} == {a, b} and s <= until and e >= until - slack for x, y, s, e in touched)
+            near = any(
+                {x, y} == {a, b} and s <= until and e >= until - slack
+                for x, y, s, e in touched
+            )
             if near and abs(left[a] - left[b]) <= round(5.0 * scene.fps):
                 wanted.add(b)
         assert {r["other"] for r in ask(case, "left-with", a)} == wanted, a
@@ -288,26 +387,46 @@ def test_who_left_with_whom(asked, raw: Raw) -> None:
 
 def test_who_was_near_before(asked, raw: Raw) -> None:
     scene, case = asked
-    met = case.rows("SELECT a, b, 'together: ' || kind, start_frame, end_frame FROM encounters")
+    met = case.rows(
+        "SELECT a, b, 'together: ' || kind, start_frame, end_frame FROM encounters"
+    )
     chosen = [e for e in raw.events if e.subjects and e.kind != "mode_changed"]
     for event in chosen[:: max(1, len(chosen) // 12)]:
         wanted = {
             (subject, a + b - subject, how, s)
             for subject in event.subjects
             for a, b, how, s, e in [*raw.intervals(), *met]
-            if subject in (a, b) and s < event.frame and event.frame - e <= round(3.0 * scene.fps)
+            if subject in (a, b)
+            and s < event.frame
+            and event.frame - e <= round(3.0 * scene.fps)
         }
         rows = ask(case, "before", event.id, within_s=3.0)
-        found = {(r["subject"], r["other"], r["how"], int(r["explain"].split()[0].rpartition("@")[2])) for r in rows}
+        found = {
+            (
+                r["subject"],
+                r["other"],
+                r["how"],
+                int(r["explain"].split()[0].rpartition("@")[2]),
+            )
+            for r in rows
+        }
         assert found == wanted
         assert all(r["until_t"] <= event.frame / scene.fps + 1e-6 for r in rows)
 
 
 def test_who_groups_and_splits(asked, raw: Raw) -> None:
     _, case = asked
-    wanted = sorted((t, s, e, list(g), list(p)) for (t, g, p), n in raw.both.items() for s, e in runs(n))
+    wanted = sorted(
+        (t, s, e, list(g), list(p)) for (t, g, p), n in raw.both.items() for s, e in runs(n)
+    )
     found = [
-        (r["track"], r["start_frame"], r["end_frame"], r["grouping_with"], r["splitting_from"])
+        (
+            r["track"],
+            r["start_frame"],
+            r["end_frame"],
+            r["grouping_with"],
+            r["splitting_from"],
+        )
         for r in ask(case, "grouping-and-splitting")
     ]
     assert sorted(found) == wanted
@@ -334,10 +453,17 @@ def test_timelines_hold_everything_and_nothing_else(asked, raw: Raw) -> None:
     met = case.rows("SELECT a, b, start_frame FROM encounters")
     for track in raw.presence:
         wanted = [f"event:{e.id}" for e in raw.events if track in e.subjects]
-        wanted += [f"relation:{a}-{b}@{s}" for a, b, _, s, _ in raw.intervals() if track in (a, b)]
+        wanted += [
+            f"relation:{a}-{b}@{s}" for a, b, _, s, _ in raw.intervals() if track in (a, b)
+        ]
         wanted += [f"group:{g}" for g, members in raw.members.items() if track in members]
         wanted += [f"track:{track}@{s}" for s, _ in runs(raw.presence[track])]
-        wanted += [zone_reference(track, s, z) for (t, z), n in raw.zones.items() if t == track for s, _ in runs(n)]
+        wanted += [
+            zone_reference(track, s, z)
+            for (t, z), n in raw.zones.items()
+            if t == track
+            for s, _ in runs(n)
+        ]
         wanted += [f"encounter:{a}-{b}@{s}" for a, b, s in met if track in (a, b)]
         rows = ask(case, "timeline", track)
         assert sorted(r["explain"] for r in rows) == sorted(wanted)

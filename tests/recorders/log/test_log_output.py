@@ -48,7 +48,10 @@ def test_keep_part_leaves_what_was_flushed(tmp_path: Path) -> None:
 def test_an_existing_output_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     path.write_text("precious")
-    with pytest.raises(OutputExistsError, match="exists already, not overwriting it; give another name or --force"):
+    with pytest.raises(
+        OutputExistsError,
+        match="exists already, not overwriting it; give another name or --force",
+    ):
         LogWriter(path)
     assert path.read_text() == "precious"
     with LogWriter(path, force=True) as log:
@@ -72,7 +75,9 @@ def test_an_output_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
 def test_two_writers_cannot_share_an_output(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     with LogWriter(path) as log:
-        with pytest.raises(RecordingError, match="another run is writing it, or one was interrupted"):
+        with pytest.raises(
+            RecordingError, match="another run is writing it, or one was interrupted"
+        ):
             LogWriter(path)
         with pytest.raises(RecordingError, match="another process is writing it now"):
             LogWriter(path, force=True)
@@ -93,7 +98,9 @@ def test_what_an_interrupted_run_left_is_kept_without_force(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("keep", [False, True])
-def test_a_full_disk_is_one_clear_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep: bool) -> None:
+def test_a_full_disk_is_one_clear_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep: bool
+) -> None:
     written = 0
     real_write = os.write
 
@@ -114,7 +121,9 @@ def test_a_full_disk_is_one_clear_error(tmp_path: Path, monkeypatch: pytest.Monk
     assert [p.name for p in tmp_path.iterdir()] == (["log.mcap.part"] if keep else [])
 
 
-def test_a_disk_that_fills_at_the_end_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_fills_at_the_end_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fsync(descriptor: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -154,7 +163,9 @@ def test_a_closed_writer_says_so(tmp_path: Path) -> None:
         ((1, b"", 0, 0, 1 << 32), r"sequence 4294967296 in \[0, 2\^32\)"),
     ],
 )
-def test_values_that_do_not_fit_are_refused(tmp_path: Path, arguments: tuple[int, bytes, int], text: str) -> None:
+def test_values_that_do_not_fit_are_refused(
+    tmp_path: Path, arguments: tuple[int, bytes, int], text: str
+) -> None:
     log = LogWriter(tmp_path / "log.mcap")
     log.channel("/a", None, "raw")
     with pytest.raises(RecordingError, match=text):
@@ -182,7 +193,10 @@ while True:
 def test_a_killed_writer_leaves_everything_up_to_the_last_chunk(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     process = subprocess.Popen(
-        [sys.executable, "-c", KILLED, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", KILLED, str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "far enough\n"

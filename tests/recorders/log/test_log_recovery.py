@@ -22,8 +22,12 @@ Said = tuple[str, int, int, bytes]
 
 def make(path: Path, compression: str = "zstd") -> bytes:
     random = Random(3)
-    with LogWriter(path, compression=compression, picture_topics={"/image"}, profile="test") as log:
-        image = log.channel("/image", Schema("foxglove.CompressedImage", "protobuf", b"x"), "protobuf")
+    with LogWriter(
+        path, compression=compression, picture_topics={"/image"}, profile="test"
+    ) as log:
+        image = log.channel(
+            "/image", Schema("foxglove.CompressedImage", "protobuf", b"x"), "protobuf"
+        )
         small = log.channel("/small", Schema("s", "jsonschema", b"{}"), "json", {"a": "b"})
         for k in range(300):
             log.write(image, random.randbytes(200), k * 40_000_000)
@@ -57,7 +61,9 @@ def test_a_log_cut_anywhere_gives_its_beginning(tmp_path: Path, compression: str
     with LogReader(path) as log:
         blocks = log.index.blocks
     kept = []
-    for length in sorted({*range(8, len(whole), len(whole) // 40), len(whole) - 1, blocks[5].offset + 1}):
+    for length in sorted(
+        {*range(8, len(whole), len(whole) // 40), len(whole) - 1, blocks[5].offset + 1}
+    ):
         cut.write_bytes(whole[:length])
         report = recover(cut, out, force=True)
         got = said(out)
@@ -67,7 +73,10 @@ def test_a_log_cut_anywhere_gives_its_beginning(tmp_path: Path, compression: str
         assert report.messages >= 25 * ended - 24
         assert not report.is_complete
         assert all(loss.offset <= length for loss in report.losses)
-        assert "cut short" in report.losses[0].reason or "ends within" in report.losses[0].reason
+        assert (
+            "cut short" in report.losses[0].reason
+            or "ends within" in report.losses[0].reason
+        )
         kept.append(report.messages)
     assert kept == sorted(kept)
     assert kept[-1] == 600
@@ -217,12 +226,26 @@ def test_info_gives_sizes_and_counts(tmp_path: Path) -> None:
     whole = make(tmp_path / "log.mcap")
     info = inspect(tmp_path / "log.mcap")
     assert (info.size_bytes, info.message_count, info.is_indexed) == (len(whole), 600, True)
-    assert (info.start_ns, info.end_ns, info.duration_ns) == (0, 299 * 40_000_000, 299 * 40_000_000)
-    assert [(c.topic, c.message_count) for c in info.channels] == [("/image", 300), ("/small", 300)]
-    assert [(a.name, a.size_bytes, a.log_time_ns) for a in info.attachments] == [("notes", 100, 1)]
+    assert (info.start_ns, info.end_ns, info.duration_ns) == (
+        0,
+        299 * 40_000_000,
+        299 * 40_000_000,
+    )
+    assert [(c.topic, c.message_count) for c in info.channels] == [
+        ("/image", 300),
+        ("/small", 300),
+    ]
+    assert [(a.name, a.size_bytes, a.log_time_ns) for a in info.attachments] == [
+        ("notes", 100, 1)
+    ]
     assert info.metadata == [("scenetrace", {"tracker": "events"})]
     plain, zstd = sorted(info.compression, key=lambda c: c.compression)
-    assert (plain.compression, plain.chunks, zstd.compression, zstd.chunks) == ("", 12, "zstd", 12)
+    assert (plain.compression, plain.chunks, zstd.compression, zstd.chunks) == (
+        "",
+        12,
+        "zstd",
+        12,
+    )
     assert plain.stored_bytes == plain.unpacked_bytes
     assert zstd.stored_bytes < zstd.unpacked_bytes
     assert plain.unpacked_bytes + zstd.unpacked_bytes > 300 * 231
@@ -237,8 +260,15 @@ def test_a_wrong_count_in_the_statistics_is_noticed(tmp_path: Path) -> None:
     whole[place : place + 8] = struct.pack("<Q", 601)
     counts = whole.index(struct.pack("<HQ", 1, 300), place)
     whole[counts + 2 : counts + 10] = struct.pack("<Q", 301)
-    whole[footer + 25 : footer + 29] = struct.pack("<I", zlib.crc32(whole[start : footer + 25]))
+    whole[footer + 25 : footer + 29] = struct.pack(
+        "<I", zlib.crc32(whole[start : footer + 25])
+    )
     (tmp_path / "bad.mcap").write_bytes(whole)
-    with LogReader(tmp_path / "bad.mcap") as log, pytest.raises(RecordingError, match=r"count 601 .* holds 600"):
+    with (
+        LogReader(tmp_path / "bad.mcap") as log,
+        pytest.raises(RecordingError, match=r"count 601 .* holds 600"),
+    ):
         list(log.messages())
-    assert [f.record for f in examine(tmp_path / "bad.mcap") if f.severity == "error"] == ["Statistics"] * 2
+    assert [f.record for f in examine(tmp_path / "bad.mcap") if f.severity == "error"] == [
+        "Statistics"
+    ] * 2

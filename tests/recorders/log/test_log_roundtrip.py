@@ -25,7 +25,13 @@ Written = tuple[int, bytes, int, int, int]
 
 
 def plain(message: Message) -> Written:
-    return (message.channel.id, message.data, message.log_time_ns, message.publish_time_ns, message.sequence)
+    return (
+        message.channel.id,
+        message.data,
+        message.log_time_ns,
+        message.publish_time_ns,
+        message.sequence,
+    )
 
 
 def write_log(path: Path, messages: list[Written], **options: object) -> None:
@@ -40,15 +46,31 @@ def write_log(path: Path, messages: list[Written], **options: object) -> None:
 
 times = st.one_of(st.integers(0, 20), st.integers(0, 5 * 10**9), st.integers(0, 2**64 - 1))
 message_lists = st.lists(
-    st.tuples(st.integers(1, 3), st.binary(max_size=60), times, times, st.integers(0, 2**32 - 1)), max_size=60
+    st.tuples(
+        st.integers(1, 3), st.binary(max_size=60), times, times, st.integers(0, 2**32 - 1)
+    ),
+    max_size=60,
 )
-folder_is_shared = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
+folder_is_shared = settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    max_examples=60,
+    deadline=None,
+)
 
 
 @folder_is_shared
-@given(message_lists, st.sampled_from(["", "lz4", "zstd"]), st.sampled_from([1, 100, 4 << 20]), st.data())
+@given(
+    message_lists,
+    st.sampled_from(["", "lz4", "zstd"]),
+    st.sampled_from([1, 100, 4 << 20]),
+    st.data(),
+)
 def test_any_messages_come_back_in_the_total_order(
-    tmp_path: Path, messages: list[Written], compression: str, chunk_bytes: int, data: st.DataObject
+    tmp_path: Path,
+    messages: list[Written],
+    compression: str,
+    chunk_bytes: int,
+    data: st.DataObject,
 ) -> None:
     path = tmp_path / "log.mcap"
     write_log(path, messages, compression=compression, chunk_bytes=chunk_bytes)
@@ -60,24 +82,38 @@ def test_any_messages_come_back_in_the_total_order(
         assert [order[0] for order in orders] == [message.log_time_ns for message in got]
         for channel in (1, 2, 3):
             written = [m for m in messages if m[0] == channel]
-            assert [plain(m) for m in got if m.channel.id == channel] == sorted(written, key=lambda m: m[2])
+            assert [plain(m) for m in got if m.channel.id == channel] == sorted(
+                written, key=lambda m: m[2]
+            )
         assert list(log.messages(reverse=True)) == got[::-1]
         start, end = sorted((data.draw(times), data.draw(times)))
-        topics = data.draw(st.lists(st.sampled_from(["/image", "/small", "/other", "/none"]), unique=True))
+        topics = data.draw(
+            st.lists(st.sampled_from(["/image", "/small", "/other", "/none"]), unique=True)
+        )
         for reverse in (False, True):
             part = list(log.messages(topics, start, end, reverse))
             wanted = [m for m in got if m.topic in topics and start <= m.log_time_ns < end]
             assert part == (wanted[::-1] if reverse else wanted)
         before = [m for m in got if m.topic == "/small" and m.log_time_ns <= start]
         assert log.latched("/small", start) == (before[-1] if before else None)
-    assert examine(path) == [] or all("goes back" in finding.text for finding in examine(path))
+    assert examine(path) == [] or all(
+        "goes back" in finding.text for finding in examine(path)
+    )
 
 
 @folder_is_shared
 @given(message_lists)
-def test_the_layout_does_not_change_the_digest(tmp_path: Path, messages: list[Written]) -> None:
+def test_the_layout_does_not_change_the_digest(
+    tmp_path: Path, messages: list[Written]
+) -> None:
     write_log(tmp_path / "a.mcap", messages)
-    write_log(tmp_path / "b.mcap", messages, compression="lz4", chunk_bytes=50, flush_interval_ns=3)
+    write_log(
+        tmp_path / "b.mcap",
+        messages,
+        compression="lz4",
+        chunk_bytes=50,
+        flush_interval_ns=3,
+    )
     assert input_digest(tmp_path / "a.mcap") == input_digest(tmp_path / "b.mcap")
 
 
@@ -101,7 +137,12 @@ def test_ties_are_pictures_first_then_as_written(tmp_path: Path, chunk_bytes: in
         for frame in range(60)
         for place, channel in enumerate((2, 1, 3, 1))
     ]
-    write_log(tmp_path / "log.mcap", messages, chunk_bytes=chunk_bytes, flush_interval_ns=200_000_000)
+    write_log(
+        tmp_path / "log.mcap",
+        messages,
+        chunk_bytes=chunk_bytes,
+        flush_interval_ns=200_000_000,
+    )
     with LogReader(tmp_path / "log.mcap") as log:
         for _, frame in itertools.groupby(log.messages(), key=lambda m: m.log_time_ns):
             assert [m.data[1] for m in frame] == [1, 3, 0, 2]
@@ -122,7 +163,12 @@ def test_publish_time_and_sequence_have_defaults(tmp_path: Path) -> None:
         log.write(channel, b"", 30, 31, 40)
         log.write(channel, b"", 40)
     with LogReader(tmp_path / "log.mcap") as log:
-        assert [(m.publish_time_ns, m.sequence) for m in log.messages()] == [(10, 0), (20, 1), (31, 40), (40, 41)]
+        assert [(m.publish_time_ns, m.sequence) for m in log.messages()] == [
+            (10, 0),
+            (20, 1),
+            (31, 40),
+            (40, 41),
+        ]
 
 
 def test_metadata_and_attachments_come_back(tmp_path: Path) -> None:
@@ -144,7 +190,9 @@ def test_metadata_and_attachments_come_back(tmp_path: Path) -> None:
 
 
 def test_the_mcap_package_reads_ours(tmp_path: Path) -> None:
-    messages: list[Written] = [(1 + k % 3, bytes([k]) * k, k * 10**8, k, k) for k in range(100)]
+    messages: list[Written] = [
+        (1 + k % 3, bytes([k]) * k, k * 10**8, k, k) for k in range(100)
+    ]
     path = tmp_path / "log.mcap"
     write_log(path, messages)
     with LogWriter(tmp_path / "extra.mcap") as log:
@@ -152,7 +200,10 @@ def test_the_mcap_package_reads_ours(tmp_path: Path) -> None:
         log.attach("a", "text/plain", b"data")
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
-        got = [(c.id, m.data, m.log_time, m.publish_time, m.sequence) for _, c, m in reader.iter_messages()]
+        got = [
+            (c.id, m.data, m.log_time, m.publish_time, m.sequence)
+            for _, c, m in reader.iter_messages()
+        ]
         summary = reader.get_summary()
     assert got == messages
     assert summary is not None
@@ -170,17 +221,34 @@ def test_the_mcap_package_reads_ours(tmp_path: Path) -> None:
 
 def peer_options() -> list[dict[str, object]]:
     kinds = mcap.writer.IndexType
-    options: list[dict[str, object]] = [{"compression": c} for c in mcap.writer.CompressionType]
-    options += [{"use_chunking": False}, {"index_types": kinds.NONE}, {"index_types": kinds.CHUNK}]
-    options += [{"repeat_channels": False}, {"repeat_schemas": False}, {"use_statistics": False}]
-    options += [{"use_summary_offsets": False}, {"enable_crcs": False}, {"enable_data_crcs": True, "chunk_size": 200}]
+    options: list[dict[str, object]] = [
+        {"compression": c} for c in mcap.writer.CompressionType
+    ]
+    options += [
+        {"use_chunking": False},
+        {"index_types": kinds.NONE},
+        {"index_types": kinds.CHUNK},
+    ]
+    options += [
+        {"repeat_channels": False},
+        {"repeat_schemas": False},
+        {"use_statistics": False},
+    ]
+    options += [
+        {"use_summary_offsets": False},
+        {"enable_crcs": False},
+        {"enable_data_crcs": True, "chunk_size": 200},
+    ]
     return options
 
 
 @pytest.mark.parametrize("options", peer_options(), ids=str)
 def test_ours_reads_the_mcap_package(tmp_path: Path, options: dict[str, object]) -> None:
     path = tmp_path / "log.mcap"
-    messages = [(1 + k % 2, bytes([k % 256]) * (k % 50), (k * 7919) % 1000, k, k) for k in range(500)]
+    messages = [
+        (1 + k % 2, bytes([k % 256]) * (k % 50), (k * 7919) % 1000, k, k)
+        for k in range(500)
+    ]
     with path.open("wb") as stream:
         writer = mcap.writer.Writer(stream, **{"chunk_size": 1000, **options})  # type: ignore[arg-type]
         writer.start("profile", "library")
@@ -194,7 +262,9 @@ def test_ours_reads_the_mcap_package(tmp_path: Path, options: dict[str, object])
         writer.finish()
     with LogReader(path) as log:
         got = list(log.messages())
-        assert [plain(m) for m in got] == [(c, d, t, p, s) for c, d, t, p, s in sorted(messages, key=lambda m: m[2])]
+        assert [plain(m) for m in got] == [
+            (c, d, t, p, s) for c, d, t, p, s in sorted(messages, key=lambda m: m[2])
+        ]
         assert list(log.messages(reverse=True)) == got[::-1]
         assert [plain(m) for m in log.messages(["/b"], 100, 200)] == [
             plain(m) for m in got if m.topic == "/b" and 100 <= m.log_time_ns < 200
@@ -205,7 +275,9 @@ def test_ours_reads_the_mcap_package(tmp_path: Path, options: dict[str, object])
         assert log.message_count == 500
 
 
-def test_pictures_are_not_unpacked_for_detections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pictures_are_not_unpacked_for_detections(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     messages: list[Written] = [(1 + k % 2, b"x" * 100, k * 10**8, k, k) for k in range(200)]
     write_log(tmp_path / "log.mcap", messages)
     with LogReader(tmp_path / "log.mcap") as log:
@@ -247,7 +319,11 @@ def test_overlapping_chunks_are_merged_within_bounded_memory(tmp_path: Path) -> 
 
 
 def test_a_reader_can_be_asked_twice_at_once(tmp_path: Path) -> None:
-    write_log(tmp_path / "log.mcap", [(2, bytes([k]), k, k, k) for k in range(50)], chunk_bytes=100)
+    write_log(
+        tmp_path / "log.mcap",
+        [(2, bytes([k]), k, k, k) for k in range(50)],
+        chunk_bytes=100,
+    )
     with LogReader(tmp_path / "log.mcap") as log:
         for first, second in zip(log.messages(), log.messages(), strict=True):
             assert first == second
@@ -278,8 +354,13 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
         picture = bytes(range(256)) * 200
         tracemalloc.start()
         try:
-            with LogWriter(path, force=True, picture_topics={"/image"}, chunk_bytes=1 << 20) as log:
-                image, small = log.channel("/image", None, "jpeg"), log.channel("/small", SCHEMA, "json")
+            with LogWriter(
+                path, force=True, picture_topics={"/image"}, chunk_bytes=1 << 20
+            ) as log:
+                image, small = (
+                    log.channel("/image", None, "jpeg"),
+                    log.channel("/small", SCHEMA, "json"),
+                )
                 for k in range(count):
                     log.write(image, picture, k * 40_000_000)
                     log.write(small, b"%d" % k, k * 40_000_000)

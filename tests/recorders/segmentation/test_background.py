@@ -1,4 +1,6 @@
-"""The background: sampling in bounded memory, the sorting network, the most common value, the light."""
+"""The background: sampling in bounded memory, the sorting network, the most common value, the
+light.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +66,9 @@ def test_the_network_sorts(n):
 
 def test_the_most_common_value_withstands_what_passes():
     rng = np.random.default_rng(0)
-    stack = [np.clip(rng.normal(90, 2, (20, 20, 3)), 0, 255).astype(np.uint8) for _ in range(41)]
+    stack = [
+        np.clip(rng.normal(90, 2, (20, 20, 3)), 0, 255).astype(np.uint8) for _ in range(41)
+    ]
     for k in range(0, 41, 5):
         stack[k][:] = 250
     for k in range(12):
@@ -117,7 +121,10 @@ def test_the_background_moves_by_one_level_where_it_may():
 @pytest.mark.parametrize(("sigma", "noisy"), [(1.0, False), (9.0, True)])
 def test_noise_is_told_by_its_share_of_the_levels(sigma, noisy):
     rng = np.random.default_rng(2)
-    stack = [np.clip(rng.normal(128, sigma, (20, 30, 3)), 0, 255).astype(np.uint8) for _ in range(20)]
+    stack = [
+        np.clip(rng.normal(128, sigma, (20, 30, 3)), 0, 255).astype(np.uint8)
+        for _ in range(20)
+    ]
     assert Background.learn(stack, 30.0, 2.0).noisy is noisy
 
 

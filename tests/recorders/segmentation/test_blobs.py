@@ -18,7 +18,9 @@ def filled_ellipse(cx, cy, h, w, theta, size=200):
     y, x = np.mgrid[0:size, 0:size] + 0.5
     along = (x - cx) * math.cos(theta) + (y - cy) * math.sin(theta)
     across = -(x - cx) * math.sin(theta) + (y - cy) * math.cos(theta)
-    return (((along / (h / 2)) ** 2 + (across / (w / 2)) ** 2) <= 1).astype(np.uint8) * np.uint8(255)
+    return (((along / (h / 2)) ** 2 + (across / (w / 2)) ** 2) <= 1).astype(
+        np.uint8
+    ) * np.uint8(255)
 
 
 @pytest.mark.parametrize("theta", [-1.2, -0.7, 0.0, 0.4, 1.0, math.pi / 2])
@@ -90,7 +92,8 @@ def test_small_pieces_stay_where_most_of_them_was_foreground_before():
     mask[5:9, 5:9] = mask[5:9, 25:29] = mask[5:9, 45:49] = 255
     mask[5:6, 65:67] = 255
     before[4:20, 4:20] = before[4:20, 28:40] = before[4:20, 60:70] = 255
-    # The first lay in foreground, the second by a quarter, the third not at all; the last is too small for a piece.
+    # The first lay in foreground, the second by a quarter, the third not at all; the last is too
+    # small for a piece.
     _, _, found = components(mask, 40, before)
     assert [b.box for b in found] == [(5, 5, 4, 4)]
     assert components(mask, 40)[2] == []

@@ -1,11 +1,19 @@
-"""Foreground explained by boxes: alone, side by side, one behind the other, cut by the border, proposed."""
+"""Foreground explained by boxes: alone, side by side, one behind the other, cut by the border,
+proposed.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from recorders.segmentation.explain import MIN_SCORE, MOST_BOXES, Explainer, box_scores, integral_of
+from recorders.segmentation.explain import (
+    MIN_SCORE,
+    MOST_BOXES,
+    Explainer,
+    box_scores,
+    integral_of,
+)
 from recorders.segmentation.sizes import SizeModel
 
 MODEL = SizeModel(0.2, 20.0, 0.4, 40.0, 90.0)
@@ -17,7 +25,9 @@ def draw(*feet):
     for x, y in feet:
         (bx, by, w, h) = MODEL.boxes(np.array([float(x)]), np.array([float(y)]))[0]
         yy, xx = np.mgrid[0:HEIGHT, 0:WIDTH] + 0.5
-        mask[((xx - bx - w / 2) / (w / 2)) ** 2 + ((yy - by - h / 2) / (h / 2)) ** 2 <= 1] = 255
+        mask[
+            ((xx - bx - w / 2) / (w / 2)) ** 2 + ((yy - by - h / 2) / (h / 2)) ** 2 <= 1
+        ] = 255
     return mask
 
 
@@ -113,7 +123,10 @@ def test_each_proposal_is_used_once(explainer):
 def test_scores_are_those_of_the_formula_for_a_lone_full_box():
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
     mask[100:150, 100:120] = 255
-    scores = box_scores(integral_of(mask), np.array([[100.0, 100, 20, 50], [100, 100, 20, 25], [300, 100, 20, 50]]))
+    scores = box_scores(
+        integral_of(mask),
+        np.array([[100.0, 100, 20, 50], [100, 100, 20, 25], [300, 100, 20, 50]]),
+    )
     assert scores[0] == 1.0
     assert scores[1] < scores[0]
     assert scores[2] == -1.0 < MIN_SCORE

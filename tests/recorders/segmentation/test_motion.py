@@ -36,7 +36,10 @@ def iou(a, b):
 
 def matched(found, truth, least=0.5):
     """How many of two lists of boxes can be paired, greedily from the best pair on."""
-    pairs = sorted(((iou(f, t), i, j) for i, f in enumerate(found) for j, t in enumerate(truth)), reverse=True)
+    pairs = sorted(
+        ((iou(f, t), i, j) for i, f in enumerate(found) for j, t in enumerate(truth)),
+        reverse=True,
+    )
     left, right = set(), set()
     for value, i, j in pairs:
         if value >= least and i not in left and j not in right:
@@ -46,7 +49,10 @@ def matched(found, truth, least=0.5):
 
 
 def digest(segmenter, images):
-    return [(s.mask.tobytes(), to_json(s.detections)) for s in map(segmenter.segment, itertools.count(), images)]
+    return [
+        (s.mask.tobytes(), to_json(s.detections))
+        for s in map(segmenter.segment, itertools.count(), images)
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -66,9 +72,18 @@ def test_every_segmenter_answers_in_the_same_shape(kind, walkers):
         assert got.mask.shape == (scene.height, scene.width)
         assert set(np.unique(got.mask)) <= {0, 255}
         assert (d.frame, d.width, d.height) == (index, scene.width, scene.height)
-        assert len(d.boxes) == len(d.scores) == len(d.labels) == len(d.ellipses) == len(d.blobs)
+        assert (
+            len(d.boxes)
+            == len(d.scores)
+            == len(d.labels)
+            == len(d.ellipses)
+            == len(d.blobs)
+        )
         assert all(0 <= s <= 1 for s in d.scores)
-        assert all(x >= 0 and y >= 0 and x + w <= d.width and y + h <= d.height for x, y, w, h in d.boxes)
+        assert all(
+            x >= 0 and y >= 0 and x + w <= d.width and y + h <= d.height
+            for x, y, w, h in d.boxes
+        )
         count, labels = cv2.connectedComponents(got.mask, connectivity=8)
         assert [c.id for c in d.components] == list(range(1, count))
         assert [c.area for c in d.components] == np.bincount(labels.ravel())[1:].tolist()
@@ -128,9 +143,13 @@ def test_touching_fish_are_told_apart_by_their_area():
 
 
 def still_life(frames, person=(30, 20, 60, 40), until=None, shadow=True):
-    """A textured ground where something stands until it is gone; shape (top, left, bottom, right)."""
+    """A textured ground where something stands until it is gone; shape (top, left, bottom,
+    right).
+    """
     rng = np.random.default_rng(4)
-    ground = cv2.GaussianBlur(rng.integers(90, 170, (120, 160, 3), dtype=np.uint8), (5, 5), 0)
+    ground = cv2.GaussianBlur(
+        rng.integers(90, 170, (120, 160, 3), dtype=np.uint8), (5, 5), 0
+    )
     for k in range(frames):
         image = ground.copy()
         if until is None or k < until:
@@ -250,7 +269,12 @@ def test_people_of_the_pets_recording_are_found(real_data):
         v = [float(x) for x in line.split(",")]
         if v[6] != 0:
             truth.setdefault(int(v[0]) - 1, []).append(tuple(0.625 * x for x in v[2:6]))
-    images = [frame.image for frame in itertools.islice(open_source(folder / "video.avi", fps=7).frames(), 300)]
+    images = [
+        frame.image
+        for frame in itertools.islice(
+            open_source(folder / "video.avi", fps=7).frames(), 300
+        )
+    ]
     segmenter = make((480, 360, 7.0))
     segmenter.prepare(iter(images))
     hits = close = found = wanted = 0
@@ -273,16 +297,28 @@ def found_share(scene, images):
     for index, (image, true) in enumerate(zip(images, scene.truth.frames, strict=True)):
         boxes = segmenter.segment(index, image).detections.boxes
         truth = [a.box for a in true.actors if a.visibility > 0.5]
-        right, wanted, found = right + matched(boxes, truth), wanted + len(truth), found + len(boxes)
+        right, wanted, found = (
+            right + matched(boxes, truth),
+            wanted + len(truth),
+            found + len(boxes),
+        )
     return right / wanted, right / found
 
 
 def test_people_are_found_in_noise_and_without_colours(walkers):
     scene, images = walkers
     clean, _ = found_share(scene, images)
-    noise = [np.random.default_rng(k).normal(0, 7, image.shape) for k, image in enumerate(images)]
-    noisy = [np.clip(np.rint(i + n), 0, 255).astype(np.uint8) for i, n in zip(images, noise, strict=True)]
-    grey = [cv2.cvtColor(cv2.cvtColor(i, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR) for i in images]
+    noise = [
+        np.random.default_rng(k).normal(0, 7, image.shape) for k, image in enumerate(images)
+    ]
+    noisy = [
+        np.clip(np.rint(i + n), 0, 255).astype(np.uint8)
+        for i, n in zip(images, noise, strict=True)
+    ]
+    grey = [
+        cv2.cvtColor(cv2.cvtColor(i, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+        for i in images
+    ]
     for altered in (noisy, grey):
         recall, precision = found_share(scene, altered)
         assert recall >= clean - 0.1

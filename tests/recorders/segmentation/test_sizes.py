@@ -24,7 +24,9 @@ def test_the_line_is_found_among_merged_and_broken_blobs():
     model = learn(boxes, 480, 360)
     assert model is not None
     for foot in (100.0, 200.0, 320.0):
-        assert model.heights(np.array([foot]))[0] == pytest.approx(0.25 * foot + 10, rel=0.05)
+        assert model.heights(np.array([foot]))[0] == pytest.approx(
+            0.25 * foot + 10, rel=0.05
+        )
     assert model.aspect == pytest.approx(0.88 * 0.4, rel=0.1)
 
 
@@ -71,7 +73,11 @@ def test_heights_stay_within_what_was_seen():
 
 
 def test_halves_of_a_body_are_taken_together_and_neighbours_are_not():
-    upper, lower, beside = (100.0, 50.0, 30.0, 40.0), (98.0, 94.0, 34.0, 50.0), (140.0, 60.0, 30.0, 90.0)
+    upper, lower, beside = (
+        (100.0, 50.0, 30.0, 40.0),
+        (98.0, 94.0, 34.0, 50.0),
+        (140.0, 60.0, 30.0, 90.0),
+    )
     above = (100.0, 2.0, 30.0, 20.0)
     found = regrouped(np.array([lower, beside, above, upper]))
     assert sorted(map(tuple, found.tolist())) == [(98.0, 50.0, 34.0, 94.0), above, beside]
@@ -79,7 +85,9 @@ def test_halves_of_a_body_are_taken_together_and_neighbours_are_not():
 
 
 def test_a_body_in_three_parts_is_one_whatever_their_order():
-    parts = np.array([(10.0, 10.0, 20.0, 20.0), (12.0, 32.0, 18.0, 20.0), (9.0, 54.0, 22.0, 40.0)])
+    parts = np.array(
+        [(10.0, 10.0, 20.0, 20.0), (12.0, 32.0, 18.0, 20.0), (9.0, 54.0, 22.0, 40.0)]
+    )
     for order in ((0, 1, 2), (2, 0, 1), (1, 2, 0)):
         assert regrouped(parts[list(order)]).tolist() == [[9.0, 10.0, 22.0, 84.0]]
 

@@ -30,7 +30,9 @@ def segmenter(size=256):
 
 def test_still_animals_are_found_brighter_and_darker():
     for bright, ground in ((200, 20), (20, 180)):
-        got = segmenter().segment(0, tank((60, 60, 0), (180, 150, 70), bright=bright, ground=ground))
+        got = segmenter().segment(
+            0, tank((60, 60, 0), (180, 150, 70), bright=bright, ground=ground)
+        )
         assert len(got.detections.boxes) == 2
         assert got.detections.boxes[0] == pytest.approx((40, 52, 41, 17), abs=3)
         assert got.detections.ellipses[1].theta == pytest.approx(np.deg2rad(70), abs=0.05)
@@ -65,7 +67,9 @@ def test_a_body_is_not_split_where_no_size_is_known():
 
 
 def test_otsu_is_that_of_opencv():
-    image = np.concatenate([np.random.default_rng(1).normal(m, 12, 4000) for m in (60, 170)])
+    image = np.concatenate(
+        [np.random.default_rng(1).normal(m, 12, 4000) for m in (60, 170)]
+    )
     image = np.clip(image, 0, 255).astype(np.uint8).reshape(80, 100)
     level, _ = cv2.threshold(image, 0, 255, cv2.THRESH_OTSU)
     assert otsu(np.bincount(image.ravel(), minlength=256)) == level
@@ -75,7 +79,12 @@ def test_otsu_is_that_of_opencv():
 @pytest.mark.real
 @pytest.mark.parametrize(("name", "animals"), [("two_flies", 2), ("three_flies", 3)])
 def test_flies_in_touch_are_counted_right(real_data, name, animals):
-    images = [f.image for f in itertools.islice(open_source(real_data / "flies" / f"{name}.mp4").frames(), 0, 120, 6)]
+    images = [
+        f.image
+        for f in itertools.islice(
+            open_source(real_data / "flies" / f"{name}.mp4").frames(), 0, 120, 6
+        )
+    ]
     s = segmenter(1024)
     s.prepare(iter(images))
     results = [s.segment(k, image).detections for k, image in enumerate(images)]

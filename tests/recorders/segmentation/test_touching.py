@@ -1,4 +1,6 @@
-"""Touching bodies told apart: as many as the area asks for, every pixel once, bounded whatever the size."""
+"""Touching bodies told apart: as many as the area asks for, every pixel once, bounded whatever
+the size.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ def disks(*centres, radius=10, size=(120, 120)):
     return mask
 
 
-@pytest.mark.parametrize("centres", [[(40, 60)], [(40, 60), (57, 60)], [(40, 60), (57, 60), (48, 75)]])
+@pytest.mark.parametrize(
+    "centres", [[(40, 60)], [(40, 60), (57, 60)], [(40, 60), (57, 60), (48, 75)]]
+)
 def test_disks_that_overlap_are_told_apart(centres):
     mask = disks(*centres)
     area = int(np.count_nonzero(disks((60, 60))))

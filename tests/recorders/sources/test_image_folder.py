@@ -29,8 +29,16 @@ def test_pictures_come_by_number_and_byte_for_byte(tmp_path: Path) -> None:
     assert [f.encoded for f in frames] == [(tmp_path / n).read_bytes() for n in names]
     assert [f.format for f in frames] == ["jpeg"] * 4 + ["png"]
     assert [f.time_ns for f in frames] == [k * 100_000_000 for k in range(5)]
-    assert [int(f.image[0, 0, 0]) for f in frames if f.image is not None] == [20, 40, 180, 200, 220]
-    assert source.digests() == [(n, sha256((tmp_path / n).read_bytes()).hexdigest()) for n in names]
+    assert [int(f.image[0, 0, 0]) for f in frames if f.image is not None] == [
+        20,
+        40,
+        180,
+        200,
+        220,
+    ]
+    assert source.digests() == [
+        (n, sha256((tmp_path / n).read_bytes()).hexdigest()) for n in names
+    ]
     assert len(source.notes) == 1
     assert "1 to 11 with 6 missing" in source.notes[0]
 
@@ -39,20 +47,30 @@ def test_without_a_rate_one_is_assumed_and_said(tmp_path: Path) -> None:
     (tmp_path / "1.jpg").write_bytes(encode_jpeg(picture(9)))
     source = open_source(tmp_path)
     assert source.frame_ns == 40_000_000
-    assert source.notes == ["no frame rate is known: assuming 25 frames per second; say it with --fps"]
+    assert source.notes == [
+        "no frame rate is known: assuming 25 frames per second; say it with --fps"
+    ]
 
 
 def test_one_size_is_wanted(tmp_path: Path) -> None:
     (tmp_path / "1.png").write_bytes(encode_png(picture(9)))
     (tmp_path / "2.png").write_bytes(encode_png(picture(9, 41, 30)))
-    with pytest.raises(SourceError, match=r"2\.png: is 41 x 30, but 1\.png is 40 x 30: one size is wanted"):
+    with pytest.raises(
+        SourceError, match=r"2\.png: is 41 x 30, but 1\.png is 40 x 30: one size is wanted"
+    ):
         list(open_source(tmp_path, fps=1).frames())
 
 
 def test_a_sample_is_spread_evenly(tmp_path: Path) -> None:
     for k in range(10):
         (tmp_path / f"{k}.png").write_bytes(encode_png(picture(k)))
-    assert [int(i[0, 0, 0]) for i in open_source(tmp_path, fps=1).sample(5)] == [0, 2, 4, 6, 8]
+    assert [int(i[0, 0, 0]) for i in open_source(tmp_path, fps=1).sample(5)] == [
+        0,
+        2,
+        4,
+        6,
+        8,
+    ]
 
 
 def test_a_last_picture_that_is_cut_off_is_left_out_and_said(tmp_path: Path) -> None:
@@ -77,7 +95,9 @@ def test_a_last_picture_that_is_cut_off_is_left_out_and_said(tmp_path: Path) -> 
         ("1.jpg", b"\xff\xd8\xff\xe0\x00\x10JFIF", "without a header"),
     ],
 )
-def test_what_is_no_picture_is_named(tmp_path: Path, name: str, data: bytes, message: str) -> None:
+def test_what_is_no_picture_is_named(
+    tmp_path: Path, name: str, data: bytes, message: str
+) -> None:
     (tmp_path / name).write_bytes(data)
     with pytest.raises(SourceError, match=message) as e:
         open_source(tmp_path, fps=1)
@@ -86,7 +106,10 @@ def test_what_is_no_picture_is_named(tmp_path: Path, name: str, data: bytes, mes
 
 def test_no_pictures_in_the_folder(tmp_path: Path) -> None:
     (tmp_path / "img1").mkdir()
-    with pytest.raises(SourceError, match="no JPEG or PNG pictures in this folder; it holds the folders img1"):
+    with pytest.raises(
+        SourceError,
+        match="no JPEG or PNG pictures in this folder; it holds the folders img1",
+    ):
         open_source(tmp_path)
 
 

@@ -26,7 +26,9 @@ def regions(folder: Path, value: object) -> Regions:
 
 
 def test_roi_border_and_zones(tmp_path: Path) -> None:
-    found = regions(tmp_path, {"roi": SQUARE, "border": AROUND, "zones": {"window": DOOR, "door": DOOR}})
+    found = regions(
+        tmp_path, {"roi": SQUARE, "border": AROUND, "zones": {"window": DOOR, "door": DOOR}}
+    )
     assert (found.width, found.height, found.source) == (100, 80, "file")
     assert found.roi == [[(10, 10), (50, 10), (50, 50), (10, 50)]]
     assert found.border == [[(5, 5), (60, 5), (60, 60), (5, 60)]]
@@ -46,7 +48,10 @@ def test_a_border_may_share_edges_with_the_roi_and_be_concave(tmp_path: Path) ->
     notched = [[5, 5], [60, 5], [60, 60], [30, 52], [5, 60]]
     assert regions(tmp_path, {"roi": SQUARE, "border": notched}).border
     with pytest.raises(SourceError, match="the border does not enclose the roi"):
-        regions(tmp_path, {"roi": SQUARE, "border": [[5, 5], [60, 5], [60, 60], [30, 30], [5, 60]]})
+        regions(
+            tmp_path,
+            {"roi": SQUARE, "border": [[5, 5], [60, 5], [60, 60], [30, 30], [5, 60]]},
+        )
 
 
 BOW_TIE = [[10, 10], [50, 50], [50, 10], [10, 50]]
@@ -60,8 +65,14 @@ BOW_TIE = [[10, 10], [50, 50], [50, 10], [10, 50]]
         ({"roi": [SQUARE, BOW_TIE]}, "roi 2 crosses itself"),
         ({"roi": [[10, 10], [20, 20], [30, 30]]}, "roi has no area"),
         ({"roi": [[10, 10], [50, 10], [20, 10], [20, 40]]}, "roi crosses itself"),
-        ({"roi": SQUARE, "border": [[20, 20], [40, 20], [30, 40]]}, "the border does not enclose the roi"),
-        ({"roi": [[200, 10], [250, 10], [250, 50]]}, "roi lies wholly beyond the picture of 100x80"),
+        (
+            {"roi": SQUARE, "border": [[20, 20], [40, 20], [30, 40]]},
+            "the border does not enclose the roi",
+        ),
+        (
+            {"roi": [[200, 10], [250, 10], [250, 50]]},
+            "roi lies wholly beyond the picture of 100x80",
+        ),
         ({"roi": [["a", 10], [50, 10], [50, 50]]}, "a is not a coordinate"),
         ({"roi": [[1, 2, 3], [50, 10], [50, 50]]}, r"a vertex must be \[x, y\]"),
         ({"roi": [[True, 2], [50, 10], [50, 50]]}, "not a coordinate"),
@@ -79,7 +90,10 @@ BOW_TIE = [[10, 10], [50, 50], [50, 10], [10, 50]]
         ('{"roi": [[1,1]], "roi": [[1,1]]}', "'roi' is there twice"),
         ("{", "not JSON"),
         ("[" * 100_000, "not JSON"),
-        ({"roi": [[math.cos(k / 100), k] for k in range(600)]}, "600 vertices, at most 500"),
+        (
+            {"roi": [[math.cos(k / 100), k] for k in range(600)]},
+            "600 vertices, at most 500",
+        ),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, value: object, message: str) -> None:
@@ -95,7 +109,11 @@ def test_what_is_wrong_is_named(tmp_path: Path, value: object, message: str) -> 
     st.floats(0, 6),
 )
 def test_a_polygon_encloses_its_own_shrunk_copy_and_not_the_other_way(
-    tmp_path_factory: pytest.TempPathFactory, n: int, radius: float, share: float, turn: float
+    tmp_path_factory: pytest.TempPathFactory,
+    n: int,
+    radius: float,
+    share: float,
+    turn: float,
 ) -> None:
     def ring(r: float) -> list[list[float]]:
         angles = [turn + 2 * math.pi * k / n for k in range(n)]

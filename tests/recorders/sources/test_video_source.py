@@ -18,7 +18,12 @@ MS = 1_000_000
 
 
 def write_video(
-    path: Path, pts: list[int], codec: str = "mpeg4", noise: int = 0, bframes: int = 0, tick: int = 1
+    path: Path,
+    pts: list[int],
+    codec: str = "mpeg4",
+    noise: int = 0,
+    bframes: int = 0,
+    tick: int = 1,
 ) -> Path:
     """A small video, 64 x 48: frame k has brightness 8 k + 16 and some noise, at pts[k] ms."""
     random = np.random.default_rng(0)
@@ -38,7 +43,9 @@ def write_video(
     return path
 
 
-def test_presentation_times_are_the_files_own_counted_from_the_first_frame(tmp_path: Path) -> None:
+def test_presentation_times_are_the_files_own_counted_from_the_first_frame(
+    tmp_path: Path,
+) -> None:
     path = write_video(tmp_path / "a.mkv", [120, 160, 200, 300, 340])
     source = open_source(path)
     assert [f.time_ns for f in source.frames()] == [0, 40 * MS, 80 * MS, 180 * MS, 220 * MS]
@@ -49,12 +56,16 @@ def test_presentation_times_are_the_files_own_counted_from_the_first_frame(tmp_p
 def test_a_given_rate_overrides_the_files_times(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.mkv", [0, 40, 80, 180])
     source = open_source(path, fps="30000/1001")
-    assert [f.time_ns for f in source.frames()] == [k * 1001 * 1_000_000_000 // 30000 for k in range(4)]
+    assert [f.time_ns for f in source.frames()] == [
+        k * 1001 * 1_000_000_000 // 30000 for k in range(4)
+    ]
 
 
 def test_b_frames_come_in_the_order_in_which_they_are_shown(tmp_path: Path) -> None:
     for name, tick in (("a.mkv", 1), ("a.avi", 40), ("b.avi", 1)):
-        path = write_video(tmp_path / name, [40 * k for k in range(12)], "libx264", bframes=2, tick=tick)
+        path = write_video(
+            tmp_path / name, [40 * k for k in range(12)], "libx264", bframes=2, tick=tick
+        )
         source = open_source(path)
         frames = list(source.frames())
         brightness = [float(f.image.mean()) for f in frames if f.image is not None]
@@ -83,7 +94,9 @@ def test_a_sample_is_spread_over_the_whole_video(tmp_path: Path) -> None:
 
 
 def test_a_cut_video_gives_what_is_whole_and_says_what_is_missing(tmp_path: Path) -> None:
-    whole = write_video(tmp_path / "whole.avi", [40 * k for k in range(20)], noise=60, tick=40)
+    whole = write_video(
+        tmp_path / "whole.avi", [40 * k for k in range(20)], noise=60, tick=40
+    )
     cut = tmp_path / "cut.avi"
     cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 6 // 10])
     source = open_source(cut)
@@ -103,7 +116,12 @@ def test_the_real_recordings_are_read_whole(real_data: Path) -> None:
     for name, (count, width, height, frame_ns) in expected.items():
         source = open_source(real_data / name)
         times = [f.time_ns for f in source.frames()]
-        assert (len(times), source.width, source.height, source.frame_ns) == (count, width, height, frame_ns), name
+        assert (len(times), source.width, source.height, source.frame_ns) == (
+            count,
+            width,
+            height,
+            frame_ns,
+        ), name
         assert source.losses == []
         assert times[0] == 0
         assert times == sorted(set(times))
@@ -120,7 +138,9 @@ def test_pictures_equal_what_opencv_decodes(real_data: Path) -> None:
 
 def test_pictures_over_the_limits_are_refused(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.mp4", [0, 40])
-    with pytest.raises(LimitError, match=r"over the limit of 1000 pixels \(max_picture_pixels\)"):
+    with pytest.raises(
+        LimitError, match=r"over the limit of 1000 pixels \(max_picture_pixels\)"
+    ):
         open_source(path, limits=Limits(max_picture_pixels=1000))
 
 
@@ -128,7 +148,9 @@ def test_no_video_in_the_container(tmp_path: Path) -> None:
     path = tmp_path / "sound.mka"
     with av.open(str(path), "w", format="matroska") as container:
         stream = container.add_stream("pcm_s16le", rate=8000)
-        frame = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), format="s16", layout="mono")
+        frame = av.AudioFrame.from_ndarray(
+            np.zeros((1, 800), np.int16), format="s16", layout="mono"
+        )
         frame.rate = 8000
         container.mux(stream.encode(frame))
         container.mux(stream.encode(None))

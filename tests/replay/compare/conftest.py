@@ -1,6 +1,7 @@
 """One scene and its replay, shared by the tests of differences.
 
-The truth of the scripted scene stands in for a tracker, so that what happens does not change when trackers get better.
+The truth of the scripted scene stands in for a tracker, so that what happens does not change when
+trackers get better.
 """
 
 from __future__ import annotations
@@ -51,11 +52,19 @@ def truth() -> type[Truth]:
 
 @pytest.fixture(scope="session")
 def told() -> Told:
-    """Replay a scene with the truth for a tracker: ``told(scene, out, "section.field=value", ...)``."""
+    """Replay a scene with the truth for a tracker: ``told(scene, out, "section.field=value",
+    ...)``.
+    """
 
     def run(scene: Path, out: Path, *assignments: str, **more: Any) -> Path:
         config = replay_config(Truth, assignments=assignments)
-        replay(scene, out, ReplayOptions(tracker="Truth", config=config, factory=Truth, force=True, **more))
+        replay(
+            scene,
+            out,
+            ReplayOptions(
+                tracker="Truth", config=config, factory=Truth, force=True, **more
+            ),
+        )
         return out
 
     return run
@@ -63,7 +72,9 @@ def told() -> Told:
 
 @pytest.fixture(scope="session")
 def trusted(tmp_path_factory: pytest.TempPathFactory, told: Told) -> Path:
-    """A folder with ``scene.mcap``, three people who meet and merge, and ``annotated.mcap``, its story."""
+    """A folder with ``scene.mcap``, three people who meet and merge, and ``annotated.mcap``, its
+    story.
+    """
     folder = tmp_path_factory.mktemp("trusted")
     write_scene_log(SCENE, folder / "scene.mcap", style="merged", pictures="png")
     told(folder / "scene.mcap", folder / "annotated.mcap", checkpoint_ns=2_000_000_000)

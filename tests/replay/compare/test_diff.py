@@ -21,11 +21,20 @@ from replay.compare.happenings import nearest
 
 SHIFT = 7
 _TRACK_FIELDS = ("id", "a", "b")
-_LISTS = ("subjects", "members", "grouping_partners", "grouped_partners", "splitting_partners", "partners_before")
+_LISTS = (
+    "subjects",
+    "members",
+    "grouping_partners",
+    "grouped_partners",
+    "splitting_partners",
+    "partners_before",
+)
 
 
 def renumbered(value: Any, number: Callable[[int], int]) -> Any:
-    """A JSON message with every track's number changed, and groups' labels by 100, as another replay numbers them."""
+    """A JSON message with every track's number changed, and groups' labels by 100, as another
+    replay numbers them.
+    """
     if isinstance(value, list):
         return [renumbered(v, number) for v in value]
     if not isinstance(value, dict):
@@ -65,7 +74,9 @@ def write_renumbered(source: Path, out: Path, number: Callable[[int], int]) -> P
 
 @pytest.mark.parametrize("number", [lambda i: i + SHIFT, lambda i: 50 - i, lambda i: {1: 2, 2: 3, 3: 1}.get(i, i)],
                          ids=["shifted", "reversed", "permuted"])  # fmt: skip
-def test_other_numbers_are_no_difference(trusted: Path, tmp_path: Path, number: Callable[[int], int]) -> None:
+def test_other_numbers_are_no_difference(
+    trusted: Path, tmp_path: Path, number: Callable[[int], int]
+) -> None:
     a = trusted / "annotated.mcap"
     found = compare(a, write_renumbered(a, tmp_path / "b.mcap", number))
     assert not found.identical
@@ -74,13 +85,21 @@ def test_other_numbers_are_no_difference(trusted: Path, tmp_path: Path, number: 
     assert "equal in meaning" in found.lines()[0]
 
 
-def test_identities_swapped_on_the_way_are_one_difference_each(trusted: Path, tmp_path: Path) -> None:
-    """From frame 40 on tracks 1 and 2 change their names: who they are differs, what happens does not."""
+def test_identities_swapped_on_the_way_are_one_difference_each(
+    trusted: Path, tmp_path: Path
+) -> None:
+    """From frame 40 on tracks 1 and 2 change their names: who they are differs, what happens does
+    not.
+    """
     swap = {1: 2, 2: 1}
 
     def edit(message: Any) -> bytes:
         name = channels.split(message.topic)[1]
-        value = msgspec.json.decode(message.data) if name in ("tracks", "relations", "groups", "events") else {}
+        value = (
+            msgspec.json.decode(message.data)
+            if name in ("tracks", "relations", "groups", "events")
+            else {}
+        )
         if value.get("frame", 0) < 40:
             return message.data
         made = renumbered(value, lambda i: swap.get(i, i))
@@ -100,12 +119,18 @@ def test_identities_swapped_on_the_way_are_one_difference_each(trusted: Path, tm
     assert {d.what for d in found.differences} <= {"identity", "track"}, found.lines()
 
 
-def test_a_track_that_is_cut_in_two_is_a_change_of_identity(trusted: Path, tmp_path: Path) -> None:
+def test_a_track_that_is_cut_in_two_is_a_change_of_identity(
+    trusted: Path, tmp_path: Path
+) -> None:
     a = trusted / "annotated.mcap"
 
     def cut(message: Any) -> bytes:
         name = channels.split(message.topic)[1]
-        value = msgspec.json.decode(message.data) if name in ("tracks", "relations", "groups", "events") else {}
+        value = (
+            msgspec.json.decode(message.data)
+            if name in ("tracks", "relations", "groups", "events")
+            else {}
+        )
         if value.get("frame", 0) < 60:
             return message.data
         return msgspec.json.encode(renumbered(value, lambda i: 30 if i == 2 else i))
@@ -114,7 +139,9 @@ def test_a_track_that_is_cut_in_two_is_a_change_of_identity(trusted: Path, tmp_p
     there = compare(a, tmp_path / "b.mcap", CompareOptions(0.5))
     texts = [d.text for d in there.differences if d.what == "identity"]
     assert texts == ["track 2 is B's track 30 from 2.4 s on, B's track 2 before"]
-    assert not [d for d in there.differences if d.what in ("event", "group", "relation")], there.lines()
+    assert not [d for d in there.differences if d.what in ("event", "group", "relation")], (
+        there.lines()
+    )
     back = compare(tmp_path / "b.mcap", a, CompareOptions(0.5))
     texts = [d.text for d in back.differences if d.what == "identity"]
     assert texts == ["B's track 2 is track 30 from 2.4 s on, track 2 before"]
@@ -141,23 +168,47 @@ def renamed_tracks(source: Path, out: Path, first: int, names: dict[int, int]) -
 def test_who_is_called_otherwise_from_a_frame_on_has_not_vanished(
     trusted: Path, tmp_path: Path, tolerance: float
 ) -> None:
-    """The longer part of the story may have the new number: partners are who they are for most of the time."""
+    """The longer part of the story may have the new number: partners are who they are for most of
+    the time.
+    """
     a = trusted / "annotated.mcap"
     for first in (30, 60, 170):
-        found = compare(a, renamed_tracks(a, tmp_path / "b.mcap", first, {1: 9}), CompareOptions(tolerance))
-        told = [(d.what, d.frame, d.subjects) for d in found.differences if d.what in ("track", "identity")]
+        found = compare(
+            a,
+            renamed_tracks(a, tmp_path / "b.mcap", first, {1: 9}),
+            CompareOptions(tolerance),
+        )
+        told = [
+            (d.what, d.frame, d.subjects)
+            for d in found.differences
+            if d.what in ("track", "identity")
+        ]
         assert told == [("identity", first, [1])], found.lines()
-    found = compare(a, renamed_tracks(a, tmp_path / "b.mcap", 60, {1: 2, 2: 1}), CompareOptions(tolerance))
-    told = [(d.what, d.frame, d.subjects) for d in found.differences if d.what in ("track", "identity")]
+    found = compare(
+        a,
+        renamed_tracks(a, tmp_path / "b.mcap", 60, {1: 2, 2: 1}),
+        CompareOptions(tolerance),
+    )
+    told = [
+        (d.what, d.frame, d.subjects)
+        for d in found.differences
+        if d.what in ("track", "identity")
+    ]
     assert told == [("identity", 60, [1]), ("identity", 60, [2])], found.lines()
 
 
-def test_what_is_elsewhere_under_another_number_is_told(trusted: Path, tmp_path: Path) -> None:
+def test_what_is_elsewhere_under_another_number_is_told(
+    trusted: Path, tmp_path: Path
+) -> None:
     a = trusted / "annotated.mcap"
     renamed_tracks(a, tmp_path / "b.mcap", 60, {1: 9})
 
     def moved(message: Any) -> bytes:
-        value = msgspec.json.decode(message.data) if channels.split(message.topic)[1] == "tracks" else {}
+        value = (
+            msgspec.json.decode(message.data)
+            if channels.split(message.topic)[1] == "tracks"
+            else {}
+        )
         for track in value.get("tracks", []):
             if value["frame"] == 80 and track["id"] == 9:
                 track["box"][0] += 0.6
@@ -183,10 +234,15 @@ def test_another_configuration_is_told_in_words(trusted: Path, other: Path) -> N
     found = compare(trusted / "annotated.mcap", other)
     assert found.made == ["parameter: interactions.safety_margin = 0.6, not 0.25"]
     lines = "\n".join(found.lines())
-    assert re.search(r"event +moved +tracks 1 and 2 are grouping at \d\.\d\d s, no longer at \d\.\d\d s", lines), lines
+    assert re.search(
+        r"event +moved +tracks 1 and 2 are grouping at \d\.\d\d s, no longer at \d\.\d\d s",
+        lines,
+    ), lines
     assert found.tracks == {t: t for t in found.tracks}
     assert {d.what for d in found.differences} <= {"event", "track", "relation", "group"}
-    assert [d.frame for d in found.differences] == sorted(d.frame for d in found.differences)
+    assert [d.frame for d in found.differences] == sorted(
+        d.frame for d in found.differences
+    )
     back = compare(other, trusted / "annotated.mcap")
     assert len(back.differences) == len(found.differences)
 
@@ -195,18 +251,31 @@ def test_an_event_that_is_gone_and_one_that_is_new(trusted: Path, tmp_path: Path
     a = trusted / "annotated.mcap"
 
     def edit(message: Any) -> bytes | None:
-        return None if channels.split(message.topic)[1] == "events" and b'"splitting"' in message.data else message.data
+        return (
+            None
+            if channels.split(message.topic)[1] == "events"
+            and b'"splitting"' in message.data
+            else message.data
+        )
 
     copy_log(a, tmp_path / "b.mcap", edit)
     gone = compare(a, tmp_path / "b.mcap", CompareOptions(1.0))
     assert {(d.what, d.change) for d in gone.differences} == {("event", "vanished")}
-    assert re.fullmatch(r"group \d+ \(tracks \d and \d\) no longer splits at \d+\.\d s", gone.differences[0].text)
+    assert re.fullmatch(
+        r"group \d+ \(tracks \d and \d\) no longer splits at \d+\.\d s",
+        gone.differences[0].text,
+    )
     new = compare(tmp_path / "b.mcap", a, CompareOptions(1.0))
-    assert re.fullmatch(r"group \d+ of B \(tracks \d and \d\) now splits at \d+\.\d s", new.differences[0].text)
+    assert re.fullmatch(
+        r"group \d+ of B \(tracks \d and \d\) now splits at \d+\.\d s",
+        new.differences[0].text,
+    )
 
 
 def without_frame(source: Path, out: Path, frame: int, late: bool) -> Path:
-    """A log that lacks a frame; what happened in it happens in the next one, where ``late``, or not at all."""
+    """A log that lacks a frame; what happened in it happens in the next one, where ``late``, or
+    not at all.
+    """
     gone, after = (round(k * 1e9 / 25) for k in (frame, frame + 1))
 
     def edit(message: Any) -> bytes | None:
@@ -227,21 +296,36 @@ def without_frame(source: Path, out: Path, frame: int, late: bool) -> Path:
 def grouping_frames(log: Path) -> list[int]:
     """The frames in which somebody is grouping."""
     with LogReader(log) as reader:
-        events = [m for m in reader.messages() if channels.split(m.topic)[1] == "events" and b'"grouping"' in m.data]
+        events = [
+            m
+            for m in reader.messages()
+            if channels.split(m.topic)[1] == "events" and b'"grouping"' in m.data
+        ]
     return [round(m.log_time_ns * 25 / 1e9) for m in events]
 
 
-def test_what_happens_in_a_frame_that_the_other_log_lacks(trusted: Path, tmp_path: Path) -> None:
+def test_what_happens_in_a_frame_that_the_other_log_lacks(
+    trusted: Path, tmp_path: Path
+) -> None:
     a, frame = trusted / "annotated.mcap", grouping_frames(trusted / "annotated.mcap")[0]
     late = without_frame(a, tmp_path / "late.mcap", frame, late=True)
-    for pair, change, counted in (((a, late), "vanished", frame), ((late, a), "appeared", frame + 1)):
+    for pair, change, counted in (
+        ((a, late), "vanished", frame),
+        ((late, a), "appeared", frame + 1),
+    ):
         found = compare(*pair, CompareOptions(1.0)).differences
-        assert {(d.what, d.change) for d in found} == {("frames", change), ("event", "moved")}
+        assert {(d.what, d.change) for d in found} == {
+            ("frames", change),
+            ("event", "moved"),
+        }
         assert {d.frame for d in found if d.what == "event"} == {counted}, "as A counts"
     never = without_frame(a, tmp_path / "never.mcap", frame, late=False)
     for pair, change in (((a, never), "vanished"), ((never, a), "appeared")):
         found = compare(*pair, CompareOptions(1.0)).differences
-        assert {(d.what, d.change) for d in found} == {("frames", change), ("event", change)}
+        assert {(d.what, d.change) for d in found} == {
+            ("frames", change),
+            ("event", change),
+        }
         assert any("grouping" in d.text for d in found)
 
 
@@ -254,22 +338,32 @@ def test_deep_in_a_gap_nothing_can_be_known(trusted: Path, tmp_path: Path) -> No
 
     copy_log(a, tmp_path / "gap.mcap", edit)
     for tolerance_s, change in ((0.3, None), (0.5, "vanished")):
-        found = compare(a, tmp_path / "gap.mcap", CompareOptions(1.0, tolerance_s)).differences
+        found = compare(
+            a, tmp_path / "gap.mcap", CompareOptions(1.0, tolerance_s)
+        ).differences
         told = {d.change for d in found if d.what == "event" and d.frame == frame}
         assert told == ({change} if change else set())
 
 
-def test_events_of_the_same_frames_at_another_time_are_the_same(trusted: Path, tmp_path: Path) -> None:
-    """Where no time is common, frames are held against each other by their numbers, and so is what happens in them."""
+def test_events_of_the_same_frames_at_another_time_are_the_same(
+    trusted: Path, tmp_path: Path
+) -> None:
+    """Where no time is common, frames are held against each other by their numbers, and so is
+    what happens in them.
+    """
     a, hour = trusted / "annotated.mcap", 3600 * 1_000_000_000
     copy_log(a, tmp_path / "b.mcap", time_ns=lambda message: message.log_time_ns + hour)
     for pair in ((a, tmp_path / "b.mcap"), (tmp_path / "b.mcap", a)):
         found = compare(*pair, CompareOptions(1.0))
-        assert not [d for d in found.differences if d.what in ("event", "relation", "group")], found.lines()
+        assert not [
+            d for d in found.differences if d.what in ("event", "relation", "group")
+        ], found.lines()
 
 
 def test_half_the_frames_are_no_other_story(trusted: Path, tmp_path: Path) -> None:
-    """What happens in a frame that the other rate has not happens in its next one: moved, and nothing is made up."""
+    """What happens in a frame that the other rate has not happens in its next one: moved, and
+    nothing is made up.
+    """
     a = trusted / "annotated.mcap"
 
     def time_ns(message: Any) -> int:
@@ -278,29 +372,48 @@ def test_half_the_frames_are_no_other_story(trusted: Path, tmp_path: Path) -> No
 
     def edit(message: Any) -> bytes | None:
         odd = round(message.log_time_ns * 25 / 1e9) % 2
-        return None if odd and channels.split(message.topic)[1] != "events" else message.data
+        return (
+            None if odd and channels.split(message.topic)[1] != "events" else message.data
+        )
 
     copy_log(a, tmp_path / "half.mcap", edit, time_ns=time_ns)
     found = compare(a, tmp_path / "half.mcap", CompareOptions(1.0))
-    assert {(d.what, d.change) for d in found.differences} == {("frames", "vanished"), ("event", "moved")}
+    assert {(d.what, d.change) for d in found.differences} == {
+        ("frames", "vanished"),
+        ("event", "moved"),
+    }
     (text,) = [d.text for d in found.differences if d.what == "frames"]
     assert text == "100 frames are in A only: frames 1, 3, 5 and 97 more intervals"
 
 
-def test_a_group_that_only_a_frame_that_the_other_log_lacks_knows(trusted: Path, tmp_path: Path) -> None:
+def test_a_group_that_only_a_frame_that_the_other_log_lacks_knows(
+    trusted: Path, tmp_path: Path
+) -> None:
     a, frame = trusted / "annotated.mcap", 20
     never = without_frame(a, tmp_path / "never.mcap", frame, late=False)
 
     def grouped(message: Any) -> bytes:
-        value = msgspec.json.decode(message.data) if channels.split(message.topic)[1] == "groups" else {}
+        value = (
+            msgspec.json.decode(message.data)
+            if channels.split(message.topic)[1] == "groups"
+            else {}
+        )
         if value.get("frame") != frame:
             return message.data
-        group = {"label": 77, "members": [1, 2], "observed": True, "since_frame": frame, "since_ns": 0}
+        group = {
+            "label": 77,
+            "members": [1, 2],
+            "observed": True,
+            "since_frame": frame,
+            "since_ns": 0,
+        }
         return msgspec.json.encode({**value, "groups": [group]})
 
     copy_log(a, tmp_path / "more.mcap", grouped)
     found = compare(tmp_path / "more.mcap", never, CompareOptions(1.0)).differences
-    assert [(d.what, d.change, d.subjects) for d in found if d.what == "group"] == [("group", "vanished", [1, 2])]
+    assert [(d.what, d.change, d.subjects) for d in found if d.what == "group"] == [
+        ("group", "vanished", [1, 2])
+    ]
 
 
 def test_a_span_against_the_whole(trusted: Path, told: Any, tmp_path: Path) -> None:
@@ -311,13 +424,20 @@ def test_a_span_against_the_whole(trusted: Path, told: Any, tmp_path: Path) -> N
         ("frames", "vanished", 0),
     ], found.lines()
     assert found.differences[0].details == {"frames": 150}
-    assert found.differences[0].text == "150 frames are in A only: frames 0 to 24 and 75 to 199"
-    shared = compare(trusted / "annotated.mcap", tmp_path / "span.mcap", CompareOptions(only_shared=True))
+    assert (
+        found.differences[0].text
+        == "150 frames are in A only: frames 0 to 24 and 75 to 199"
+    )
+    shared = compare(
+        trusted / "annotated.mcap", tmp_path / "span.mcap", CompareOptions(only_shared=True)
+    )
     assert shared.identical, "frames that only one of them has do not count"
     assert shared.lines() == ["identical: 50 frames"]
 
 
-def test_frames_between_those_of_the_other_log_are_one_interval(trusted: Path, tmp_path: Path) -> None:
+def test_frames_between_those_of_the_other_log_are_one_interval(
+    trusted: Path, tmp_path: Path
+) -> None:
     """Of two logs some of whose frames alternate, each tells its own without a break."""
 
     def some(of: range, later_ns: int = 0) -> Path:
@@ -332,13 +452,17 @@ def test_frames_between_those_of_the_other_log_are_one_interval(trusted: Path, t
         copy_log(trusted / "annotated.mcap", out, kept, time_ns=time_ns)
         return out
 
-    found = compare(some(range(1, 61)), some(range(62), 10_000_000), CompareOptions(1.0)).differences
+    found = compare(
+        some(range(1, 61)), some(range(62), 10_000_000), CompareOptions(1.0)
+    ).differences
     assert [(d.change, d.text) for d in found if d.what == "frames"] == [
         ("appeared", "13 frames are in B only: frames 0 and 50 to 61"),
         ("vanished", "11 frames are in A only: frames 50 to 60"),
     ]
     found = compare(some(range(1, 61)), some(range(2, 61)), CompareOptions(1.0)).differences
-    assert [d.text for d in found if d.what == "frames"] == ["1 frame is in A only: frame 1"]
+    assert [d.text for d in found if d.what == "frames"] == [
+        "1 frame is in A only: frame 1"
+    ]
 
 
 def test_now_and_no_longer_stand_where_they_belong() -> None:
@@ -357,7 +481,11 @@ def test_an_annotation_without_a_track(trusted: Path, tmp_path: Path) -> None:
     copy_log(
         trusted / "annotated.mcap",
         tmp_path / "empty.mcap",
-        lambda m: re.sub(rb'"tracks":\[.*\]', b'"tracks":[]', m.data) if m.topic.endswith("/tracks") else m.data,
+        lambda m: (
+            re.sub(rb'"tracks":\[.*\]', b'"tracks":[]', m.data)
+            if m.topic.endswith("/tracks")
+            else m.data
+        ),
     )
     found = compare(trusted / "annotated.mcap", tmp_path / "empty.mcap")
     assert [d.subjects for d in found.differences if d.what == "track"] == [[1], [2], [3]]
@@ -366,20 +494,32 @@ def test_an_annotation_without_a_track(trusted: Path, tmp_path: Path) -> None:
     assert {d.change for d in back.differences if d.what == "track"} == {"appeared"}
 
 
-def test_the_command(trusted: Path, other: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(
+    trusted: Path, other: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     a = str(trusted / "annotated.mcap")
     assert main(["diff", a, a]) == 0
     assert capsys.readouterr().out == "identical: 200 frames\n"
     assert main(["diff", a, str(other), "--json"]) == 4
     plain = json.loads(capsys.readouterr().out)
     assert plain["equal"] is False
-    assert plain["differences"][0].keys() == {"what", "change", "frame", "t", "subjects", "text", "details"}
+    assert plain["differences"][0].keys() == {
+        "what",
+        "change",
+        "frame",
+        "t",
+        "subjects",
+        "text",
+        "details",
+    }
     assert sum(plain["counts"].values()) == len(plain["differences"])
     page = tmp_path / "diff.html"
     assert main(["diff", a, str(other), "--html", str(page)]) == 4
     html = page.read_text(encoding="utf-8")
     assert html.count("data:image/jpeg;base64,") >= 4
-    assert not re.search(r"""(src|href)=["'](?!data:)""", html), "the page must open offline"
+    assert not re.search(r"""(src|href)=["'](?!data:)""", html), (
+        "the page must open offline"
+    )
     assert "interactions.safety_margin = 0.6, not 0.25" in html
     assert main(["diff", a, str(other), "--html", str(page)]) == 1
     assert "exists already" in capsys.readouterr().err
@@ -387,12 +527,23 @@ def test_the_command(trusted: Path, other: Path, tmp_path: Path, capsys: pytest.
     assert main(["diff", a, a, "--time-tolerance", "nan"]) == 2
 
 
-def test_replay_against(trusted: Path, by_events: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_replay_against(
+    trusted: Path, by_events: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     scene, a = str(trusted / "scene.mcap"), str(by_events)
     assert main(["replay", scene, "--against", a]) == 0
     assert "identical: 200 frames" in capsys.readouterr().out
     out = tmp_path / "b.mcap"
-    words = ["replay", scene, "-o", str(out), "--against", a, "--set", "interactions.safety_margin=0.6"]
+    words = [
+        "replay",
+        scene,
+        "-o",
+        str(out),
+        "--against",
+        a,
+        "--set",
+        "interactions.safety_margin=0.6",
+    ]
     assert main(words) == 4
     said = capsys.readouterr().out
     assert "interactions.safety_margin = 0.6, not 0.25" in said
@@ -403,20 +554,28 @@ def test_replay_against(trusted: Path, by_events: Path, tmp_path: Path, capsys: 
     assert main(["replay", scene]) == 2
 
 
-def test_the_file_and_the_frame_that_cannot_be_read_are_named(trusted: Path, tmp_path: Path) -> None:
+def test_the_file_and_the_frame_that_cannot_be_read_are_named(
+    trusted: Path, tmp_path: Path
+) -> None:
     a, b = trusted / "annotated.mcap", tmp_path / "b.mcap"
     for name in ("tracks", "events", "relations"):
         hit: list[int] = []
 
         def edit(message: Any, name: str = name, hit: list[int] = hit) -> bytes:
-            if channels.split(message.topic)[1] != name or message.log_time_ns < 1_600_000_000 or hit:
+            if (
+                channels.split(message.topic)[1] != name
+                or message.log_time_ns < 1_600_000_000
+                or hit
+            ):
                 return message.data
             hit.append(message.sequence)
             return b"{}"
 
         copy_log(a, b, edit)
         for pair in ((a, b), (b, a)):
-            with pytest.raises(RecordingError, match=f"not an? {name} message.*after frame {hit[0] - 1}") as e:
+            with pytest.raises(
+                RecordingError, match=f"not an? {name} message.*after frame {hit[0] - 1}"
+            ) as e:
                 compare(*pair)
             assert e.value.path == b
 

@@ -20,7 +20,11 @@ def write_long(path: Path, frames: int, shift: float) -> Path:
     """Six tracks that stay for all frames, in log chunks as a replay writes them."""
     with LogWriter(path) as log:
         ids = {
-            name: log.channel(channels.topic("camera", name), channels.schema(name), channels.message_encoding(name))
+            name: log.channel(
+                channels.topic("camera", name),
+                channels.schema(name),
+                channels.message_encoding(name),
+            )
             for name in ("tracks", "digest")
         }
         for k in range(frames):
@@ -31,8 +35,14 @@ def write_long(path: Path, frames: int, shift: float) -> Path:
                 )
                 for i in range(6)
             ]  # fmt: skip
-            log.write(ids["tracks"], channels.encode("tracks", Tracks(k, tracks)), k * FRAME_NS)
-            log.write(ids["digest"], channels.encode("digest", Digest(k, "", {}, digest.START)), k * FRAME_NS)
+            log.write(
+                ids["tracks"], channels.encode("tracks", Tracks(k, tracks)), k * FRAME_NS
+            )
+            log.write(
+                ids["digest"],
+                channels.encode("digest", Digest(k, "", {}, digest.START)),
+                k * FRAME_NS,
+            )
         facts = {
             "format_version": "1", "kind": "annotated", "tracker": "events", "camera": "camera", "configuration": "{}",
             "packages": "{}", "scene": "scene.mcap", "input_digest": "", "input_frames": str(frames),
@@ -61,5 +71,6 @@ def test_memory_stays_flat(tmp_path: Path) -> None:
     copy_log(write_long(tmp_path / "warm.mcap", 50, 0.0), tmp_path / "copy.mcap")
     compare(tmp_path / "warm.mcap", tmp_path / "copy.mcap")
     short, long = peak_bytes(tmp_path, 400), peak_bytes(tmp_path, 2400)
-    # What grows are three numbers per frame and the logs' own index, one entry per chunk: 20 MB over an hour.
+    # What grows are three numbers per frame and the logs' own index, one entry per chunk: 20 MB
+    # over an hour.
     assert long < short + 2000 * 300, (short, long)

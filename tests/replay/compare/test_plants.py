@@ -1,4 +1,6 @@
-"""Every planted difference is found by `verify` and `diff`, at its frame; nothing is found where nothing is."""
+"""Every planted difference is found by `verify` and `diff`, at its frame; nothing is found where
+nothing is.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +19,18 @@ NOT_IN_THE_STORY = ("metadata", "checkpoint/")
 
 
 @pytest.mark.parametrize("plant", ANNOTATION_PLANTS)
-def test_what_is_altered_after_the_replay(trusted: Path, truth: Any, tmp_path: Path, plant: str) -> None:
+def test_what_is_altered_after_the_replay(
+    trusted: Path, truth: Any, tmp_path: Path, plant: str
+) -> None:
     original, altered = trusted / "annotated.mcap", tmp_path / "annotated.mcap"
     planted = ANNOTATION_PLANTS[plant](original, altered)
     for verdict in (verify_chain(altered), verify(altered, factory=truth)):
         assert not verdict.identical
         assert verdict.difference is not None
-        assert (verdict.difference.frame, verdict.difference.channel) == (planted.frame, planted.channel)
+        assert (verdict.difference.frame, verdict.difference.channel) == (
+            planted.frame,
+            planted.channel,
+        )
         assert any("altered" in reason for reason in verdict.reasons)
     found = compare(original, altered)
     if planted.channel.startswith(NOT_IN_THE_STORY):
@@ -37,7 +44,9 @@ def test_what_is_altered_after_the_replay(trusted: Path, truth: Any, tmp_path: P
 
 
 @pytest.mark.parametrize("plant", RECORDING_PLANTS)
-def test_what_is_altered_in_the_recording(trusted: Path, truth: Any, told: Any, tmp_path: Path, plant: str) -> None:
+def test_what_is_altered_in_the_recording(
+    trusted: Path, truth: Any, told: Any, tmp_path: Path, plant: str
+) -> None:
     original, scene = trusted / "annotated.mcap", tmp_path / "scene.mcap"
     planted = RECORDING_PLANTS[plant](trusted / "scene.mcap", scene)
     verdict = verify(original, scene, factory=truth)
@@ -45,14 +54,19 @@ def test_what_is_altered_in_the_recording(trusted: Path, truth: Any, told: Any, 
     assert verdict.difference is not None
     assert verdict.difference.frame == planted.frame
     assert verdict.difference.channel == RECORDED
-    assert any("the recording is not the one that was replayed" in reason for reason in verdict.reasons)
+    assert any(
+        "the recording is not the one that was replayed" in reason
+        for reason in verdict.reasons
+    )
     found = compare(original, told(scene, tmp_path / "annotated.mcap"))
     at = [d.frame for d in found.differences if d.what in ("recording", "frames")]
     assert min(at) == planted.frame, found.lines()
 
 
 @pytest.mark.parametrize("plant", RECORDING_PLANTS)
-def test_what_is_altered_in_the_recording_within_an_annotated_log(trusted: Path, tmp_path: Path, plant: str) -> None:
+def test_what_is_altered_in_the_recording_within_an_annotated_log(
+    trusted: Path, tmp_path: Path, plant: str
+) -> None:
     planted = RECORDING_PLANTS[plant](trusted / "annotated.mcap", tmp_path / "altered.mcap")
     verdict = verify_chain(tmp_path / "altered.mcap")
     assert not verdict.identical
@@ -60,15 +74,27 @@ def test_what_is_altered_in_the_recording_within_an_annotated_log(trusted: Path,
     assert verdict.difference.frame == planted.frame
 
 
-def test_a_parameter_that_is_lied_about_by_1e_9(trusted: Path, truth: Any, told: Any, tmp_path: Path) -> None:
-    honest, other, lie = trusted / "annotated.mcap", tmp_path / "other.mcap", tmp_path / "lie.mcap"
+def test_a_parameter_that_is_lied_about_by_1e_9(
+    trusted: Path, truth: Any, told: Any, tmp_path: Path
+) -> None:
+    honest, other, lie = (
+        trusted / "annotated.mcap",
+        tmp_path / "other.mcap",
+        tmp_path / "lie.mcap",
+    )
     told(trusted / "scene.mcap", other, f"shell_model.k_s={0.2 + 1e-9!r}")
 
     def forged(values: dict[str, str]) -> dict[str, str]:
         configuration = msgspec.json.decode(values["configuration"])
         configuration["shell_model"]["k_s"] = 0.2
         text = msgspec.json.encode(configuration, order="deterministic").decode()
-        return sealed({k: v for k, v in {**values, "configuration": text}.items() if k != "fact_digests"})
+        return sealed(
+            {
+                k: v
+                for k, v in {**values, "configuration": text}.items()
+                if k != "fact_digests"
+            }
+        )
 
     copy_log(other, lie, facts=forged)
     assert verify_chain(lie).identical, "the chain alone cannot know what is said with care"

@@ -34,16 +34,25 @@ def scored(capsys: pytest.CaptureFixture[str], *words: Any) -> dict[str, Any]:
     return found
 
 
-def test_a_log_against_its_truth(write_annotated: Any, truth: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_log_against_its_truth(
+    write_annotated: Any, truth: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     found = scored(capsys, write_annotated(), "--truth", truth)
     assert (found["HOTA"], found["MOTA"], found["IDF1"]) == (100.0, 100.0, 100.0)
     # Track 3 is never held to be present, so it is no false alarm.
-    assert (found["FP"], found["result_ids"], found["switches"], found["fragments"]) == (0, 2, 0, 0)
+    assert (found["FP"], found["result_ids"], found["switches"], found["fragments"]) == (
+        0,
+        2,
+        0,
+        0,
+    )
     assert found["size"] == [160, 120]
     assert found["trajectories"]["mostly_tracked_single_id"] == 2
 
 
-def test_truth_in_other_pixels(write_annotated: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_truth_in_other_pixels(
+    write_annotated: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     large = tmp_path / "large.txt"
     large.write_text(truth_rows(factor=1.6))
     log = write_annotated()
@@ -63,13 +72,17 @@ def test_truth_beyond_the_recording_is_left_out_and_said(
     assert "40 of 60 true boxes are in frames that are not scored" in out.err
 
 
-def test_a_text_against_a_truth_and_a_span(truth: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_text_against_a_truth_and_a_span(
+    truth: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     half = tmp_path / "result.txt"
     half.write_text(truth_rows(range(15)))
     assert scored(capsys, half, "--truth", truth)["recall"] == 50.0
     assert scored(capsys, half, "--truth", truth, "--frames", ":15")["recall"] == 100.0
     assert main(["eval", str(half), "--truth", str(truth), "--frames", "90:"]) == 1
-    assert "no truth in the frames to score; it has frames 0 to 29" in capsys.readouterr().err
+    assert (
+        "no truth in the frames to score; it has frames 0 to 29" in capsys.readouterr().err
+    )
 
 
 def test_a_log_without_recorded_messages_needs_no_size_unless_scaled(
@@ -79,13 +92,26 @@ def test_a_log_without_recorded_messages_needs_no_size_unless_scaled(
     assert scored(capsys, log, "--truth", truth)["MOTA"] == 100.0
     assert main(["eval", str(log), "--truth", str(truth), "--truth-size", "320x240"]) == 2
     assert "--truth-size needs the size of the tracks' picture" in capsys.readouterr().err
-    assert scored(capsys, log, "--truth", truth, "--truth-size", "160x120", "--size", "160x120")["MOTA"] == 100.0
+    assert (
+        scored(
+            capsys, log, "--truth", truth, "--truth-size", "160x120", "--size", "160x120"
+        )["MOTA"]
+        == 100.0
+    )
 
 
-def test_tables_for_a_person(write_annotated: Any, truth: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tables_for_a_person(
+    write_annotated: Any, truth: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["eval", str(write_annotated()), "--truth", str(truth)]) == 0
     out = capsys.readouterr().out
-    for words in ("HOTA", "IDF1", "mostly tracked under a single id", "centre by coordinate", "0-29"):
+    for words in (
+        "HOTA",
+        "IDF1",
+        "mostly tracked under a single id",
+        "centre by coordinate",
+        "0-29",
+    ):
         assert words in out
 
 
@@ -132,6 +158,13 @@ def test_plot_without_matplotlib_says_what_to_install(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    words = ["eval", str(write_annotated()), "--truth", str(truth), "--plot", str(tmp_path / "p.png")]
+    words = [
+        "eval",
+        str(write_annotated()),
+        "--truth",
+        str(truth),
+        "--plot",
+        str(tmp_path / "p.png"),
+    ]
     assert main(words) == 1
     assert "pip install 'scenetrace[plot]'" in capsys.readouterr().err

@@ -19,7 +19,9 @@ Row = tuple[int, int, float, float, float, float, float]
 
 
 def table(*paths: tuple[int, Callable[[int], float], range]) -> MotTable:
-    rows: list[Row] = [(f, i, x(f), 0.0, 20.0, 40.0, 1.0) for i, x, frames in paths for f in frames]
+    rows: list[Row] = [
+        (f, i, x(f), 0.0, 20.0, 40.0, 1.0) for i, x, frames in paths for f in frames
+    ]
     return MotTable.from_rows(sorted(rows))
 
 
@@ -35,7 +37,8 @@ def distances(both: Overlap) -> dict[int, dict[int, float]]:
 
 def test_distance_is_that_of_the_identitys_own_track_also_when_it_is_far_off() -> None:
     truth = table((1, lambda f: 10.0 * f, range(10)), (2, lambda f: 500.0, range(10)))
-    # 7 follows 1 but lags by 3, then stays behind; 8 takes over for the last two frames. 9 follows 2 but for frame 4.
+    # 7 follows 1 but lags by 3, then stays behind; 8 takes over for the last two frames. 9
+    # follows 2 but for frame 4.
     result = table(
         (7, lambda f: 10.0 * min(f, 6) - 3, range(10)),
         (8, lambda f: 10.0 * f, range(8, 10)),
@@ -49,13 +52,18 @@ def test_distance_is_that_of_the_identitys_own_track_also_when_it_is_far_off() -
 
 def test_after_a_swap_both_tracks_are_far_off() -> None:
     truth = table((1, lambda f: 0.0, range(10)), (2, lambda f: 300.0, range(10)))
-    result = table((1, lambda f: 0.0 if f < 7 else 300.0, range(10)), (2, lambda f: 300.0 if f < 7 else 0.0, range(10)))
+    result = table(
+        (1, lambda f: 0.0 if f < 7 else 300.0, range(10)),
+        (2, lambda f: 300.0 if f < 7 else 0.0, range(10)),
+    )
     found = distances(overlap(truth, result))
     assert all(found[i][f] == (0.0 if f < 7 else 300.0) for i in (1, 2) for f in range(10))
 
 
 def test_who_was_never_matched_has_no_track() -> None:
-    both = overlap(table((1, lambda f: 0.0, range(3))), table((5, lambda f: 400.0, range(3))))
+    both = overlap(
+        table((1, lambda f: 0.0, range(3))), table((5, lambda f: 400.0, range(3)))
+    )
     assert not len(own_pairs(both))
 
 
@@ -69,7 +77,9 @@ def test_mota_so_far_counts_misses_extras_and_switches_as_they_come() -> None:
     assert said[1:].tolist() == pytest.approx([0.0, 50.0, 100 / 3, 25.0])
 
 
-def test_several_results_are_drawn_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_results_are_drawn_side_by_side(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     pytest.importorskip("matplotlib")
     truth = table((1, lambda f: 10.0 * f, range(10)))
     plot(truth, truth, tmp_path / "one.svg")

@@ -1,4 +1,6 @@
-"""HOTA, CLEAR and Identity: against TrackEval's figures, by hand, and by what must hold for any result."""
+"""HOTA, CLEAR and Identity: against TrackEval's figures, by hand, and by what must hold for any
+result.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,13 @@ Rows = list[tuple[int, int, float, float, float, float, float]]
 def degraded(truth: MotTable, kind: int) -> MotTable:
     """A tracker made out of the truth by arithmetic alone.
 
-    0: perfect; 1: misses, shaky boxes, new identities now and then; 2: swaps, merged identities and false alarms on
-    top; 3: whole spans without answers on top.
+    0: perfect; 1: misses, shaky boxes, new identities now and then; 2: swaps, merged identities
+    and false alarms on top; 3: whole spans without answers on top.
     """
     rows: dict[tuple[int, int], Any] = {}
-    for f0, i, (x, y, w, h) in zip(truth.frames.tolist(), truth.ids.tolist(), truth.boxes.tolist(), strict=True):
+    for f0, i, (x, y, w, h) in zip(
+        truth.frames.tolist(), truth.ids.tolist(), truth.boxes.tolist(), strict=True
+    ):
         f = f0 + 1
         if kind >= 1 and (f * 7 + i * 13) % 20 == 3:
             continue
@@ -41,7 +45,9 @@ def degraded(truth: MotTable, kind: int) -> MotTable:
             new.pop()
         for key, box in new:
             rows.setdefault(key, box)
-    return MotTable.from_rows([(f - 1, i, *(round(v, 4) for v in box), 1.0) for (f, i), box in rows.items()])
+    return MotTable.from_rows(
+        [(f - 1, i, *(round(v, 4) for v in box), 1.0) for (f, i), box in rows.items()]
+    )
 
 
 def crossing() -> MotTable:
@@ -52,7 +58,9 @@ def crossing() -> MotTable:
             if i == 4 and 40 <= f < 60:
                 continue
             x = 300 + (f - 60) * (3 if i % 2 else -3) + 11 * i
-            rows.append((f, i, float(x), 100.0 + 9 * i + (f * i) % 7, 30.0 + i, 80.0 + 2 * i, 1.0))
+            rows.append(
+                (f, i, float(x), 100.0 + 9 * i + (f * i) % 7, 30.0 + i, 80.0 + 2 * i, 1.0)
+            )
     return MotTable.from_rows(rows)
 
 
@@ -258,7 +266,9 @@ REFERENCES: dict[tuple[str, int], dict[str, float]] = {
 
 
 def truth_named(name: str, data: Path | None = None) -> MotTable:
-    return crossing() if name == "crossing" else read_truth(Path(str(data)) / name / "gt.txt")
+    return (
+        crossing() if name == "crossing" else read_truth(Path(str(data)) / name / "gt.txt")
+    )
 
 
 def check_reference(name: str, kind: int, data: Path | None = None) -> None:
@@ -275,9 +285,12 @@ def test_figures_are_those_of_trackeval(kind: int) -> None:
 
 @pytest.mark.real
 @pytest.mark.parametrize(
-    ("name", "kind"), [("pets09-s2l1", 1), ("pets09-s2l1", 2), ("pets09-s2l1", 3), ("tud-campus", 3)]
+    ("name", "kind"),
+    [("pets09-s2l1", 1), ("pets09-s2l1", 2), ("pets09-s2l1", 3), ("tud-campus", 3)],
 )
-def test_figures_on_real_truth_are_those_of_trackeval(name: str, kind: int, real_data: Path) -> None:
+def test_figures_on_real_truth_are_those_of_trackeval(
+    name: str, kind: int, real_data: Path
+) -> None:
     check_reference(name, kind, real_data)
 
 
@@ -293,9 +306,19 @@ def table(*rows: Rows) -> MotTable:
 def test_the_truth_itself_is_perfect() -> None:
     truth = table(line(1, range(10)), line(2, range(3, 8), y=50.0))
     s = evaluate(truth, truth)
-    assert (s.hota.hota, s.hota.det_a, s.hota.ass_a, s.hota.loc_a) == (100.0, 100.0, 100.0, 100.0)
+    assert (s.hota.hota, s.hota.det_a, s.hota.ass_a, s.hota.loc_a) == (
+        100.0,
+        100.0,
+        100.0,
+        100.0,
+    )
     assert (s.clear.mota, s.clear.motp, s.identity.idf1) == (100.0, 100.0, 100.0)
-    assert (s.clear.switches, s.clear.fragments, s.clear.mostly_tracked, s.clear.mostly_lost) == (0, 0, 2, 0)
+    assert (
+        s.clear.switches,
+        s.clear.fragments,
+        s.clear.mostly_tracked,
+        s.clear.mostly_lost,
+    ) == (0, 0, 2, 0)
     assert s.trajectories.mostly_tracked_single_id == 2
     assert s.trajectories.matched.share == 100.0
     assert s.trajectories.matched.pixels == (0.0, 0.0, 0.0, 0.0)
@@ -333,7 +356,12 @@ def test_swapped_identities_by_hand() -> None:
     assert s.hota.ass_a == pytest.approx(100 * 5 / 15)
     assert s.hota.hota == pytest.approx(100 * np.sqrt(1 / 3))
     t = s.trajectories
-    assert (t.swaps_per_trajectory, t.ids_per_trajectory, t.over_segmented, t.under_segmented) == (1.0, 2.0, 2, 0)
+    assert (
+        t.swaps_per_trajectory,
+        t.ids_per_trajectory,
+        t.over_segmented,
+        t.under_segmented,
+    ) == (1.0, 2.0, 2, 0)
 
 
 def test_overlap_decides_from_which_alpha_on_a_box_is_found() -> None:
@@ -342,7 +370,9 @@ def test_overlap_decides_from_which_alpha_on_a_box_is_found() -> None:
     s = evaluate(truth, result)
     assert s.clear.motp == pytest.approx(60.0)
     assert s.hota.hota == pytest.approx(100 * 12 / 19)
-    assert [a for a, v in zip(s.hota.alphas, s.hota.hota_alpha, strict=True) if v > 0][-1] == 0.6
+    assert [a for a, v in zip(s.hota.alphas, s.hota.hota_alpha, strict=True) if v > 0][
+        -1
+    ] == 0.6
     assert evaluate(truth, result, iou=0.61).clear.true_positives == 0
     assert evaluate(truth, result, iou=0.6).clear.true_positives == 4
 
@@ -350,7 +380,9 @@ def test_overlap_decides_from_which_alpha_on_a_box_is_found() -> None:
 def test_a_match_is_kept_although_another_overlaps_more() -> None:
     """CLEAR keeps who was matched in the frame before, as long as the overlap does."""
     truth = table(line(1, range(3)))
-    result = table(line(5, range(1)), line(5, range(1, 3), h=7.0), line(6, range(1, 3), h=9.0))
+    result = table(
+        line(5, range(1)), line(5, range(1, 3), h=7.0), line(6, range(1, 3), h=9.0)
+    )
     s = evaluate(truth, result)
     assert (s.clear.switches, s.clear.false_positives, s.clear.true_positives) == (0, 2, 3)
 
@@ -375,14 +407,23 @@ tracks_of = st.lists(boxes, max_size=25, unique_by=lambda r: r[:2])
 
 
 def made(rows: list[tuple[int, ...]]) -> MotTable:
-    return MotTable.from_rows([(f, i, float(x), float(y), float(w), float(h), 1.0) for f, i, x, y, w, h in rows])
+    return MotTable.from_rows(
+        [(f, i, float(x), float(y), float(w), float(h), 1.0) for f, i, x, y, w, h in rows]
+    )
 
 
 @settings(max_examples=60, deadline=None)
 @given(tracks_of, tracks_of, st.permutations(range(5)))
-def test_names_of_identities_mean_nothing(a: list[Any], b: list[Any], names: list[int]) -> None:
+def test_names_of_identities_mean_nothing(
+    a: list[Any], b: list[Any], names: list[int]
+) -> None:
     truth, result = made(a), made(b)
-    renamed = MotTable(result.frames, np.array(names, np.int64)[result.ids] + 17, result.boxes, result.confidences)
+    renamed = MotTable(
+        result.frames,
+        np.array(names, np.int64)[result.ids] + 17,
+        result.boxes,
+        result.confidences,
+    )
     one, other = evaluate(truth, result), evaluate(truth, renamed)
     assert one.clear == other.clear
     assert one.identity.idtp == other.identity.idtp
@@ -402,10 +443,14 @@ def test_bounds_and_counts_hold(a: list[Any], b: list[Any]) -> None:
     assert c.mostly_tracked + c.partly_tracked + c.mostly_lost == s.true_ids
     assert i.idtp <= c.true_positives
     assert all(
-        0.0 <= v <= 100.0 + 1e-9 for v in (s.hota.hota, s.hota.det_a, s.hota.ass_a, s.hota.loc_a, i.idf1, c.motp)
+        0.0 <= v <= 100.0 + 1e-9
+        for v in (s.hota.hota, s.hota.det_a, s.hota.ass_a, s.hota.loc_a, i.idf1, c.motp)
     )
     # A stricter alpha never finds more.
-    assert all(x >= y - 1e-9 for x, y in zip(s.hota.det_a_alpha, s.hota.det_a_alpha[1:], strict=False))
+    assert all(
+        x >= y - 1e-9
+        for x, y in zip(s.hota.det_a_alpha, s.hota.det_a_alpha[1:], strict=False)
+    )
 
 
 @settings(max_examples=30, deadline=None)
@@ -413,6 +458,9 @@ def test_bounds_and_counts_hold(a: list[Any], b: list[Any]) -> None:
 def test_moving_and_scaling_both_changes_nothing(a: list[Any]) -> None:
     truth = made(a)
     result = degraded(truth, 2)
-    one, other = evaluate(truth, result), evaluate(truth.scaled(2.0, 4.0), result.scaled(2.0, 4.0))
+    one, other = (
+        evaluate(truth, result),
+        evaluate(truth.scaled(2.0, 4.0), result.scaled(2.0, 4.0)),
+    )
     assert one.clear == other.clear
     assert one.hota == other.hota

@@ -9,12 +9,16 @@ from replay.evaluate import MotTable, Trajectories, evaluate
 Rows = list[tuple[int, int, float, float, float, float, float]]
 
 
-def line(identity: int, frames: range, y: float = 0.0, dx: float = 0.0, w: float = 20.0) -> Rows:
+def line(
+    identity: int, frames: range, y: float = 0.0, dx: float = 0.0, w: float = 20.0
+) -> Rows:
     return [(f, identity, 100.0 + dx, y, w, 40.0, 1.0) for f in frames]
 
 
 def judged(truth: list[Rows], result: list[Rows]) -> Trajectories:
-    tables = [MotTable.from_rows([r for part in rows for r in part]) for rows in (truth, result)]
+    tables = [
+        MotTable.from_rows([r for part in rows for r in part]) for rows in (truth, result)
+    ]
     return evaluate(*tables).trajectories
 
 
@@ -41,7 +45,10 @@ def test_two_ids_on_one_trajectory_is_over_segmented_and_no_swap() -> None:
 
 
 def test_a_newcomer_under_an_old_id_is_under_segmented() -> None:
-    t = judged([line(1, range(5)), line(2, range(5, 10), y=200.0)], [line(7, range(5)), line(7, range(5, 10), y=200.0)])
+    t = judged(
+        [line(1, range(5)), line(2, range(5, 10), y=200.0)],
+        [line(7, range(5)), line(7, range(5, 10), y=200.0)],
+    )
     assert (t.under_segmented, t.over_segmented) == (1, 0)
     assert [x.under_segmented for x in t.each] == [False, True]
 
@@ -51,7 +58,10 @@ def test_a_second_response_counts_per_frame_unless_it_is_another_ones() -> None:
     assert double.ids_per_frame == pytest.approx(1.5)
     # Two people who cover one another, each with their own track: one response each.
     crossing = [line(1, range(10)), line(2, range(10), dx=5.0)]
-    assert judged(crossing, [line(5, range(10)), line(6, range(10), dx=5.0)]).ids_per_frame == 1.0
+    assert (
+        judged(crossing, [line(5, range(10)), line(6, range(10), dx=5.0)]).ids_per_frame
+        == 1.0
+    )
 
 
 def test_averages_run_over_the_trajectories_found() -> None:
@@ -62,7 +72,9 @@ def test_averages_run_over_the_trajectories_found() -> None:
 
 
 def test_errors_in_all_normalisations() -> None:
-    """2 px to the right and 22 wide instead of 20: the centre is 3 px off, at 110, 20 of the truth."""
+    """2 px to the right and 22 wide instead of 20: the centre is 3 px off, at 110, 20 of the
+    truth.
+    """
     t = judged([line(1, range(8))], [line(5, range(4), dx=2.0, w=22.0)])
     e = t.matched
     assert e.frames == 4
@@ -74,7 +86,9 @@ def test_errors_in_all_normalisations() -> None:
 
 
 def test_followed_counts_frames_in_which_the_track_went_astray() -> None:
-    straying = [(f, 5, 100.0 + (30.0 if f >= 6 else 0.0), 0.0, 20.0, 40.0, 1.0) for f in range(8)]
+    straying = [
+        (f, 5, 100.0 + (30.0 if f >= 6 else 0.0), 0.0, 20.0, 40.0, 1.0) for f in range(8)
+    ]
     t = judged([line(1, range(8))], [straying])
     assert (t.matched.frames, t.matched.pixels[0]) == (6, 0.0)
     assert (t.followed.frames, t.followed.share) == (8, 100.0)

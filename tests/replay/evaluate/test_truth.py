@@ -17,7 +17,9 @@ def wrote(folder: Path, text: str, name: str = "gt.txt") -> Path:
 
 
 def test_rows_in_any_order_frames_from_one(tmp_path: Path) -> None:
-    table = read_mot(wrote(tmp_path, "2,1,5,6,7,8\n\n1, 9, 1.5,2,3,4,0.25,-1,-1,-1\r\n1 3 0 0 1 1\n"))
+    table = read_mot(
+        wrote(tmp_path, "2,1,5,6,7,8\n\n1, 9, 1.5,2,3,4,0.25,-1,-1,-1\r\n1 3 0 0 1 1\n")
+    )
     assert table.frames.tolist() == [0, 0, 1]
     assert table.ids.tolist() == [9, 3, 1]
     assert table.boxes[0].tolist() == [1.5, 2.0, 3.0, 4.0]
@@ -43,7 +45,10 @@ def test_truth_of_confidence_zero_does_not_count(tmp_path: Path) -> None:
         ("1,1e300,0,0,5,5\n", r"identity 1e300: must be a whole number"),
         ("1,1,nan,0,5,5\n", r"a value is not finite"),
         ("1,1,0,0,-5,5\n", r"size -5 x 5: must not be negative"),
-        ("1,4,0,0,5,5\n2,4,0,0,5,5\n1,4,1,1,5,5\n", r"gt.txt:3: identity 4 occurs twice in frame 1 \(line 1\)"),
+        (
+            "1,4,0,0,5,5\n2,4,0,0,5,5\n1,4,1,1,5,5\n",
+            r"gt.txt:3: identity 4 occurs twice in frame 1 \(line 1\)",
+        ),
         ("1,-1,0,0,5,5\n1,-1,1,1,5,5\n", r"these are detections, not tracks"),
     ],
 )
@@ -101,17 +106,27 @@ def test_every_caviar_file_is_read(real_data: Path) -> None:
 
 
 def boxes_to(right: float, bottom: float) -> MotTable:
-    return MotTable.from_rows([(f, 1, right * f / 10 - 5, bottom * f / 10 - 5, 10.0, 10.0, 1.0) for f in range(11)])
+    return MotTable.from_rows(
+        [
+            (f, 1, right * f / 10 - 5, bottom * f / 10 - 5, 10.0, 10.0, 1.0)
+            for f in range(11)
+        ]
+    )
 
 
 def test_truth_of_another_size_must_be_said() -> None:
     truth = boxes_to(760, 570)
-    with pytest.raises(SceneTraceError, match=r"reaches to \(765, 575\) but the recording is 480x360.*--truth-size"):
+    with pytest.raises(
+        SceneTraceError,
+        match=r"reaches to \(765, 575\) but the recording is 480x360.*--truth-size",
+    ):
         fit_truth(truth, (480, 360), None)
     with pytest.raises(SceneTraceError, match="picture given by --truth-size is 640x480"):
         fit_truth(truth, (480, 360), (640, 480))
     fitted = fit_truth(truth, (480, 360), (768, 576))
-    assert fitted.boxes[-1].tolist() == pytest.approx([755 * 0.625, 565 * 0.625, 6.25, 6.25])
+    assert fitted.boxes[-1].tolist() == pytest.approx(
+        [755 * 0.625, 565 * 0.625, 6.25, 6.25]
+    )
 
 
 def test_truth_may_reach_over_the_edge_a_little() -> None:

@@ -16,7 +16,11 @@ from replay.membership import value_of
 from replay.trackers.parts.regions import PARTS, parts_of
 
 
-def track(identity: int = 1, box: tuple[float, float, float, float] = (20, 20, 20, 40), **facts: Any) -> Track:
+def track(
+    identity: int = 1,
+    box: tuple[float, float, float, float] = (20, 20, 20, 40),
+    **facts: Any,
+) -> Track:
     plain: dict[str, Any] = {
         "ellipse": None, "velocity": (0.0, 0.0), "shell_radius": 25.0, "mode": "motion", "confidence": 0.5,
         "present": True, "observed": True, "blob": -1, "grouping": False, "grouped": False, "splitting": False,
@@ -53,7 +57,9 @@ def test_colours_are_the_identitys_own_and_bright() -> None:
 def test_absent_and_unchosen_tracks_are_not_drawn() -> None:
     absent = Overlay([track(present=False)])
     assert np.array_equal(draw_frame(ground(), absent, PLAIN), ground())
-    unchosen = draw_frame(ground(), Overlay([track(3)]), DrawOptions(1.0, only=frozenset({4})))
+    unchosen = draw_frame(
+        ground(), Overlay([track(3)]), DrawOptions(1.0, only=frozenset({4}))
+    )
     assert np.array_equal(unchosen, ground())
 
 
@@ -87,7 +93,8 @@ def test_joint_is_thicker_than_interaction() -> None:
 
 def test_other_modes_are_dashed_and_named() -> None:
     solid, dashed = (
-        np.count_nonzero(draw_frame(ground(), Overlay([track(mode=m)]), PLAIN)) for m in ("motion", "appearance")
+        np.count_nonzero(draw_frame(ground(), Overlay([track(mode=m)]), PLAIN))
+        for m in ("motion", "appearance")
     )
     assert 0 < dashed < solid
     assert label(track(7)) == "7"
@@ -102,13 +109,17 @@ def test_parts_meet_at_the_centroid_that_the_track_tells() -> None:
     assert part_box(upright, "right legs") == pytest.approx((25.0, 60.0, 15.0, 30.0))
     leaning = track(box=box, centroid=(0.4, 0.25))
     found = [part_box(leaning, name) for name in PARTS]
-    assert np.array(found) == pytest.approx(parts_of(np.array([box]), np.array([0.4]), np.array([0.25]))[0])
+    assert np.array(found) == pytest.approx(
+        parts_of(np.array([box]), np.array([0.4]), np.array([0.25]))[0]
+    )
 
 
 def test_the_five_parts_are_drawn_and_hidden_ones_dashed() -> None:
     body: dict[str, Any] = {"box": (20.0, 20.0, 40.0, 70.0), "centroid": (0.3, 0.4)}
     whole = draw_frame(ground(), Overlay([track(**body)]), replace(PLAIN, model=True))
-    hidden = draw_frame(ground(), Overlay([track(hidden_parts=["left_legs"], **body)]), PLAIN)
+    hidden = draw_frame(
+        ground(), Overlay([track(hidden_parts=["left_legs"], **body)]), PLAIN
+    )
     # The line between the legs, at x = 32.
     solid, dashed = ((p[58:86, 31:34] != 0).any(axis=(1, 2)) for p in (whole, hidden))
     assert solid.all()
@@ -130,12 +141,18 @@ def test_a_gate_is_drawn_unless_it_is_left_out() -> None:
 
 def test_small_pictures_are_enlarged() -> None:
     assert draw_frame(ground(), Overlay()).shape == (720, 960, 3)
-    assert draw_frame(np.zeros((1080, 1920, 3), np.uint8), Overlay()).shape == (1080, 1920, 3)
+    assert draw_frame(np.zeros((1080, 1920, 3), np.uint8), Overlay()).shape == (
+        1080,
+        1920,
+        3,
+    )
 
 
 def test_labels_keep_apart() -> None:
     """Two tracks in one place: both labels' grounds are to be seen."""
-    both = draw_frame(ground(), Overlay([track(1), track(2)]), DrawOptions(1.0, boxes=False, shells=False))
+    both = draw_frame(
+        ground(), Overlay([track(1), track(2)]), DrawOptions(1.0, boxes=False, shells=False)
+    )
     for identity in (1, 2):
         assert np.count_nonzero((both == track_colour(identity)).all(axis=2)) > 30
 
@@ -145,11 +162,18 @@ sizes = st.floats(1e-3, 1e7, allow_nan=False)
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.lists(st.tuples(wild, wild, sizes, sizes), max_size=4), sizes, st.text(max_size=30))
+@given(
+    st.lists(st.tuples(wild, wild, sizes, sizes), max_size=4), sizes, st.text(max_size=30)
+)
 def test_nothing_in_a_message_breaks_it(boxes: Any, radius: float, text: str) -> None:
-    tracks = [track(k, b, shell_radius=radius, hidden_parts=[text], mode="predicted") for k, b in enumerate(boxes)]
+    tracks = [
+        track(k, b, shell_radius=radius, hidden_parts=[text], mode="predicted")
+        for k, b in enumerate(boxes)
+    ]
     edges = [Relation(0, 1, "JOINT", 0, 0, False, True, False, 1.0)]
     groups = [Group(1, list(range(len(boxes))), False, 0, 0)]
     events = [Event(1, "joined", [0], 0, 0, text, text=text)]
-    drawn = draw_frame(ground(), Overlay(tracks, edges, groups, events, title=text), DrawOptions(1.0))
+    drawn = draw_frame(
+        ground(), Overlay(tracks, edges, groups, events, title=text), DrawOptions(1.0)
+    )
     assert drawn.shape == (120, 160, 3)

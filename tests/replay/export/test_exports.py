@@ -52,7 +52,15 @@ def test_a_span_keeps_the_frames_numbers(write_annotated: Any, tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(7.0, "7"), (-0.0001, "0"), (12.3456, "12.346"), (1e-9, "0"), (100.0, "100"), (-1.5, "-1.5")]
+    ("value", "text"),
+    [
+        (7.0, "7"),
+        (-0.0001, "0"),
+        (12.3456, "12.346"),
+        (1e-9, "0"),
+        (100.0, "100"),
+        (-1.5, "-1.5"),
+    ],
 )
 def test_numbers_are_short_and_plain(value: float, text: str) -> None:
     assert number(value) == text
@@ -72,7 +80,9 @@ def test_json_is_one_document_of_all_tables(write_annotated: Any, tmp_path: Path
     assert document["events"][1]["evidence"] == {"overlap": 0.5}
 
 
-def test_parquet_folder_and_single_table_hold_the_same(write_annotated: Any, tmp_path: Path) -> None:
+def test_parquet_folder_and_single_table_hold_the_same(
+    write_annotated: Any, tmp_path: Path
+) -> None:
     log, folder, single = write_annotated(), tmp_path / "tables", tmp_path / "x.parquet"
     assert exported(log, "parquet", folder) == 0
     assert exported(log, "parquet", single) == 0
@@ -82,7 +92,9 @@ def test_parquet_folder_and_single_table_hold_the_same(write_annotated: Any, tmp
     tracks = duckdb.sql(f"SELECT * FROM '{folder}/tracks.parquet'").fetchall()
     assert duckdb.sql(f"SELECT * FROM '{single}'").fetchall() == tracks
     assert len(tracks) == 70
-    assert duckdb.sql(f"SELECT members FROM '{folder}/groups.parquet'").fetchall() == [([1, 2],)]
+    assert duckdb.sql(f"SELECT members FROM '{folder}/groups.parquet'").fetchall() == [
+        ([1, 2],)
+    ]
     assert write_parquet(log, tmp_path / "e.parquet", table="events") == {"events": 2}
 
 
@@ -103,7 +115,9 @@ def test_graphml_has_an_edge_per_interval(write_annotated: Any, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("to", ["mot", "json", "graphml", "parquet"])
-def test_the_same_log_gives_the_same_bytes(to: str, write_annotated: Any, tmp_path: Path) -> None:
+def test_the_same_log_gives_the_same_bytes(
+    to: str, write_annotated: Any, tmp_path: Path
+) -> None:
     log = write_annotated()
     one, other = tmp_path / f"one.{to}", tmp_path / f"other.{to}"
     assert exported(log, to, one) == exported(log, to, other) == 0
@@ -139,7 +153,9 @@ def test_a_full_folder_is_not_overwritten(write_annotated: Any, tmp_path: Path) 
     assert (folder / "mine.txt").read_text() == "precious"
 
 
-def test_wrong_words(write_annotated: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_words(
+    write_annotated: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     log = write_annotated()
     with pytest.raises(UsageError, match="no table 'people'; there are: frames, tracks"):
         write_parquet(log, tmp_path / "x.parquet", table="people")
@@ -153,7 +169,9 @@ def test_a_scene_log_is_told_to_be_replayed(tmp_path: Path) -> None:
     from fixtures.logs import write_scene_log
     from fixtures.scenes import generate
 
-    path = write_scene_log(generate("empty_scene"), tmp_path / "scene.mcap", pictures="none", masks=False)
+    path = write_scene_log(
+        generate("empty_scene"), tmp_path / "scene.mcap", pictures="none", masks=False
+    )
     for write in (write_json, write_graphml, write_parquet):
         with pytest.raises(RecordingError, match=r"holds no tracks.*scenetrace replay"):
             write(path, tmp_path / "out")

@@ -27,14 +27,26 @@ def test_a_half_normal_is_found_again() -> None:
 
 def test_two_modes_get_a_mixture_of_those_two() -> None:
     rng = np.random.default_rng(2)
-    d = np.clip(np.concatenate([rng.normal(0.1, 0.03, 6000), rng.normal(0.6, 0.05, 2000)]), 0, 1)
+    d = np.clip(
+        np.concatenate([rng.normal(0.1, 0.03, 6000), rng.normal(0.6, 0.05, 2000)]), 0, 1
+    )
     assert not unimodal(d)
     w1, m1, s1, w2, m2, s2 = (float(v) for v in mixture(d).split()[1:])
-    assert (w1, m1, s1) == (pytest.approx(0.75, abs=0.02), pytest.approx(0.1, abs=0.01), pytest.approx(0.03, abs=0.01))
-    assert (w2, m2, s2) == (pytest.approx(0.25, abs=0.02), pytest.approx(0.6, abs=0.01), pytest.approx(0.05, abs=0.01))
+    assert (w1, m1, s1) == (
+        pytest.approx(0.75, abs=0.02),
+        pytest.approx(0.1, abs=0.01),
+        pytest.approx(0.03, abs=0.01),
+    )
+    assert (w2, m2, s2) == (
+        pytest.approx(0.25, abs=0.02),
+        pytest.approx(0.6, abs=0.01),
+        pytest.approx(0.05, abs=0.01),
+    )
 
 
-def test_every_truth_has_the_size_that_it_was_labelled_in(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_truth_has_the_size_that_it_was_labelled_in(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     logs, truths = [], []
     for seed in (1, 2):
         scene = generate("demo", seed=seed, size=(320, 240), frames=60)
@@ -58,7 +70,9 @@ def test_every_truth_has_the_size_that_it_was_labelled_in(tmp_path: Path, capsys
 def annotated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("fit")
     scene = generate("demo", seed=1, size=(320, 240), frames=120)
-    return write_scene_log(scene, folder / "scene.mcap"), write_truth(scene, folder / "gt.txt")
+    return write_scene_log(scene, folder / "scene.mcap"), write_truth(
+        scene, folder / "gt.txt"
+    )
 
 
 def test_the_command_writes_a_configuration_that_says_what_it_was_fitted_on(
@@ -71,14 +85,18 @@ def test_the_command_writes_a_configuration_that_says_what_it_was_fitted_on(
     found = tomllib.loads(out.read_text())["part_features"]
     assert found["fitted_on"].startswith("scene.mcap with gt.txt (")
     for weights in ("omega", "gamma"):
-        assert sum(v for k, v in found.items() if k.startswith(weights)) == pytest.approx(1.0, abs=0.01)
+        assert sum(v for k, v in found.items() if k.startswith(weights)) == pytest.approx(
+            1.0, abs=0.01
+        )
     assert replay_config("parts", out)["part_features"].fitted_on == found["fitted_on"]
     assert plot.read_bytes().startswith(b"\x89PNG")
     assert main(words) == 1, "nothing is overwritten"
     assert main([*words, "--truth", str(truth), "--force"]) == 2
 
 
-def test_the_same_recordings_give_the_same_fit_and_weights_help(annotated: tuple[Path, Path]) -> None:
+def test_the_same_recordings_give_the_same_fit_and_weights_help(
+    annotated: tuple[Path, Path],
+) -> None:
     samples = collect([annotated])
     first, second = fit(samples), fit(collect([annotated]))
     assert first == second
@@ -94,7 +112,9 @@ def test_a_recording_without_pixels_is_refused(tmp_path: Path) -> None:
         collect([(log, write_truth(scene, tmp_path / "gt.txt"))])
 
 
-def altered_truth(truth: Path, out: Path, keep: slice = slice(None), scatter: bool = False) -> Path:
+def altered_truth(
+    truth: Path, out: Path, keep: slice = slice(None), scatter: bool = False
+) -> Path:
     """Some of the rows, their boxes scattered over the picture if wanted."""
     rows = [line.split(",") for line in truth.read_text().splitlines()][keep]
     for k, row in enumerate(rows):
@@ -104,7 +124,9 @@ def altered_truth(truth: Path, out: Path, keep: slice = slice(None), scatter: bo
     return out
 
 
-def test_the_halves_are_those_of_the_truth_wherever_it_lies(annotated: tuple[Path, Path], tmp_path: Path) -> None:
+def test_the_halves_are_those_of_the_truth_wherever_it_lies(
+    annotated: tuple[Path, Path], tmp_path: Path
+) -> None:
     scene, truth = annotated
     rows = len(truth.read_text().splitlines())
     late = altered_truth(truth, tmp_path / "late.txt", slice(rows * 2 // 3, None))
@@ -115,7 +137,9 @@ def test_the_halves_are_those_of_the_truth_wherever_it_lies(annotated: tuple[Pat
 
 def test_what_cannot_be_held_out_is_not_said_to_be(annotated: tuple[Path, Path]) -> None:
     samples = collect([annotated])
-    alone = fit(replace(samples, folds=samples.folds * 0, step_folds=samples.step_folds * 0))
+    alone = fit(
+        replace(samples, folds=samples.folds * 0, step_folds=samples.step_folds * 0)
+    )
     assert (alone.accuracy, alone.before) == (None, None)
     assert 0 < alone.chance < 0.3
 
@@ -128,11 +152,35 @@ def test_truth_of_something_else_is_refused_and_nothing_is_written(
     wrong = altered_truth(truth, tmp_path / "wrong.txt", scatter=True)
     assert main(["fit", str(scene), "--truth", str(wrong), "-o", str(out)]) == 1
     assert "no better than any others" in capsys.readouterr().err
-    assert main(["fit", str(scene), "--truth", str(truth), "-o", str(out), "--plot", str(tmp_path / "p.xyz")]) == 2
+    assert (
+        main(
+            [
+                "fit",
+                str(scene),
+                "--truth",
+                str(truth),
+                "-o",
+                str(out),
+                "--plot",
+                str(tmp_path / "p.xyz"),
+            ]
+        )
+        == 2
+    )
     assert "must end in .png, .pdf or .svg" in capsys.readouterr().err
     twice = tmp_path / "copy.mcap"
     twice.write_bytes(scene.read_bytes())
-    words = ["fit", str(scene), str(twice), "--truth", str(truth), "--truth", str(truth), "-o", str(out)]
+    words = [
+        "fit",
+        str(scene),
+        str(twice),
+        "--truth",
+        str(truth),
+        "--truth",
+        str(truth),
+        "-o",
+        str(out),
+    ]
     assert main(words) == 1
     assert "the same recording as" in capsys.readouterr().err
     assert not out.exists()

@@ -26,7 +26,9 @@ def _config(*words: str) -> Config:
     return configure(SECTIONS, None, words)
 
 
-def _target(identity: int, frame: int, x: float, y: float = 200.0, **facts: object) -> Target:
+def _target(
+    identity: int, frame: int, x: float, y: float = 200.0, **facts: object
+) -> Target:
     plain = Target(identity, (x, y, 20.0, 40.0), (0.0, 0.0), measured=(x, y, 20.0, 40.0))
     fields = {f: getattr(plain, f) for f in plain.__struct_fields__}
     return Target(**{**fields, **facts})
@@ -39,7 +41,9 @@ def _run(frames: list[Targets], *words: str) -> list[Targets]:
         readings.append(1)
         return iter(frames)
 
-    out = list(rewrite(read, SCENE, [k * FRAME_NS for k in range(len(frames))], _config(*words)))
+    out = list(
+        rewrite(read, SCENE, [k * FRAME_NS for k in range(len(frames))], _config(*words))
+    )
     assert len(readings) == 2
     assert [t.frame for t in out] == [t.frame for t in frames]
     return out
@@ -49,7 +53,11 @@ def _walk(frames: int, hidden: range, second: int = 2, **facts: object) -> list[
     """Target 1 walks at 50 px/s; unseen during ``hidden``, afterwards it has the second id."""
     out = []
     for k in range(frames):
-        here = [] if k in hidden else [_target(1 if k < hidden.start else second, k, 50 + 5.0 * k, **facts)]
+        here = (
+            []
+            if k in hidden
+            else [_target(1 if k < hidden.start else second, k, 50 + 5.0 * k, **facts)]
+        )
         out.append(Targets(k, here))
     return out
 
@@ -78,7 +86,9 @@ def test_fragments_are_joined_and_the_gap_is_filled_on_the_path() -> None:
     assert notice.evidence["cost"] < notice.evidence["cost_under"] == p.join_cost
     assert notice.evidence["gap_s"] <= notice.evidence["gap_s_at_most"] == p.join_s
     [(_, first)] = _notices(out, "track_confirmed")
-    assert first.evidence["life_s"] >= first.evidence["life_s_at_least"] == p.min_life_s / 2, "there from the start"
+    assert (
+        first.evidence["life_s"] >= first.evidence["life_s_at_least"] == p.min_life_s / 2
+    ), "there from the start"
     assert first.evidence["support"] == pytest.approx(48 / 48)
     assert first.evidence["support_at_least"] == p.min_support
 
@@ -87,7 +97,10 @@ def test_who_left_the_scene_does_not_go_on_as_who_comes_in() -> None:
     frames = _walk(60, range(20, 32))
     for left, ids in ((False, {1}), (True, {1, 2})):
         gone = Notice("track_removed", [1], "EVENTS 3.2", {"left_scene": left})
-        told = [Targets(t.frame, t.targets, notices=[gone] if t.frame == 24 else []) for t in frames]
+        told = [
+            Targets(t.frame, t.targets, notices=[gone] if t.frame == 24 else [])
+            for t in frames
+        ]
         assert {t.id for frame in _run(told) for t in frame.targets} == ids
 
 
@@ -96,9 +109,15 @@ def test_colours_decide_who_goes_on() -> None:
     for k in range(80):
         here = []
         if k < 30:
-            here = [_target(1, k, 100.0, 200.0, signature=COLOURS_A), _target(2, k, 100.0, 230.0, signature=COLOURS_B)]
+            here = [
+                _target(1, k, 100.0, 200.0, signature=COLOURS_A),
+                _target(2, k, 100.0, 230.0, signature=COLOURS_B),
+            ]
         if k >= 40:
-            here = [_target(3, k, 104.0, 200.0, signature=COLOURS_B), _target(4, k, 104.0, 230.0, signature=COLOURS_A)]
+            here = [
+                _target(3, k, 104.0, 200.0, signature=COLOURS_B),
+                _target(4, k, 104.0, 230.0, signature=COLOURS_A),
+            ]
         frames.append(Targets(k, here))
     out = _run(frames)
     last = {t.id: t.box[1] for t in out[-1].targets}
@@ -107,7 +126,10 @@ def test_colours_decide_who_goes_on() -> None:
 
 
 def test_what_is_too_far_or_too_late_stays_apart() -> None:
-    far = [Targets(k, [_target(1 if k < 30 else 2, k, 50.0 if k < 30 else 500.0)]) for k in range(60)]
+    far = [
+        Targets(k, [_target(1 if k < 30 else 2, k, 50.0 if k < 30 else 500.0)])
+        for k in range(60)
+    ]
     assert {t.id for frame in _run(far) for t in frame.targets} == {1, 2}
     late = _walk(120, range(20, 90))
     out = _run(late)
@@ -131,29 +153,53 @@ def test_births_are_back_dated_to_the_first_sighting() -> None:
 def test_short_and_tiny_paths_are_dropped_unless_asked_for() -> None:
     frames = _walk(60, range(0))
     frames = [
-        Targets(t.frame, [*t.targets, _target(9, t.frame, 400.0)] if 10 <= t.frame < 14 else t.targets) for t in frames
+        Targets(
+            t.frame,
+            [*t.targets, _target(9, t.frame, 400.0)] if 10 <= t.frame < 14 else t.targets,
+        )
+        for t in frames
     ]
     small = [
-        Targets(t.frame, [*t.targets, Target(10, (300.0, 50.0, 4.0, 8.0), measured=(300.0, 50.0, 4.0, 8.0))])
+        Targets(
+            t.frame,
+            [
+                *t.targets,
+                Target(10, (300.0, 50.0, 4.0, 8.0), measured=(300.0, 50.0, 4.0, 8.0)),
+            ],
+        )
         for t in frames
     ]
     assert {t.id for f in _run(small) for t in f.targets} == {2}
-    assert {t.id for f in _run(small, "hindsight.min_life_s=0", "hindsight.min_size=0") for t in f.targets} == {
+    assert {
+        t.id
+        for f in _run(small, "hindsight.min_life_s=0", "hindsight.min_size=0")
+        for t in f.targets
+    } == {
         2,
         9,
         10,
     }
 
 
-@pytest.mark.parametrize(("frames", "kept"), [(range(55, 60), True), (range(5), True), (range(54, 59), False)])
-def test_a_path_that_the_recording_cuts_off_is_dropped_at_half_the_length(frames: range, kept: bool) -> None:
+@pytest.mark.parametrize(
+    ("frames", "kept"), [(range(55, 60), True), (range(5), True), (range(54, 59), False)]
+)
+def test_a_path_that_the_recording_cuts_off_is_dropped_at_half_the_length(
+    frames: range, kept: bool
+) -> None:
     scene = [
-        Targets(t.frame, [*t.targets, _target(9, t.frame, 400.0)] if t.frame in frames else t.targets)
+        Targets(
+            t.frame,
+            [*t.targets, _target(9, t.frame, 400.0)] if t.frame in frames else t.targets,
+        )
         for t in _walk(60, range(0))
     ]
     assert {t.id for f in _run(scene) for t in f.targets} == ({2, 9} if kept else {2})
     cut = frames[:3] if frames.start == 0 else frames[-3:]
-    shorter = [Targets(t.frame, [x for x in t.targets if x.id != 9 or t.frame in cut]) for t in scene]
+    shorter = [
+        Targets(t.frame, [x for x in t.targets if x.id != 9 or t.frame in cut])
+        for t in scene
+    ]
     assert {t.id for f in _run(shorter) for t in f.targets} == {2}
 
 
@@ -186,15 +232,29 @@ def test_turns_of_who_dashes_about_are_not_smoothed_away() -> None:
 def test_where_there_are_pixels_who_dashes_about_is_where_they_were_seen() -> None:
     frames = [Targets(k, [_target(1, k, _dash(k))] if k % 7 else []) for k in range(118)]
     scene = SceneInfo(640, 480, FRAME_NS, True, True)
-    out = list(rewrite(lambda: iter(frames), scene, [k * FRAME_NS for k in range(118)], _config()))
+    out = list(
+        rewrite(lambda: iter(frames), scene, [k * FRAME_NS for k in range(118)], _config())
+    )
     for t in out[1:]:
-        assert t.targets[0].box[0] == pytest.approx(_dash(t.frame), abs=1e-9 if t.frame % 7 else 12)
+        assert t.targets[0].box[0] == pytest.approx(
+            _dash(t.frame), abs=1e-9 if t.frame % 7 else 12
+        )
     calm = _walk(60, range(20, 20))
     calm = [
-        replace(t, targets=[replace(x, measured=(x.box[0] + t.frame % 2, *x.box[1:])) for x in t.targets]) for t in calm
+        replace(
+            t,
+            targets=[
+                replace(x, measured=(x.box[0] + t.frame % 2, *x.box[1:])) for x in t.targets
+            ],
+        )
+        for t in calm
     ]
-    out = list(rewrite(lambda: iter(calm), scene, [k * FRAME_NS for k in range(60)], _config()))
-    assert max(abs(t.targets[0].box[0] - 50.5 - 5 * t.frame) for t in out[10:50]) < 0.3, "noise is smoothed as ever"
+    out = list(
+        rewrite(lambda: iter(calm), scene, [k * FRAME_NS for k in range(60)], _config())
+    )
+    assert max(abs(t.targets[0].box[0] - 50.5 - 5 * t.frame) for t in out[10:50]) < 0.3, (
+        "noise is smoothed as ever"
+    )
 
 
 def test_blocks_do_not_show() -> None:
@@ -205,7 +265,9 @@ def test_blocks_do_not_show() -> None:
 
 
 def test_unfilled_gap_of_one_target_is_lost_and_found() -> None:
-    frames = [Targets(k, [_target(1, k, 50.0)] if not 30 <= k < 75 else []) for k in range(120)]
+    frames = [
+        Targets(k, [_target(1, k, 50.0)] if not 30 <= k < 75 else []) for k in range(120)
+    ]
     out = _run(frames)
     assert not any(f.targets for f in out[30:75])
     assert [f for f, _ in _notices(out, "track_lost")] == [30]
@@ -218,9 +280,15 @@ def test_groups_and_other_notices_follow_the_final_ids() -> None:
         other = _target(7, k, 300.0, blob=3)
         mine = _target(1 if k < 20 else 2, k, 280.0, blob=3)
         here = [other] if 20 <= k < 25 else [mine, other]
-        group = GroupTrack(4, (280.0, 200.0, 40.0, 40.0), True, False, [2, 7] if k >= 25 else [1, 7])
+        group = GroupTrack(
+            4, (280.0, 200.0, 40.0, 40.0), True, False, [2, 7] if k >= 25 else [1, 7]
+        )
         lone = GroupTrack(5, (0.0, 0.0, 5.0, 5.0), True, False, [7, 99])
-        frames.append(Targets(k, here, [group, lone], [Notice("anomaly", [2], "r")] if k == 40 else []))
+        frames.append(
+            Targets(
+                k, here, [group, lone], [Notice("anomaly", [2], "r")] if k == 40 else []
+            )
+        )
     out = _run(frames)
     assert [(g.id, g.members) for g in out[40].group_tracks or []] == [(4, [1, 7])]
     assert [(f, n.subjects) for f, n in _notices(out, "anomaly")] == [(40, [1])]
@@ -237,11 +305,19 @@ def test_exchanged_identities_are_put_right_from_when_it_happened() -> None:
     for k in range(80):
         left, right = (1, 2) if not 30 <= k < 40 else (2, 1)
         here = [_target(left, k, 100.0), _target(right, k, 300.0)]
-        told = [Notice("track_recovered", [1, 2], "colours", {"since_frame": 30})] if k == 40 else []
+        told = (
+            [Notice("track_recovered", [1, 2], "colours", {"since_frame": 30})]
+            if k == 40
+            else []
+        )
         group = GroupTrack(1, (100.0, 200.0, 220.0, 40.0), True, False, [1, 2])
         frames.append(Targets(k, sorted(here, key=lambda t: t.id), [group], told))
-    out = list(rewrite(lambda: iter(frames), SCENE, [k * FRAME_NS for k in range(80)], _config()))
-    assert all([t.box[0] for t in f.targets] == pytest.approx([100.0, 300.0], abs=1.0) for f in out)
+    out = list(
+        rewrite(lambda: iter(frames), SCENE, [k * FRAME_NS for k in range(80)], _config())
+    )
+    assert all(
+        [t.box[0] for t in f.targets] == pytest.approx([100.0, 300.0], abs=1.0) for f in out
+    )
     assert all(t.observed for f in out for t in f.targets)
 
 
@@ -261,17 +337,32 @@ def test_two_exchanges_one_after_the_other() -> None:
             told = [Notice("track_recovered", [1, 2], "colours", {"since_frame": 10})]
         here = [_target(name[i], k, x) for i, x in where.items()]
         frames.append(Targets(k, sorted(here, key=lambda t: t.id), None, told))
-    out = list(rewrite(lambda: iter(frames), SCENE, [k * FRAME_NS for k in range(60)], _config()))
-    assert all([t.box[0] for t in f.targets] == pytest.approx([100.0, 300.0, 500.0], abs=1.0) for f in out)
+    out = list(
+        rewrite(lambda: iter(frames), SCENE, [k * FRAME_NS for k in range(60)], _config())
+    )
+    assert all(
+        [t.box[0] for t in f.targets] == pytest.approx([100.0, 300.0, 500.0], abs=1.0)
+        for f in out
+    )
 
 
-def test_who_is_followed_aside_goes_on_with_a_life_that_is_told_and_is_none_by_itself() -> None:
-    aside = [Targets(f.frame, [replace(t, present=t.id == 1) for t in f.targets]) for f in _walk(60, range(20, 32))]
+def test_who_is_followed_aside_goes_on_with_a_life_that_is_told_and_is_none_by_itself() -> (
+    None
+):
+    aside = [
+        Targets(f.frame, [replace(t, present=t.id == 1) for t in f.targets])
+        for f in _walk(60, range(20, 32))
+    ]
     out = _run(aside)
     assert [[t.id for t in frame.targets] for frame in out] == [[1]] * 60
     assert all(t.present for frame in out for t in frame.targets)
-    before = [Targets(f.frame, [replace(t, present=t.id == 2) for t in f.targets]) for f in _walk(60, range(20, 32))]
-    assert [t.id for frame in _run(before) for t in frame.targets] == [2] * 28, "a life begins where it is told to"
+    before = [
+        Targets(f.frame, [replace(t, present=t.id == 2) for t in f.targets])
+        for f in _walk(60, range(20, 32))
+    ]
+    assert [t.id for frame in _run(before) for t in frame.targets] == [2] * 28, (
+        "a life begins where it is told to"
+    )
 
 
 def _passers_by(count: int) -> Iterable[Targets]:
@@ -280,7 +371,11 @@ def _passers_by(count: int) -> Iterable[Targets]:
         for step in range(20):
             sighted = {"sightings": [[20 * k, 50.0, 200.0, 20.0, 40.0]]}
             notices = [Notice("track_confirmed", [k + 1], "", sighted)] if step == 3 else []
-            here = [_target(k + 1, step, 50 + 20.0 * step, signature=[step, 1] * 16)] if step >= 3 else []
+            here = (
+                [_target(k + 1, step, 50 + 20.0 * step, signature=[step, 1] * 16)]
+                if step >= 3
+                else []
+            )
             yield Targets(20 * k + step, here, None, notices)
 
 
@@ -288,7 +383,10 @@ def _most_memory(count: int) -> int:
     times = [k * FRAME_NS for k in range(20 * count)]
     tracemalloc.start()
     try:
-        answers = sum(len(answer.targets) for answer in rewrite(lambda: _passers_by(count), SCENE, times, _config()))
+        answers = sum(
+            len(answer.targets)
+            for answer in rewrite(lambda: _passers_by(count), SCENE, times, _config())
+        )
         assert answers >= 17 * count
         return tracemalloc.get_traced_memory()[1]
     finally:

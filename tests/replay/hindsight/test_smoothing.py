@@ -13,7 +13,9 @@ DT, ACCELERATION, NOISE, SPEED = 1 / 7, 20.0, 9.0, 400.0
 
 def _paths() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rng = np.random.Generator(np.random.PCG64(7))
-    measured = np.cumsum(rng.normal(2, 1, (40, 3, 2)), axis=0) + rng.normal(0, 3, (40, 3, 2))
+    measured = np.cumsum(rng.normal(2, 1, (40, 3, 2)), axis=0) + rng.normal(
+        0, 3, (40, 3, 2)
+    )
     seen = rng.random((40, 3)) < 0.7
     seen[0, 0] = True
     seen[:9, 1] = False
@@ -49,7 +51,9 @@ def test_before_its_first_measurement_a_path_holds_it() -> None:
     measured, seen, _ = _paths()
     value, _ = _smooth()
     first = int(np.argmax(seen[:, 1]))
-    assert np.array_equal(value[:first, 1], np.repeat(measured[first, 1][None], first, axis=0))
+    assert np.array_equal(
+        value[:first, 1], np.repeat(measured[first, 1][None], first, axis=0)
+    )
 
 
 def test_the_likeliest_acceleration_is_the_true_one() -> None:
@@ -58,6 +62,7 @@ def test_the_likeliest_acceleration_is_the_true_one() -> None:
     measured = np.cumsum(speed * DT, axis=0) + rng.normal(0, 1, (200, 1, 1))
     seen, steps, one = np.ones((200, 1), bool), np.full(200, DT), np.ones((1, 1))
     scores = {
-        a: float(likelihood(measured, seen, steps, one, a * a * one, 400 * one)[0, 0]) for a in (1.0, 30.0, 900.0)
+        a: float(likelihood(measured, seen, steps, one, a * a * one, 400 * one)[0, 0])
+        for a in (1.0, 30.0, 900.0)
     }
     assert max(scores, key=lambda a: scores[a]) == 30.0

@@ -1,5 +1,5 @@
-"""A headless browser driven by the W3C WebDriver protocol over plain HTTP (no package needed, only chromedriver), and a
-small annotated log with pictures, written message by message.
+"""A headless browser driven by the W3C WebDriver protocol over plain HTTP (no package needed,
+only chromedriver), and a small annotated log with pictures, written message by message.
 """
 
 from __future__ import annotations
@@ -32,7 +32,13 @@ class Browser:
     def __init__(self, port: int, binary: str, profile: Path) -> None:
         self._base = f"http://127.0.0.1:{port}"
         offline = "--host-resolver-rules=MAP * ~NOTFOUND"
-        quiet = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"]
+        quiet = [
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
+            "--no-first-run",
+        ]
         arguments = [*quiet, f"--user-data-dir={profile}", offline]
         wanted = {
             "goog:chromeOptions": {"binary": binary, "args": arguments},
@@ -43,7 +49,9 @@ class Browser:
 
     def _call(self, method: str, path: str, body: Any = None) -> Any:
         data = None if body is None else json.dumps(body).encode()
-        request = urllib.request.Request(self._base + path, data, {"Content-Type": "application/json"}, method=method)
+        request = urllib.request.Request(
+            self._base + path, data, {"Content-Type": "application/json"}, method=method
+        )
         try:
             with urllib.request.urlopen(request, timeout=60) as answer:
                 return json.load(answer)["value"]
@@ -55,7 +63,9 @@ class Browser:
         self.wait(_READY)
 
     def run(self, script: str, *args: Any) -> Any:
-        return self._call("POST", f"{self._session}/execute/sync", {"script": script, "args": list(args)})
+        return self._call(
+            "POST", f"{self._session}/execute/sync", {"script": script, "args": list(args)}
+        )
 
     def wait(self, script: str, seconds: float = 30.0) -> None:
         end = time.monotonic() + seconds
@@ -64,30 +74,54 @@ class Browser:
             time.sleep(0.05)
 
     def size(self, width: int, height: int, *, dark: bool = False) -> None:
-        self.devtools("Emulation.setDeviceMetricsOverride",
-                      {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600})  # fmt: skip
+        self.devtools(
+            "Emulation.setDeviceMetricsOverride",
+            {
+                "width": width,
+                "height": height,
+                "deviceScaleFactor": 1,
+                "mobile": width < 600,
+            },
+        )
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.devtools("Emulation.setEmulatedMedia", {"features": [scheme]})
 
     def devtools(self, command: str, parameters: dict[str, Any]) -> Any:
-        return self._call("POST", f"{self._session}/goog/cdp/execute", {"cmd": command, "params": parameters})
+        return self._call(
+            "POST",
+            f"{self._session}/goog/cdp/execute",
+            {"cmd": command, "params": parameters},
+        )
 
     def click_at(self, x: float, y: float) -> None:
         """A real click of the mouse, at a place in the window."""
         for kind, buttons in (("mouseMoved", 0), ("mousePressed", 1), ("mouseReleased", 0)):
             self.devtools(
                 "Input.dispatchMouseEvent",
-                {"type": kind, "x": x, "y": y, "button": "left", "buttons": buttons, "clickCount": 1},
+                {
+                    "type": kind,
+                    "x": x,
+                    "y": y,
+                    "button": "left",
+                    "buttons": buttons,
+                    "clickCount": 1,
+                },
             )
             time.sleep(0.15)
 
     def console(self) -> list[str]:
         found = self._call("POST", f"{self._session}/se/log", {"type": "browser"})
-        return [f"{m['level']}: {m['message']}" for m in found if m["level"] in ("SEVERE", "WARNING")]
+        return [
+            f"{m['level']}: {m['message']}"
+            for m in found
+            if m["level"] in ("SEVERE", "WARNING")
+        ]
 
     def picture(self, out: Path) -> None:
         whole = {"captureBeyondViewport": True, "format": "png"}
-        out.write_bytes(base64.b64decode(self.devtools("Page.captureScreenshot", whole)["data"]))
+        out.write_bytes(
+            base64.b64decode(self.devtools("Page.captureScreenshot", whole)["data"])
+        )
 
     def close(self) -> None:
         self._call("DELETE", self._session)
@@ -95,12 +129,19 @@ class Browser:
 
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    driver, binary = shutil.which("chromedriver"), shutil.which("chromium") or shutil.which("google-chrome")
+    driver, binary = (
+        shutil.which("chromedriver"),
+        shutil.which("chromium") or shutil.which("google-chrome"),
+    )
     if driver is None or binary is None:
-        pytest.skip("needs chromium and chromedriver (apt-get install chromium chromium-driver)")
+        pytest.skip(
+            "needs chromium and chromedriver (apt-get install chromium chromium-driver)"
+        )
     folder = tmp_path_factory.mktemp("browser")
     with (folder / "driver.log").open("w") as told:
-        process = subprocess.Popen([driver, "--port=0"], stdout=subprocess.PIPE, stderr=told, text=True)
+        process = subprocess.Popen(
+            [driver, "--port=0"], stdout=subprocess.PIPE, stderr=told, text=True
+        )
         try:
             port = 0
             assert process.stdout is not None
@@ -141,22 +182,46 @@ def _write_yard(path: Path, output_digest: str = "abc") -> Path:
             t = n * FRAME_NS
             picture = encode_jpeg(np.full((60, 80, 3), 4 * n, np.uint8))
             related = (
-                [Relation(1, 2, "INTERACTION", 15, 15 * FRAME_NS, False, False, False, 0.2)] if 15 <= n < 40 else []
+                [Relation(1, 2, "INTERACTION", 15, 15 * FRAME_NS, False, False, False, 0.2)]
+                if 15 <= n < 40
+                else []
             )
-            out.write(ids["image"], channels.compressed_image(picture, "jpeg", t, "camera"), t)
-            out.write(ids["detections"], channels.encode("detections", Detections(n, 80, 60)), t)
-            out.write(ids["tracks"], channels.encode("tracks", Tracks(n, [_track(1, n), _track(2, n)])), t)
-            out.write(ids["relations"], channels.encode("relations", Relations(n, related)), t)
+            out.write(
+                ids["image"], channels.compressed_image(picture, "jpeg", t, "camera"), t
+            )
+            out.write(
+                ids["detections"], channels.encode("detections", Detections(n, 80, 60)), t
+            )
+            out.write(
+                ids["tracks"],
+                channels.encode("tracks", Tracks(n, [_track(1, n), _track(2, n)])),
+                t,
+            )
+            out.write(
+                ids["relations"], channels.encode("relations", Relations(n, related)), t
+            )
             out.write(ids["groups"], channels.encode("groups", Groups(n)), t)
             if n == 15:
                 evidence = {"case": "II", "after": "INTERACTION", "shell_gap_px": -1.5, "safety_distance": 1.25,
                             "safety_distance_at_most": 1.0}  # fmt: skip
                 event = Event(
-                    1, "interaction_started", [1, 2], n, t, "SHELLS 2.3 case II", evidence, "\x1b[31mThey meet"
+                    1,
+                    "interaction_started",
+                    [1, 2],
+                    n,
+                    t,
+                    "SHELLS 2.3 case II",
+                    evidence,
+                    "\x1b[31mThey meet",
                 )
                 out.write(ids["events"], channels.encode("events", event), t)
         out.metadata(
-            "scenetrace", {"tracker": "events", "configuration": '{"a": {"b": 1}}', "output_digest": output_digest}
+            "scenetrace",
+            {
+                "tracker": "events",
+                "configuration": '{"a": {"b": 1}}',
+                "output_digest": output_digest,
+            },
         )
     return path
 

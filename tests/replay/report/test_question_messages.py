@@ -1,4 +1,6 @@
-"""What query, explain, evidence, report and index say to words that are off, and that they never answer beside them."""
+"""What query, explain, evidence, report and index say to words that are off, and that they never
+answer beside them.
+"""
 
 from __future__ import annotations
 
@@ -20,15 +22,21 @@ def said(words: list[str], code: int, capsys: pytest.CaptureFixture[str]) -> str
     return capsys.readouterr().err
 
 
-def test_a_pattern_error_points_at_the_character(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_pattern_error_points_at_the_character(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     err = said(["query", str(log), "--pattern", "entered(a) ;     joind(a,b)"], 2, capsys)
     assert err.splitlines() == [
-        "scenetrace: error: pattern, character 18: no relation, state or event is called 'joind'; "
-        "did you mean 'joined'?",
+        (
+            "scenetrace: error: pattern, character 18: no relation, state or event is"
+            " called 'joind'; did you mean 'joined'?"
+        ),
         "  entered(a) ;     joind(a,b)",
         "                   ^",
     ]
-    err = said(["query", str(log), "--pattern", "joint(a,b)\x1b[31m\n & joind(a,b)"], 2, capsys)
+    err = said(
+        ["query", str(log), "--pattern", "joint(a,b)\x1b[31m\n & joind(a,b)"], 2, capsys
+    )
     assert "\x1b" not in err
     assert len(err.splitlines()) == 3
     assert err.splitlines()[2].index("^") == 2 + len("joint(a,b)")
@@ -59,36 +67,54 @@ def test_a_pattern_error_points_at_the_character(log: Path, capsys: pytest.Captu
         (["SELECT 1", "--pattern", "present(a)"], "--pattern and SQL"),
     ],
 )  # fmt: skip
-def test_wrong_words_are_said(log: Path, words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_words_are_said(
+    log: Path, words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert told in said(["query", str(log), *words], 2, capsys)
 
 
 def test_sql_longer_than_a_name_can_be(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "no annotated log given" in said(["query", "SELECT " + "1, " * 2000 + "1"], 2, capsys)
+    assert "no annotated log given" in said(
+        ["query", "SELECT " + "1, " * 2000 + "1"], 2, capsys
+    )
 
 
-def test_sql_of_a_pattern_needs_no_log(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_sql_of_a_pattern_needs_no_log(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["query", "--pattern", "interaction(a,b)", "--show-sql"]) == 0
     sql = capsys.readouterr().out
     assert main(["query", str(log), sql, "--json"]) == 0
-    assert [r["explain"] for r in json.loads(capsys.readouterr().out)] == ["relation:1-2@15"]
+    assert [r["explain"] for r in json.loads(capsys.readouterr().out)] == [
+        "relation:1-2@15"
+    ]
 
 
-def test_a_target_as_the_column_explain_writes_it(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_target_as_the_column_explain_writes_it(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["query", str(log), "--ask", "met", "track:1", "--json"]) == 0
     assert [r["other"] for r in json.loads(capsys.readouterr().out)] == [2]
     assert main(["query", str(log), "--ask", "left-with", "track:1"]) == 0
     assert "target 1 was not seen to leave" in capsys.readouterr().err
 
 
-def test_the_last_moment_as_it_is_shown_is_in_the_recording(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["query", str(log), "--ask", "who-was-in", "scene", "--at", "4.9", "--json"]) == 0
+def test_the_last_moment_as_it_is_shown_is_in_the_recording(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        main(["query", str(log), "--ask", "who-was-in", "scene", "--at", "4.9", "--json"])
+        == 0
+    )
     assert [r["track"] for r in json.loads(capsys.readouterr().out)] == [1, 2]
 
 
-def test_lists_and_bytes_in_csv_are_json(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_lists_and_bytes_in_csv_are_json(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     query = (
-        "SELECT ['a, b', NULL] AS l, {'x': [true], 'y': 'z'} AS s, 'ab'::BLOB AS b, [['q']] AS deep, MAP {'k': 1} AS m"
+        "SELECT ['a, b', NULL] AS l, {'x': [true], 'y': 'z'} AS s, 'ab'::BLOB AS b, [['q']]"
+        " AS deep, MAP {'k': 1} AS m"
     )
     assert main(["query", str(log), query, "--format", "csv"]) == 0
     (row,) = csv.DictReader(io.StringIO(capsys.readouterr().out))
@@ -112,12 +138,16 @@ def test_an_index_has_no_pictures_and_says_whose_it_is(
         ["evidence", str(index), "--events", "1", "-o", str(tmp_path / "why")],
         ["report", str(index), "-o", str(tmp_path / "r.html")],
     ):
-        assert f"an index has no pictures; give the annotated log itself: {log}" in said(words, 2, capsys)
+        assert f"an index has no pictures; give the annotated log itself: {log}" in said(
+            words, 2, capsys
+        )
     assert main(["explain", str(index), "1"]) == 0
     assert sorted(p.name for p in tmp_path.iterdir()) == ["case.duckdb"]
 
 
-def test_explain_of_what_is_not_there(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_explain_of_what_is_not_there(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert "--camera gate: there is none of that name; there are: camera" in said(
         ["explain", str(log), "1", "--camera", "gate"], 2, capsys
     )
@@ -126,15 +156,26 @@ def test_explain_of_what_is_not_there(log: Path, capsys: pytest.CaptureFixture[s
     )
 
 
-def test_what_an_index_leaves_out_is_named_once(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_an_index_leaves_out_is_named_once(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bad = tmp_path / "bad.mcap"
     bad.write_bytes(b"")
-    assert main(["index", str(bad), str(log), "-o", str(tmp_path / "i.duckdb"), "--keep-going"]) == 3
+    assert (
+        main(
+            ["index", str(bad), str(log), "-o", str(tmp_path / "i.duckdb"), "--keep-going"]
+        )
+        == 3
+    )
     assert capsys.readouterr().err.count(str(bad)) == 1
 
 
-def test_a_manifests_folder_is_told_what_to_give(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert str(tmp_path / "manifest.json") in said(["verify", "--manifest", str(tmp_path)], 1, capsys)
+def test_a_manifests_folder_is_told_what_to_give(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert str(tmp_path / "manifest.json") in said(
+        ["verify", "--manifest", str(tmp_path)], 1, capsys
+    )
 
 
 def test_thresholds_are_those_that_the_index_was_made_with(
@@ -142,9 +183,17 @@ def test_thresholds_are_those_that_the_index_was_made_with(
 ) -> None:
     index = tmp_path / "case.duckdb"
     own = ["--set", "encounters.near_sizes=3", "--set", "encounters.least_s=0.5"]
-    own += ["--set", "encounters.pace_sizes_per_s=5", "--set", "encounters.drift_sizes_per_s=5"]
+    own += [
+        "--set",
+        "encounters.pace_sizes_per_s=5",
+        "--set",
+        "encounters.drift_sizes_per_s=5",
+    ]
     assert main(["index", str(log), "-o", str(index), *own]) == 0
-    assert main(["query", str(index), "SELECT a, b, start_frame FROM encounters", "--json"]) == 0
+    assert (
+        main(["query", str(index), "SELECT a, b, start_frame FROM encounters", "--json"])
+        == 0
+    )
     (row,) = json.loads(capsys.readouterr().out)
     reference = f"encounter:{row['a']}-{row['b']}@{row['start_frame']}"
     assert main(["explain", str(index), reference]) == 0
@@ -155,7 +204,10 @@ def test_thresholds_are_those_that_the_index_was_made_with(
     assert capsys.readouterr().out == told
 
     # Another threshold than the index's own cannot be had from it, and is not passed over.
-    for command in (["query", str(index), "FROM encounters"], ["explain", str(index), reference]):
+    for command in (
+        ["query", str(index), "FROM encounters"],
+        ["explain", str(index), reference],
+    ):
         assert "the encounters of 'yard' in the index were found with 3" in said(
             [*command, "--set", "encounters.near_sizes=1"], 2, capsys
         )
@@ -165,22 +217,53 @@ def test_thresholds_are_those_that_the_index_was_made_with(
     )
     config = tmp_path / "s.toml"
     config.write_text("[encounters]\nnear_sizes = 1.0\n")
-    assert "were found with 3" in said(["query", str(index), "FROM events", "--config", str(config)], 2, capsys)
+    assert "were found with 3" in said(
+        ["query", str(index), "FROM events", "--config", str(config)], 2, capsys
+    )
 
 
-def test_evidence_with_its_own_thresholds(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    own = ["--set", "encounters.pace_sizes_per_s=5", "--set", "encounters.drift_sizes_per_s=5"]
+def test_evidence_with_its_own_thresholds(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = [
+        "--set",
+        "encounters.pace_sizes_per_s=5",
+        "--set",
+        "encounters.drift_sizes_per_s=5",
+    ]
     own += ["--set", "encounters.least_s=0.5", "--set", "encounters.near_sizes=3"]
-    words = ["evidence", str(log), "--events", "encounter:1-2@20", "-o", str(tmp_path / "e")]
+    words = [
+        "evidence",
+        str(log),
+        "--events",
+        "encounter:1-2@20",
+        "-o",
+        str(tmp_path / "e"),
+    ]
     assert "there is none" in said(words, 2, capsys)
     assert main([*words, *own]) == 0
     facts = json.loads((tmp_path / "e" / "facts.json").read_text())
     assert {m["threshold"] for m in facts["explanations"][0]["measures"]} >= {3.0, 5.0}
 
 
-def test_two_frames_of_one_interval_are_one_piece_of_evidence(log: Path, tmp_path: Path) -> None:
+def test_two_frames_of_one_interval_are_one_piece_of_evidence(
+    log: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "e"
-    assert main(["evidence", str(log), "--events", "relation:1-2@20", "relation:2-1@30", "-o", str(out)]) == 0
+    assert (
+        main(
+            [
+                "evidence",
+                str(log),
+                "--events",
+                "relation:1-2@20",
+                "relation:2-1@30",
+                "-o",
+                str(out),
+            ]
+        )
+        == 0
+    )
     assert [p.name for p in sorted(out.iterdir()) if p.is_dir()] == ["relation_1-2_at_15"]
     assert (out / "index.html").read_text().count("<h2>relation:1-2@15") == 1
 
@@ -207,7 +290,9 @@ def test_strangers_files_are_never_touched(
     assert (out / "diary.txt").read_text() == "mine"
     assert list(tmp_path.glob("*.part")) == []
     capsys.readouterr()
-    if command == "evidence":  # what the older manifest listed has gone, and the stranger is named
+    if (
+        command == "evidence"
+    ):  # what the older manifest listed has gone, and the stranger is named
         assert not (out / "event_1").exists()
         assert main(["verify", "--manifest", str(out / "manifest.json")]) == 4
         assert "added: diary.txt" in capsys.readouterr().out
@@ -228,7 +313,9 @@ def test_a_file_added_to_sealed_evidence_is_named(
     assert "added: event_1/frame.png" in capsys.readouterr().out
 
 
-def test_a_manifest_removes_nothing_outside_of_its_folder(log: Path, tmp_path: Path) -> None:
+def test_a_manifest_removes_nothing_outside_of_its_folder(
+    log: Path, tmp_path: Path
+) -> None:
     out, precious = tmp_path / "e", tmp_path / "precious.txt"
     assert main(["evidence", str(log), "--events", "1", "-o", str(out)]) == 0
     precious.write_text("mine")
@@ -239,7 +326,9 @@ def test_a_manifest_removes_nothing_outside_of_its_folder(log: Path, tmp_path: P
     assert precious.read_text() == "mine"
 
 
-@pytest.mark.parametrize("table", ["events", "tracks", "recordings", "encounter_parameters"])
+@pytest.mark.parametrize(
+    "table", ["events", "tracks", "recordings", "encounter_parameters"]
+)
 @pytest.mark.parametrize("damage", ["cut", "nonsense", "gone"])
 def test_a_damaged_part_of_parquet_is_one_line(
     table: str, damage: str, log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -251,7 +340,9 @@ def test_a_damaged_part_of_parquet_is_one_line(
     if damage == "gone" and table != "recordings":
         file.unlink()
     else:
-        file.write_bytes(data[: len(data) // 2] if damage == "cut" else b"PAR1 nothing of the sort PAR1")
+        file.write_bytes(
+            data[: len(data) // 2] if damage == "cut" else b"PAR1 nothing of the sort PAR1"
+        )
     capsys.readouterr()
     err = said(["query", str(folder), "SELECT count(*) FROM events"], 1, capsys)
     assert len(err.splitlines()) == 1

@@ -1,4 +1,6 @@
-"""The report in a real browser: a quiet console, a filter that filters, a slider that moves, clicks that show."""
+"""The report in a real browser: a quiet console, a filter that filters, a slider that moves,
+clicks that show.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,16 @@ import pytest
 from recorders import channels
 from recorders.errors import OutputExistsError
 from recorders.log import LogWriter
-from recorders.messages import Detections, Event, Group, Groups, Relation, Relations, Track, Tracks
+from recorders.messages import (
+    Detections,
+    Event,
+    Group,
+    Groups,
+    Relation,
+    Relations,
+    Track,
+    Tracks,
+)
 from recorders.pictures import encode_jpeg
 from replay.cli import main
 from replay.report import write_report
@@ -34,7 +45,11 @@ def _track(i: int, n: int) -> Track:
 
 def _messages(n: int) -> list[tuple[str, object]]:
     state = "JOINT" if 20 <= n < 30 else "INTERACTION"
-    related = [Relation(1, 2, state, 10, 10 * FRAME_NS, False, state == "JOINT", False, 0.4)] if 10 <= n < 40 else []
+    related = (
+        [Relation(1, 2, state, 10, 10 * FRAME_NS, False, state == "JOINT", False, 0.4)]
+        if 10 <= n < 40
+        else []
+    )
     groups = [Group(1, [1, 2], True, 20, 20 * FRAME_NS)] if 20 <= n < 30 else []
     out: list[tuple[str, object]] = [
         ("detections", Detections(n, 240, 160)),
@@ -49,7 +64,12 @@ def _messages(n: int) -> list[tuple[str, object]]:
     }
     if n in happened:
         kind, subjects, text = happened[n]
-        out.append(("events", Event(n + 1, kind, subjects, n, n * FRAME_NS, "SHELLS 2.3", {}, text)))
+        out.append(
+            (
+                "events",
+                Event(n + 1, kind, subjects, n, n * FRAME_NS, "SHELLS 2.3", {}, text),
+            )
+        )
     return out
 
 
@@ -59,13 +79,20 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with LogWriter(path, picture_topics=["/camera/image"]) as log:
         names = ("image", "detections", "tracks", "relations", "groups", "events")
         ids = {
-            n: log.channel(channels.topic("camera", n), channels.schema(n), channels.message_encoding(n)) for n in names
+            n: log.channel(
+                channels.topic("camera", n),
+                channels.schema(n),
+                channels.message_encoding(n),
+            )
+            for n in names
         }
         for n in range(FRAMES):
             picture = np.full((160, 240, 3), 40 + 3 * n, np.uint8)
             log.write(
                 ids["image"],
-                channels.compressed_image(encode_jpeg(picture), "jpeg", n * FRAME_NS, "camera"),
+                channels.compressed_image(
+                    encode_jpeg(picture), "jpeg", n * FRAME_NS, "camera"
+                ),
                 n * FRAME_NS,
             )
             for name, message in _messages(n):
@@ -88,7 +115,9 @@ def test_one_file_that_asks_for_nothing_else(report: Path) -> None:
     page = re.sub(r"<script>.*?</script>", "", html, flags=re.DOTALL)
     assert not re.search(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//""", page)
     assert "default-src 'none'" in page
-    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
+    data = re.search(
+        r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL
+    )
     assert data is not None
     assert "<" not in data[1]
     assert json.loads(data[1])["events"][0][5] == NASTY
@@ -104,7 +133,10 @@ def test_command(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert main(["report", str(scene), "-o", str(out), "--thumbnails", "4"]) == 0
     assert out.stat().st_size > 1_000_000
     assert "2 targets" in capsys.readouterr().err
-    assert main(["report", str(scene), "-o", str(tmp_path / "q.html"), "--thumbnails", "1"]) == 2
+    assert (
+        main(["report", str(scene), "-o", str(tmp_path / "q.html"), "--thumbnails", "1"])
+        == 2
+    )
 
 
 def test_same_log_same_page(report: Path, scene: Path, tmp_path: Path) -> None:
@@ -113,31 +145,57 @@ def test_same_log_same_page(report: Path, scene: Path, tmp_path: Path) -> None:
 
 
 def embedded(page: Path) -> dict:
-    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page.read_text("utf-8"), re.DOTALL)
+    data = re.search(
+        r'<script type="application/json" id="data">(.*?)</script>',
+        page.read_text("utf-8"),
+        re.DOTALL,
+    )
     assert data is not None
     return json.loads(data[1])
 
 
-def test_a_page_is_bounded_and_says_what_it_leaves_out(browser, scene: Path, tmp_path: Path) -> None:
+def test_a_page_is_bounded_and_says_what_it_leaves_out(
+    browser, scene: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "short.html"
-    options = ReportOptions(thumbnails=4, steps=5, tracks=1, all_points=6, events=2, intervals=1)
+    options = ReportOptions(
+        thumbnails=4, steps=5, tracks=1, all_points=6, events=2, intervals=1
+    )
     write_report(scene, out, options=options)
     data = embedded(out)
     assert len(data["thumbnails"]) <= 6
     assert len(data["steps"]) == len(data["times"]) == 5
     assert [len(t["path"]) <= 7 for t in data["tracks"]] == [True]
     assert data["tracks"][0]["path"][-1][2] == FRAMES - 1
-    assert data["relations"] == [[1, 2, "INTERACTION", 10, 19, 0.4, 0.76]]  # the longest, of ties the first
-    assert data["in_all"] == {"relations": 3, "groups": 1, "encounters": data["in_all"]["encounters"], "presence": 2}
+    assert data["relations"] == [
+        [1, 2, "INTERACTION", 10, 19, 0.4, 0.76]
+    ]  # the longest, of ties the first
+    assert data["in_all"] == {
+        "relations": 3,
+        "groups": 1,
+        "encounters": data["in_all"]["encounters"],
+        "presence": 2,
+    }
     assert len(data["events"]) == 2
     browser.size(1280, 1200)
     browser.open(out)
-    assert "1 more are in the log" in browser.run("return document.getElementById('count').textContent")
-    assert "1 longest of 2 rows of presence" in browser.run("return document.getElementById('cut').textContent")
+    assert "1 more are in the log" in browser.run(
+        "return document.getElementById('count').textContent"
+    )
+    assert "1 longest of 2 rows of presence" in browser.run(
+        "return document.getElementById('cut').textContent"
+    )
     browser.run("document.querySelector('[data-view=relations]').click()")
-    assert "1 longest of 3 rows of relations" in browser.run("return document.getElementById('cut').textContent")
-    browser.run("const s = document.getElementById('search'); s.value = 'zebra'; s.dispatchEvent(new Event('input'))")
-    assert "No event fits" in browser.run("return document.querySelector('#events tbody').textContent")
+    assert "1 longest of 3 rows of relations" in browser.run(
+        "return document.getElementById('cut').textContent"
+    )
+    browser.run(
+        "const s = document.getElementById('search'); s.value = 'zebra';"
+        " s.dispatchEvent(new Event('input'))"
+    )
+    assert "No event fits" in browser.run(
+        "return document.querySelector('#events tbody').textContent"
+    )
     assert browser.console() == []
 
 
@@ -146,57 +204,91 @@ def test_hours_are_told_as_hours(browser, tmp_path: Path) -> None:
     with LogWriter(path) as log:
         names = ("detections", "tracks", "relations", "groups", "events")
         ids = {
-            n: log.channel(channels.topic("camera", n), channels.schema(n), channels.message_encoding(n)) for n in names
+            n: log.channel(
+                channels.topic("camera", n),
+                channels.schema(n),
+                channels.message_encoding(n),
+            )
+            for n in names
         }
         start = 1_700_000_000_000_000_000
         for n in range(FRAMES):  # a frame in two minutes
             for name, message in _messages(n):
-                log.write(ids[name], channels.encode(name, message), start + n * 120_000_000_000)
+                log.write(
+                    ids[name], channels.encode(name, message), start + n * 120_000_000_000
+                )
     out = tmp_path / "long.html"
     assert write_report(path, out)["length"] == "1 h 58 min"
     assert ["Began", "2023-11-14 22:13:20 UTC"] in embedded(out)["facts"]
     browser.size(400, 1200)
     browser.open(out)
     browser.wait("return document.querySelectorAll('#timeline .bars path').length > 0")
-    assert browser.run("return document.querySelector('#timeline .xtick text').textContent") == "0:00:00"
-    browser.run("const s = document.getElementById('slider'); s.value = 45; s.dispatchEvent(new Event('input'))")
-    assert browser.run("return document.getElementById('moment').textContent") == "1:30:00, frame 45"
+    assert (
+        browser.run("return document.querySelector('#timeline .xtick text').textContent")
+        == "0:00:00"
+    )
+    browser.run(
+        "const s = document.getElementById('slider'); s.value = 45; s.dispatchEvent(new"
+        " Event('input'))"
+    )
+    assert (
+        browser.run("return document.getElementById('moment').textContent")
+        == "1:30:00, frame 45"
+    )
     assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
     assert browser.console() == []
 
 
 @pytest.mark.parametrize(("width", "dark"), [(1280, False), (400, True)])
-def test_in_a_browser(browser, report: Path, tmp_path: Path, width: int, dark: bool) -> None:
+def test_in_a_browser(
+    browser, report: Path, tmp_path: Path, width: int, dark: bool
+) -> None:
     browser.size(width, 1600, dark=dark)
     browser.open(report)
     browser.wait("return document.querySelectorAll('#timeline .bars path').length > 0")
-    assert browser.run("return document.documentElement.dataset.theme") == ("dark" if dark else "light")
+    assert browser.run("return document.documentElement.dataset.theme") == (
+        "dark" if dark else "light"
+    )
     assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
     assert browser.run("return window.stolen") is None
 
     rows = "return document.querySelectorAll('#events tbody tr').length"
     assert browser.run(rows) == 3
-    browser.run("const s = document.getElementById('search'); s.value = 'meet'; s.dispatchEvent(new Event('input'))")
+    browser.run(
+        "const s = document.getElementById('search'); s.value = 'meet'; s.dispatchEvent(new"
+        " Event('input'))"
+    )
     assert browser.run(rows) == 1
-    browser.run("const s = document.getElementById('search'); s.value = ''; s.dispatchEvent(new Event('input'))")
-    browser.run("const k = document.getElementById('kind'); k.value = 'joined'; k.dispatchEvent(new Event('change'))")
+    browser.run(
+        "const s = document.getElementById('search'); s.value = ''; s.dispatchEvent(new"
+        " Event('input'))"
+    )
+    browser.run(
+        "const k = document.getElementById('kind'); k.value = 'joined'; k.dispatchEvent(new"
+        " Event('change'))"
+    )
     assert browser.run(rows) == 1
     browser.run("document.querySelector('#events tbody tr').click()")
     assert browser.run("return document.getElementById('viewer').dataset.frame") == "20"
     assert browser.run("return document.getElementById('thumbnail').naturalWidth") > 100
 
-    browser.run("const s = document.getElementById('slider'); s.value = 12; s.dispatchEvent(new Event('input'))")
+    browser.run(
+        "const s = document.getElementById('slider'); s.value = 12; s.dispatchEvent(new"
+        " Event('input'))"
+    )
     assert browser.run("return document.getElementById('graph').dataset.frame") == "12"
     assert "0.48 s" in browser.run("return document.getElementById('moment').textContent")
 
     browser.run("document.getElementById('next').click()")
     assert browser.run("return document.getElementById('viewer').dataset.frame") == "21"
     browser.run("document.querySelector('[data-view=relations]').click()")
-    browser.wait("return document.querySelector('#timeline .legend')?.textContent.includes('JOINT')")
+    browser.wait(
+        "return document.querySelector('#timeline .legend')?.textContent.includes('JOINT')"
+    )
     browser.run("document.getElementById('timeline').scrollIntoView()")
     x, y = browser.run(
-        "const r = document.querySelector('#timeline .trace:nth-child(2) .point path').getBoundingClientRect();"
-        "return [r.x + r.width / 2, r.y + r.height / 2]"
+        "const r = document.querySelector('#timeline .trace:nth-child(2) .point"
+        " path').getBoundingClientRect();return [r.x + r.width / 2, r.y + r.height / 2]"
     )
     browser.click_at(x, y)
     browser.wait("return document.getElementById('viewer').dataset.frame === '20'")
@@ -205,16 +297,24 @@ def test_in_a_browser(browser, report: Path, tmp_path: Path, width: int, dark: b
     browser.picture(picture)
     assert picture.stat().st_size > 10_000
     browser.run("document.getElementById('theme').click()")
-    assert browser.run("return document.documentElement.dataset.theme") == ("light" if dark else "dark")
+    assert browser.run("return document.documentElement.dataset.theme") == (
+        "light" if dark else "dark"
+    )
     assert browser.console() == []
 
 
-def test_a_span_is_told_by_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_span_is_told_by_itself(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "span.mcap"
     with LogWriter(path) as log:
         for n in range(40, FRAMES):
             for name, message in _messages(n):
-                channel = log.channel(f"/camera/{name}", channels.schema(name), channels.message_encoding(name))
+                channel = log.channel(
+                    f"/camera/{name}",
+                    channels.schema(name),
+                    channels.message_encoding(name),
+                )
                 log.write(channel, channels.encode(name, message), n * FRAME_NS)
     out = tmp_path / "span.html"
     assert main(["report", str(path), "-o", str(out)]) == 0

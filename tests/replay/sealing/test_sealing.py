@@ -51,7 +51,9 @@ def sealed(case: Path, **more: Any) -> Path:
 
 def test_an_untouched_case_is_intact(case: Path) -> None:
     manifest = read_manifest(sealed(case, note="hall, camera 2"))
-    assert [(e.name, e.role) for e in manifest.files] == list(zip(FILES, ["annotated", "file", "scene"], strict=True))
+    assert [(e.name, e.role) for e in manifest.files] == list(
+        zip(FILES, ["annotated", "file", "scene"], strict=True)
+    )
     assert manifest.files[0].facts["tracker"] == "events"
     assert len(manifest.files[0].facts["output_digest"]) == 64
     verdict = check_manifest(case / "case.json")
@@ -74,7 +76,9 @@ def test_one_bit_in_any_file_is_named(case: Path, name: str) -> None:
     (case / name).write_bytes(data)
     verdict = check_manifest(case / "case.json")
     assert not verdict.intact
-    assert [(f.name, f.state) for f in verdict.files if f.state != "unaltered"] == [(name, "altered")]
+    assert [(f.name, f.state) for f in verdict.files if f.state != "unaltered"] == [
+        (name, "altered")
+    ]
     assert "SHA-256 was" in verdict.lines()[0]
 
 
@@ -84,15 +88,38 @@ def test_what_is_missing_or_not_a_file_is_named(case: Path) -> None:
     (case / "annotated.mcap").unlink()
     os.mkfifo(case / "annotated.mcap")
     states = {f.name: f.state for f in check_manifest(case / "case.json").files}
-    assert states == {"scene.mcap": "missing", "annotated.mcap": "unreadable", "answers/who.csv": "unaltered"}
+    assert states == {
+        "scene.mcap": "missing",
+        "annotated.mcap": "unreadable",
+        "answers/who.csv": "unaltered",
+    }
 
 
 def test_a_source_is_known_by_the_digest_in_its_scene_log(tmp_path: Path) -> None:
     source = tmp_path / "det.txt"
-    source.write_text("".join(f"{k},-1,{10 + k},20,10,20,1,-1,-1,-1\n" for k in range(1, 8)))
-    assert main(["record", str(source), "-o", str(tmp_path / "scene.mcap"), "--size", "64x48", "--fps", "5"]) == 0
+    source.write_text(
+        "".join(f"{k},-1,{10 + k},20,10,20,1,-1,-1,-1\n" for k in range(1, 8))
+    )
+    assert (
+        main(
+            [
+                "record",
+                str(source),
+                "-o",
+                str(tmp_path / "scene.mcap"),
+                "--size",
+                "64x48",
+                "--fps",
+                "5",
+            ]
+        )
+        == 0
+    )
     manifest = seal([source, tmp_path / "scene.mcap"], tmp_path / "case.json")
-    assert [(e.name, e.role) for e in manifest.files] == [("det.txt", "source"), ("scene.mcap", "scene")]
+    assert [(e.name, e.role) for e in manifest.files] == [
+        ("det.txt", "source"),
+        ("scene.mcap", "scene"),
+    ]
 
 
 def test_signed(case: Path) -> None:
@@ -116,13 +143,17 @@ def test_signed(case: Path) -> None:
     assert (verdict.signature, verdict.intact) == ("invalid", False)
     del forged["signature"]
     out.write_text(json.dumps(forged))
-    assert not check_manifest(out, key=public).intact, "a signature that was taken away must be missed"
+    assert not check_manifest(out, key=public).intact, (
+        "a signature that was taken away must be missed"
+    )
 
 
 def test_keys_are_never_overwritten_and_must_be_keys(case: Path) -> None:
     pytest.importorskip("cryptography")
     new_key(case / "lab.key")
-    with pytest.raises(RecordingError, match="a key is never overwritten; give another name") as e:
+    with pytest.raises(
+        RecordingError, match="a key is never overwritten; give another name"
+    ) as e:
         new_key(case / "lab.key")
     assert "--force" not in str(e.value), "there is no such way"
     manifest = seal([case / "answers"], case / "case.json")
@@ -134,7 +165,9 @@ def test_keys_are_never_overwritten_and_must_be_keys(case: Path) -> None:
         check_manifest(case / "case.json", key=case / "lab.key")
 
 
-def test_without_the_library_it_says_what_to_install(case: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_library_it_says_what_to_install(
+    case: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("cryptography")
     out = sealed(case)
     public = new_key(case / "lab.key")
@@ -186,7 +219,10 @@ def test_the_commands(case: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert said.out.count("\n") == 3
     assert "private key" not in said.err.splitlines()[-1]
     assert main(["seal", str(case), "-o", str(case / "all.json")]) == 0
-    assert "lab.key: is a private key: whoever gets the case can sign in its owner's name" in capsys.readouterr().err
+    assert (
+        "lab.key: is a private key: whoever gets the case can sign in its owner's name"
+        in capsys.readouterr().err
+    )
     assert main(["verify", "--manifest", out, "--public-key", key + ".pub"]) == 0
     assert "3 of 3 files are as they were sealed" in capsys.readouterr().out
     assert main(["verify", str(case / "annotated.mcap"), "--manifest", out]) == 0
@@ -240,7 +276,9 @@ def test_of_a_folder_that_has_grown_without_end_some_files_are_named(
 
 def checked(manifest: Path) -> dict[str, str]:
     """What `verify --manifest` finds that is not as it was sealed, by name."""
-    return {f.name: f.state for f in check_manifest(manifest).files if f.state != "unaltered"}
+    return {
+        f.name: f.state for f in check_manifest(manifest).files if f.state != "unaltered"
+    }
 
 
 def test_a_link_to_a_file_is_sealed_under_its_own_name(tmp_path: Path) -> None:
@@ -264,12 +302,19 @@ def test_a_link_to_a_file_is_sealed_under_its_own_name(tmp_path: Path) -> None:
     (tmp_path / "way").symlink_to(case)
     (case / "raw" / "video.avi").unlink()
     again = seal([tmp_path / "way"], case / "n.json")
-    assert ([e.name for e in again.files], again.folders) == (["answer.csv", "same.csv"], ["."])
+    assert ([e.name for e in again.files], again.folders) == (
+        ["answer.csv", "same.csv"],
+        ["."],
+    )
 
 
 @pytest.mark.parametrize(
     ("kind", "said"),
-    [("folder", "a link to a folder"), ("nothing", "a link to nothing"), ("pipe", "not a regular file")],
+    [
+        ("folder", "a link to a folder"),
+        ("nothing", "a link to nothing"),
+        ("pipe", "not a regular file"),
+    ],
 )
 def test_what_cannot_be_sealed_is_not_left_out_unsaid(
     tmp_path: Path, kind: str, said: str, capsys: pytest.CaptureFixture[str]
@@ -293,7 +338,9 @@ def test_what_cannot_be_sealed_is_not_left_out_unsaid(
     assert not (case / "n.json").exists()
 
 
-def test_a_folder_can_be_sealed_again_and_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_can_be_sealed_again_and_twice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "a.txt").write_text("a")
     first, second = tmp_path / "m.json", tmp_path / "m2.json"
     assert main(["seal", str(tmp_path), "-o", str(first)]) == 0
@@ -307,7 +354,10 @@ def test_a_folder_can_be_sealed_again_and_twice(tmp_path: Path, capsys: pytest.C
     assert check_manifest(first).intact
     assert check_manifest(second).intact
     assert main(["seal", str(tmp_path), str(first), "-o", str(second), "--force"]) == 0
-    assert [e.name for e in read_manifest(second).files] == ["a.txt", "m.json"], "named, it is sealed"
+    assert [e.name for e in read_manifest(second).files] == [
+        "a.txt",
+        "m.json",
+    ], "named, it is sealed"
     assert check_manifest(first).intact
     first.write_bytes(first.read_bytes().replace(b"{", b"{ ", 1))
     assert checked(second) == {"m.json": "altered"}

@@ -42,17 +42,27 @@ def _track(frames: Iterator[Frame], info: SceneInfo) -> tuple[list[Targets], lis
 
 
 def _scores(out: list[Targets], truth: Path, scale: float) -> Scores:
-    rows = [(o.frame, t.id, *t.box, t.confidence) for o in out for t in o.targets if t.present]
+    rows = [
+        (o.frame, t.id, *t.box, t.confidence) for o in out for t in o.targets if t.present
+    ]
     given = read_mot(truth)
-    return evaluate(given.select(given.confidences > 0).scaled(scale, scale), MotTable.from_rows(rows))
+    return evaluate(
+        given.select(given.confidences > 0).scaled(scale, scale), MotTable.from_rows(rows)
+    )
 
 
-def _detected(path: Path, fps: float, size: tuple[int, int], frames: int) -> Iterator[Frame]:
+def _detected(
+    path: Path, fps: float, size: tuple[int, int], frames: int
+) -> Iterator[Frame]:
     table = read_mot_detections(path)
     for k in range(frames):
         rows = table[table[:, 0] == k + 1]
         boxes = [(x, y, w, h) for x, y, w, h in rows[:, 2:6].tolist()]
-        yield Frame(k, round(k * 1e9 / fps), Detections(k, *size, boxes, rows[:, 6].tolist(), ["person"] * len(rows)))
+        yield Frame(
+            k,
+            round(k * 1e9 / fps),
+            Detections(k, *size, boxes, rows[:, 6].tolist(), ["person"] * len(rows)),
+        )
 
 
 def read_mot_detections(path: Path) -> np.ndarray:
@@ -69,7 +79,14 @@ def _segmented(path: Path, fps: float) -> tuple[Iterator[Frame], SceneInfo]:
     def frames() -> Iterator[Frame]:
         for k, picture in enumerate(pictures):
             found = segmenter.segment(k, picture)
-            yield Frame(k, round(k * 1e9 / fps), found.detections, None, lambda p=picture: p, lambda m=found.mask: m)
+            yield Frame(
+                k,
+                round(k * 1e9 / fps),
+                found.detections,
+                None,
+                lambda p=picture: p,
+                lambda m=found.mask: m,
+            )
 
     return frames(), SceneInfo(width, height, round(1e9 / fps), True, True)
 
@@ -114,14 +131,26 @@ def test_pets_from_pixels(real_data: Path) -> None:
 
 @pytest.mark.slow
 def test_the_papers_indoor_sequence(real_data: Path) -> None:
-    """OneLeaveShopReenter1cor: two targets, each one id, followed by appearance while they are one blob (Figure 5)."""
-    frames, info = _segmented(real_data / "caviar-corridor" / "OneLeaveShopReenter1cor.mpg", 25)
+    """OneLeaveShopReenter1cor: two targets, each one id, followed by appearance while they are
+    one blob (Figure 5).
+    """
+    frames, info = _segmented(
+        real_data / "caviar-corridor" / "OneLeaveShopReenter1cor.mpg", 25
+    )
     _, final = _track(frames, info)
-    seen = {t.id: [o.frame for o in final for u in o.targets if u.id == t.id] for o in final for t in o.targets}
+    seen = {
+        t.id: [o.frame for o in final for u in o.targets if u.id == t.id]
+        for o in final
+        for t in o.targets
+    }
     assert len(seen) == 2
     man, woman = sorted(seen, key=lambda k: seen[k][0])
     assert seen[man] == list(range(seen[man][0], seen[man][-1] + 1))
     assert seen[woman] == list(range(seen[woman][0], 390))
-    grouped = [o for o in final if any(g.observed and g.members == [man, woman] for g in o.group_tracks or [])]
+    grouped = [
+        o
+        for o in final
+        if any(g.observed and g.members == [man, woman] for g in o.group_tracks or [])
+    ]
     assert 10 <= len(grouped) <= 30
     assert all({t.mode for t in o.targets} == {"appearance"} for o in grouped)

@@ -1,4 +1,6 @@
-"""The EVENTS tracker on made-up frames: lives, merged blobs, colours, groups, regions, checkpoints."""
+"""The EVENTS tracker on made-up frames: lives, merged blobs, colours, groups, regions,
+checkpoints.
+"""
 
 from __future__ import annotations
 
@@ -32,10 +34,20 @@ def _config(*words: str) -> Config:
     return configure(events.SECTIONS, None, words)
 
 
-def _box_frame(index: int, boxes: Sequence[Box], scores: Sequence[float] = (), regions: Regions | None = None) -> Frame:
+def _box_frame(
+    index: int,
+    boxes: Sequence[Box],
+    scores: Sequence[float] = (),
+    regions: Regions | None = None,
+) -> Frame:
     n = len(boxes)
     given = list(scores) or [0.9] * n
-    return Frame(index, index * FRAME_NS, Detections(index, WIDTH, HEIGHT, list(boxes), given, ["o"] * n), regions)
+    return Frame(
+        index,
+        index * FRAME_NS,
+        Detections(index, WIDTH, HEIGHT, list(boxes), given, ["o"] * n),
+        regions,
+    )
 
 
 def _body(x: float, y: float) -> Box:
@@ -97,15 +109,21 @@ def test_a_target_is_confirmed_after_enough_sightings_and_keeps_them_all() -> No
 
 
 def test_pixels_that_two_claim_are_whose_colours_they_have() -> None:
-    """Two in the space of one, each seen by half: what is disputed is no longer so where their colours differ much."""
+    """Two in the space of one, each seen by half: what is disputed is no longer so where their
+    colours differ much.
+    """
     pixels = np.zeros((80, 80), np.uint8)
     pixels[20:60, 30:50] = 1
-    left = np.where(np.arange(80) < 40, 1.0, -1.0).astype(np.float32)[None].repeat(80, axis=0)
+    left = (
+        np.where(np.arange(80) < 40, 1.0, -1.0).astype(np.float32)[None].repeat(80, axis=0)
+    )
     boxes = np.array([[30.0, 20.0, *BODY]] * 2)
     p = EventsParameters()
 
     def least_own(likeness: list[NDArray[np.float32] | None]) -> float:
-        found = search(Cut(pixels, 0, 0), boxes, np.ones(2), [np.zeros((0, 2))] * 2, likeness, p)
+        found = search(
+            Cut(pixels, 0, 0), boxes, np.ones(2), [np.zeros((0, 2))] * 2, likeness, p
+        )
         return float(found[1].min())
 
     unknown = least_own([None, None])
@@ -116,7 +134,10 @@ def test_pixels_that_two_claim_are_whose_colours_they_have() -> None:
 
 def test_who_leaves_the_picture_is_said_to_have_left() -> None:
     tracker = _boxes_only()
-    out = [tracker.step(_box_frame(k, [_body(250 + 8.0 * k, 80)] if k < 8 else [])) for k in range(20)]
+    out = [
+        tracker.step(_box_frame(k, [_body(250 + 8.0 * k, 80)] if k < 8 else []))
+        for k in range(20)
+    ]
     [(_, notice)] = _told(out, "track_removed")
     assert notice.evidence["left_scene"] is True
     lost = _boxes_only()
@@ -127,13 +148,18 @@ def test_who_leaves_the_picture_is_said_to_have_left() -> None:
 
 def test_a_flash_is_no_target() -> None:
     tracker = _boxes_only()
-    out = [tracker.step(_box_frame(k, [_body(100, 80)] if k < 2 else [])) for k in range(20)]
+    out = [
+        tracker.step(_box_frame(k, [_body(100, 80)] if k < 2 else [])) for k in range(20)
+    ]
     assert not any(t.targets or t.notices for t in out)
 
 
 def test_unseen_its_confidence_falls_until_it_is_lost_and_removed() -> None:
     tracker = _boxes_only("events.keep_s=2")
-    out = [tracker.step(_box_frame(k, [_body(100 + k, 80)] if k < 20 else [])) for k in range(60)]
+    out = [
+        tracker.step(_box_frame(k, [_body(100 + k, 80)] if k < 20 else []))
+        for k in range(60)
+    ]
     falling = [t.targets[0].confidence for t in out[19:40]]
     assert all(b < a for a, b in pairwise(falling))
     assert {t.targets[0].mode for t in out[20:40]} == {"predicted"}
@@ -146,7 +172,10 @@ def test_unseen_its_confidence_falls_until_it_is_lost_and_removed() -> None:
 
 def test_it_comes_back_under_its_id() -> None:
     tracker = _boxes_only()
-    out = [tracker.step(_box_frame(k, [_body(100 + 2 * k, 80)] if not 20 <= k < 30 else [])) for k in range(50)]
+    out = [
+        tracker.step(_box_frame(k, [_body(100 + 2 * k, 80)] if not 20 <= k < 30 else []))
+        for k in range(50)
+    ]
     assert {t.id for o in out for t in o.targets} == {1}
     assert len(_told(out, "track_recovered")) == 1
     assert out[-1].targets[0].present
@@ -155,7 +184,10 @@ def test_it_comes_back_under_its_id() -> None:
 def test_low_scores_keep_a_target_but_start_none() -> None:
     tracker = _boxes_only()
     out = [
-        tracker.step(_box_frame(k, [_body(100, 80), _body(200, 80)], [0.9 if k < 10 else 0.3, 0.3])) for k in range(30)
+        tracker.step(
+            _box_frame(k, [_body(100, 80), _body(200, 80)], [0.9 if k < 10 else 0.3, 0.3])
+        )
+        for k in range(30)
     ]
     assert [[t.id for t in o.targets] for o in out[10:]] == [[1]] * 20
     assert all(o.targets[0].observed for o in out[10:])
@@ -170,9 +202,15 @@ def test_a_merged_detection_is_one_blob_of_two_targets() -> None:
         if abs(a - b) < 14:
             boxes = [(min(a, b), 80.0, BODY[0] + abs(a - b), 42.0)]
         out.append(tracker.step(_box_frame(k, boxes)))
-    shared = [o for o in out if len(o.targets) == 2 and o.targets[0].blob == o.targets[1].blob >= 0]
+    shared = [
+        o
+        for o in out
+        if len(o.targets) == 2 and o.targets[0].blob == o.targets[1].blob >= 0
+    ]
     assert shared
-    assert all([g.members for g in o.group_tracks or [] if g.observed] == [[1, 2]] for o in shared)
+    assert all(
+        [g.members for g in o.group_tracks or [] if g.observed] == [[1, 2]] for o in shared
+    )
     assert [t.id for t in out[-1].targets] == [1, 2]
     assert out[-1].targets[0].box[0] > out[-1].targets[1].box[0]
 
@@ -181,7 +219,10 @@ def test_only_roi_and_border_start_targets_and_whoever_leaves_them_goes() -> Non
     square = [(80.0, 20.0), (240.0, 20.0), (240.0, 220.0), (80.0, 220.0)]
     regions = Regions(WIDTH, HEIGHT, [square], [square])
     tracker = _boxes_only()
-    out = [tracker.step(_box_frame(k, [_body(20 + 6.0 * k, 80)], (), regions)) for k in range(45)]
+    out = [
+        tracker.step(_box_frame(k, [_body(20 + 6.0 * k, 80)], (), regions))
+        for k in range(45)
+    ]
     here = [o.frame for o in out if o.targets]
     assert 20 + 6.0 * here[0] + BODY[0] > 80
     first = _told(out, "track_confirmed")[0][1].evidence["first_frame"]
@@ -191,16 +232,26 @@ def test_only_roi_and_border_start_targets_and_whoever_leaves_them_goes() -> Non
     assert not out[-1].targets
 
 
-def test_two_who_pass_keep_their_ids_and_are_followed_by_appearance_within_one_blob() -> None:
+def test_two_who_pass_keep_their_ids_and_are_followed_by_appearance_within_one_blob() -> (
+    None
+):
     out = _play(_pixels(), _passing, 60)
     assert {t.id for o in out for t in o.targets} == {1, 2}
-    merged = [o for o in out[10:] if len(o.targets) == 2 and o.targets[0].blob == o.targets[1].blob >= 0]
+    merged = [
+        o
+        for o in out[10:]
+        if len(o.targets) == 2 and o.targets[0].blob == o.targets[1].blob >= 0
+    ]
     assert len(merged) >= 6
     assert all({t.mode for t in o.targets} == {"appearance"} for o in merged)
-    assert all([g.members for g in o.group_tracks or [] if g.observed] == [[1, 2]] for o in merged)
+    assert all(
+        [g.members for g in o.group_tracks or [] if g.observed] == [[1, 2]] for o in merged
+    )
     newborn = [g.newborn for o in merged for g in o.group_tracks or [] if g.observed]
     assert newborn == [True] + [False] * (len(newborn) - 1)
-    red, blue = (min(out[8].targets, key=lambda t, x=x: abs(t.box[0] - x)).id for x in (150, 72))
+    red, blue = (
+        min(out[8].targets, key=lambda t, x=x: abs(t.box[0] - x)).id for x in (150, 72)
+    )
     end = {t.id: t for t in out[-1].targets}
     assert end[red].box[0] == pytest.approx(150, abs=4)
     assert end[blue].box[0] == pytest.approx(40 + 4 * 59, abs=6)
@@ -230,7 +281,9 @@ def test_colours_bring_a_target_back_that_waited_elsewhere() -> None:
 
 
 def test_exchanged_identities_are_put_right_by_colours() -> None:
-    """They meet, stop behind one another, and turn back: by motion alone each would be taken for the other."""
+    """They meet, stop behind one another, and turn back: by motion alone each would be taken for
+    the other.
+    """
 
     def play(k: int) -> list[Actor]:
         away = max(0.0, 90.0 - 6.0 * k) if k < 22 else 6.0 * (k - 22)
@@ -239,9 +292,14 @@ def test_exchanged_identities_are_put_right_by_colours() -> None:
     out = _play(_pixels(), play, 45)
     red = next(t.id for t in out[8].targets if t.box[0] < 150)
     assert red == next(t.id for t in out[-1].targets if t.present and t.box[0] < 150)
-    [(_, notice)] = [(f, n) for f, n in _told(out, "track_recovered") if "exchanged" in n.evidence]
+    [(_, notice)] = [
+        (f, n) for f, n in _told(out, "track_recovered") if "exchanged" in n.evidence
+    ]
     assert notice.subjects == [1, 2]
-    assert notice.evidence["exchanged"] <= notice.evidence["most_ratio"] * notice.evidence["as_they_were"]
+    assert (
+        notice.evidence["exchanged"]
+        <= notice.evidence["most_ratio"] * notice.evidence["as_they_were"]
+    )
 
 
 def _given_frame(index: int, boxes: Sequence[Box]) -> Frame:
@@ -252,7 +310,9 @@ def _given_frame(index: int, boxes: Sequence[Box]) -> Frame:
     clean, labels, blobs = components(mask, 20)
     own = [int(labels[round(y + h / 2), round(x + w / 2)]) for x, y, w, h in boxes]
     n = len(boxes)
-    given = Detections(index, WIDTH, HEIGHT, list(boxes), [1.0] * n, ["o"] * n, [None] * n, own, blobs)
+    given = Detections(
+        index, WIDTH, HEIGHT, list(boxes), [1.0] * n, ["o"] * n, [None] * n, own, blobs
+    )
     return Frame(index, index * FRAME_NS, given, None, None, lambda: clean)
 
 
@@ -261,24 +321,38 @@ def _given_only() -> Tracker:
 
 
 def test_in_one_blob_with_a_detection_for_each_nobody_is_taken_for_another() -> None:
-    """Two stand side by side, a third walks past right behind them: all three are one blob for long."""
+    """Two stand side by side, a third walks past right behind them: all three are one blob for
+    long.
+    """
     tracker, out = _given_only(), []
     for k in range(70):
-        out.append(tracker.step(_given_frame(k, [_body(140, 100), _body(158, 104), _body(20 + 4.0 * k, 96)])))
+        out.append(
+            tracker.step(
+                _given_frame(k, [_body(140, 100), _body(158, 104), _body(20 + 4.0 * k, 96)])
+            )
+        )
     assert {t.id for o in out for t in o.targets} == {1, 2, 3}
     together = [o for o in out if len({t.blob for t in o.targets}) == 1 < len(o.targets)]
     assert len(together) >= 12
     places = {o.frame: {t.id: t.box[0] for t in o.targets} for o in out[6:]}
-    ids = [min(places[10], key=lambda i, x=x: abs(places[10][i] - x)) for x in (140, 158, 60)]
+    ids = [
+        min(places[10], key=lambda i, x=x: abs(places[10][i] - x)) for x in (140, 158, 60)
+    ]
     for frame, at in places.items():
         assert [at[i] for i in ids] == pytest.approx([140, 158, 20 + 4.0 * frame], abs=5)
 
 
 def test_who_comes_off_a_target_is_born_of_a_split_and_who_walks_in_is_not() -> None:
-    """From frame 20 on a second body comes out of the first one's blob; a third walks in from the left."""
+    """From frame 20 on a second body comes out of the first one's blob; a third walks in from the
+    left.
+    """
     tracker, out = _pixels(), []
     for k in range(60):
-        actors = [(200.0, 100.0, RED), (200.0 + 3.0 * max(0, k - 20), 98.0, RED), (-20.0 + 2.0 * k, 60.0, RED)]
+        actors = [
+            (200.0, 100.0, RED),
+            (200.0 + 3.0 * max(0, k - 20), 98.0, RED),
+            (-20.0 + 2.0 * k, 60.0, RED),
+        ]
         out.append(tracker.step(_pixel_frame(k, actors)))
     born = {t.id: t.born_of_split for o in out for t in o.targets if t.newborn}
     where = {t.id: t.box[0] for t in out[-1].targets}
@@ -300,13 +374,21 @@ def test_a_blob_that_flickers_is_one_region_all_the_time() -> None:
 
 
 def test_who_comes_out_of_the_door_is_not_who_went_in() -> None:
-    """Red walks to a door and is gone; in the very next frame blue comes out of it: motion sees one who turns."""
+    """Red walks to a door and is gone; in the very next frame blue comes out of it: motion sees
+    one who turns.
+    """
 
     def play(k: int) -> list[Actor]:
-        return [(60.0 + 3 * k, 100.0, RED)] if k < 30 else [(150.0 - 3 * (k - 30), 100.0, BLUE)]
+        return (
+            [(60.0 + 3 * k, 100.0, RED)]
+            if k < 30
+            else [(150.0 - 3 * (k - 30), 100.0, BLUE)]
+        )
 
     out = _play(_pixels(), play, 55)
-    [(told, notice)] = [(f, n) for f, n in _told(out, "track_recovered") if "since_frame" in n.evidence]
+    [(told, notice)] = [
+        (f, n) for f, n in _told(out, "track_recovered") if "since_frame" in n.evidence
+    ]
     assert notice.subjects == [1, 2]
     assert 30 <= notice.evidence["since_frame"] <= 32 <= told <= 35
     assert notice.evidence["appearance"] > notice.evidence["most"]
@@ -314,15 +396,25 @@ def test_who_comes_out_of_the_door_is_not_who_went_in() -> None:
     assert {t.id for o in out[told:] for t in o.targets if t.present} == {2}
     config = configure({**events.SECTIONS, **hindsight.SECTIONS})
     times = [o.frame * FRAME_NS for o in out]
-    final = list(hindsight.rewrite(lambda: iter(out), SceneInfo(WIDTH, HEIGHT, FRAME_NS, True, True), times, config))
-    seen = {i: [o.frame for o in final for t in o.targets if t.id == i and t.present] for i in (1, 2)}
+    final = list(
+        hindsight.rewrite(
+            lambda: iter(out), SceneInfo(WIDTH, HEIGHT, FRAME_NS, True, True), times, config
+        )
+    )
+    seen = {
+        i: [o.frame for o in final for t in o.targets if t.id == i and t.present]
+        for i in (1, 2)
+    }
     assert seen[1][-1] == notice.evidence["since_frame"] - 1
     assert seen[2] == list(range(notice.evidence["since_frame"], 55))
 
 
 @pytest.mark.parametrize("at", [31, 33, 35])
 def test_restored_it_goes_on_the_same_while_it_wonders_who_that_is(at: int) -> None:
-    frames = [_pixel_frame(k, [(60.0 + 3 * min(k, 30), 100.0, RED if k < 30 else BLUE)]) for k in range(42)]
+    frames = [
+        _pixel_frame(k, [(60.0 + 3 * min(k, 30), 100.0, RED if k < 30 else BLUE)])
+        for k in range(42)
+    ]
     whole, first, second = _pixels(), _pixels(), _pixels()
     expected = [_encoded(whole.step(f)) for f in frames]
     for f in frames[: at + 1]:
@@ -368,7 +460,12 @@ def _plain(state: Any) -> Any:
 
 @pytest.mark.parametrize("at", [0, 3, 9, 25, 29, 36, 44])
 def test_restored_it_goes_on_the_same_with_pixels(at: int) -> None:
-    frames = [_pixel_frame(k, [*_passing(k), (250.0, 30.0 + 2 * k, RED)][: 3 if k % 20 < 15 else 2]) for k in range(60)]
+    frames = [
+        _pixel_frame(
+            k, [*_passing(k), (250.0, 30.0 + 2 * k, RED)][: 3 if k % 20 < 15 else 2]
+        )
+        for k in range(60)
+    ]
     whole, first, second = _pixels(), _pixels(), _pixels()
     expected = [_encoded(whole.step(f)) for f in frames]
     for f in frames[: at + 1]:
@@ -382,8 +479,13 @@ def test_restored_it_goes_on_the_same_with_boxes(at: int) -> None:
     rng = np.random.Generator(np.random.PCG64(2))
     frames = []
     for k in range(50):
-        boxes = [(20 + 4.0 * k + rng.normal(), 60.0 + rng.normal(), 20.0, 40.0), (260 - 4.0 * k, 70.0, 20.0, 40.0)]
-        frames.append(_box_frame(k, boxes[: 1 + (k % 9 > 2)], [0.9, 0.5][: 1 + (k % 9 > 2)]))
+        boxes = [
+            (20 + 4.0 * k + rng.normal(), 60.0 + rng.normal(), 20.0, 40.0),
+            (260 - 4.0 * k, 70.0, 20.0, 40.0),
+        ]
+        frames.append(
+            _box_frame(k, boxes[: 1 + (k % 9 > 2)], [0.9, 0.5][: 1 + (k % 9 > 2)])
+        )
     whole, first, second = _boxes_only(), _boxes_only(), _boxes_only()
     expected = [_encoded(whole.step(f)) for f in frames]
     for f in frames[: at + 1]:

@@ -1,4 +1,6 @@
-"""Regions, features, scores, heads, templates of the part model, each against what can be counted by hand."""
+"""Regions, features, scores, heads, templates of the part model, each against what can be counted
+by hand.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,22 @@ from fixtures.truth import PARTS as TRUE_PARTS
 from recorders.errors import ConfigError
 from recorders.vision import cv2
 from replay.trackers.parts.beginning import parse_init
-from replay.trackers.parts.features import FURTHEST, MASS, ONE, PartsModel, Pixels, differences, measure
-from replay.trackers.parts.heads import CLEAR_PX, HEAD, ColourShapeHeads, colour_table, likelihood
+from replay.trackers.parts.features import (
+    FURTHEST,
+    MASS,
+    ONE,
+    PartsModel,
+    Pixels,
+    differences,
+    measure,
+)
+from replay.trackers.parts.heads import (
+    CLEAR_PX,
+    HEAD,
+    ColourShapeHeads,
+    colour_table,
+    likelihood,
+)
 from replay.trackers.parts.regions import PARTS, alpha_of, beta_of, covered, hung, parts_of
 from replay.trackers.parts.scoring import FULL, PartFeatures, Scorer, density, tabulated
 from replay.trackers.parts.template import SIDE, distances, patches, refine
@@ -24,7 +40,9 @@ def body(width: int = 120, height: int = 110) -> tuple[np.ndarray, np.ndarray]:
     image = np.full((height, width, 3), 120, np.uint8)
     mask = np.zeros((height, width), np.uint8)
     colours = ((20, 20, 20), (200, 40, 40), (40, 200, 40), (40, 40, 200), (200, 200, 40))
-    for (x, y, w, h), colour in zip(parts_of(BOX, np.array([0.5]), np.array([0.4]))[0], colours, strict=True):
+    for (x, y, w, h), colour in zip(
+        parts_of(BOX, np.array([0.5]), np.array([0.4]))[0], colours, strict=True
+    ):
         image[round(y) : round(y + h), round(x) : round(x + w)] = colour
         mask[round(y) : round(y + h), round(x) : round(x + w)] = 255
     return image, mask
@@ -34,7 +52,12 @@ def moved(dx: float, dy: float) -> np.ndarray:
     return BOX + np.array([[dx, dy, 0.0, 0.0]])
 
 
-def measured(image: np.ndarray | None, mask: np.ndarray | None, boxes: np.ndarray, size: tuple[int, int] = (120, 110)):
+def measured(
+    image: np.ndarray | None,
+    mask: np.ndarray | None,
+    boxes: np.ndarray,
+    size: tuple[int, int] = (120, 110),
+):
     half = np.full(len(boxes), 0.5), np.full(len(boxes), 0.4)
     parts, own = parts_of(boxes, *half), parts_of(np.repeat(BOX, len(boxes), 0), *half)
     return measure(Pixels(image, mask, size), parts, own, own, np.full(len(boxes), 20.0))
@@ -60,13 +83,17 @@ def test_alpha_and_beta_give_the_centroid_back() -> None:
     parts = parts_of(BOX, alpha, beta)[0]
     assert parts[1, 0] + parts[1, 2] == pytest.approx(52.0)
     assert parts[1, 1] + parts[1, 3] == pytest.approx(55.0)
-    assert hung(np.array([[52.0, 20.0]]), BOX[:, 2:], alpha)[0].tolist() == pytest.approx(BOX[0].tolist())
+    assert hung(np.array([[52.0, 20.0]]), BOX[:, 2:], alpha)[0].tolist() == pytest.approx(
+        BOX[0].tolist()
+    )
 
 
 def test_a_nearer_box_hides_the_half_that_it_covers() -> None:
     parts = parts_of(BOX, np.array([0.5]), np.array([0.4]))
     left = np.array([[40.0, 20.0, 14.0, 70.0]])
-    assert covered(parts, left, np.array([[True]]))[0].tolist() == pytest.approx([0.5, 1, 0, 1, 0])
+    assert covered(parts, left, np.array([[True]]))[0].tolist() == pytest.approx(
+        [0.5, 1, 0, 1, 0]
+    )
     assert not covered(parts, left, np.array([[False]])).any()
 
 
@@ -87,12 +114,16 @@ def test_a_target_matches_itself_best_and_a_shifted_or_recoloured_one_less() -> 
     m = measured(image, mask, boxes)
     d = differences(model, np.zeros(4, np.intp), m)
     assert not d[0].any()
-    assert (d[3, :, 2] == FURTHEST).all(), "colours of a place without foreground differ entirely"
+    assert (d[3, :, 2] == FURTHEST).all(), (
+        "colours of a place without foreground differ entirely"
+    )
     scorer = Scorer(PartFeatures())
     whole = scorer.whole(scorer.parts(d, m.known), np.zeros((4, 5), bool), 0)
     assert whole[0] >= 995
     assert (whole[1:] < 0.8 * whole[0]).all()
-    other = differences(model, np.zeros(1, np.intp), measured(image[:, :, ::-1].copy(), mask, BOX))
+    other = differences(
+        model, np.zeros(1, np.intp), measured(image[:, :, ::-1].copy(), mask, BOX)
+    )
     assert other[0, 1, 2] > 0.3 * ONE
 
 
@@ -100,7 +131,9 @@ def test_without_pixels_place_and_overlap_are_left_and_carry_all_the_weight() ->
     m = measured(None, None, BOX)
     assert m.known.tolist() == [False] * 4 + [True] * 2
     scorer = Scorer(PartFeatures())
-    assert scorer.parts(differences(learnt(m), np.zeros(1, np.intp), m), m.known).min() >= 995
+    assert (
+        scorer.parts(differences(learnt(m), np.zeros(1, np.intp), m), m.known).min() >= 995
+    )
 
 
 def test_unmatched_parts_keep_their_models() -> None:
@@ -121,7 +154,14 @@ def test_models_in_words() -> None:
     table = tabulated("mixture 0.5 0.2 0.05 0.5 0.4 0.05", at)
     assert table[0] == table.max() == FULL
     assert (np.diff(table) <= 0).all()
-    for wrong in ("normal 0.1", "half-normal", "half-normal 0", "mixture 1 2", "mixture 1 0.1 nan", "half-normal 1 2"):
+    for wrong in (
+        "normal 0.1",
+        "half-normal",
+        "half-normal 0",
+        "mixture 1 2",
+        "mixture 1 0.1 nan",
+        "half-normal 1 2",
+    ):
         with pytest.raises(ConfigError, match=r"part_features\.area"):
             Scorer(PartFeatures(area=wrong))
     with pytest.raises(ConfigError, match="one model, or 5"):
@@ -147,7 +187,9 @@ def test_what_is_started_by_hand_is_checked(wrong: str) -> None:
 
 def test_hair_and_skin_are_told_from_grass_and_sky() -> None:
     heads = np.array([[22, 20, 22], [36, 52, 78], [148, 178, 224], [66, 94, 142]], np.uint8)
-    others = np.array([[60, 160, 70], [230, 160, 90], [60, 240, 240], [200, 60, 200]], np.uint8)
+    others = np.array(
+        [[60, 160, 70], [230, 160, 90], [60, 240, 240], [200, 60, 200]], np.uint8
+    )
     assert likelihood(heads).min() > 0.25
     assert likelihood(others).max() < 0.1
     assert colour_table().shape == (32, 32, 32)
@@ -167,11 +209,27 @@ def test_two_heads_are_found_in_a_merged_blob() -> None:
 
 
 @pytest.mark.parametrize(("head_px", "count"), [(CLEAR_PX + 2, 1), (CLEAR_PX - 2, 0)])
-def test_only_heads_that_are_large_enough_are_found_by_colour(head_px: float, count: int) -> None:
+def test_only_heads_that_are_large_enough_are_found_by_colour(
+    head_px: float, count: int
+) -> None:
     """A dark head before somebody who covers it all around, so that no outline shows it."""
-    image, mask = np.full((200, 160, 3), (60, 160, 70), np.uint8), np.full((200, 160), 255, np.uint8)
-    cv2.ellipse(image, (80, 60), (round(head_px * 0.42), round(head_px * 0.5)), 0, 0, 360, (20, 20, 22), -1)
-    heads = ColourShapeHeads()(image, mask, np.array([0.0, 20.0, 160.0, 160.0]), head_px / HEAD)
+    image, mask = (
+        np.full((200, 160, 3), (60, 160, 70), np.uint8),
+        np.full((200, 160), 255, np.uint8),
+    )
+    cv2.ellipse(
+        image,
+        (80, 60),
+        (round(head_px * 0.42), round(head_px * 0.5)),
+        0,
+        0,
+        360,
+        (20, 20, 22),
+        -1,
+    )
+    heads = ColourShapeHeads()(
+        image, mask, np.array([0.0, 20.0, 160.0, 160.0]), head_px / HEAD
+    )
     near = [h for h in heads if abs(h.x - 80) <= 4 and abs(h.y - 60 + head_px / 2) <= 5]
     assert len(near) == count
 
@@ -199,7 +257,9 @@ def test_a_head_is_found_again_by_its_image() -> None:
     assert whole.all()
     assert template.shape == (1, SIDE * SIDE, 3)
     assert refine(image, template[0], (104.0, 57.0), 12.0, 8.0) == ((100.0, 60.0), 0)
-    assert distances(image, template[0], np.array([-50.0]), np.array([-50.0]), 12.0).tolist() == [[255]]
+    assert distances(
+        image, template[0], np.array([-50.0]), np.array([-50.0]), 12.0
+    ).tolist() == [[255]]
 
 
 def test_the_search_for_a_head_compares_every_patch() -> None:

@@ -20,7 +20,9 @@ Pair = tuple[int, int, tuple[float, float, float, float], float]
 """Target, anchor, place, score."""
 
 
-def associate(pairs: list[Pair], refine: Refine | None = None, **changes: float) -> list[Match]:
+def associate(
+    pairs: list[Pair], refine: Refine | None = None, **changes: float
+) -> list[Match]:
     n = len(pairs)
     boxes = np.array([box for _, _, box, _ in pairs])
     half = np.full(n, 0.5)
@@ -40,9 +42,13 @@ def associate(pairs: list[Pair], refine: Refine | None = None, **changes: float)
     )  # fmt: skip
     scores = np.repeat(np.array([[round(s * FULL)] for *_, s in pairs]), 5, axis=1)
     filled = rectangles[..., 2] * rectangles[..., 3]
-    scored = Scored(candidates, measured, scores, rectangles, filled, np.zeros((n, 5), bool))
+    scored = Scored(
+        candidates, measured, scores, rectangles, filled, np.zeros((n, 5), bool)
+    )
     targets = sorted({t for t, *_ in pairs})
-    last = np.array([next(box for t, _, box, _ in pairs if t == target) for target in targets])
+    last = np.array(
+        [next(box for t, _, box, _ in pairs if t == target) for target in targets]
+    )
     rules = Association(scored, Scorer(PartFeatures()), PartsParameters(**changes), refine)
     return rules.solve(np.array(targets, np.intp), last, np.zeros((0, 4)))
 
@@ -65,7 +71,9 @@ def test_of_near_equal_candidates_the_head_decides() -> None:
     assert match.score == round(0.70 * FULL), "the score is the measured one"
 
 
-def test_the_head_is_not_asked_where_the_ratio_tells_or_the_runner_up_is_elsewhere() -> None:
+def test_the_head_is_not_asked_where_the_ratio_tells_or_the_runner_up_is_elsewhere() -> (
+    None
+):
     (match,) = associate([(0, 0, LEFT, 0.6), (0, 1, RIGHT, 0.8)], head_at(LEFT))
     assert tuple(match.box) == RIGHT
     (match,) = associate([(0, 0, LEFT, 0.79), (0, 1, FAR, 0.8)], head_at(LEFT))
@@ -97,7 +105,9 @@ def test_the_sum_of_the_scores_decides_not_who_comes_first() -> None:
 
 
 @pytest.mark.parametrize(("scores", "winner"), [((0.9, 0.7), 0), ((0.7, 0.9), 1)])
-def test_of_two_boxes_that_all_but_coincide_the_lower_score_gives_way(scores: tuple[float, float], winner: int) -> None:
+def test_of_two_boxes_that_all_but_coincide_the_lower_score_gives_way(
+    scores: tuple[float, float], winner: int
+) -> None:
     beside = (101.0, 100.0, 20.0, 60.0)
     (match,) = associate([(0, 0, LEFT, scores[0]), (1, 1, beside, scores[1])])
     assert match.row == winner

@@ -1,4 +1,6 @@
-"""Somebody who stands behind a sign: what is seen beside it keeps them alive, in their place, under their id."""
+"""Somebody who stands behind a sign: what is seen beside it keeps them alive, in their place,
+under their id.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ Picture = NDArray[np.uint8]
 
 
 def place(k: int) -> tuple[int, int, int, int]:
-    """The body comes from the left, slows down, stands behind the sign for five seconds, and walks on."""
+    """The body comes from the left, slows down, stands behind the sign for five seconds, and
+    walks on.
+    """
     walked = 4 * min(k, 24) + min(max(0, k - 24), 24) + 4 * max(0, k - STANDS.stop)
     return 32 + walked, 84, *BODY
 
@@ -53,7 +57,14 @@ def follow(*assignments: str) -> list[list[Target]]:
     said = []
     for k, image in enumerate(pictures):
         found = segmenter.segment(k, image)
-        frame = Frame(k, k * round(1e9 / FPS), found.detections, None, lambda p=image: p, lambda m=found.mask: m)
+        frame = Frame(
+            k,
+            k * round(1e9 / FPS),
+            found.detections,
+            None,
+            lambda p=image: p,
+            lambda m=found.mask: m,
+        )
         said.append(list(tracker.step(frame).targets))
     return said
 
@@ -71,7 +82,10 @@ def test_who_stands_behind_a_sign_is_observed_there_under_one_id() -> None:
 
 
 def test_pieces_hold_nobody_for_ever() -> None:
-    seen = [any(t.id == 1 and t.observed for t in targets) for targets in follow("parts.pieces_s=2")]
+    seen = [
+        any(t.id == 1 and t.observed for t in targets)
+        for targets in follow("parts.pieces_s=2")
+    ]
     hidden_from = 44
     assert all(seen[hidden_from : hidden_from + 2 * FPS - 4])
     assert not any(seen[hidden_from + 2 * FPS + 4 : STANDS.stop])
@@ -91,9 +105,15 @@ NOBODY = np.zeros((0, 4))
     ids=["within", "the box moves just so far that it holds them", "up and to the left"],
 )
 def test_pieces_hold_a_box(
-    pieces: list[list[float]], pixels: list[float], taken: NDArray[np.float64], left: float, top: float
+    pieces: list[list[float]],
+    pixels: list[float],
+    taken: NDArray[np.float64],
+    left: float,
+    top: float,
 ) -> None:
-    found = held_by_pieces(BOX, np.array(pieces, float), np.array(pixels, float), taken, PartsParameters())
+    found = held_by_pieces(
+        BOX, np.array(pieces, float), np.array(pixels, float), taken, PartsParameters()
+    )
     assert found is not None
     assert found[0].tolist() == [left, top, 20.0, 60.0]
     assert found[1] == int(np.argmax(pixels))
@@ -112,4 +132,9 @@ def test_pieces_hold_a_box(
 def test_what_is_no_piece_holds_nothing(
     pieces: list[list[float]], pixels: list[float], taken: NDArray[np.float64]
 ) -> None:
-    assert held_by_pieces(BOX, np.array(pieces, float), np.array(pixels, float), taken, PartsParameters()) is None
+    assert (
+        held_by_pieces(
+            BOX, np.array(pieces, float), np.array(pixels, float), taken, PartsParameters()
+        )
+        is None
+    )

@@ -1,4 +1,6 @@
-"""PARTS on scenes: identities kept, parts said to be hidden, started by hand, by boxes alone, plugged-in heads."""
+"""PARTS on scenes: identities kept, parts said to be hidden, started by hand, by boxes alone,
+plugged-in heads.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ SIZE = (320, 240)
 def passing(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two who pass one another, one before the other, as a motion detector sees them."""
     scene = generate("pass_by", seed=2, size=SIZE)
-    return write_scene_log(scene, tmp_path_factory.mktemp("parts") / "scene.mcap", style="merged")
+    return write_scene_log(
+        scene, tmp_path_factory.mktemp("parts") / "scene.mcap", style="merged"
+    )
 
 
 def forward(path: Path, *assignments: str, **more: object) -> list[list[Target]]:
@@ -54,14 +58,18 @@ def test_identities_survive_a_crossing_in_one_blob(passing: Path) -> None:
         seen = [t for t in targets if t.observed]
         for actor in truth.actors:
             if seen and actor.visible == actor.pixels:
-                overlap = iou(np.array([actor.full_box]), np.array([t.box for t in seen]))[0]
+                overlap = iou(np.array([actor.full_box]), np.array([t.box for t in seen]))[
+                    0
+                ]
                 if overlap.max() > 0.5:
                     owners.setdefault(actor.id, set()).add(seen[int(overlap.argmax())].id)
     assert sorted(len(ids) for ids in owners.values()) == [1, 1]
     assert owners[1] != owners[2]
 
 
-def test_who_stands_behind_has_hidden_parts_and_who_stands_before_has_not(passing: Path) -> None:
+def test_who_stands_behind_has_hidden_parts_and_who_stands_before_has_not(
+    passing: Path,
+) -> None:
     scene = generate("pass_by", seed=2, size=SIZE)
     worst = min(
         (f.index for f in scene.truth.frames if len(f.actors) == 2),
@@ -74,9 +82,13 @@ def test_who_stands_behind_has_hidden_parts_and_who_stands_before_has_not(passin
         near = frame.actor(frame.depth_order[-1])
         assert near is not None
         targets = answers[index]
-        overlap = [float(iou(np.array([near.full_box]), np.array([t.box]))[0, 0]) for t in targets]
+        overlap = [
+            float(iou(np.array([near.full_box]), np.array([t.box]))[0, 0]) for t in targets
+        ]
         for k, target in enumerate(targets):
-            hidden["before" if k == int(np.argmax(overlap)) else "behind"] += len(target.hidden_parts)
+            hidden["before" if k == int(np.argmax(overlap)) else "behind"] += len(
+                target.hidden_parts
+            )
     assert hidden["behind"] >= 7
     assert hidden["before"] <= 5
 
@@ -101,7 +113,9 @@ def test_gates_are_told_and_double_while_a_target_is_missed(passing: Path) -> No
     assert doubled
 
 
-def test_boxes_alone_are_tracked_with_the_features_that_need_no_pixels(tmp_path: Path) -> None:
+def test_boxes_alone_are_tracked_with_the_features_that_need_no_pixels(
+    tmp_path: Path,
+) -> None:
     scene = generate("three_way_group", seed=1, size=SIZE, frames=200)
     path = write_scene_log(scene, tmp_path / "boxes.mcap", pictures="none", masks=False)
     ids = {t.id for targets in forward(path) for t in targets if t.present}
@@ -116,7 +130,21 @@ def test_a_target_started_by_hand_is_the_only_one_told_of_and_verify_starts_it_a
     assert actor is not None
     out = tmp_path / "a.mcap"
     box = ",".join(f"{v:g}" for v in actor.full_box)
-    assert main(["replay", str(passing), "-o", str(out), "--tracker", "parts", "--init", f"frame:50:{box}"]) == 0
+    assert (
+        main(
+            [
+                "replay",
+                str(passing),
+                "-o",
+                str(out),
+                "--tracker",
+                "parts",
+                "--init",
+                f"frame:50:{box}",
+            ]
+        )
+        == 0
+    )
     with AnnotatedLog(out) as log:
         assert "frame:50:" in str(log.facts)
         table = read_tracks(log).table
@@ -125,7 +153,19 @@ def test_a_target_started_by_hand_is_the_only_one_told_of_and_verify_starts_it_a
     assert last is not None
     assert iou(table.boxes[table.frames == 130], np.array([last.full_box])).max() > 0.5
     assert verify(out).identical
-    assert main(["replay", str(passing), "-o", str(tmp_path / "b.mcap"), "--init", "frame:0:1,2,3,4"]) == 2
+    assert (
+        main(
+            [
+                "replay",
+                str(passing),
+                "-o",
+                str(tmp_path / "b.mcap"),
+                "--init",
+                "frame:0:1,2,3,4",
+            ]
+        )
+        == 2
+    )
 
 
 @pytest.mark.parametrize(
@@ -139,17 +179,31 @@ def test_a_target_started_by_hand_is_the_only_one_told_of_and_verify_starts_it_a
     ],
 )
 def test_a_start_that_the_recording_cannot_hold_or_that_finds_nobody_is_said(
-    passing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], start: str, code: int, words: str
+    passing: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    start: str,
+    code: int,
+    words: str,
 ) -> None:
     out = tmp_path / "a.mcap"
-    assert main(["replay", str(passing), "-o", str(out), "--tracker", "parts", "--init", start]) == code
+    assert (
+        main(
+            ["replay", str(passing), "-o", str(out), "--tracker", "parts", "--init", start]
+        )
+        == code
+    )
     assert words in capsys.readouterr().err
     assert out.exists() == (code == 3)
 
 
 @pytest.mark.parametrize(
     "words",
-    [["--set", "parts.hindsight=false"], ["--from", "frame:10"], ["--from", "frame:80", "--to", "frame:90"]],
+    [
+        ["--set", "parts.hindsight=false"],
+        ["--from", "frame:10"],
+        ["--from", "frame:80", "--to", "frame:90"],
+    ],
     ids=["forward alone", "a span after", "a span within"],
 )
 def test_a_start_that_finds_nobody_is_said_whatever_is_written(
@@ -162,7 +216,9 @@ def test_a_start_that_finds_nobody_is_said_whatever_is_written(
     actor = generate("pass_by", seed=2, size=SIZE).truth.frames[50].actor(1)
     assert actor is not None
     box = ",".join(f"{v:g}" for v in actor.full_box)
-    assert main([*command, "--force", "--init", f"frame:50:{box}"]) == 0, "somebody is in that box"
+    assert main([*command, "--force", "--init", f"frame:50:{box}"]) == 0, (
+        "somebody is in that box"
+    )
 
 
 def test_scores_of_fitted_features_say_what_they_were_fitted_on(
@@ -175,12 +231,23 @@ def test_scores_of_fitted_features_say_what_they_were_fitted_on(
         capsys.readouterr()
         assert main(["eval", str(out), "--truth", str(truth)]) == 0
         assert ("were fitted on" in capsys.readouterr().err) == said
-    words = ["eval", str(tmp_path / "events.mcap"), "--truth", str(truth), "--plot", str(tmp_path / "both.png")]
+    words = [
+        "eval",
+        str(tmp_path / "events.mcap"),
+        "--truth",
+        str(truth),
+        "--plot",
+        str(tmp_path / "both.png"),
+    ]
     assert main([*words, "--also", str(tmp_path / "parts.mcap")]) == 0
-    assert capsys.readouterr().err.count("were fitted on") == 1, "of what is drawn beside it, too"
+    assert capsys.readouterr().err.count("were fitted on") == 1, (
+        "of what is drawn beside it, too"
+    )
 
 
-def test_targets_begin_and_stay_in_the_regions_alone_unless_they_were_started_by_hand(tmp_path: Path) -> None:
+def test_targets_begin_and_stay_in_the_regions_alone_unless_they_were_started_by_hand(
+    tmp_path: Path,
+) -> None:
     """Inset by 0.3 of 240 pixels, the regions are x from 72 to 248, y from 72 to 168."""
     scene = generate("pass_by", seed=2, size=SIZE)
     path = write_scene_log(scene, tmp_path / "inset.mcap", style="merged", regions=False)
@@ -210,25 +277,39 @@ def test_another_head_detector_can_be_plugged_in(passing: Path) -> None:
     assert asked
     assert all(0 < h < 300 for h in asked)
     assert with_them != forward(passing, find_heads=lambda *_: [])
-    assert forward(passing, "parts.use_heads=false") == forward(passing, find_heads=lambda *_: [])
+    assert forward(passing, "parts.use_heads=false") == forward(
+        passing, find_heads=lambda *_: []
+    )
 
 
-def test_without_parts_who_passes_is_followed_by_place_and_size_alone(passing: Path) -> None:
+def test_without_parts_who_passes_is_followed_by_place_and_size_alone(
+    passing: Path,
+) -> None:
     with_parts, without = forward(passing), forward(passing, "parts.use_parts=false")
     assert with_parts != without
     assert any(t.observed for targets in without for t in targets)
 
 
-def test_without_pruning_the_heads_image_is_never_looked_for(passing: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pruning_the_heads_image_is_never_looked_for(
+    passing: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError("the head's image was looked for")
 
     monkeypatch.setattr("replay.trackers.parts.matching.refine", refuse)
-    assert any(t.observed for targets in forward(passing, "parts.use_pruning=false") for t in targets)
+    assert any(
+        t.observed
+        for targets in forward(passing, "parts.use_pruning=false")
+        for t in targets
+    )
 
 
-def test_by_hand_a_target_is_told_of_as_well_as_if_everybody_were(pets: tuple[Path, MotTable], tmp_path: Path) -> None:
-    """Person 9 is lost behind a sign and among others, and is there again later: hindsight joins what was followed."""
+def test_by_hand_a_target_is_told_of_as_well_as_if_everybody_were(
+    pets: tuple[Path, MotTable], tmp_path: Path
+) -> None:
+    """Person 9 is lost behind a sign and among others, and is there again later: hindsight joins
+    what was followed.
+    """
     scene, truth = pets
     own = truth.select(truth.ids == 9)
     box = ",".join(f"{v:.2f}" for v in own.boxes[0].tolist())
@@ -242,12 +323,18 @@ def test_by_hand_a_target_is_told_of_as_well_as_if_everybody_were(pets: tuple[Pa
 
 
 @pytest.fixture(scope="module")
-def pets(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, MotTable]:
+def pets(
+    real_data: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, MotTable]:
     """PETS09-S2L1 from pixels, with the truth."""
     folder = tmp_path_factory.mktemp("pets")
     scene = folder / "scene.mcap"
-    record(open_source(real_data / "pets09-s2l1" / "video.avi", fps=7), scene, RecordOptions())
-    truth = fit_truth(read_truth(real_data / "pets09-s2l1" / "gt.txt"), (480, 360), (768, 576))
+    record(
+        open_source(real_data / "pets09-s2l1" / "video.avi", fps=7), scene, RecordOptions()
+    )
+    truth = fit_truth(
+        read_truth(real_data / "pets09-s2l1" / "gt.txt"), (480, 360), (768, 576)
+    )
     return scene, truth
 
 
@@ -255,12 +342,18 @@ def test_pets_from_pixels_is_better_than_opencv_with_sort_or_norfair(
     pets: tuple[Path, MotTable], tmp_path: Path
 ) -> None:
     scene, truth = pets
-    replay(scene, tmp_path / "a.mcap", ReplayOptions(tracker="parts", config=replay_config("parts")))
+    replay(
+        scene,
+        tmp_path / "a.mcap",
+        ReplayOptions(tracker="parts", config=replay_config("parts")),
+    )
     with AnnotatedLog(tmp_path / "a.mcap") as log:
         scores: Scores = evaluate(truth, read_tracks(log).table)
     assert scores.hota.hota > 57
     assert scores.clear.mota > 75
     assert scores.identity.idf1 > 76
     errors = scores.trajectories.followed
-    assert all(e <= limit for e, limit in zip(errors.headline, (3.0, 1.8, 13.1, 5.2), strict=True))
+    assert all(
+        e <= limit for e, limit in zip(errors.headline, (3.0, 1.8, 13.1, 5.2), strict=True)
+    )
     assert errors.share > 80

@@ -27,7 +27,9 @@ FRAME_NS = 100_000_000
 
 
 def play(
-    frames: int, boxes: Callable[[int], Sequence[Box]], score: float | Callable[[int], float] = 1.0
+    frames: int,
+    boxes: Callable[[int], Sequence[Box]],
+    score: float | Callable[[int], float] = 1.0,
 ) -> list[list[Target]]:
     """What is said of every frame's boxes at 10 frames/s."""
     info = SceneInfo(400, 200, FRAME_NS, has_images=False, has_masks=False)
@@ -35,7 +37,9 @@ def play(
     said = []
     for k in range(frames):
         found = list(boxes(k))
-        seen = Detections(k, 400, 200, found, [score(k) if callable(score) else score] * len(found))
+        seen = Detections(
+            k, 400, 200, found, [score(k) if callable(score) else score] * len(found)
+        )
         said.append(list(tracker.step(Frame(k, FRAME_NS * k, seen)).targets))
     return said
 
@@ -58,7 +62,9 @@ def test_who_passes_behind_another_is_held_on_its_way_and_goes_on_as_itself() ->
 
 
 def test_one_missing_detection_does_not_push_a_row_of_neighbours_on() -> None:
-    """Five in a row, a shoulder's width apart, the first unseen for a while as a sixth joins at the other end."""
+    """Five in a row, a shoulder's width apart, the first unseen for a while as a sixth joins at
+    the other end.
+    """
 
     def boxes(k: int) -> list[Box]:
         row: list[Box] = [(60.0 + 40 * i, 60.0, 30.0, 90.0) for i in range(5)]
@@ -106,7 +112,10 @@ def test_of_two_shells_that_hold_a_detection_neither_takes_it_off_its_path() -> 
     """Who is off the path may be whoever is near: then it is told by the path alone."""
 
     def boxes(k: int) -> list[Box]:
-        calm: list[Box] = [(60.0 + 3 * k, 60.0, 30.0, 90.0), (105.0 + 3 * k, 60.0, 30.0, 90.0)]
+        calm: list[Box] = [
+            (60.0 + 3 * k, 60.0, 30.0, 90.0),
+            (105.0 + 3 * k, 60.0, 30.0, 90.0),
+        ]
         return calm if k < 20 else [(82.0 + 3 * k, 124.0, 30.0, 90.0)]
 
     said = play(23, boxes)
@@ -118,16 +127,23 @@ def test_animals_by_their_boxes_alone(tmp_path: Path, name: str, fps: int) -> No
     script = replace(SCRIPTS[name], fps=fps)
     scene = GeneratedScene(name, script, 77, script.size, 150)
     write_scene_log(scene, tmp_path / "scene.mcap", pictures="none", masks=False)
-    options = ReplayOptions(tracker="shells", config=replay_config("shells"), annotations_only=True)
+    options = ReplayOptions(
+        tracker="shells", config=replay_config("shells"), annotations_only=True
+    )
     replay(tmp_path / "scene.mcap", tmp_path / "out.mcap", options)
     with AnnotatedLog(tmp_path / "out.mcap") as annotated:
-        s = evaluate(read_truth(write_truth(scene, tmp_path / "gt.txt")), read_tracks(annotated).table)
+        s = evaluate(
+            read_truth(write_truth(scene, tmp_path / "gt.txt")),
+            read_tracks(annotated).table,
+        )
     assert s.identity.idf1 > 85
     assert s.clear.switches <= 3
 
 
 def test_colours_in_the_boxes_tell_who_turned_back_and_who_went_past() -> None:
-    """Two walk towards one another and turn back where they meet; by their paths alone they went past one another."""
+    """Two walk towards one another and turn back where they meet; by their paths alone they went
+    past one another.
+    """
 
     def boxes(k: int) -> list[Box]:
         way = 3.0 * min(k, 60 - k)
@@ -136,18 +152,30 @@ def test_colours_in_the_boxes_tell_who_turned_back_and_who_went_past() -> None:
 
     def picture(k: int) -> Image:
         image = np.full((200, 400, 3), 128, np.uint8)
-        for (x, y, w, h), colour in zip(sorted(boxes(k)), ((0, 0, 200), (200, 0, 0)), strict=True):
+        for (x, y, w, h), colour in zip(
+            sorted(boxes(k)), ((0, 0, 200), (200, 0, 0)), strict=True
+        ):
             image[int(y) : int(y + h), int(x) : int(x + w)] = colour
         return image
 
     def sides(settings: Sequence[str]) -> tuple[list[int], list[int]]:
         config = replay_config("shells", assignments=settings)
-        tracker = TRACKERS["shells"](SceneInfo(400, 200, FRAME_NS, has_images=True, has_masks=False), config)
+        tracker = TRACKERS["shells"](
+            SceneInfo(400, 200, FRAME_NS, has_images=True, has_masks=False), config
+        )
         said = []
         for k in range(60):
             seen = Detections(k, 400, 200, boxes(k), [1.0, 1.0])
-            said.append(present(tracker.step(Frame(k, FRAME_NS * k, seen, load_image=partial(picture, k))).targets))
-        return sorted(said[10], key=said[10].__getitem__), sorted(said[58], key=said[58].__getitem__)
+            said.append(
+                present(
+                    tracker.step(
+                        Frame(k, FRAME_NS * k, seen, load_image=partial(picture, k))
+                    ).targets
+                )
+            )
+        return sorted(said[10], key=said[10].__getitem__), sorted(
+            said[58], key=said[58].__getitem__
+        )
 
     before, after = sides(())
     assert len(before) == 2
@@ -159,14 +187,26 @@ def test_colours_in_the_boxes_tell_who_turned_back_and_who_went_past() -> None:
 @pytest.mark.real
 @pytest.mark.parametrize(
     ("name", "fps", "size", "hota", "mota", "idf1"),
-    [("pets09-s2l1", 7, (768, 576), 42, 66, 58), ("tud-campus", 25, (640, 480), 55, 65, 77)],
+    [
+        ("pets09-s2l1", 7, (768, 576), 42, 66, 58),
+        ("tud-campus", 25, (640, 480), 55, 65, 77),
+    ],
 )
 def test_detections_of_real_recordings_alone(
-    real_data: Path, tmp_path: Path, name: str, fps: int, size: tuple[int, int], hota: float, mota: float, idf1: float
+    real_data: Path,
+    tmp_path: Path,
+    name: str,
+    fps: int,
+    size: tuple[int, int],
+    hota: float,
+    mota: float,
+    idf1: float,
 ) -> None:
     folder = real_data / name
     record(open_source(folder / "det.txt", fps=fps, size=size), tmp_path / "scene.mcap")
-    options = ReplayOptions(tracker="shells", config=replay_config("shells"), annotations_only=True)
+    options = ReplayOptions(
+        tracker="shells", config=replay_config("shells"), annotations_only=True
+    )
     replay(tmp_path / "scene.mcap", tmp_path / "out.mcap", options)
     with AnnotatedLog(tmp_path / "out.mcap") as annotated:
         s = evaluate(read_truth(folder / "gt.txt"), read_tracks(annotated).table)

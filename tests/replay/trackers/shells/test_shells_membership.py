@@ -40,7 +40,9 @@ def test_colours_decide_where_shells_overlap_and_a_shell_ends_where_it_ends() ->
     both, left = in_red & in_blue, xs < 40
     assert (members.owner[both & left] == 1).all()
     assert (members.owner[both & ~left] == 2).all()
-    assert (members.owner[in_red & ~in_blue] == 1).all()  # nobody else may vote there, whatever the colour
+    assert (
+        members.owner[in_red & ~in_blue] == 1
+    ).all()  # nobody else may vote there, whatever the colour
     assert (members.owner[~in_red & ~in_blue] == 0).all()
     own = members.owner == 1
     assert members.means[0] == pytest.approx([xs[own].mean(), ys[own].mean()])
@@ -74,7 +76,9 @@ def test_disputed_pixels_belong_to_nobody_and_soft_shares_add_up() -> None:
     assert disputed.owner[20, 5] == 1
     soft = assign_pixels(who, cut, None, ShellsParameters(shape=0.0, soft=True))
     ys, xs = np.mgrid[:40, :60] + 0.5
-    claimed = ((xs - 20) ** 2 + (ys - 20) ** 2 < 1600) | ((xs - 40) ** 2 + (ys - 20) ** 2 < 1600)
+    claimed = ((xs - 20) ** 2 + (ys - 20) ** 2 < 1600) | (
+        (xs - 40) ** 2 + (ys - 20) ** 2 < 1600
+    )
     assert soft.counts.sum() == pytest.approx(claimed.sum())
     hard = assign_pixels(who, cut, None, PAPER)
     assert soft.means[0, 0] > hard.means[0, 0]  # shares of the other's side pull towards it
@@ -89,7 +93,9 @@ def test_position_update_is_equation_nine_and_shells_grow_with_speed() -> None:
     bodies.predict(0.1)
     predicted = bodies.bank.value[0, :2].copy()
     bodies.move(0, (40.0, 10.0), 0.7)
-    assert bodies.bank.value[0, :2] == pytest.approx(0.7 * np.array([40.0, 10.0]) + 0.3 * predicted)
+    assert bodies.bank.value[0, :2] == pytest.approx(
+        0.7 * np.array([40.0, 10.0]) + 0.3 * predicted
+    )
 
 
 def test_histograms_tell_and_forget() -> None:
@@ -118,13 +124,17 @@ def test_label_images_keep_their_identities(largest: int) -> None:
     assert labels.dtype == np.uint16
     assert np.bincount(labels.ravel())[[3, largest]].tolist() == [4, 9]
     assert renamed(payload, {3: 3, largest: largest}, [3, largest]) == payload
-    final = decode_labels(channels.decode("membership", renamed(payload, {3: 400}, [3, largest])).data)
+    final = decode_labels(
+        channels.decode("membership", renamed(payload, {3: 400}, [3, largest])).data
+    )
     assert sorted(np.unique(final).tolist()) == [0, 400]
     assert (final == 400).sum() == 4
     assert value_of(65536) == 1
 
 
-@pytest.mark.parametrize("names", [{1: 1, 2: 2, 3: 3}, {1: 2, 2: 1, 3: 3}, {1: 300, 3: 1}, {}])
+@pytest.mark.parametrize(
+    "names", [{1: 1, 2: 2, 3: 3}, {1: 2, 2: 1, 3: 3}, {1: 300, 3: 1}, {}]
+)
 def test_patches_are_painted_as_label_images_are_renamed(names: dict[int, int]) -> None:
     rng = np.random.default_rng(5)
     shapes = [
@@ -135,7 +145,9 @@ def test_patches_are_painted_as_label_images_are_renamed(names: dict[int, int]) 
     image = LabelImage(20, 12, 3)
     for shape in shapes:
         image.put(*shape)
-    patches = Patches.unpacked(Patches(20, 12, 17, [Patches.patch(*s) for s in shapes]).packed())
+    patches = Patches.unpacked(
+        Patches(20, 12, 17, [Patches.patch(*s) for s in shapes]).packed()
+    )
     assert patches.payload() == image.payload(17)
     assert patches.payload(names, [1, 2, 3]) == renamed(image.payload(17), names, [1, 2, 3])
 

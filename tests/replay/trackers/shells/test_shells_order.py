@@ -22,14 +22,18 @@ DT = 0.04
 
 
 def overlapping(front: int) -> Depth:
-    """Two squares of 20 pixels that overlap by half, the overlap's pixels those of claimant ``front``."""
+    """Two squares of 20 pixels that overlap by half, the overlap's pixels those of claimant
+    ``front``.
+    """
     boxes = np.array([[5.0, 5.0, 20.0, 20.0], [15.0, 5.0, 20.0, 20.0]])
     owner = np.zeros((30, 40), np.uint8)
     for k in (1 - front, front):
         x, y, w, h = boxes[k].astype(int)
         owner[y : y + h, x : x + w] = k + 1
     who = Claimants(boxes, np.array([30.0, 30.0]), [None, None], [FULL, FULL])
-    return Depth(who, owner, Cut(owner > 0, owner == 0, (owner > 0).astype(np.uint16), 0, 0))
+    return Depth(
+        who, owner, Cut(owner > 0, owner == 0, (owner > 0).astype(np.uint16), 0, 0)
+    )
 
 
 @pytest.mark.parametrize("front", [0, 1])
@@ -58,7 +62,9 @@ def told(order: Order, lead: float | None, frames: int) -> list[Notice]:
     return [n for _ in range(frames) for n in order.step([(3, 7)], leads, DT)]
 
 
-def test_verdicts_wait_for_agreeing_frames_change_with_the_evidence_and_end_with_the_joint() -> None:
+def test_verdicts_wait_for_agreeing_frames_change_with_the_evidence_and_end_with_the_joint() -> (
+    None
+):
     order = Order(ShellsParameters())
     assert not told(order, 0.6, 3)
     first = told(order, 0.6, 30)
@@ -90,7 +96,9 @@ def test_generated_people_are_told_the_right_way_round(
     import shells_measures
 
     scene = generate(name, seed=seed)
-    result = shells_measures.judge_order(scene, record_scene(scene, tmp_path / "scene.mcap"))
+    result = shells_measures.judge_order(
+        scene, record_scene(scene, tmp_path / "scene.mcap")
+    )
     assert result.right >= 1
     assert result.wrong == result.neither == 0
     assert result.told >= 1

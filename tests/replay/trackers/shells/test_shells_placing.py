@@ -1,4 +1,6 @@
-"""Where objects are placed in foreground that they share, whatever their sizes, and what the search takes."""
+"""Where objects are placed in foreground that they share, whatever their sizes, and what the
+search takes.
+"""
 
 from __future__ import annotations
 
@@ -25,14 +27,21 @@ def shared(width: int, height: int) -> Cut:
 
 
 @pytest.mark.parametrize(("width", "height"), [(30, 40), (60, 120), (120, 240), (200, 380)])
-def test_a_large_object_beside_a_small_one_is_placed_in_bounded_memory(width: int, height: int) -> None:
+def test_a_large_object_beside_a_small_one_is_placed_in_bounded_memory(
+    width: int, height: int
+) -> None:
     off = np.array([0.06 * width, -0.04 * height])
     large = [200 + off[0], 60 + off[1], width, height]
     who = Claimants(
-        np.array([large, [200.0 - SMALL, 100, SMALL, SMALL]]), np.array([250.0, 30.0]), [None, None], [None, None]
+        np.array([large, [200.0 - SMALL, 100, SMALL, SMALL]]),
+        np.array([250.0, 30.0]),
+        [None, None],
+        [None, None],
     )
     tracemalloc.start()
-    found = place(who, np.array([10.0, 5.0]), [0, 1], shared(width, height), None, ShellsParameters())
+    found = place(
+        who, np.array([10.0, 5.0]), [0, 1], shared(width, height), None, ShellsParameters()
+    )
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert found[:, 2:] == pytest.approx(who.boxes[:, 2:])
@@ -44,7 +53,10 @@ def test_a_large_object_beside_a_small_one_is_placed_in_bounded_memory(width: in
 def test_a_crowd_in_one_blob_takes_little_more_than_the_picture() -> None:
     rows, columns, size = 12, 16, 20
     own = np.ones((rows * size, columns * size), bool)
-    boxes = np.array([[c * size, r * size, size, size] for r in range(rows) for c in range(columns)], np.float64)
+    boxes = np.array(
+        [[c * size, r * size, size, size] for r in range(rows) for c in range(columns)],
+        np.float64,
+    )
     n = len(boxes)
     masks = [np.full((GRID, GRID), 255, np.uint8)] * n
     tracemalloc.start()

@@ -50,7 +50,9 @@ def measures() -> Iterator[ModuleType]:
 
 
 @pytest.mark.parametrize(("name", "seed"), [("three_fish", 0), ("six_fish", 2)])
-def test_every_fish_keeps_its_identity(measures: ModuleType, tmp_path: Path, name: str, seed: int) -> None:
+def test_every_fish_keeps_its_identity(
+    measures: ModuleType, tmp_path: Path, name: str, seed: int
+) -> None:
     scene = generate(name, seed=seed)
     log = record_scene(scene, tmp_path / "tank.mcap")
     boxes, labels = measures.follow(log, "shells")
@@ -63,7 +65,9 @@ def test_every_fish_keeps_its_identity(measures: ModuleType, tmp_path: Path, nam
     assert blind.lost > 0
 
 
-def test_pixels_of_shared_blobs_go_to_their_owners(measures: ModuleType, tmp_path: Path) -> None:
+def test_pixels_of_shared_blobs_go_to_their_owners(
+    measures: ModuleType, tmp_path: Path
+) -> None:
     scene = generate("three_fish", seed=1, frames=300)
     log = write_scene_log(scene, tmp_path / "exact.mcap", style="merged")
     pixels, right, near = measures.pixel_accuracy(scene, *measures.follow(log, "shells"))
@@ -73,7 +77,9 @@ def test_pixels_of_shared_blobs_go_to_their_owners(measures: ModuleType, tmp_pat
 
 
 def test_everything_can_be_resumed_bit_for_bit(tmp_path: Path) -> None:
-    path = write_scene_log(generate("three_fish", seed=3, frames=140), tmp_path / "a.mcap", style="merged")
+    path = write_scene_log(
+        generate("three_fish", seed=3, frames=140), tmp_path / "a.mcap", style="merged"
+    )
     config = replay_config("shells")
     with SceneLog(path) as scene:
         tracker = TRACKERS["shells"](scene.info, config)
@@ -96,14 +102,23 @@ def test_detections_alone_and_an_empty_scene_are_followed(tmp_path: Path) -> Non
         steps = list(Forward(log, TRACKERS["shells"], replay_config("shells")).steps())
     assert {t.id for s in steps for t in s.targets.targets} == {1, 2}
     assert not any(s.extra for s in steps)
-    empty = write_scene_log(generate("empty_scene", frames=20), tmp_path / "b.mcap", style="merged")
+    empty = write_scene_log(
+        generate("empty_scene", frames=20), tmp_path / "b.mcap", style="merged"
+    )
     with SceneLog(empty) as log:
-        assert not any(s.targets.targets for s in Forward(log, TRACKERS["shells"], replay_config("shells")).steps())
+        assert not any(
+            s.targets.targets
+            for s in Forward(log, TRACKERS["shells"], replay_config("shells")).steps()
+        )
 
 
 def test_relations_never_jump(measures: ModuleType, tmp_path: Path) -> None:
-    log = write_scene_log(generate("six_fish", seed=5, frames=260), tmp_path / "a.mcap", style="merged")
-    options = ReplayOptions(tracker="shells", config=replay_config("shells"), annotations_only=True)
+    log = write_scene_log(
+        generate("six_fish", seed=5, frames=260), tmp_path / "a.mcap", style="merged"
+    )
+    options = ReplayOptions(
+        tracker="shells", config=replay_config("shells"), annotations_only=True
+    )
     replay(log, tmp_path / "out.mcap", options)
     changes, direct = measures.direct_steps(tmp_path / "out.mcap")
     assert changes > 20
@@ -115,7 +130,9 @@ def test_relations_never_jump(measures: ModuleType, tmp_path: Path) -> None:
 
 def test_without_interaction_nobody_is_joint(tmp_path: Path) -> None:
     """Where shells have to meet for a minute before they count, nobody becomes JOINT."""
-    log = write_scene_log(generate("six_fish", seed=5, frames=200), tmp_path / "a.mcap", style="merged")
+    log = write_scene_log(
+        generate("six_fish", seed=5, frames=200), tmp_path / "a.mcap", style="merged"
+    )
 
     def joint(*settings: str) -> int:
         """The most pairs that are JOINT, in a frame."""
@@ -135,7 +152,9 @@ def test_without_interaction_nobody_is_joint(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("related", [True, False])
 def test_who_is_not_related_is_no_rival(related: bool) -> None:
-    """Two of different colours in one blob: related, each has its own half; else each has all of its shell."""
+    """Two of different colours in one blob: related, each has its own half; else each has all of
+    its shell.
+    """
     image = np.zeros((60, 100, 3), np.uint8)
     image[20:40, 20:50], image[20:40, 50:80] = (0, 0, 220), (220, 0, 0)
     mask = (image.max(axis=2) > 0).astype(np.uint8) * np.uint8(255)
@@ -151,7 +170,9 @@ def test_who_is_not_related_is_no_rival(related: bool) -> None:
         np.zeros(0, np.int64),
         lambda: image,
     )
-    resolver = Resolver(seen, bodies, np.arange(2), bodies.radii(0.2), lambda a, b: related, p)
+    resolver = Resolver(
+        seen, bodies, np.arange(2), bodies.radii(0.2), lambda a, b: related, p
+    )
     assert resolver.blobs() == {0: 1, 1: 1}
     resolver.resolve()
     own = [resolver.found[k].pixels for k in (0, 1)]
@@ -159,7 +180,9 @@ def test_who_is_not_related_is_no_rival(related: bool) -> None:
 
 
 def test_nothing_is_learnt_in_joint(tmp_path: Path) -> None:
-    log = write_scene_log(generate("six_fish", seed=5, frames=260), tmp_path / "a.mcap", style="merged")
+    log = write_scene_log(
+        generate("six_fish", seed=5, frames=260), tmp_path / "a.mcap", style="merged"
+    )
     frozen = 0
     with SceneLog(log) as scene:
         tracker = make(scene.info, replay_config("shells"))
@@ -168,7 +191,11 @@ def test_nothing_is_learnt_in_joint(tmp_path: Path) -> None:
             tracker.step(frame)
             state = tracker.state()
             joint = {i for e in state["book"]["edges"] if e[2] == "JOINT" for i in e[:2]}
-            now = {b["id"]: (b["area"], b["updates"]) for b in state["bodies"]["items"] if b["id"]}
+            now = {
+                b["id"]: (b["area"], b["updates"])
+                for b in state["bodies"]["items"]
+                if b["id"]
+            }
             for i in joint & now.keys() & before.keys():
                 frozen += 1
                 assert now[i] == before[i], (frame.index, i)
@@ -182,10 +209,20 @@ def test_an_outline_that_shells_cannot_have_is_refused() -> None:
         make(scene, replay_config("shells", assignments=["shell_model.outline=ellipse"]))
 
 
-def scored(tmp_path: Path, video: Path, truth: Path, detect: str, size: tuple[int, int] | None = None) -> Scores:
+def scored(
+    tmp_path: Path,
+    video: Path,
+    truth: Path,
+    detect: str,
+    size: tuple[int, int] | None = None,
+) -> Scores:
     log = tmp_path / "scene.mcap"
     record(open_source(video), log, RecordOptions(detect=detect))
-    replay(log, tmp_path / "out.mcap", ReplayOptions(tracker="shells", config=replay_config("shells")))
+    replay(
+        log,
+        tmp_path / "out.mcap",
+        ReplayOptions(tracker="shells", config=replay_config("shells")),
+    )
     with AnnotatedLog(tmp_path / "out.mcap") as annotated:
         tracks = read_tracks(annotated)
     assert tracks.size is not None
@@ -204,7 +241,9 @@ def test_pets_from_pixels(real_data: Path, tmp_path: Path) -> None:
 
 @pytest.mark.real
 @pytest.mark.parametrize(("name", "count"), [("two_flies", 2), ("three_flies", 3)])
-def test_flies_keep_their_identities(real_data: Path, tmp_path: Path, name: str, count: int) -> None:
+def test_flies_keep_their_identities(
+    real_data: Path, tmp_path: Path, name: str, count: int
+) -> None:
     folder = real_data / "flies"
     s = scored(tmp_path, folder / f"{name}.mp4", folder / f"{name}.gt.txt", "threshold")
     assert s.clear.switches == 0
@@ -212,11 +251,20 @@ def test_flies_keep_their_identities(real_data: Path, tmp_path: Path, name: str,
     assert s.identity.idf1 > 90
 
 
-def test_objects_start_within_the_regions_and_go_when_they_are_outside(tmp_path: Path) -> None:
-    """The right half is outer zone: one who walks in starts in the left, one who walks out ends where it ends."""
+def test_objects_start_within_the_regions_and_go_when_they_are_outside(
+    tmp_path: Path,
+) -> None:
+    """The right half is outer zone: one who walks in starts in the left, one who walks out ends
+    where it ends.
+    """
     scene = generate("pass_by", seed=1, frames=150)
     half = scene.width / 2
-    square = [(0.0, 0.0), (half, 0.0), (half, float(scene.height)), (0.0, float(scene.height))]
+    square = [
+        (0.0, 0.0),
+        (half, 0.0),
+        (half, float(scene.height)),
+        (0.0, float(scene.height)),
+    ]
     drawn = Regions(scene.width, scene.height, [square], [square], source="file")
     path = write_scene_log(scene, tmp_path / "a.mcap", style="merged")
     with SceneLog(path) as log:
@@ -233,10 +281,14 @@ def test_objects_start_within_the_regions_and_go_when_they_are_outside(tmp_path:
     assert removed[0].rule.startswith("EVENTS 3.2: wholly outside")
 
 
-def test_an_animal_on_the_rim_of_the_picture_is_followed_where_no_regions_are_drawn() -> None:
+def test_an_animal_on_the_rim_of_the_picture_is_followed_where_no_regions_are_drawn() -> (
+    None
+):
     info = SceneInfo(200, 200, 40_000_000, has_images=False, has_masks=False)
     tracker = TRACKERS["shells"](info, replay_config("shells"))
-    for k in range(40):  # 6 pixels wide, in a rim of 8 that the default region of interest leaves out
+    for k in range(
+        40
+    ):  # 6 pixels wide, in a rim of 8 that the default region of interest leaves out
         boxes = [(0.0, 40.0 + 2 * k, 6.0, 6.0)]
         said = tracker.step(Frame(k, 40_000_000 * k, Detections(k, 200, 200, boxes, [1.0])))
     assert [(t.id, t.observed) for t in said.targets] == [(1, True)]
