@@ -1,0 +1,461 @@
+"""Every scene with pictures and truth, by every tracker and input, as it is and disturbed: mean,
+worst, and the peers.
+
+    python tests/benchmarks/bench_scenes.py                              all scenes as they are
+    python tests/benchmarks/bench_scenes.py pets highway --inputs pixels detector both
+    python tests/benchmarks/bench_scenes.py --variants all --trackers events
+    python tests/benchmarks/bench_scenes.py --vary segmentation          +-5 % of each parameter
+    python tests/benchmarks/bench_scenes.py --masks                      CDnet's masks alone
+    python tests/benchmarks/bench_scenes.py --plain                      plain OpenCV pipelines anew
+
+One configuration for all of them. ``scenes.json`` beside the recordings names the scenes, and what
+the best of 24 plain OpenCV pipelines and the peers' trackers reach on each; a figure under theirs
+is marked with ``<``. Scores are HOTA, MOTA and IDF1 in percent and identity switches, matched at
+IoU 0.5, truth rows of confidence 0 dropped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import os
+import sys
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from fractions import Fraction
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+from disturbances import DISTURBANCES
+from numpy.typing import NDArray
+from plain_sort import PlainSort
+
+import replay.cli
+from recorders.segmentation import SEGMENTERS, SegmentationParameters
+from recorders.sources import open_source
+from recorders.vision import cv2
+from replay.evaluate import MotTable, evaluate, read_truth
+from replay.evaluate.truth import fit_truth
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = Path(os.environ.get("SCENETRACE_DATA", ROOT.parent / "shared" / "data"))
+MODEL = DATA / "models" / "fastestdet.onnx"
+TRACKERS = ("events", "shells", "parts")
+INPUTS = ("pixels", "detector", "both")
+MEASURED_AS = {"pixels": "px", "detector": "fd", "both": "both"}
+Image = NDArray[np.uint8]
+Scores = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene of ``scenes.json``: paths, rate, and what others reach on it."""
+
+    name: str
+    video: Path
+    truth: Path
+    fps: int
+    frames: int
+    scale: float
+    detect: str
+    detector: bool
+    plain: tuple[float, ...]
+    peers: tuple[float, ...]
+
+
+def scenes() -> list[Scene]:
+    """The scenes that have pictures, in the file's order."""
+    listed: dict[str, Any] = json.loads((DATA / "scenes.json").read_text(encoding="utf-8"))
+    return [
+        Scene(
+            name,
+            DATA.parent / entry["video"],
+            DATA.parent / entry["gt"],
+            entry["fps"],
+            entry["frames"],
+            entry.get("scale", 1.0),
+            entry.get("detect", "motion"),
+            bool(entry.get("detector")),
+            tuple(entry.get("plain", ())),
+            tuple(entry.get("peers fd", ())),
+        )
+        for name, entry in listed.items()
+        if isinstance(entry, dict) and "video" in entry
+    ]
+
+
+# -- variants ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Variant:
+    """How a scene's pictures are altered before they are recorded.
+
+    Attributes:
+        picture: (H, W, 3) uint8 BGR and the frame's number -> the altered picture.
+        codec, options: how the altered video is stored.
+        step: every so many frames are kept.
+        part: the share of the scene that is kept, from its start.
+        mirrored: left is right, for the truth as well.
+        parameters: of the recording, in place of a re-encoded video.
+    """
+
+    picture: Callable[[Image, int], Image] = lambda image, _: image
+    codec: str = "ffv1"
+    options: tuple[tuple[str, str], ...] = ()
+    step: int = 1
+    part: float = 1.0
+    mirrored: bool = False
+    record: tuple[str, ...] = ()
+
+
+def _mirror(image: Image, _: int) -> Image:
+    return np.ascontiguousarray(image[:, ::-1])
+
+
+def _darker(image: Image, _: int) -> Image:
+    return cv2.convertScaleAbs(image, alpha=0.6)
+
+
+def _noisier(image: Image, number: int) -> Image:
+    noise = np.random.default_rng(number).normal(0, 6, image.shape)
+    return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
+
+
+AS_IS = "as is"
+VARIANTS: dict[str, Variant] = {
+    AS_IS: Variant(),
+    "crf 10": Variant(codec="libx264", options=(("crf", "10"),)),
+    "crf 23": Variant(codec="libx264", options=(("crf", "23"),)),
+    "mjpeg": Variant(codec="mjpeg", options=(("q:v", "3"),)),
+    "png": Variant(record=("--codec", "png")),
+    "half rate": Variant(step=2),
+    "first half": Variant(part=0.5),
+    "mirrored": Variant(_mirror, mirrored=True),
+    "darker": Variant(_darker),
+    "noisier": Variant(_noisier),
+    **{name: Variant(picture) for name, picture in DISTURBANCES.items()},
+}
+
+
+def altered(scene: Scene, variant: Variant, folder: Path) -> Path:
+    """The scene's video as the variant has it."""
+    source = open_source(scene.video, fps=scene.fps)
+    kept = range(0, round(scene.frames * variant.part), variant.step)
+    path = folder / ("altered.avi" if variant.codec == "mjpeg" else "altered.mkv")
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(
+            variant.codec, Fraction(scene.fps, variant.step), options=dict(variant.options)
+        )
+        stream.width, stream.height = source.width, source.height  # type: ignore[union-attr]
+        formats = {"ffv1": "bgr0", "mjpeg": "yuvj420p"}
+        stream.pix_fmt = formats.get(variant.codec, "yuv420p")  # type: ignore[union-attr]
+        for found in itertools.islice(source.frames(), scene.frames):
+            if found.index not in kept or found.image is None:
+                continue
+            picture = variant.picture(found.image, found.index)
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), "bgr24")
+            container.mux(stream.encode(frame))  # type: ignore[union-attr]
+        container.mux(stream.encode())  # type: ignore[union-attr]
+    return path
+
+
+def truth_of(scene: Scene, variant: Variant, size: tuple[int, int]) -> MotTable:
+    """The truth as the variant has it, in the recording's pixels."""
+    made_for = (round(size[0] * scene.scale), round(size[1] * scene.scale))
+    table = fit_truth(read_truth(scene.truth), size, made_for)
+    kept = range(0, round(scene.frames * variant.part), variant.step)
+    rows = []
+    for frame, identity, box, confidence in zip(
+        table.frames.tolist(),
+        table.ids.tolist(),
+        table.boxes.tolist(),
+        table.confidences.tolist(),
+        strict=True,
+    ):
+        if frame in kept:
+            x = size[0] - box[0] - box[2] if variant.mirrored else box[0]
+            rows.append((frame // variant.step, identity, x, *box[1:], confidence))
+    return MotTable.from_rows(rows)
+
+
+# -- the product ---------------------------------------------------------------------------------
+
+
+def run(*words: str | Path) -> None:
+    """One command of the product."""
+    messages = StringIO()
+    with redirect_stderr(messages):
+        code = replay.cli.main([str(w) for w in words])
+    if code not in (0, 3):
+        said = messages.getvalue().strip()
+        sys.exit(f"scenetrace {' '.join(map(str, words))}: exit {code}: {said}")
+
+
+def input_words(scene: Scene, chosen: str) -> list[str]:
+    """The options of `record` for an input."""
+    pixels = ["--detect", scene.detect]
+    model = ["--detect", "onnx", "--model", str(MODEL)]
+    if scene.detector:
+        model += ["--labels", "person"]
+    return {"pixels": pixels, "detector": model, "both": [*pixels, *model]}[chosen]
+
+
+def recorded(
+    scene: Scene, variant: Variant, chosen: str, settings: list[str], folder: Path
+) -> Path:
+    """The scene log."""
+    plain = variant == Variant() or variant.record
+    video = scene.video if plain else altered(scene, variant, folder)
+    rate = Fraction(scene.fps, variant.step)
+    log = folder / "scene.mcap"
+    words = ["--fps", f"{float(rate):g}", *input_words(scene, chosen), *variant.record]
+    run("record", video, "-o", log, "--force", *words, *settings)
+    return log
+
+
+def scored(
+    log: Path, tracker: str, truth: MotTable, settings: list[str], out: Path
+) -> Scores:
+    """Replay and score."""
+    run("replay", log, "-o", out, "--force", "--tracker", tracker, *settings)
+    run("export", out, "--to", "mot", "-o", out.with_suffix(".txt"), "--force")
+    s = evaluate(truth, read_truth(out.with_suffix(".txt")))
+    return s.hota.hota, s.clear.mota, s.identity.idf1, float(s.clear.switches)
+
+
+def in_sections(settings: list[str], sections: set[str]) -> list[str]:
+    """Those ``section.field=value`` that belong to some sections, as options."""
+    words = []
+    for setting in settings:
+        if setting.split(".")[0] in sections:
+            words += ["--set", setting]
+    return words
+
+
+def measure(
+    scene: Scene,
+    variant: Variant,
+    chosen: str,
+    args: argparse.Namespace,
+    settings: list[str],
+) -> dict[str, Scores]:
+    """The scores of every tracker."""
+    recording = {"segmentation", "detector", "fusion"}
+    others = [s for s in settings if s.split(".")[0] not in recording]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        log = recorded(scene, variant, chosen, in_sections(settings, recording), folder)
+        source = open_source(scene.video, fps=scene.fps)
+        truth = truth_of(scene, variant, (source.width, source.height))
+        words = [w for s in others for w in ("--set", s)]
+        return {
+            tracker: scored(log, tracker, truth, words, folder / "annotated.mcap")
+            for tracker in args.trackers
+        }
+
+
+# -- tables --------------------------------------------------------------------------------------
+
+
+def cell(scores: Scores, bar: tuple[float, ...]) -> str:
+    """Scores with a mark at those under the bar."""
+    marks = [
+        "<" if k < len(bar) and value < bar[k] else " "
+        for k, value in enumerate(scores[:3])
+    ]
+    figures = "".join(f"{v:7.1f}{m}" for v, m in zip(scores[:3], marks, strict=True))
+    return f"{figures}{scores[3]:5.0f}  "
+
+
+def summary(rows: list[dict[str, Scores]], trackers: list[str], label: str) -> None:
+    """Mean and worst."""
+    for what in ("mean", "worst", "spread"):
+        line = f"{label + ' ' + what:34}"
+        for tracker in trackers:
+            values = np.array([row[tracker] for row in rows])
+            low = np.append(values[:, :3].min(0), values[:, 3].max())
+            spread = np.ptp(values, axis=0)
+            chosen = {"mean": values.mean(0), "worst": low, "spread": spread}[what]
+            line += cell(tuple(chosen.tolist()), ())
+        print(line)
+
+
+def table(chosen_scenes: list[Scene], args: argparse.Namespace) -> None:
+    """Every scene, input and variant."""
+    names = list(VARIANTS) if "all" in args.variants else args.variants
+    heads = "".join(f"{t:^31}" for t in args.trackers)
+    print(f"{'HOTA MOTA IDF1 switches':34}{heads}")
+    every: dict[str, list[dict[str, Scores]]] = {}
+    for scene in chosen_scenes:
+        for chosen in args.inputs:
+            if chosen != "pixels" and not scene.detector:
+                continue
+            bar = scene.plain if chosen == "pixels" else scene.peers
+            rows = []
+            for name in names:
+                rows.append(measure(scene, VARIANTS[name], chosen, args, args.set))
+                cells = "".join(cell(rows[-1][t], bar) for t in args.trackers)
+                print(f"{scene.name + ', ' + chosen + ', ' + name:34}{cells}", flush=True)
+            every.setdefault(chosen, []).extend(rows)
+            if len(rows) > 1:
+                summary(rows, args.trackers, f"{scene.name}, {chosen}")
+    for chosen, rows in every.items():
+        if len(rows) > 1:
+            summary(rows, args.trackers, f"all, {chosen}")
+
+
+def numbers(section: str) -> Iterator[tuple[str, float]]:
+    """The fields of a section that are numbers other than 0, with their defaults."""
+    text = StringIO()
+    with redirect_stdout(text):
+        replay.cli.main(["config"])
+    for name, value in tomllib.loads(text.getvalue())[section].items():
+        if isinstance(value, int | float) and not isinstance(value, bool) and value:
+            yield f"{section}.{name}", float(value)
+
+
+def vary(chosen_scenes: list[Scene], args: argparse.Namespace) -> None:
+    """What 5 % more and less of each parameter do to the mean over the scenes."""
+
+    def mean(settings: list[str]) -> np.ndarray:
+        rows = [measure(s, Variant(), "pixels", args, settings) for s in chosen_scenes]
+        return np.array([[row[t] for t in args.trackers] for row in rows]).mean(0)
+
+    base = mean([])
+    print(f"{'as is':46}" + "".join(cell(tuple(v), ()) for v in base.tolist()))
+    for name, value in numbers(args.vary):
+        for factor in (0.95, 1.05):
+            given = value * factor
+            whole = value.is_integer() and abs(value) >= 10
+            setting = f"{name}={round(given) if whole else given!r}"
+            try:
+                moved = mean([setting]) - base
+            except SystemExit as e:
+                print(f"{setting:46}not taken: {e}")
+                continue
+            print(f"{setting:46}" + "".join(cell(tuple(v), ()) for v in moved.tolist()))
+
+
+def masks() -> None:
+    """Precision, recall and F of the foreground on CDnet's highway, beside MOG2 and KNN.
+
+    Pixels of grey 85 and 170 are not scored; 50 (shadow) counts as ground, as CDnet does.
+    """
+    folder = DATA / "scenes" / "cdnet-highway"
+    scene = next(s for s in scenes() if s.name == "highway")
+    pictures = [f.image for f in open_source(scene.video, fps=scene.fps).frames()]
+    truth = {int(p.stem.strip("gtin")): p for p in sorted((folder / "masks").iterdir())}
+    height, width = pictures[0].shape[:2]  # type: ignore[union-attr]
+    for name in ("motion", "density", "mog2", "knn"):
+        counts = np.zeros(3)
+        if name in SEGMENTERS:
+            segmenter = SEGMENTERS[name](SegmentationParameters(), width, height, scene.fps)
+            segmenter.prepare(iter(pictures))  # type: ignore[arg-type]
+        else:
+            plain = {
+                "mog2": cv2.createBackgroundSubtractorMOG2,
+                "knn": cv2.createBackgroundSubtractorKNN,
+            }
+            subtractor = plain[name]()
+        for index, image in enumerate(pictures):
+            if name in SEGMENTERS:
+                mask = segmenter.segment(index, image).mask  # type: ignore[arg-type]
+            else:
+                mask = np.where(subtractor.apply(image) == 255, 255, 0).astype(np.uint8)
+                mask = cv2.medianBlur(mask, 5)
+            if index + 1 in truth:
+                true = cv2.imread(str(truth[index + 1]), cv2.IMREAD_GRAYSCALE)
+                scored_ = (true != 85) & (true != 170)
+                moving, found = (true == 255) & scored_, (mask > 0) & scored_
+                counts += [(moving & found).sum(), found.sum(), moving.sum()]
+        precision, recall = counts[0] / counts[1], counts[0] / counts[2]
+        f = 2 * precision * recall / (precision + recall)
+        print(f"{name:10} precision {precision:.3f}  recall {recall:.3f}  F {f:.3f}")
+
+
+def plain(chosen_scenes: list[Scene]) -> None:
+    """Plain OpenCV pipelines: MOG2 or KNN, four morphologies, SORT."""
+    for scene in chosen_scenes:
+        source = open_source(scene.video, fps=scene.fps)
+        truth = truth_of(scene, Variant(), (source.width, source.height))
+        best = np.full(3, -np.inf)
+        for subtractor, (opening, closing) in itertools.product(
+            ("MOG2", "KNN"), ((0, 5), (3, 5), (3, 9), (5, 15))
+        ):
+            found = list(plain_rows(source.frames(), scene, subtractor, opening, closing))
+            s = evaluate(truth, MotTable.from_rows(found))
+            scores = (s.hota.hota, s.clear.mota, s.identity.idf1)
+            best = np.maximum(best, scores)
+        print(
+            f"{scene.name:14} best of 8, each its own: {best.round(1).tolist()}", flush=True
+        )
+
+
+def plain_rows(
+    frames: Iterator[Any], scene: Scene, name: str, opening: int, closing: int
+) -> Iterator[tuple[float, ...]]:
+    """MOTChallenge rows of one pipeline."""
+    subtractor = getattr(cv2, f"createBackgroundSubtractor{name}")()
+    tracker = PlainSort()
+    for found in itertools.islice(frames, scene.frames):
+        mask = np.where(subtractor.apply(found.image) == 255, 255, 0).astype(np.uint8)
+        for size, operation in ((opening, cv2.MORPH_OPEN), (closing, cv2.MORPH_CLOSE)):
+            if size:
+                shape = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+                mask = cv2.morphologyEx(mask, operation, shape)
+        stats = cv2.connectedComponentsWithStats(mask)[2][1:]
+        boxes = stats[stats[:, 4] >= 0.001 * mask.size, :4].astype(np.float64)
+        for identity, box in tracker.step(boxes):
+            yield (found.index, identity, *box, 1.0)
+
+
+def main() -> None:
+    """Print what is asked for."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    if not (DATA / "scenes.json").exists():
+        print(f"scenes: skipped, {DATA / 'scenes.json'} is not there")
+        return
+    known = {s.name: s for s in scenes()}
+    parser.add_argument("names", nargs="*", metavar="SCENE", help=f"of {', '.join(known)}")
+    parser.add_argument("--trackers", nargs="+", default=list(TRACKERS))
+    parser.add_argument("--inputs", nargs="+", choices=INPUTS, default=["pixels"])
+    parser.add_argument(
+        "--variants",
+        nargs="+",
+        choices=(*VARIANTS, "all"),
+        default=[AS_IS],
+        metavar="VARIANT",
+    )
+    parser.add_argument("--set", nargs="+", default=[], metavar="KEY=VALUE")
+    parser.add_argument(
+        "--vary", metavar="SECTION", help="+-5 %% of each of its parameters"
+    )
+    parser.add_argument("--masks", action="store_true", help="CDnet's masks alone")
+    parser.add_argument("--plain", action="store_true", help="plain pipelines anew")
+    args = parser.parse_args()
+    for name in args.names:
+        if name not in known:
+            parser.error(f"no scene {name!r}; there are: {', '.join(known)}")
+    chosen = [known[name] for name in args.names or known]
+    if args.masks:
+        masks()
+    elif args.plain:
+        plain(chosen)
+    elif args.vary:
+        vary(chosen, args)
+    else:
+        table(chosen, args)
+
+
+if __name__ == "__main__":
+    main()
