@@ -99,7 +99,7 @@ class Variant:
     """How a scene's pictures are altered before they are recorded.
 
     Attributes:
-        picture: (H, W, 3) uint8 BGR and the frame's number -> the altered picture.
+        picture: (H, W, 3) uint8 BGR, the frame's number, number of frames -> altered picture.
         codec, options: how the altered video is stored.
         step: every so many frames are kept.
         part: the share of the scene that is kept, from its start.
@@ -107,7 +107,7 @@ class Variant:
         parameters: of the recording, in place of a re-encoded video.
     """
 
-    picture: Callable[[Image, int], Image] = lambda image, _: image
+    picture: Callable[[Image, int, int], Image] = lambda image, *_: image
     codec: str = "ffv1"
     options: tuple[tuple[str, str], ...] = ()
     step: int = 1
@@ -116,15 +116,15 @@ class Variant:
     record: tuple[str, ...] = ()
 
 
-def _mirror(image: Image, _: int) -> Image:
+def _mirror(image: Image, *_: int) -> Image:
     return np.ascontiguousarray(image[:, ::-1])
 
 
-def _darker(image: Image, _: int) -> Image:
+def _darker(image: Image, *_: int) -> Image:
     return cv2.convertScaleAbs(image, alpha=0.6)
 
 
-def _noisier(image: Image, number: int) -> Image:
+def _noisier(image: Image, number: int, _: int) -> Image:
     noise = np.random.default_rng(number).normal(0, 6, image.shape)
     return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
 
@@ -160,7 +160,7 @@ def altered(scene: Scene, variant: Variant, folder: Path) -> Path:
         for found in itertools.islice(source.frames(), scene.frames):
             if found.index not in kept or found.image is None:
                 continue
-            picture = variant.picture(found.image, found.index)
+            picture = variant.picture(found.image, found.index, scene.frames)
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), "bgr24")
             container.mux(stream.encode(frame))  # type: ignore[union-attr]
         container.mux(stream.encode())  # type: ignore[union-attr]

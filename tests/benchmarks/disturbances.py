@@ -1,7 +1,7 @@
 """What happens to real cameras: light that changes, infrared, a bump, a shake, a pan, a lost signal.
 
-Each is a function of a picture (H, W, 3) uint8 BGR and its number in the recording, the same on
-every run.
+Each is a function of a picture (H, W, 3) uint8 BGR, its number and the number of frames in the
+recording, the same on every run.
 """
 
 from __future__ import annotations
@@ -15,55 +15,61 @@ from numpy.typing import NDArray
 from recorders.vision import cv2
 
 Image = NDArray[np.uint8]
-MIDDLE = 150
-"""The frame from which a change lasts."""
-SPELL = range(100, 130)
-"""The frames of a change that passes."""
+
+
+def _later(number: int, frames: int) -> bool:
+    """The second half, where a change lasts."""
+    return number >= frames // 2
+
+
+def _spell(number: int, frames: int) -> bool:
+    """A tenth of the recording from its third on, where a change passes."""
+    return frames // 3 <= number < frames // 3 + frames // 10
 
 
 def _gain(image: Image, gain: float) -> Image:
     return cv2.convertScaleAbs(image, alpha=gain)
 
 
-def light(image: Image, number: int) -> Image:
-    """Six tenths of the light for thirty frames."""
-    return _gain(image, 0.6) if number in SPELL else image
+def light(image: Image, number: int, frames: int) -> Image:
+    """Six tenths of the light for a tenth of the time."""
+    return _gain(image, 0.6) if _spell(number, frames) else image
 
 
-def little_light(image: Image, number: int) -> Image:
-    """A sixth of the light less for thirty frames."""
-    return _gain(image, 0.85) if number in SPELL else image
+def little_light(image: Image, number: int, frames: int) -> Image:
+    """A sixth of the light less for a tenth of the time."""
+    return _gain(image, 0.85) if _spell(number, frames) else image
 
 
-def exposure(image: Image, number: int) -> Image:
+def exposure(image: Image, number: int, frames: int) -> Image:
     """An exposure that wanders by 15 %."""
     return _gain(image, 1 + 0.15 * math.sin(number / 12))
 
 
-def infrared(image: Image, number: int) -> Image:
+def infrared(image: Image, number: int, frames: int) -> Image:
     """Grey from the middle on."""
-    if number < MIDDLE:
+    if not _later(number, frames):
         return image
     return cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
 
 
-def bumped(image: Image, number: int) -> Image:
+def bumped(image: Image, number: int, frames: int) -> Image:
     """Four pixels aside and two down from the middle on."""
-    return np.roll(image, (2, 4), (0, 1)) if number >= MIDDLE else image
+    return np.roll(image, (2, 4), (0, 1)) if _later(number, frames) else image
 
 
-def shaken(image: Image, number: int) -> Image:
+def shaken(image: Image, number: int, frames: int) -> Image:
     """Up to one pixel in each direction, another in every frame."""
     down, right = np.random.default_rng(number).integers(-1, 2, 2).tolist()
     return np.roll(image, (down, right), (0, 1))
 
 
-def no_signal(image: Image, number: int) -> Image:
-    """Black for thirty frames."""
-    return np.zeros_like(image) if number in SPELL else image
+def no_signal(image: Image, number: int, frames: int) -> Image:
+    """Black for a tenth of the time."""
+    return np.zeros_like(image) if _spell(number, frames) else image
 
 
-DISTURBANCES: dict[str, Callable[[Image, int], Image]] = {
+DISTURBANCES: dict[str, Callable[[Image, int, int], Image]] = {
     "light": light,
     "little light": little_light,
     "exposure": exposure,
