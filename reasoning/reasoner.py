@@ -26,8 +26,10 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec import UNSET
 
 from reasoning import events as tell
+from reasoning.classes import ClassBook
 from reasoning.geometry import WHOLLY, boxes_touch, circles_overlap_share
 from reasoning.graph import GraphBook, Scene
 from reasoning.groups import GroupBook, GroupChange, HeldGroup
@@ -45,6 +47,7 @@ from reasoning.rows import Rows, ghost, united
 from reasoning.shells import ShellParameters, Shells, shells
 from reasoning.transitions import GROUPED, GROUPING, SPLITTING, TransitionCounter
 from recorders.messages import (
+    Detections,
     Event,
     Graph,
     Group,
@@ -100,6 +103,7 @@ class Reasoner:
         self._groups = GroupBook()
         self._scene = SceneBook()
         self._graph = GraphBook()
+        self._classes = ClassBook()
         self._log = tell.EventLog()
         self.counter = TransitionCounter()
         self._regions = SceneRegions(
@@ -129,7 +133,12 @@ class Reasoner:
         return self._regions.message
 
     def step(
-        self, frame_index: int, time_ns: int, targets: Targets, regions: Regions | None
+        self,
+        frame_index: int,
+        time_ns: int,
+        targets: Targets,
+        regions: Regions | None,
+        detections: Detections | None = None,
     ) -> SceneAnnotation:
         """Take the next frame.
 
@@ -138,8 +147,11 @@ class Reasoner:
             time_ns: log time.
             targets: the tracker's answer.
             regions: the recorded regions in force, None for the default.
+            detections: the recorded detections, whose labels tell what the targets are.
         """
         self._use(regions)
+        if detections is not None:
+            self._classes.step(targets.targets, detections)
         self._log.open(frame_index, time_ns)
         for n in targets.notices:
             tell.notice(self._log, n)
@@ -425,6 +437,7 @@ class Reasoner:
                 Track(
                     i, t.box, t.ellipse, t.velocity, radius, t.mode, t.confidence, t.present, t.observed, t.blob,
                     *bits, *lists, group, presence.status, zones, t.hidden_parts, t.gate, t.centroid,
+                    self._classes.of(i) or UNSET,
                 )
             )  # fmt: skip
         return answer
@@ -465,6 +478,7 @@ class Reasoner:
             "groups": self._groups.state(),
             "scene": self._scene.state(),
             "graph": self._graph.state(),
+            "classes": self._classes.state(),
             "counter": self.counter.state(),
             "next_event": self._log.next_id,
             "regions": None if default else msgspec.to_builtins(self._regions.message),
@@ -483,6 +497,7 @@ class Reasoner:
         self._groups.restore(state["groups"])
         self._scene.restore(state["scene"])
         self._graph.restore(state["graph"])
+        self._classes.restore(state["classes"])
         self.counter.restore(state["counter"])
         self._log.next_id = state["next_event"]
         self._use(

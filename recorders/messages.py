@@ -21,6 +21,8 @@ RelationState = Literal["INTERACTION", "JOINT"]
 SceneStatus = Literal["entering", "inside", "exiting", "returned", "outside"]
 
 NO_BLOB = -1
+NO_CLASS = ("", "object")
+"""Labels of detections that say nothing of what was detected."""
 
 EVENT_KINDS = (
     "track_confirmed",
@@ -86,7 +88,8 @@ class Detections(Struct, frozen=True):
 
     ``blobs[k]`` is the id of the blob that detection k came from, `NO_BLOB` where there is no
     mask; several detections may come from one blob. ``components`` holds the blobs as they are in
-    the mask, whatever boxes were drawn into them. ``size_model`` holds the numbers of the size
+    the mask, whatever boxes were drawn into them. ``labels[k]`` is what detection k shows, as its
+    detector calls it; those of `NO_CLASS` where nothing is known of that. ``size_model`` holds the numbers of the size
     model that the segmentation had learnt (`recorders.segmentation.sizes.SizeModel.from_list`),
     empty where there is none.
     """
@@ -217,7 +220,11 @@ class Targets(Struct, frozen=True):
 
 
 class Track(Struct, frozen=True):
-    """A target with everything the reasoning found about it in this frame."""
+    """A target with everything the reasoning found about it in this frame.
+
+    ``label`` is the class that its sightings have voted for so far; left out where no detector
+    said any.
+    """
 
     id: Identity
     box: Box
@@ -241,6 +248,7 @@ class Track(Struct, frozen=True):
     hidden_parts: list[str] = []
     gate: Box | UnsetType = UNSET
     centroid: tuple[float, float] | UnsetType = UNSET
+    label: str | UnsetType = UNSET
 
 
 class Tracks(Struct, frozen=True):

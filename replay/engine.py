@@ -313,7 +313,11 @@ class Engine:
         frame = taken.frame
         with continuing(None if self._restored is None else self._restored.frame):
             annotation = self._reasoner.step(
-                frame.index, frame.time_ns, taken.targets, frame.regions
+                frame.index,
+                frame.time_ns,
+                taken.targets,
+                frame.regions,
+                frame.detections,
             )
         self.current = Scene(frame, taken.targets, annotation)
         if frame.index % self._keep_every == 0 and frame.index not in self._kept:

@@ -378,7 +378,9 @@ class Run:
 
     def _annotate(self, step: Step, reasoner: Reasoner) -> Annotated:
         frame = step.frame
-        scene = reasoner.step(frame.index, frame.time_ns, step.targets, frame.regions)
+        scene = reasoner.step(
+            frame.index, frame.time_ns, step.targets, frame.regions, frame.detections
+        )
         forward = step.targets if step.forward is None else step.forward
         content = payloads(forward, scene, reasoner.regions, frame.time_ns, step.extra)
         made = digest.digest(self.link, frame.index, frame.time_ns, step.recorded, content)

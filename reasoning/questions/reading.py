@@ -18,6 +18,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec import UNSET
 
 from reasoning.encounters import EncounterParameters, History, find_encounters, near, still
 from reasoning.questions.schema import TABLES
@@ -334,6 +335,7 @@ class _Camera:
             self._add(
                 "tracks", tracks.frame, t, k.id, *k.box, *k.velocity, k.mode, k.confidence,
                 k.grouping, k.grouped, k.splitting, k.group, k.scene,
+                None if k.label is UNSET else k.label,
             )  # fmt: skip
             if not k.present:
                 continue

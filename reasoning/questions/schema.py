@@ -37,6 +37,7 @@ TABLES: Mapping[str, Columns] = {
         ("splitting", "BOOLEAN"),
         ("group_id", "INTEGER"),
         ("scene", "VARCHAR"),
+        ("label", "VARCHAR"),
     ),
     "relations": (
         ("recording", "VARCHAR"),
@@ -164,7 +165,8 @@ CONTRACT = ("frames", "tracks", "relations", "groups", "encounters", "events")
 MEANING: Mapping[str, str] = {
     "frames": "one row per frame",
     "tracks": (
-        "one row per track and frame; x, y, w, h in pixels, vx, vy in pixels per second"
+        "one row per track and frame; x, y, w, h in pixels, vx, vy in pixels per second;"
+        " label is the class that its detections voted for, NULL where they told none"
     ),
     "relations": (
         "one row per interval in which a and b (a < b) were in INTERACTION or JOINT"

@@ -24,7 +24,16 @@ _HABIT = 0.05
 # A stretch on another's place that is shorter than this, beside longer ones, is a crossing, not a
 # change.
 SHORTEST_CHANGE = 5
-DISCRETE = ("mode", "grouping", "grouped", "splitting", "scene", "zones", "hidden_parts")
+DISCRETE = (
+    "mode",
+    "grouping",
+    "grouped",
+    "splitting",
+    "scene",
+    "zones",
+    "hidden_parts",
+    "label",
+)
 VALUES = (
     "ellipse",
     "velocity",
