@@ -31,8 +31,8 @@ from typing import Any
 
 import numpy as np
 
+from reasoning.candidate_pairs import near_pairs
 from reasoning.geometry import Bools, Floats, share_inside
-from reasoning.near import near_pairs
 from reasoning.transitions import GROUPED, GROUPING, SINGLE, SPLITTING
 from recorders.messages import NO_BLOB, Box, GroupTrack
 from recorders.parameters import Parameters, param

@@ -43,8 +43,8 @@ from reasoning.interactions import (
 )
 from reasoning.regions import RegionParameters, SceneBook, SceneRegions, default_regions
 from reasoning.relations import Change, Objects, RelationBook, RelationParameters
-from reasoning.rows import Rows, ghost, united
 from reasoning.shells import ShellParameters, Shells, shells
+from reasoning.target_columns import Rows, ghost, united
 from reasoning.transitions import GROUPED, GROUPING, SPLITTING, TransitionCounter
 from recorders.messages import (
     Detections,

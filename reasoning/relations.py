@@ -25,8 +25,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from reasoning.candidate_pairs import near_pairs
 from reasoning.geometry import Floats
-from reasoning.near import near_pairs
 from recorders.messages import NO_BLOB
 from recorders.parameters import Parameters, param
 

@@ -23,10 +23,10 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
 
 from recorders import messages
-from recorders.checks import check_detections, check_regions
 from recorders.errors import RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import Schema
+from recorders.message_checks import check_detections, check_regions
 
 DEFAULT_CAMERA = "camera"
 NANOS = 1_000_000_000

@@ -19,9 +19,9 @@ import numpy as np
 from msgspec import UNSET
 from numpy.typing import NDArray
 
+from recorders.annotated.membership import Labels, value_of
 from recorders.messages import Box, Event, Group, Regions, Relation, Track
 from recorders.vision import cv2
-from replay.membership import Labels, value_of
 
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -93,7 +93,7 @@ class Overlay:
     """What one frame shows; events are those still to be read, `title` stands at the top.
 
     ``membership`` is a (height, width) uint16 image of the frame's size that says which pixels
-    belong to whom, 0 for nobody, else `replay.membership.value_of` the track's identity.
+    belong to whom, 0 for nobody, else `recorders.annotated.membership.value_of` the track's identity.
     """
 
     tracks: Sequence[Track] = ()

@@ -1,7 +1,7 @@
 """The loop: one frame in, one scene out. No clock, no randomness.
 
 `Forward` runs a tracker over a scene and keeps the input's digest chain. `Engine` adds the
-reasoning and travels in time, for notebooks and debuggers; `replay.replaying` adds hindsight and
+reasoning and travels in time, for notebooks and debuggers; `replay.run` adds hindsight and
 writing for the command line.
 """
 
@@ -21,13 +21,13 @@ import msgspec
 import numpy as np
 
 from reasoning.reasoner import Reasoner, SceneAnnotation
+from recorders.annotated import digest
+from recorders.annotated.checkpoint import FORMAT, Checkpoint, decode_state, encode_state
 from recorders.errors import SceneTraceError, UsageError
 from recorders.log import Message
 from recorders.messages import Targets
 from recorders.parameters import Config
 from recorders.scene import Frame, SceneLog
-from replay import digest
-from replay.checkpoint import FORMAT, Checkpoint, decode_state, encode_state
 from replay.configuration import (
     DEFAULT_TRACKER,
     fingerprint,

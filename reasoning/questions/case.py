@@ -22,11 +22,11 @@ from typing import Any
 import duckdb
 
 from reasoning.encounters import EncounterParameters
+from reasoning.questions.duckdb_tables import insert
+from reasoning.questions.ingest import file_digest, read_recordings
+from reasoning.questions.literals import Recordings
 from reasoning.questions.macros import macro_statements
-from reasoning.questions.reading import file_digest, read_recordings
 from reasoning.questions.schema import TABLES, create_statements
-from reasoning.questions.store import insert
-from reasoning.questions.values import Recordings
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 

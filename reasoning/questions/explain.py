@@ -17,10 +17,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 from urllib.parse import unquote
 
-from reasoning.questions import measured
+from reasoning.questions import thresholds
 from reasoning.questions.case import Case
-from reasoning.questions.measured import Measure, event_measures, measure_line
-from reasoning.questions.values import literal, zone_reference
+from reasoning.questions.literals import literal, zone_reference
+from reasoning.questions.thresholds import Measure, event_measures, measure_line
 from recorders.errors import UsageError
 
 _REFERENCE = re.compile(
@@ -198,7 +198,7 @@ def _single(case: Case, kind: str, track: int, at: int, only: str) -> Explanatio
     text, rule = _SINGLE[kind]
     # What a target does in a frame is asked of that frame: `track:7@31` keeps it.
     reference = f"{kind}:{track}@{at if kind == 'track' else row['start_frame']}"
-    found = measured.still_measures(row) if kind == "still" else _bits(case, row, at)
+    found = thresholds.still_measures(row) if kind == "still" else _bits(case, row, at)
     return _of_one(case, row, (reference, kind), f"Target {track} {text}.", rule, found)
 
 
@@ -289,7 +289,7 @@ def _told_of_pair(
             row["state"],
             f"were in the relation {row['state']}",
             rule,
-            measured.began_with(case, row),
+            thresholds.began_with(case, row),
         )
     if kind == "near":
         rule = "ours: standing points, within touching distance"
@@ -297,21 +297,26 @@ def _told_of_pair(
             kind,
             "stood within touching distance",
             rule,
-            measured.near_measures(case, row),
+            thresholds.near_measures(case, row),
         )
     if kind == "abrupt":
         text = "were abrupt against one another at touching distance"
-        return kind, text, measured.ABRUPT_RULE, measured.abrupt_measures(case, row)
+        return kind, text, thresholds.ABRUPT_RULE, thresholds.abrupt_measures(case, row)
     if kind == "phase":
         text = f"were socially together; this part of it: {row['kind']}"
-        rule = measured.phase_rule(case, row)
-        return f"phase ({row['kind']})", text, rule, measured.phase_measures(case, row)
+        rule = thresholds.phase_rule(case, row)
+        return f"phase ({row['kind']})", text, rule, thresholds.phase_measures(case, row)
     text = f"were socially together, for the most part: {row['kind']}"
     rule = (
         "ours: encounters in hindsight (near, slow against one another, not passing, long"
         " enough)"
     )
-    return f"encounter ({row['kind']})", text, rule, measured.encounter_measures(case, row)
+    return (
+        f"encounter ({row['kind']})",
+        text,
+        rule,
+        thresholds.encounter_measures(case, row),
+    )
 
 
 def chain(

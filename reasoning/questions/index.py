@@ -26,9 +26,9 @@ from reasoning.questions.case import (
     locked_down,
     parquet_parts,
 )
-from reasoning.questions.reading import Facts, file_digest, read_recordings
+from reasoning.questions.duckdb_tables import insert, reason
+from reasoning.questions.ingest import Facts, file_digest, read_recordings
 from reasoning.questions.schema import TABLES, create_statements
-from reasoning.questions.store import insert, reason
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 

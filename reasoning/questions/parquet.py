@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import duckdb
 import numpy as np
 
-from reasoning.questions.store import reason
+from reasoning.questions.duckdb_tables import reason
 from recorders.errors import SceneTraceError
 
 if TYPE_CHECKING:

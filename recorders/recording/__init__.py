@@ -2,8 +2,8 @@
 
 from recorders.recording.options import SECTIONS, RecordOptions
 from recorders.recording.recording import InterruptedRecordingError, record
+from recorders.recording.scene_writer import RecordSummary, utf8
 from recorders.recording.stages import with_blobs
-from recorders.recording.writing import RecordSummary, utf8
 
 __all__ = [
     "SECTIONS",

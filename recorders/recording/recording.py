@@ -15,8 +15,8 @@ from recorders.errors import OutputExistsError, SceneTraceError, UsageError
 from recorders.log import LogWriter
 from recorders.pictures import Image
 from recorders.recording.options import NO_DETECTION, RecordOptions, decided
+from recorders.recording.scene_writer import RecordSummary, SceneWriter
 from recorders.recording.stages import encoded
-from recorders.recording.writing import RecordSummary, SceneWriter
 from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmenter
 from recorders.sources import Source, read_regions
 from recorders.sources.source import NANOS

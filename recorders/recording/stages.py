@@ -20,7 +20,7 @@ from recorders.pictures import Image, VideoEncoder, encode_jpeg, encode_mask, en
 from recorders.recording.options import RecordOptions
 from recorders.segmentation import Segmented, Segmenter, SegmenterInParts
 from recorders.sources import Source, SourceFrame
-from recorders.sources.ahead import read_ahead
+from recorders.sources.prefetch import read_ahead
 from recorders.sources.source import NANOS
 from recorders.vision import cv2
 

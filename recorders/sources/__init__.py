@@ -7,13 +7,13 @@ from pathlib import Path
 
 from recorders.errors import SourceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.sources.beside import WithDetections
 from recorders.sources.caviar import CaviarSource
 from recorders.sources.images import ImageFolderSource
 from recorders.sources.mot import MotSource
 from recorders.sources.regions import read_regions
 from recorders.sources.source import Source, SourceFrame, parse_fps
 from recorders.sources.video import VideoSource
+from recorders.sources.with_detections import WithDetections
 
 __all__ = ["Source", "SourceFrame", "open_source", "parse_fps", "read_regions"]
 

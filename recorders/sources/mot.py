@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-from recorders.checks import LARGEST
 from recorders.errors import LimitError, SourceError
 from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.message_checks import LARGEST
 from recorders.messages import Box
 from recorders.pictures import check_size
 from recorders.sources.source import (

@@ -17,8 +17,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
-from recorders.checks import LARGEST, MOST_POLYGONS, MOST_VERTICES
 from recorders.errors import SourceError
+from recorders.message_checks import LARGEST, MOST_POLYGONS, MOST_VERTICES
 from recorders.messages import Regions, Zone
 from recorders.sources.source import existing_file
 

@@ -30,7 +30,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Examine."""
-    from recorders.log.inspection import examine
+    from recorders.log.info import examine
 
     findings = examine(args.log)
     errors = sum(f.severity == "error" for f in findings)

@@ -244,8 +244,9 @@ def read_result(path: Path, camera: str | None) -> Result:
     """Read an annotated log or, if it is no MCAP, a MOTChallenge text."""
     import numpy as np
 
-    from replay.annotated import AnnotatedLog, read_tracks
+    from recorders.annotated.reader import AnnotatedLog
     from replay.evaluate import read_mot
+    from replay.evaluate.track_table import read_tracks
 
     try:
         with path.open("rb") as f:

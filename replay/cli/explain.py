@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
     from reasoning.questions import Case
     from reasoning.questions.explain import explain
-    from reasoning.questions.known import check_recording, check_thresholds
+    from reasoning.questions.name_checks import check_recording, check_thresholds
     from replay.configuration import chosen_encounters, encounter_config
 
     if args.output is not None:

@@ -14,7 +14,7 @@ from replay.cli import common
 from replay.cli.evaluate import size
 
 if TYPE_CHECKING:
-    from replay.annotated import AnnotatedLog
+    from recorders.annotated.reader import AnnotatedLog
 
 FORMATS = ("mot", "parquet", "graphml", "json", "video")
 EXAMPLE = """\
@@ -100,7 +100,7 @@ def ids(text: str) -> frozenset[int]:
 
 def run(args: argparse.Namespace) -> int:
     """Export."""
-    from replay.annotated import AnnotatedLog
+    from recorders.annotated.reader import AnnotatedLog
     from replay.export import write_mot
 
     # Opened first, so that every format gives the same answer to what is no annotated log.

@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
 def _found_otherwise(index: Path, chosen: dict[str, float]) -> bool:
     """Whether encounters that were there already were found with other thresholds; says so."""
     from reasoning.questions import Case
-    from reasoning.questions.known import check_thresholds
+    from reasoning.questions.name_checks import check_thresholds
     from recorders.errors import UsageError
 
     with Case([index]) as case:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from replay.cli import common
 
 if TYPE_CHECKING:
-    from recorders.log.inspection import LogInfo
+    from recorders.log.info import LogInfo
 
 # Times before this are seconds from a recording's start, not dates.
 _FIRST_DATE_NS = 365 * 86_400 * common.NANOS
@@ -37,7 +37,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print it."""
-    from recorders.log.inspection import inspect
+    from recorders.log.info import inspect
 
     info = inspect(args.log)
     if args.json:

@@ -17,8 +17,8 @@ from replay.cli.common import add_configuration, command, say
 
 if TYPE_CHECKING:
     from reasoning.questions import Answer, Case
-    from reasoning.questions.ready import Options
-    from reasoning.questions.values import Recordings
+    from reasoning.questions.literals import Recordings
+    from reasoning.questions.ready_questions import Options
 
 EXAMPLE = """\
 scenetrace query annotated.mcap "SELECT kind, t, subjects, text FROM events ORDER BY t"
@@ -134,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
     """Answer."""
     from reasoning.questions import Case, QueryLimits
     from reasoning.questions.guard import guarded
-    from reasoning.questions.known import check_thresholds
+    from reasoning.questions.name_checks import check_thresholds
     from replay.configuration import chosen_encounters, encounter_config
 
     if _listed(args):
@@ -172,7 +172,7 @@ def _check_options(args: argparse.Namespace) -> None:
     """
     if args.ask is not None:
         return
-    from reasoning.questions.ready import FLAGS
+    from reasoning.questions.ready_questions import FLAGS
 
     kind = "SQL" if args.pattern is None else "--pattern"
     given = {
@@ -200,8 +200,8 @@ def _made(
     case: Case, query: str, args: argparse.Namespace
 ) -> tuple[Callable[[], Answer], str]:
     """What asks the question, and what an empty answer means; what it names is there."""
-    from reasoning.questions.known import check_pattern, check_recording, check_words
-    from reasoning.questions.values import only
+    from reasoning.questions.literals import only
+    from reasoning.questions.name_checks import check_pattern, check_recording, check_words
 
     if args.ask is None and args.pattern is None:
         return lambda: case.sql(query), ""
@@ -214,7 +214,7 @@ def _made(
         check_pattern(case, parse(text), chosen)
         nothing = "nothing in these recordings fits the pattern"
         return lambda: case.by_recording(lambda some: plan(text, some), chosen), nothing
-    from reasoning.questions.ready import question
+    from reasoning.questions.ready_questions import question
 
     asked, words, options = question(args.ask[0]), args.ask[1:], _options(args)
     check_words(case, asked, words, options)
@@ -228,8 +228,8 @@ def _made(
 
 
 def _options(args: argparse.Namespace) -> Options:
-    from reasoning.questions.ready import Options
-    from reasoning.questions.values import duration, moment, only
+    from reasoning.questions.literals import duration, moment, only
+    from reasoning.questions.ready_questions import Options
 
     def seconds(text: str | None) -> float | None:
         return None if text is None else duration(text)
@@ -255,7 +255,7 @@ def _listed(args: argparse.Namespace) -> bool:
     if args.ask is not None and args.pattern is not None:
         raise UsageError("--ask and --pattern: give one of them")
     if args.ask == ["list"]:
-        from reasoning.questions.ready import QUESTIONS
+        from reasoning.questions.ready_questions import QUESTIONS
 
         for q in QUESTIONS.values():
             print(f"{q.name + ' ' + q.arguments:34s} {q.about}")
@@ -273,12 +273,12 @@ def _split(args: argparse.Namespace) -> tuple[list[Path], str]:
     """The inputs and the SQL; for a ready question or a pattern the SQL that answers it."""
     words = list(args.words)
     if args.ask is not None:
-        from reasoning.questions.ready import question
+        from reasoning.questions.ready_questions import question
 
         query = question(args.ask[0]).sql(args.ask[1:], _options(args))
     elif args.pattern is not None:
+        from reasoning.questions.literals import only
         from reasoning.questions.patterns import plan
-        from reasoning.questions.values import only
 
         query = plan(args.pattern, only(args.recording))
     else:
@@ -328,7 +328,7 @@ def _looks_like_sql(word: str) -> bool:
 
 def _answer(answer: Answer, form: str, args: argparse.Namespace) -> int | None:
     """Write the answer; the number of its rows, None if nobody counted."""
-    from reasoning.questions.formats import write
+    from reasoning.questions.answer_text import write
 
     if form == "parquet":
         _parquet(answer, args)

@@ -12,7 +12,7 @@ from recorders.errors import OutputExistsError, UsageError
 from recorders.parameters import Config
 from replay.cli import common, diff
 from replay.cli.starts import check_starts, missed
-from replay.counting import number
+from replay.plurals import number
 
 if TYPE_CHECKING:
     from recorders.scene import SceneLog
@@ -105,6 +105,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _configured(args: argparse.Namespace) -> tuple[str, Config]:
     """Tracker and configuration: of the log to compare with, then of the file, then of the words."""
+    from recorders.annotated.provenance import facts_of
     from recorders.log import LogReader
     from recorders.parameters import as_plain
     from replay.configuration import (
@@ -113,7 +114,6 @@ def _configured(args: argparse.Namespace) -> tuple[str, Config]:
         replay_config,
         sections,
     )
-    from replay.facts import facts_of
 
     if args.against is None:
         tracker = args.tracker or DEFAULT_TRACKER
@@ -159,8 +159,8 @@ def _compare(args: argparse.Namespace, out: Path) -> int:
 
 def _replay(args: argparse.Namespace, out: Path) -> int:
     from recorders.scene import SceneLog
-    from replay.replaying import ReplayOptions
-    from replay.writing import replay
+    from replay.annotated_writer import replay
+    from replay.run import ReplayOptions
 
     tracker, config = _configured(args)
     if args.checkpoint is not None and not 1e-9 <= args.checkpoint <= 1e9:

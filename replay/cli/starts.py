@@ -10,7 +10,7 @@ from recorders.parameters import Config
 
 if TYPE_CHECKING:
     from recorders.scene import SceneLog
-    from replay.writing import ReplaySummary
+    from replay.annotated_writer import ReplaySummary
 
 
 def check_starts(config: Config, scene: SceneLog, frames: int | None) -> list[int]:

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
 from replay.cli import common
-from replay.counting import number
+from replay.plurals import number
 
 if TYPE_CHECKING:
     from replay.sealing import CaseVerdict
-    from replay.verifying import Verification
+    from replay.verification import Verification
 
 DIFFERS = 4
 
@@ -94,7 +94,7 @@ def _manifest(args: argparse.Namespace) -> CaseVerdict:
 
 
 def _log(args: argparse.Namespace) -> Verification:
-    from replay.verifying import verify, verify_chain
+    from replay.verification import verify, verify_chain
 
     with common.progress(None) as bar, common.interrupts_at(bar) as progress:
         if args.quick:

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 import msgspec
 
+from recorders.annotated.reader import AnnotatedFrame
 from recorders.messages import Event
-from replay.annotated import AnnotatedFrame
 from replay.compare.intervals import Interval, extend
 
 NANOS = 1_000_000_000

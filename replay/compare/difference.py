@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from replay.counting import number
+from replay.plurals import number
 
 CHANGES = ("appeared", "vanished", "moved", "changed")
 KINDS = (

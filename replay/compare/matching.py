@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from recorders.annotated.reader import AnnotatedFrame
 from recorders.messages import Relation, Track
-from replay.annotated import AnnotatedFrame
 from replay.compare.intervals import Interval, extend, union
 from replay.trackers.association import assign, iou
 

@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from recorders.annotated.provenance import facts_of
+from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.pictures import encode_jpeg
 from recorders.scene import SceneLog
 from recorders.vision import cv2
-from replay.annotated import AnnotatedFrame, AnnotatedLog
 from replay.compare.difference import Comparison, Difference
-from replay.counting import number
 from replay.draw import DrawOptions, draw_frame
 from replay.export.output import whole
 from replay.export.video import frame_overlay
-from replay.facts import facts_of
+from replay.plurals import number
 
 Image = NDArray[np.uint8]
 FRAMES = 12

@@ -6,19 +6,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from recorders.annotated.provenance import GOLDEN, Facts, facts_of
+from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
-from replay.annotated import AnnotatedFrame, AnnotatedLog
 from replay.compare import words
+from replay.compare.activity import Happenings
+from replay.compare.bytewise import RECORDING, Raw, compare_bytes
 from replay.compare.content import Content
 from replay.compare.difference import Comparison, Difference
-from replay.compare.happenings import Happenings
 from replay.compare.intervals import Interval, count, intersect, subtract, union
 from replay.compare.matching import Change, Matching, Pair
-from replay.compare.raw import RECORDING, Raw, compare_bytes
-from replay.counting import number
-from replay.facts import GOLDEN, Facts, facts_of
-from replay.unequal import both, short
+from replay.first_difference import both, short
+from replay.plurals import number
 
 _INTERVALS = 3
 """So many intervals of frames are named, then the number of the others."""

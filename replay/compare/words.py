@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from replay.counting import number
+from replay.plurals import number
 
 _THEIRS = "B's "
 # What one does, what several do.

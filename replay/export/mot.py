@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from recorders.annotated.reader import AnnotatedLog
 from recorders.messages import Track
-from replay.annotated import AnnotatedLog
 from replay.export.output import whole
 
 DECIMALS = 3

@@ -14,9 +14,9 @@ from typing import Any
 
 import msgspec
 
-from reasoning.questions.reading import read_recordings
+from reasoning.questions.duckdb_tables import reason
+from reasoning.questions.ingest import read_recordings
 from reasoning.questions.schema import TABLES
-from reasoning.questions.store import reason
 from recorders.errors import SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from replay.export.output import whole, whole_folder

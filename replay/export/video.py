@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.channels import NANOS
 from recorders.errors import RecordingError, UsageError
 from recorders.messages import Event
-from replay.annotated import AnnotatedFrame, AnnotatedLog
 from replay.draw import DrawOptions, Overlay, draw_frame
 from replay.export.output import whole
 

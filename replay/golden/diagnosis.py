@@ -12,11 +12,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from recorders.annotated.provenance import facts_of
 from recorders.errors import SceneTraceError
 from recorders.log import LogReader
-from replay.compare.raw import compare_bytes
-from replay.facts import facts_of
-from replay.golden.running import Job, hash_seed
+from replay.compare.bytewise import compare_bytes
+from replay.golden.job import Job, hash_seed
 from replay.trackers.catalogue import TRACKERS
 
 _PLAIN = (

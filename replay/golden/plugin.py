@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from replay.golden.names import Owners
+from replay.golden.file_names import Owners
 
 _USED = pytest.StashKey[list[str]]()
 _OWNERS = pytest.StashKey[Owners]()

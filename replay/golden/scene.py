@@ -12,17 +12,17 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from recorders.annotated.chain import cut
+from recorders.annotated.provenance import facts_of
 from recorders.errors import SceneTraceError
 from recorders.log import LogReader
 from recorders.parameters import Config
 from recorders.scene import SceneLog
-from replay.chain import cut
 from replay.compare import CompareOptions, Comparison, compare
-from replay.facts import facts_of
 from replay.golden import diagnosis
-from replay.golden.names import golden_name
-from replay.golden.running import Job, NotImportableError, Values, configured, hash_seed
-from replay.golden.story import write_story
+from replay.golden.file_names import golden_name
+from replay.golden.golden_file import write_story
+from replay.golden.job import Job, NotImportableError, Values, configured, hash_seed
 from replay.trackers.tracker import TrackerFactory
 
 _LINES = 30

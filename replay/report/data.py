@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from reasoning.questions import Case
-from reasoning.questions.values import literal
+from reasoning.questions.literals import literal
+from recorders.annotated.reader import AnnotatedLog
 from recorders.pictures import encode_jpeg
 from recorders.vision import cv2
-from replay.annotated import AnnotatedLog
 from replay.draw import DrawOptions, track_colour
 from replay.report.pictures import chosen_frames, drawn
 

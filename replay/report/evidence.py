@@ -14,11 +14,11 @@ from typing import Any
 from reasoning.encounters import EncounterParameters
 from reasoning.questions import Case
 from reasoning.questions.explain import Explanation, explain
-from reasoning.questions.measured import measure_line
-from reasoning.questions.reading import file_digest
+from reasoning.questions.ingest import file_digest
+from reasoning.questions.thresholds import measure_line
+from recorders.annotated.reader import AnnotatedLog
 from recorders.errors import SceneTraceError
 from recorders.pictures import encode_png
-from replay.annotated import AnnotatedLog
 from replay.draw import DrawOptions
 from replay.export.output import check_folder, whole_folder
 from replay.export.video import VideoOptions, write_video

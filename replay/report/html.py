@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from reasoning.questions import Case
-from replay.annotated import AnnotatedLog
+from recorders.annotated.reader import AnnotatedLog
 from replay.export.output import whole
 from replay.report.data import ReportOptions, collect
 from replay.report.pictures import check_log

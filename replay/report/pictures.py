@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from reasoning.questions import Case
 from reasoning.questions.case import kind_of
+from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.errors import RecordingError, UsageError
 from recorders.scene import SceneLog
-from replay.annotated import AnnotatedFrame, AnnotatedLog
 from replay.draw import DrawOptions, draw_frame
 from replay.export.video import frame_overlay
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from recorders.annotated.chain import cut
 from recorders.errors import SceneTraceError
-from replay.chain import cut
 from replay.sealing.manifest import Entry, added_files, file_digest, read_manifest
 from replay.sealing.signing import public_key, signature_holds
 

@@ -14,11 +14,11 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta, Struct
 
+from recorders.annotated.provenance import METADATA
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
 from replay.export.output import whole
-from replay.facts import METADATA
 
 FORMAT: Literal["scenetrace manifest"] = "scenetrace manifest"
 VERSION: Literal[1] = 1

@@ -36,13 +36,13 @@ from fixtures.logs import record_scene, write_scene_log
 from fixtures.scenes import SCRIPTS, GeneratedScene, generate
 from reasoning.interactions import InteractionParameters
 from reasoning.reasoner import Reasoner
+from recorders.annotated.reader import AnnotatedLog
 from recorders.messages import Target, Targets
 from recorders.recording import RecordOptions, record
 from recorders.sources import open_source
-from replay.annotated import AnnotatedLog
+from replay.annotated_writer import replay
 from replay.configuration import replay_config
-from replay.replaying import ReplayOptions
-from replay.writing import replay
+from replay.run import ReplayOptions
 
 TOLERANCE_S = 1.0
 DATA = Path(

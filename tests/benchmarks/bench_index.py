@@ -31,10 +31,10 @@ import duckdb
 
 from reasoning.questions import Case, QueryError, QueryLimits
 from reasoning.questions.index import build_index
+from reasoning.questions.literals import Moment, Recordings, only
 from reasoning.questions.patterns import plan
-from reasoning.questions.ready import Options, question
+from reasoning.questions.ready_questions import Options, question
 from reasoning.questions.schema import create_statements
-from reasoning.questions.values import Moment, Recordings, only
 
 HOUR = 3600.0
 FPS = 25

@@ -29,17 +29,18 @@ from plain_sort import PlainSort
 from fixtures.logs import record_scene, write_scene_log
 from fixtures.scenes import GeneratedScene, generate
 from fixtures.truth import PARTS
+from recorders.annotated.reader import AnnotatedLog
 from recorders.recording import RecordOptions, record
 from recorders.scene import SceneLog
 from recorders.sources import open_source
 from recorders.vision import cv2
-from replay.annotated import AnnotatedLog, read_tracks
+from replay.annotated_writer import replay
 from replay.configuration import replay_config
 from replay.evaluate import MotTable, Scores, evaluate, fit_truth, read_truth
 from replay.evaluate.overlap import overlap as overlap_of
-from replay.replaying import ReplayOptions
+from replay.evaluate.track_table import read_tracks
+from replay.run import ReplayOptions
 from replay.trackers.association import assign, intersection, iou
-from replay.writing import replay
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("SCENETRACE_DATA", ROOT.parent / "shared" / "data"))

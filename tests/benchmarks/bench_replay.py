@@ -39,10 +39,10 @@ from recorders.messages import NO_BLOB, Detections
 from recorders.recording import RecordOptions, record
 from recorders.scene import SceneLog
 from recorders.sources import open_source
+from replay.annotated_writer import replay
 from replay.configuration import replay_config
-from replay.replaying import ReplayOptions
+from replay.run import ReplayOptions
 from replay.trackers.catalogue import TRACKERS
-from replay.writing import replay
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("SCENETRACE_DATA", ROOT.parent / "shared" / "data"))

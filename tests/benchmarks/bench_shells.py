@@ -41,15 +41,16 @@ from shells_measures import (
 
 from fixtures.logs import export_video, record_scene, write_scene_log
 from fixtures.scenes import SCRIPTS, GeneratedScene, generate
+from recorders.annotated.reader import AnnotatedLog
 from recorders.recording import RecordOptions, record
 from recorders.scene import SceneLog
 from recorders.sources import open_source
 from recorders.vision import cv2
-from replay.annotated import AnnotatedLog, read_tracks
+from replay.annotated_writer import replay
 from replay.configuration import replay_config
 from replay.evaluate import MotTable, evaluate, fit_truth, read_truth
-from replay.replaying import ReplayOptions
-from replay.writing import replay
+from replay.evaluate.track_table import read_tracks
+from replay.run import ReplayOptions
 
 TRACKERS = ("shells", "events", "sort")
 PETS = (768, 576)

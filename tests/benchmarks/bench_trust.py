@@ -33,17 +33,19 @@ from trust_determinism import determinism
 from trust_plants import plants
 
 from fixtures.logs import write_scene_log
-from fixtures.plants import copy_log
+from fixtures.planted_differences import copy_log
 from fixtures.scenes import SCRIPTS, GeneratedScene, generate
+from recorders.annotated import checkpoint, digest
 from recorders.log import LogReader
 from recorders.recording import RecordOptions, record
 from recorders.scene import SceneLog
 from recorders.sources import open_source
 from recorders.vision import cv2
-from replay import checkpoint, digest, replaying, writing
+from replay import annotated_writer as writing
+from replay import run as replaying
 from replay.engine import Engine
 from replay.trackers.catalogue import TRACKERS
-from replay.verifying import verify_chain
+from replay.verification import verify_chain
 
 DATA = Path(
     os.environ.get(

@@ -23,17 +23,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from recorders.annotated.reader import AnnotatedLog
 from recorders.messages import Detections
 from recorders.recording import RecordOptions, record
 from recorders.sources import Source, SourceFrame, open_source
 from recorders.sources.source import Rate, detections_of
 from recorders.vision import cv2
-from replay.annotated import AnnotatedLog, read_tracks
+from replay.annotated_writer import replay
 from replay.configuration import replay_config
 from replay.evaluate import MotTable, evaluate, fit_truth, read_truth
-from replay.replaying import ReplayOptions
+from replay.evaluate.track_table import read_tracks
+from replay.run import ReplayOptions
 from replay.trackers.catalogue import TRACKERS
-from replay.writing import replay
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("SCENETRACE_DATA", ROOT.parent / "shared" / "data"))

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.messages import EVENT_KINDS, Box, Event
 from recorders.vision import cv2
-from replay.annotated import AnnotatedFrame, AnnotatedLog
 from replay.draw import DrawOptions, draw_frame
 from replay.export.video import frame_overlay
 from replay.report.pictures import chosen_frames, drawn

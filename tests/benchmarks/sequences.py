@@ -19,8 +19,8 @@ from pathlib import Path
 from fixtures.scenes import GeneratedScene
 from fixtures.targets import truth_targets
 from reasoning.reasoner import Reasoner
+from recorders.annotated.reader import AnnotatedLog
 from recorders.messages import Box, Event
-from replay.annotated import AnnotatedLog
 
 INTERACTION = ("grouping", "grouped", "splitting", "single")
 GROUP = ("group_formed", "group_changed", "group_ended", "group_entered_scene")

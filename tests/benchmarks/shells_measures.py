@@ -13,18 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 from plain_sort import PlainSort
 
-from fixtures.casting import school
+from fixtures.crowds import school
 from fixtures.scenes import GeneratedScene
 from fixtures.scripts import Cast, Casting, Script
 from fixtures.truth import STATIC, FrameTruth, SceneTruth
 from reasoning.reasoner import Reasoner
 from recorders import channels
+from recorders.annotated.membership import decode_labels, value_of
 from recorders.messages import NO_BLOB, Box, Target, Targets
 from recorders.scene import SceneLog
 from replay.configuration import replay_config
 from replay.engine import Forward
 from replay.evaluate import MotTable
-from replay.membership import decode_labels, value_of
 from replay.trackers.association import assign, iou
 from replay.trackers.catalogue import TRACKERS
 
@@ -412,7 +412,7 @@ def _shared(true: NDArray[np.uint8], parts: NDArray[np.int32]) -> NDArray[np.boo
 
 def direct_steps(path: Path, tracker: str = "shells") -> tuple[int, int]:
     """Changes of relations in a replayed log, and those straight between INDEPENDENT and JOINT."""
-    from replay.annotated import AnnotatedLog
+    from recorders.annotated.reader import AnnotatedLog
 
     changes = direct = 0
     before: dict[tuple[int, int], str] = {}

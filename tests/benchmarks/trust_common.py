@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from replay.configuration import replay_config
-from replay.replaying import ReplayOptions
+from replay.run import ReplayOptions
 
 SECOND = 1_000_000_000
 

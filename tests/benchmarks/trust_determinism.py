@@ -18,7 +18,7 @@ from trust_common import options, table
 
 from recorders.machine import python_version
 from recorders.vision import cv2
-from replay import writing
+from replay import annotated_writer as writing
 
 # From the newest kernels down to SSE3, this build's baseline: whatever else there is has been
 # disabled then. The baseline itself cannot be: OpenCV warns that "code optimizations for this

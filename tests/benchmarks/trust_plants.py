@@ -10,14 +10,19 @@ from typing import Any
 from trust_common import SECOND, options, table
 
 from fixtures.logs import write_scene_log
-from fixtures.plants import ANNOTATION_PLANTS, RECORDED, RECORDING_PLANTS, Planted
+from fixtures.planted_differences import (
+    ANNOTATION_PLANTS,
+    RECORDED,
+    RECORDING_PLANTS,
+    Planted,
+)
 from fixtures.scenes import SCRIPTS, generate
 from recorders.errors import RecordingError
-from replay import writing
+from replay import annotated_writer as writing
 from replay.compare import Comparison, compare
 from replay.configuration import replay_config
-from replay.replaying import ReplayOptions
-from replay.verifying import verify, verify_chain
+from replay.run import ReplayOptions
+from replay.verification import verify, verify_chain
 
 
 def plants(folder: Path, trackers: Sequence[str]) -> bool:

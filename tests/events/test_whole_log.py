@@ -14,13 +14,13 @@ from fixtures.logs import record_scene, write_scene_log
 from fixtures.scenes import GeneratedScene, generate
 from fixtures.targets import truth_targets
 from reasoning.graph import to_networkx
+from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.messages import Graph, Targets
 from recorders.recording import RecordOptions, record
 from recorders.sources import open_source
-from replay.annotated import AnnotatedFrame, AnnotatedLog
+from replay.annotated_writer import replay
 from replay.configuration import replay_config
-from replay.replaying import ReplayOptions
-from replay.writing import replay
+from replay.run import ReplayOptions
 
 LIFE = ("track_confirmed", "track_lost", "track_recovered", "track_removed", "mode_changed")
 BITS = ("grouping", "grouped", "splitting")

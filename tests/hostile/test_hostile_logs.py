@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from recorders.errors import LimitError, RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, LogWriter, Schema
-from recorders.log.inspection import examine, inspect
+from recorders.log.info import examine, inspect
 from recorders.log.recovery import recover
 
 MAGIC = b"\x89MCAP0\r\n"

@@ -15,15 +15,15 @@ from hypothesis import strategies as st
 
 from fixtures.logs import write_scene_log
 from fixtures.scenes import SCRIPTS, GeneratedScene, generate
+from recorders.annotated.checkpoint import decode_state, encode_state
 from recorders.log import LogReader
 from recorders.scene import SceneLog
-from replay import writing
-from replay.checkpoint import decode_state, encode_state
+from replay import annotated_writer
 from replay.configuration import replay_config
 from replay.engine import Engine
-from replay.replaying import ReplayOptions
+from replay.run import ReplayOptions
 from replay.trackers.catalogue import TRACKERS
-from replay.verifying import verify, verify_chain
+from replay.verification import verify, verify_chain
 
 FPS = 2
 MOST_FRAMES = 20
@@ -79,7 +79,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, bool], Pa
     for tracker in TRACKERS:
         for hindsight in (True, False):
             out = folder / f"{tracker}-{hindsight}.mcap"
-            writing.replay(
+            annotated_writer.replay(
                 folder / "scene.mcap", out, _options(tracker, hindsight, checkpoint_ns=1)
             )
             found[tracker, hindsight] = out
@@ -118,7 +118,9 @@ def test_from_every_frame_gives_the_messages_of_the_whole(
     for k in range(SPAN_FRAMES):
         end_ns = times[k + 2] if k + 2 < SPAN_FRAMES else times[-1] + 1
         span = {"from_ns": times[k], "to_ns": end_ns, "checkpoints": full}
-        writing.replay(scene, tmp_path / "span.mcap", _options(tracker, hindsight, **span))
+        annotated_writer.replay(
+            scene, tmp_path / "span.mcap", _options(tracker, hindsight, **span)
+        )
         assert _messages(tmp_path / "span.mcap") == _messages(full, times[k], end_ns), (
             f"from frame {k}"
         )

@@ -20,12 +20,12 @@ from msgspec.structs import replace as altered
 from fixtures.logs import write_scene_log
 from fixtures.scenes import generate
 from recorders import channels
+from recorders.annotated import digest
+from recorders.annotated.provenance import METADATA, sealed
 from recorders.log import Attachment, LogReader, LogWriter, Message
-from replay import digest
+from replay.annotated_writer import replay
 from replay.cli import main
-from replay.facts import METADATA, sealed
-from replay.replaying import ReplayOptions
-from replay.writing import replay
+from replay.run import ReplayOptions
 
 Messages = list[Message]
 Records = list[tuple[str, dict[str, str]]]

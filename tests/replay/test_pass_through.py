@@ -9,8 +9,8 @@ from pathlib import Path
 from recorders import channels
 from recorders.log import LogReader, LogWriter, Schema
 from recorders.messages import Detections
-from replay.replaying import ReplayOptions
-from replay.writing import replay
+from replay.annotated_writer import replay
+from replay.run import ReplayOptions
 
 FRAME_NS = 100_000_000
 IMU = Schema("imu", "jsonschema", b'{"type":"object"}')

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from reasoning.questions.values import literal
+from reasoning.questions.literals import literal
 from recorders.messages import EVENT_KINDS
 
 _SPAN = "start_frame AS s, end_frame AS e, start_t AS st, end_t AS et"

@@ -27,9 +27,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Never
 
+from reasoning.questions.literals import duration
 from reasoning.questions.macros import ALLEN
 from reasoning.questions.patterns.atoms import ATOMS, NAMES, Place
-from reasoning.questions.values import duration
 from recorders.errors import UsageError
 
 MAX_LENGTH = 2_000

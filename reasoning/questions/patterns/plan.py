@@ -10,11 +10,11 @@ each item.
 
 from __future__ import annotations
 
+from reasoning.questions.literals import Recordings
 from reasoning.questions.patterns.atoms import ATOMS
 from reasoning.questions.patterns.grammar import Bound, Item, Pattern, Term, parse
 from reasoning.questions.patterns.pairs import one_way_groups
 from reasoning.questions.patterns.symmetry import symmetries
-from reasoning.questions.values import Recordings
 
 
 def plan(text: str, recordings: Recordings | None = None) -> str:

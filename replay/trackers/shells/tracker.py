@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from reasoning.regions import RegionParameters
 from reasoning.relations import Objects, RelationBook, RelationParameters
 from reasoning.shells import ShellParameters
+from recorders.annotated.membership import PATCHES, Patches
 from recorders.messages import NO_BLOB, Box, Notice, Target, Targets
 from recorders.segmentation.sizes import SizeModel
-from replay.membership import PATCHES, Patches
 from replay.trackers.association import assign, iou
 from replay.trackers.shells import births, boxes
 from replay.trackers.shells.births import Free

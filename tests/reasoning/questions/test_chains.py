@@ -6,10 +6,10 @@ import duckdb
 import numpy as np
 import pytest
 
-from reasoning.questions.ready import Options, question
+from reasoning.questions.duckdb_tables import insert
+from reasoning.questions.literals import Moment
+from reasoning.questions.ready_questions import Options, question
 from reasoning.questions.schema import create_statements
-from reasoning.questions.store import insert
-from reasoning.questions.values import Moment
 
 Contact = tuple[int, int, int, int]
 

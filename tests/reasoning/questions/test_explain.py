@@ -13,9 +13,9 @@ import pytest
 from reasoning.encounters import EncounterParameters
 from reasoning.questions import Case
 from reasoning.questions.explain import Explanation, explain
+from reasoning.questions.literals import Moment
 from reasoning.questions.patterns import plan
-from reasoning.questions.ready import Options, question
-from reasoning.questions.values import Moment
+from reasoning.questions.ready_questions import Options, question
 from recorders import channels
 from recorders.errors import UsageError
 from recorders.log import LogWriter

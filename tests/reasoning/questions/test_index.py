@@ -15,8 +15,8 @@ from reasoning.questions import TABLES, Case, QueryError, QueryLimits
 from reasoning.questions import case as case_module
 from reasoning.questions import index as index_module
 from reasoning.questions.index import build_index
-from reasoning.questions.ready import SOURCES, Options, question
-from reasoning.questions.values import Moment, Recordings
+from reasoning.questions.literals import Moment, Recordings
+from reasoning.questions.ready_questions import SOURCES, Options, question
 from recorders.errors import RecordingError, UsageError
 
 

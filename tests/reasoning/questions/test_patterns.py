@@ -16,6 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from reasoning.questions import Case
+from reasoning.questions.duckdb_tables import insert
+from reasoning.questions.literals import only
 from reasoning.questions.macros import ALLEN, macro_statements
 from reasoning.questions.patterns import (
     ATOMS,
@@ -27,8 +29,6 @@ from reasoning.questions.patterns import (
 )
 from reasoning.questions.patterns.grammar import Bound, Item, Pattern
 from reasoning.questions.schema import create_statements
-from reasoning.questions.store import insert
-from reasoning.questions.values import only
 
 FPS = 10.0
 # (targets, first frame, last frame)

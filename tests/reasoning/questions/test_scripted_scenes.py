@@ -18,8 +18,8 @@ import pytest
 from fixtures.scenes import SCRIPTS, GeneratedScene, generate
 from fixtures.targets import truth_targets
 from reasoning.questions import Case
-from reasoning.questions.ready import Options, question
-from reasoning.questions.values import Moment, zone_reference
+from reasoning.questions.literals import Moment, zone_reference
+from reasoning.questions.ready_questions import Options, question
 from reasoning.reasoner import Reasoner
 from recorders import channels
 from recorders.log import LogReader, LogWriter

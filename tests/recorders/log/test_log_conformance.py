@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from recorders.log import LogReader, LogWriter
-from recorders.log.digest import input_digest
-from recorders.log.inspection import examine, inspect
+from recorders.log.content_digest import input_digest
+from recorders.log.info import examine, inspect
 from recorders.log.recovery import recover
 
 pytestmark = pytest.mark.real

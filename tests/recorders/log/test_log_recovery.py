@@ -13,8 +13,8 @@ import pytest
 
 from recorders.errors import OutputExistsError, RecordingError
 from recorders.log import LogReader, LogWriter, Schema
-from recorders.log.digest import input_digest
-from recorders.log.inspection import examine, inspect
+from recorders.log.content_digest import input_digest
+from recorders.log.info import examine, inspect
 from recorders.log.recovery import recover
 
 Said = tuple[str, int, int, bytes]

@@ -17,8 +17,8 @@ from mcap.stream_reader import StreamReader
 from recorders.errors import LimitError
 from recorders.limits import Limits
 from recorders.log import LogReader, LogWriter, Message, Schema
-from recorders.log.digest import input_digest
-from recorders.log.inspection import examine
+from recorders.log.content_digest import input_digest
+from recorders.log.info import examine
 
 SCHEMA = Schema("scenetrace.Test", "jsonschema", b'{"type": "object"}')
 Written = tuple[int, bytes, int, int, int]

@@ -16,9 +16,9 @@ from fixtures.logs import write_scene_log
 from fixtures.scenes import generate
 from fixtures.targets import truth_targets
 from recorders.messages import Targets
+from replay.annotated_writer import replay
 from replay.configuration import replay_config
-from replay.replaying import ReplayOptions
-from replay.writing import replay
+from replay.run import ReplayOptions
 
 FRAMES = 200
 SCENE = generate("three_way_group", seed=1, size=(96, 72), frames=FRAMES)

@@ -11,13 +11,13 @@ from typing import Any
 import msgspec
 import pytest
 
-from fixtures.plants import copy_log
+from fixtures.planted_differences import copy_log
 from recorders import channels
 from recorders.errors import RecordingError
 from recorders.log import LogReader
 from replay.cli import main
 from replay.compare import CompareOptions, compare, words
-from replay.compare.happenings import nearest
+from replay.compare.activity import nearest
 
 SHIFT = 7
 _TRACK_FIELDS = ("id", "a", "b")

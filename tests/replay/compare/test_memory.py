@@ -5,13 +5,13 @@ from __future__ import annotations
 import tracemalloc
 from pathlib import Path
 
-from fixtures.plants import copy_log
+from fixtures.planted_differences import copy_log
 from recorders import channels
+from recorders.annotated import digest
+from recorders.annotated.provenance import sealed
 from recorders.log import LogWriter
 from recorders.messages import Digest, Track, Tracks
-from replay import digest
 from replay.compare import compare
-from replay.facts import sealed
 
 FRAME_NS = 40_000_000
 

@@ -10,10 +10,15 @@ from typing import Any
 import msgspec
 import pytest
 
-from fixtures.plants import ANNOTATION_PLANTS, RECORDED, RECORDING_PLANTS, copy_log
+from fixtures.planted_differences import (
+    ANNOTATION_PLANTS,
+    RECORDED,
+    RECORDING_PLANTS,
+    copy_log,
+)
+from recorders.annotated.provenance import sealed
 from replay.compare import compare
-from replay.facts import sealed
-from replay.verifying import verify, verify_chain
+from replay.verification import verify, verify_chain
 
 NOT_IN_THE_STORY = ("metadata", "checkpoint/")
 

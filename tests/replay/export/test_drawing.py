@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from recorders.annotated.membership import value_of
 from recorders.messages import Event, Group, Relation, Track
 from replay.draw import DrawOptions, Overlay, draw_frame, label, part_box, track_colour
-from replay.membership import value_of
 from replay.trackers.parts.regions import PARTS, parts_of
 
 

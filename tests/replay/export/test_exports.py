@@ -10,10 +10,11 @@ import duckdb
 import networkx as nx
 import pytest
 
+from recorders.annotated.reader import AnnotatedLog
 from recorders.errors import OutputExistsError, RecordingError, UsageError
-from replay.annotated import AnnotatedLog, read_tracks
 from replay.cli import main
 from replay.evaluate import evaluate, read_mot
+from replay.evaluate.track_table import read_tracks
 from replay.export import write_graphml, write_json, write_mot, write_parquet
 from replay.export.mot import number
 

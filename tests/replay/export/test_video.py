@@ -9,8 +9,8 @@ import av
 import numpy as np
 import pytest
 
+from recorders.annotated.reader import AnnotatedLog
 from recorders.errors import RecordingError, UsageError
-from replay.annotated import AnnotatedLog
 from replay.cli import main
 from replay.draw import DrawOptions
 from replay.export import VideoOptions, write_video

@@ -15,11 +15,11 @@ import pytest
 from fixtures.logs import write_scene_log
 from fixtures.scenes import generate
 from recorders.errors import RecordingError, UsageError
+from replay.annotated_writer import replay
 from replay.cli import main
-from replay.replaying import ReplayOptions
+from replay.run import ReplayOptions
 from replay.sealing import check_manifest, new_key, read_manifest, seal, sign
 from replay.sealing.manifest import added_files, write_manifest
-from replay.writing import replay
 
 
 @pytest.fixture(scope="module")

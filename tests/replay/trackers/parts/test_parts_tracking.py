@@ -12,21 +12,22 @@ import pytest
 from fixtures.logs import write_scene_log, write_truth
 from fixtures.scenes import generate
 from reasoning.regions import RegionParameters
+from recorders.annotated.reader import AnnotatedLog
 from recorders.messages import Target
 from recorders.recording import RecordOptions, record
 from recorders.scene import SceneLog
 from recorders.sources import open_source
-from replay.annotated import AnnotatedLog, read_tracks
+from replay.annotated_writer import replay
 from replay.cli import main
 from replay.configuration import replay_config
 from replay.engine import Forward
 from replay.evaluate import MotTable, Scores, evaluate, fit_truth, read_truth
-from replay.replaying import ReplayOptions
+from replay.evaluate.track_table import read_tracks
+from replay.run import ReplayOptions
 from replay.trackers.association import iou
 from replay.trackers.parts import PartsTracker
 from replay.trackers.parts.heads import Head
-from replay.verifying import verify
-from replay.writing import replay
+from replay.verification import verify
 
 SIZE = (320, 240)
 

@@ -12,16 +12,17 @@ import pytest
 
 from fixtures.logs import write_scene_log, write_truth
 from fixtures.scenes import SCRIPTS, GeneratedScene
+from recorders.annotated.reader import AnnotatedLog
 from recorders.messages import Box, Detections, Target
 from recorders.recording import record
 from recorders.scene import Frame, Image, SceneInfo
 from recorders.sources import open_source
-from replay.annotated import AnnotatedLog, read_tracks
+from replay.annotated_writer import replay
 from replay.configuration import replay_config
 from replay.evaluate import evaluate, read_truth
-from replay.replaying import ReplayOptions
+from replay.evaluate.track_table import read_tracks
+from replay.run import ReplayOptions
 from replay.trackers.catalogue import TRACKERS
-from replay.writing import replay
 
 FRAME_NS = 100_000_000
 

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from recorders import channels
+from recorders.annotated.membership import (
+    LabelImage,
+    Patches,
+    decode_labels,
+    renamed,
+    value_of,
+)
 from recorders.errors import RecordingError
-from replay.membership import LabelImage, Patches, decode_labels, renamed, value_of
 from replay.trackers.shells import ShellsParameters
 from replay.trackers.shells.colours import BINS, bins_of, distance, histogram, tell
 from replay.trackers.shells.foreground import Cut

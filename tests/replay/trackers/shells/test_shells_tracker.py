@@ -13,6 +13,8 @@ import pytest
 
 from fixtures.logs import record_scene, write_scene_log
 from fixtures.scenes import generate
+from recorders.annotated.checkpoint import decode_state, encode_state
+from recorders.annotated.reader import AnnotatedLog
 from recorders.errors import UsageError
 from recorders.masks import label_blobs
 from recorders.messages import Detections, Regions
@@ -20,12 +22,12 @@ from recorders.recording import RecordOptions, record
 from recorders.scene import Frame, SceneInfo, SceneLog
 from recorders.segmentation.blobs import components
 from recorders.sources import open_source
-from replay.annotated import AnnotatedLog, read_tracks
-from replay.checkpoint import decode_state, encode_state
+from replay.annotated_writer import replay
 from replay.configuration import replay_config
 from replay.engine import Forward
 from replay.evaluate import Scores, evaluate, fit_truth, read_truth
-from replay.replaying import ReplayOptions
+from replay.evaluate.track_table import read_tracks
+from replay.run import ReplayOptions
 from replay.trackers.catalogue import TRACKERS
 from replay.trackers.shells import ShellsParameters, ShellsTracker, make
 from replay.trackers.shells.colours import bins_of
@@ -33,7 +35,6 @@ from replay.trackers.shells.foreground import Foreground
 from replay.trackers.shells.objects import Bodies, Body
 from replay.trackers.shells.resolve import Frame as SeenFrame
 from replay.trackers.shells.resolve import Resolver
-from replay.writing import replay
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from msgspec import UNSET
 
 from recorders.messages import Regions, Relation, Relations, Track, Tracks, Zone
-from replay.annotations import drawing
 from replay.draw import part_box
+from replay.image_annotations import drawing
 
 PALETTE = [
     (0.12, 0.47, 0.71), (1.00, 0.50, 0.05), (0.17, 0.63, 0.17), (0.84, 0.15, 0.16),

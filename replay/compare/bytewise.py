@@ -11,10 +11,10 @@ from itertools import groupby, zip_longest
 from typing import Any
 
 from recorders import channels
+from recorders.annotated.chain import cut
 from recorders.errors import LimitError, RecordingError
 from recorders.log import LogReader
-from replay.chain import cut
-from replay.unequal import difference_in
+from replay.first_difference import difference_in
 
 RECORDING = "recording"
 Payloads = dict[str, list[bytes]]

@@ -14,21 +14,22 @@ import numpy as np
 import pytest
 
 from fixtures.logs import write_scene_log
-from fixtures.plants import copy_log
+from fixtures.planted_differences import copy_log
 from fixtures.scenes import generate
 from recorders import channels
+from recorders.annotated import checkpoint
+from recorders.annotated.provenance import facts_of, sealed, sha256
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.log import LogReader, LogWriter
 from recorders.messages import Target, Targets
 from recorders.scene import SceneLog
-from replay import checkpoint, verifying
+from replay import verification
+from replay.annotated_writer import replay
 from replay.cli import main
 from replay.configuration import replay_config
 from replay.engine import Engine
-from replay.facts import facts_of, sealed, sha256
-from replay.replaying import ReplayOptions, Spool, SpoolEntry
-from replay.verifying import verify, verify_chain
-from replay.writing import replay
+from replay.run import ReplayOptions, Spool, SpoolEntry
+from replay.verification import verify, verify_chain
 
 FRAMES = 40
 Facts = dict[str, str]
@@ -107,9 +108,11 @@ def test_a_log_of_older_parameters_still_verifies_and_says_what_changed(
 def test_packages_build_and_interpreter_are_named_with_both_versions(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(verifying, "package_versions", lambda: {"numpy": "9.9", "new": "1"})
-    monkeypatch.setattr(verifying, "opencv_build", lambda: "Intel IPP: none")
-    monkeypatch.setattr(verifying, "python_version", lambda: "CPython 9.0.0")
+    monkeypatch.setattr(
+        verification, "package_versions", lambda: {"numpy": "9.9", "new": "1"}
+    )
+    monkeypatch.setattr(verification, "opencv_build", lambda: "Intel IPP: none")
+    monkeypatch.setattr(verification, "python_version", lambda: "CPython 9.0.0")
     reasons = verify(folder / "a.mcap").reasons
     assert any(r.startswith("numpy was 2") and r.endswith("is 9.9") for r in reasons)
     assert "new was absent, is 1" in reasons
@@ -125,7 +128,7 @@ def test_packages_build_and_interpreter_are_named_with_both_versions(
 
 def test_a_difference_without_a_known_reason_says_so(folder: Path, tmp_path: Path) -> None:
     """Altered with care: payload, digests and facts all fit one another."""
-    from replay import digest
+    from recorders.annotated import digest
 
     out = tmp_path / "b.mcap"
     with LogReader(folder / "a.mcap") as log, LogWriter(out) as writer:
@@ -538,7 +541,7 @@ def test_a_restore_that_fails_leaves_the_engine_where_it_was(
 def test_the_spool_gives_back_what_it_took_in_several_readings_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("replay.replaying._BLOCK", 64)
+    monkeypatch.setattr("replay.run._BLOCK", 64)
     made = [
         SpoolEntry(
             Targets(k, [Target(i, (1.0, 2.0, 3.0, 4.0)) for i in range(k % 5)]),

@@ -9,6 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from recorders import channels
+from recorders.annotated import checkpoint, digest
+from recorders.annotated.checkpoint import Checkpoint
+from recorders.annotated.provenance import (
+    FORMAT_VERSION,
+    KIND,
+    METADATA,
+    canonical,
+    extras,
+    sealed,
+    sha256,
+)
 from recorders.errors import OutputExistsError, UsageError
 from recorders.log import Attachment, LogWriter, Message
 from recorders.machine import machine, opencv_build, python_version
@@ -16,11 +27,8 @@ from recorders.parameters import as_plain
 from recorders.recording import utf8
 from recorders.scene import SceneLog
 from recorders.vision import opencv_threads
-from replay import checkpoint, digest
-from replay.checkpoint import Checkpoint
 from replay.configuration import package_versions
-from replay.facts import FORMAT_VERSION, KIND, METADATA, canonical, extras, sealed, sha256
-from replay.replaying import Annotated, Progress, ReplayOptions, Run
+from replay.run import Annotated, Progress, ReplayOptions, Run
 
 RECORDING_METADATA = "scenetrace.recording"
 _OPTIONAL = ("membership",)

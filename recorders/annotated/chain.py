@@ -10,13 +10,21 @@ from itertools import groupby
 from pathlib import Path
 
 from recorders import channels
+from recorders.annotated import digest
+from recorders.annotated.checkpoint import MEDIA_TYPE, PREFIX, decode
+from recorders.annotated.provenance import (
+    DIGESTS,
+    GOLDEN,
+    AlteredFactsError,
+    Facts,
+    extras,
+    facts_of,
+    sha256,
+)
 from recorders.errors import LimitError, RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
 from recorders.messages import Digest
-from replay import digest
-from replay.checkpoint import MEDIA_TYPE, PREFIX, decode
-from replay.facts import DIGESTS, GOLDEN, AlteredFactsError, Facts, extras, facts_of, sha256
 
 WHOLE = -1
 RECORDED = "recorded messages"

@@ -10,10 +10,10 @@ from pathlib import Path
 import msgspec
 
 from recorders import channels
-from recorders.checks import check_detections
 from recorders.errors import SourceError
 from recorders.log import LogWriter
 from recorders.machine import machine, opencv_build, python_version
+from recorders.message_checks import check_detections
 from recorders.messages import Detections, Regions
 from recorders.parameters import as_plain
 from recorders.recording.options import RecordOptions

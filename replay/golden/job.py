@@ -16,10 +16,10 @@ from typing import Any
 
 from recorders.errors import SceneTraceError
 from recorders.parameters import Config, as_plain
+from replay.annotated_writer import replay
 from replay.configuration import replay_config, tracker_name
-from replay.replaying import ReplayOptions
+from replay.run import ReplayOptions
 from replay.trackers.tracker import TrackerFactory
-from replay.writing import replay
 
 Values = Mapping[str, Mapping[str, Any]]
 
@@ -74,7 +74,7 @@ class Job:
         }
         path = os.pathsep.join([p or str(Path.cwd()) for p in sys.path])
         done = subprocess.run(
-            [sys.executable, "-m", "replay.golden.child"],
+            [sys.executable, "-m", "replay.golden.child_process"],
             input=json.dumps(order),
             capture_output=True,
             text=True,

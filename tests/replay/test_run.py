@@ -17,18 +17,18 @@ import pytest
 from fixtures.logs import write_scene_log
 from fixtures.scenes import generate
 from recorders import channels
+from recorders.annotated.checkpoint import PREFIX
 from recorders.errors import OutputExistsError, RecordingError, SceneTraceError, UsageError
 from recorders.log import LogReader, LogWriter
 from recorders.messages import Target, Targets
 from recorders.scene import Frame, SceneLog
-from replay.checkpoint import PREFIX
+from replay.annotated_writer import replay
 from replay.configuration import replay_config
 from replay.configuration import sections as replay_sections
 from replay.engine import Engine
-from replay.replaying import ReplayOptions
+from replay.run import ReplayOptions
 from replay.trackers.catalogue import TRACKERS
-from replay.verifying import verify, verify_chain
-from replay.writing import replay
+from replay.verification import verify, verify_chain
 
 FRAMES = 60
 ANNOTATED = [channels.topic("camera", name) for name in channels.ANNOTATED]

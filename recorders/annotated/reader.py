@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -16,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders import channels
+from recorders.annotated.membership import Labels, decode_labels
 from recorders.errors import LimitError, RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
 from recorders.messages import Event, Graph, Group, Regions, Relation, Track
 from recorders.scene import Frame, SceneLog
-from replay.evaluate.truth import MotTable
-from replay.membership import Labels, decode_labels
 
 Image = NDArray[np.uint8]
 SCENE = ("tracks", "relations", "groups", "events", "graph", "regions", "membership")
@@ -242,7 +240,7 @@ class AnnotatedLog:
                     yield frame.time_ns, partial(_loaded, frame, self.path)
 
     def membership(self, frame: AnnotatedFrame) -> Labels | None:
-        """Which pixel belongs to whom: (height, width) uint16 of `replay.membership.value_of`
+        """Which pixel belongs to whom: (height, width) uint16 of `recorders.annotated.membership.value_of`
         each track, or None.
         """
         return (
@@ -273,57 +271,4 @@ def _frame(
         regions,
         graph,
         None if membership is None else membership.data,
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class TrackTable:
-    """All present tracks of an annotated log, and which frames it has.
-
-    Attributes:
-        table: the boxes.
-        frames: the frames' numbers, ascending.
-        times_ns: their log times.
-        size: (width, height), None if the log does not say.
-    """
-
-    table: MotTable
-    frames: NDArray[np.int64]
-    times_ns: NDArray[np.int64]
-    size: tuple[int, int] | None
-
-
-def read_tracks(log: AnnotatedLog) -> TrackTable:
-    """Read the tracks that the tracker held to be present.
-
-    Raises:
-        RecordingError: the log is damaged, its frames do not rise, or a track occurs twice in a
-            frame.
-    """
-    # Plain arrays: 56 bytes a row, where tuples take four times as much, over hours of recording.
-    whole, numbers, times = array("q"), array("d"), array("q")
-    frames = array("q")
-    for frame in log.frames(("tracks",)):
-        if frames and frame.index <= frames[-1]:
-            raise RecordingError(
-                f"frame {frame.index} after frame {frames[-1]}; frames must rise", log.path
-            )
-        frames.append(frame.index)
-        times.append(frame.time_ns)
-        for t in frame.tracks:
-            if t.present:
-                whole.extend((frame.index, t.id))
-                numbers.extend((*t.box, t.confidence))
-    who = np.array(whole, np.int64).reshape(-1, 2)
-    where = np.array(numbers, np.float64).reshape(-1, 5)
-    table = MotTable(
-        who[:, 0].copy(), who[:, 1].copy(), where[:, :4].copy(), where[:, 4].copy()
-    )
-    twice = table.first_duplicate()
-    if twice is not None:
-        raise RecordingError(
-            f"track {twice[1]} occurs twice in frame {twice[0]}", log.path, record="tracks"
-        )
-    return TrackTable(
-        table, np.array(frames, np.int64), np.array(times, np.int64), log.size()
     )

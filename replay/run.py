@@ -24,15 +24,17 @@ from msgspec import Struct
 
 from reasoning.reasoner import Reasoner
 from recorders import channels
+from recorders.annotated import checkpoint, digest
+from recorders.annotated.checkpoint import Checkpoint
+from recorders.annotated.membership import PATCHES, Patches, renamed
+from recorders.annotated.provenance import facts_of, sha256
 from recorders.errors import RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
 from recorders.messages import Digest, Targets
 from recorders.parameters import Config
 from recorders.scene import Frame, SceneLog
-from replay import checkpoint, digest, hindsight
-from replay.annotate import payloads
-from replay.checkpoint import Checkpoint
+from replay import hindsight
 from replay.configuration import (
     DEFAULT_TRACKER,
     fingerprint,
@@ -49,8 +51,7 @@ from replay.engine import (
     of_recording,
     recorded_now,
 )
-from replay.facts import facts_of, sha256
-from replay.membership import PATCHES, Patches, renamed
+from replay.frame_payloads import payloads
 from replay.trackers.tracker import TrackerFactory
 
 Progress = Callable[[str, int], None]

@@ -9,8 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from recorders import channels
+from recorders.annotated.provenance import GOLDEN, METADATA, facts_of
 from recorders.log import LogReader, LogWriter
-from replay.facts import GOLDEN, METADATA, facts_of
 
 STORY = ("tracks", "relations", "groups", "events")
 

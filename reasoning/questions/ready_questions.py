@@ -12,15 +12,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from string import Template
 
-from reasoning.questions import ready_sql as q
-from reasoning.questions.values import Moment, Recordings, identity, literal, zone_word
+from reasoning.questions import statements as sql
+from reasoning.questions.literals import Moment, Recordings, identity, literal, zone_word
 from recorders.errors import UsageError
 
 SOURCES: Mapping[str, str] = {
-    "relations": q.BY_RELATIONS,
-    "joint": q.BY_JOINT,
-    "encounters": q.BY_ENCOUNTERS,
-    "groups": q.BY_GROUPS,
+    "relations": sql.BY_RELATIONS,
+    "joint": sql.BY_JOINT,
+    "encounters": sql.BY_ENCOUNTERS,
+    "groups": sql.BY_GROUPS,
 }
 
 
@@ -174,8 +174,8 @@ def _one(words: Sequence[str], options: Options) -> Mapping[str, str]:
 
 def _stays(words: Sequence[str]) -> Mapping[str, str]:
     if words[0] == "scene":
-        return {"stays": q.SCENE_STAYS, "what": "track", "which": ""}
-    stays = Template(q.ZONE_STAYS).substitute(zone=literal(words[0]))
+        return {"stays": sql.SCENE_STAYS, "what": "track", "which": ""}
+    stays = Template(sql.ZONE_STAYS).substitute(zone=literal(words[0]))
     return {"stays": stays, "what": "zone", "which": f":{zone_word(words[0])}"}
 
 
@@ -226,7 +226,9 @@ def _contacts(words: Sequence[str], options: Options) -> Mapping[str, str]:
         "contacts": Template(SOURCES[by]).substitute(only=_only(options)).strip(),
         "since": since,
         "why": (
-            q.GROUP_WHY if by == "groups" else Template(q.PAIR_WHY).substitute(what=what)
+            sql.GROUP_WHY
+            if by == "groups"
+            else Template(sql.PAIR_WHY).substitute(what=what)
         ),
         "depth": str(depth),
     }
@@ -235,36 +237,36 @@ def _contacts(words: Sequence[str], options: Options) -> Mapping[str, str]:
 QUESTIONS: Mapping[str, Question] = {
     x.name: x
     for x in (
-        Question("met", "A [B]", "whom A met (whose shells touched A's), when, and how long", q.MET, _met,
+        Question("met", "A [B]", "whom A met (whose shells touched A's), when, and how long", sql.MET, _met,
                  "target A's shell never touched such a shell; `timeline A` shows all there is of it", few_from=2),
-        Question("together", "A B", "when A and B were socially together, in hindsight", q.TOGETHER, _two,
+        Question("together", "A B", "when A and B were socially together, in hindsight", sql.TOGETHER, _two,
                  "A and B were never near and slow against one another for long; `met A B` shows if they passed",
                  few_from=2),
         Question("left-with", "A --within 5s", "who left with A, in contact until the first of them left (--gap 1s)",
-                 q.LEFT_WITH, _one,
+                 sql.LEFT_WITH, _one,
                  "target A was not seen to leave, or left alone; widen --within and --gap, or ask `timeline A`",
                  ("within_s", "gap_s"), few_from=1),
         Question("who-was-in", "ZONE --at T", "who was in a zone at a moment (zone `scene`: anywhere)",
-                 q.WHO_WAS_IN, _zone_at,
+                 sql.WHO_WAS_IN, _zone_at,
                  "nobody was there then; `loitered ZONE --min 0s` lists all stays", ("at",), few_from=1),
         Question("loitered", "ZONE --min 30s", "who stayed in a zone at least so long (gaps up to --gap 2s closed)",
-                 q.LOITERED, _loitered, "nobody stayed so long; lower --min, or raise --gap", ("least_s", "gap_s")),
-        Question("entered-never-left", "", "who came in and was never seen to leave", q.ENTERED_NEVER_LEFT, _nothing,
+                 sql.LOITERED, _loitered, "nobody stayed so long; lower --min, or raise --gap", ("least_s", "gap_s")),
+        Question("entered-never-left", "", "who came in and was never seen to leave", sql.ENTERED_NEVER_LEFT, _nothing,
                  "everybody who came in was seen to leave; who was there from the first frame did not come in",
                  few_from=0),
         Question("grouping-and-splitting", "", "who joined some while leaving others, with both partner lists",
-                 q.GROUPING_AND_SPLITTING, _nothing, "nobody was grouping and splitting in one frame", few_from=0),
-        Question("group-history", "LABEL", "the groups that a group came from and went into", q.GROUP_HISTORY, _label,
+                 sql.GROUPING_AND_SPLITTING, _nothing, "nobody was grouping and splitting in one frame", few_from=0),
+        Question("group-history", "LABEL", "the groups that a group came from and went into", sql.GROUP_HISTORY, _label,
                  few_from=1),
-        Question("before", "EVENT --within 60s", "who was near the event's subjects before it", q.BEFORE, _before,
+        Question("before", "EVENT --within 60s", "who was near the event's subjects before it", sql.BEFORE, _before,
                  "nobody was near the subjects of event EVENT in that time; widen --within", ("within_s",), few_from=1),
-        Question("contacts", "A --depth 3", "chains of contacts from A that respect time", q.CONTACTS, _contacts,
+        Question("contacts", "A --depth 3", "chains of contacts from A that respect time", sql.CONTACTS, _contacts,
                  "target A had no contact of that sort (--by relations, joint, encounters, groups)",
                  ("depth", "by", "at")),
-        Question("hidden", "[A]", "which parts of A, or of anybody, were hidden when (tracker parts)", q.HIDDEN,
+        Question("hidden", "[A]", "which parts of A, or of anybody, were hidden when (tracker parts)", sql.HIDDEN,
                  _anybody,
                  "no part of anybody asked about was hidden, or the tracker knows no parts (replay --tracker parts)"),
-        Question("timeline", "A", "everything about A in order", q.TIMELINE, _one),
+        Question("timeline", "A", "everything about A in order", sql.TIMELINE, _one),
     )
 }  # fmt: skip
 

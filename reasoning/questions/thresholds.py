@@ -16,7 +16,7 @@ from typing import Any
 from reasoning.encounters import SAME_WAY, EncounterParameters
 from reasoning.encounters.states import STILL_SIZES_PER_S
 from reasoning.questions.case import Case
-from reasoning.questions.values import literal
+from reasoning.questions.literals import literal
 
 _MEDIANS = "over its own frames"
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from reasoning.questions.case import Case
+from reasoning.questions.literals import Moment, Recordings, identity, literal
 from reasoning.questions.patterns import Pattern, PatternError
-from reasoning.questions.ready import Options, Question
-from reasoning.questions.values import Moment, Recordings, identity, literal
+from reasoning.questions.ready_questions import Options, Question
 from recorders.errors import UsageError
 
 _SHOWN = 12

@@ -8,9 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from recorders.annotated import checkpoint
+from recorders.annotated.checkpoint import (
+    Checkpoint,
+    decode,
+    decode_state,
+    encode,
+    encode_state,
+)
 from recorders.errors import RecordingError
-from replay import checkpoint
-from replay.checkpoint import Checkpoint, decode, decode_state, encode, encode_state
 
 PLAIN = st.recursive(
     st.none()

@@ -18,9 +18,9 @@ from typing import Any, TypeVar
 import msgspec
 
 from recorders import channels
+from recorders.annotated.checkpoint import PREFIX
 from recorders.errors import RecordingError
 from recorders.log import Attachment, LogReader
-from replay.checkpoint import PREFIX
 
 METADATA = "scenetrace"
 FORMAT_VERSION = "1"

@@ -1,7 +1,7 @@
 """Verify: replay again from what an annotated log says of itself, and name the first difference
 and its reason.
 
-First the log is held against its own digests (`replay.chain`), then the recording against the
+First the log is held against its own digests (`recorders.annotated.chain`), then the recording against the
 digests that the log has of it, then a new replay against the log, frame by frame. So a difference
 is told apart by its cause: the log was altered, the recording was, the configuration or a package
 is another one, or the replay itself went another way.
@@ -14,15 +14,8 @@ from itertools import zip_longest
 from pathlib import Path
 
 from recorders import channels
-from recorders.errors import LimitError, RecordingError, SceneTraceError, UsageError
-from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.log import LogReader
-from recorders.machine import machine, opencv_build, python_version
-from recorders.messages import Digest
-from recorders.scene import SceneLog
-from recorders.vision import opencv_threads
-from replay import checkpoint, digest
-from replay.chain import (
+from recorders.annotated import checkpoint, digest
+from recorders.annotated.chain import (
     RECORDED,
     WHOLE,
     Difference,
@@ -32,13 +25,20 @@ from replay.chain import (
     recorded_frames,
     verify_chain,
 )
-from replay.checkpoint import Checkpoint
+from recorders.annotated.checkpoint import Checkpoint
+from recorders.annotated.provenance import AlteredFactsError, Facts, build_facts, facts_of
+from recorders.errors import LimitError, RecordingError, SceneTraceError, UsageError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.log import LogReader
+from recorders.machine import machine, opencv_build, python_version
+from recorders.messages import Digest
+from recorders.scene import SceneLog
+from recorders.vision import opencv_threads
 from replay.configuration import package_versions, recorded_config
-from replay.facts import AlteredFactsError, Facts, build_facts, facts_of
-from replay.replaying import Annotated, Progress, ReplayOptions, Run
+from replay.first_difference import difference_in, first_unequal, short
+from replay.run import Annotated, Progress, ReplayOptions, Run
 from replay.trackers.catalogue import TRACKER_SECTIONS, TRACKERS
 from replay.trackers.tracker import TrackerFactory
-from replay.unequal import difference_in, first_unequal, short
 
 __all__ = [
     "Difference",
@@ -83,7 +83,7 @@ def verify(
             raise UsageError(
                 f"{path}: was made with the tracker {facts.tracker!r}, which is not one of"
                 f" scenetrace's ({', '.join(TRACKERS)}); give it to"
-                " `replay.verifying.verify(path, factory=...)`"
+                " `replay.verification.verify(path, factory=...)`"
             )
         config, changes = recorded_config(factory or facts.tracker, facts.configuration)
         changes = [*_tracker_of_another(facts), *changes]

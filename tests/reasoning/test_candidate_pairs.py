@@ -5,8 +5,8 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from reasoning.candidate_pairs import near_pairs
 from reasoning.geometry import Area
-from reasoning.near import near_pairs
 
 places = st.lists(
     st.tuples(st.floats(-1e6, 1e6) | st.integers(0, 9).map(float), st.floats(0, 50)),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log.blocks import raw_chunk
-from recorders.log.examination import Finding, Severity, examine
+from recorders.log.doctor import Finding, Severity, examine
 from recorders.log.model import ChannelInfo
 from recorders.log.reader import LogReader, read_attachment
 from recorders.log.storage import RecordFile

@@ -12,10 +12,10 @@ import pytest
 from reasoning.questions import Case
 from reasoning.questions.explain import explain
 from reasoning.questions.index import build_index
-from reasoning.questions.known import check_moment
+from reasoning.questions.literals import Moment, duration, identity, moment, only
+from reasoning.questions.name_checks import check_moment
 from reasoning.questions.patterns import plan
-from reasoning.questions.ready import QUESTIONS, Options, question
-from reasoning.questions.values import Moment, duration, identity, moment, only
+from reasoning.questions.ready_questions import QUESTIONS, Options, question
 from recorders.errors import UsageError
 
 

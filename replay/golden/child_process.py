@@ -1,7 +1,7 @@
 """A replay in a process of its own: reads an order as JSON, prints the digest, and, watched, whom
 the tracker asked.
 
-Run by `replay.golden.running`; a result must not depend on this process being another one.
+Run by `replay.golden.job`; a result must not depend on this process being another one.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from recorders import errors
-from replay.golden.running import Job, configured, imported
+from replay.golden.job import Job, configured, imported
 
 _CLOCK = "the clock"
 _CALENDAR = "the calendar"

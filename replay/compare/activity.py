@@ -14,7 +14,7 @@ from replay.compare.content import NANOS, Content, Happening, Lasting
 from replay.compare.difference import Difference
 from replay.compare.intervals import Interval, intersect
 from replay.compare.matching import Matching
-from replay.unequal import both
+from replay.first_difference import both
 
 Key = tuple[str, tuple[int, ...]]
 _DIGITS = re.compile(r"\d+")

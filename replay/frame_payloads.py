@@ -5,7 +5,7 @@ from __future__ import annotations
 from reasoning.reasoner import SceneAnnotation
 from recorders import channels
 from recorders.messages import Regions, Targets
-from replay.annotations import drawing
+from replay.image_annotations import drawing
 
 
 def payloads(

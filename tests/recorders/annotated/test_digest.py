@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from replay import digest
+from recorders.annotated import digest
 
 
 def test_payload_boundaries_and_order_count() -> None:

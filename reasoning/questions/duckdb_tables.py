@@ -9,7 +9,7 @@ from typing import Any
 import duckdb
 import numpy as np
 
-from reasoning.questions.reading import Row
+from reasoning.questions.ingest import Row
 from reasoning.questions.schema import TABLES
 from recorders.errors import SceneTraceError
 
