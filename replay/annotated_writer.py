@@ -235,11 +235,11 @@ class AnnotatedWriter:
         facts = {
             "format_version": FORMAT_VERSION,
             "kind": KIND,
-            "tracker": options.tracker,
+            "tracker": options.choice.name,
             "camera": self._scene.camera,
             "width": str(self._scene.info.width),
             "height": str(self._scene.info.height),
-            "configuration": canonical(as_plain(options.config)),
+            "configuration": canonical(as_plain(options.parameters)),
             "packages": canonical(package_versions()),
             "python": python_version(),
             "machine": machine(),
@@ -260,6 +260,8 @@ class AnnotatedWriter:
             "checkpoints": canonical(self._checkpoints),
             "extras": canonical(self._extras),
         }
+        if options.choice.version:
+            facts["tracker_version"] = options.choice.version
         self._log.metadata(METADATA, sealed(facts))
         done = self._frames, run.computed, len(self._tracks), self._events
         found = sum(frames > 1 for frames in run.sightings.values())

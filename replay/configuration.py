@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping
-from functools import cache, partial
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,9 @@ from recorders import recording
 from recorders.errors import ConfigError, UsageError
 from recorders.parameters import Config, Parameters, as_plain, configure, named
 from replay import hindsight
-from replay.trackers.catalogue import TRACKER_SECTIONS, TRACKERS
-from replay.trackers.tracker import TrackerFactory
+from replay.trackers.catalogue import TRACKERS
+from replay.trackers.choice import AnyTracker, TrackerChoice, choose
 
-DEFAULT_TRACKER = "events"
 ASKING_SECTIONS: dict[str, type[Parameters]] = {"encounters": EncounterParameters}
 # Packages whose numbers, orders or encodings can reach a result.
 DECISIVE_PACKAGES = (
@@ -39,46 +38,21 @@ DECISIVE_PACKAGES = (
 )
 
 
-def tracker_name(tracker: str | TrackerFactory) -> str:
-    """A catalogue name as it is; a factory of the caller's own by its class's or function's name."""
-    if isinstance(tracker, str):
-        return tracker
-    made_of = _unbound(tracker)
-    return str(getattr(made_of, "__name__", type(made_of).__name__))
-
-
-def _unbound(factory: TrackerFactory) -> Any:
-    """What a `functools.partial` calls; any other factory itself."""
-    return factory.func if isinstance(factory, partial) else factory
-
-
-def tracker_factory(tracker: str | TrackerFactory) -> TrackerFactory:
-    """What makes the tracker.
+def sections(tracker: AnyTracker) -> dict[str, type[Parameters]]:
+    """The parameter sections that a replay with this tracker reads: its own and everybody's.
 
     Raises:
-        UsageError: no such tracker in the catalogue.
+        UsageError: there is no such tracker, or it has a section of another's name.
     """
-    if not isinstance(tracker, str):
-        return tracker
-    if tracker not in TRACKERS:
-        raise UsageError(f"unknown tracker {tracker!r}; there are: {', '.join(TRACKERS)}")
-    return TRACKERS[tracker]
-
-
-def sections(tracker: str | TrackerFactory) -> dict[str, type[Parameters]]:
-    """The parameter sections that a replay with this tracker reads.
-
-    A tracker of the caller's own names its sections in an attribute ``SECTIONS`` (section name to
-    `Parameters` class); without one it has no parameters.
-    """
-    factory = tracker_factory(tracker)
-    own = (
-        TRACKER_SECTIONS[tracker]
-        if isinstance(tracker, str)
-        else getattr(factory, "SECTIONS", None)
-        or getattr(_unbound(factory), "SECTIONS", {})
-    )
-    return {**own, **reasoner.SECTIONS, **hindsight.SECTIONS}
+    choice = choose(tracker)
+    shared = {**reasoner.SECTIONS, **hindsight.SECTIONS}
+    for name, kind in choice.sections.items():
+        if shared.get(name, kind) is not kind:
+            raise UsageError(
+                f"the tracker {choice.name} has a section {name!r}, which is scenetrace's"
+                " own: call it otherwise"
+            )
+    return {**choice.sections, **shared}
 
 
 def encounter_config(
@@ -121,7 +95,7 @@ def all_sections() -> dict[str, type[Parameters]]:
 
 
 def replay_config(
-    tracker: str | TrackerFactory,
+    tracker: AnyTracker,
     file: str | Path | None = None,
     assignments: Iterable[str] = (),
     values: Mapping[str, Mapping[str, Any]] | None = None,
@@ -135,7 +109,7 @@ def replay_config(
 
 
 def recorded_config(
-    tracker: str | TrackerFactory, values: Mapping[str, Mapping[str, Any]]
+    tracker: AnyTracker, values: Mapping[str, Mapping[str, Any]]
 ) -> tuple[Config, list[str]]:
     """The configuration that a log recorded, as far as today's parameters can hold it, and what
     they cannot.
@@ -203,16 +177,11 @@ def _version(name: str) -> str:
         return "absent"
 
 
-def fingerprint(tracker: str, config: Mapping[str, Parameters]) -> str:
+def fingerprint(choice: TrackerChoice, config: Mapping[str, Parameters]) -> str:
     """SHA-256 of everything but the recording that a result depends on: a checkpoint of another
     one is refused.
     """
-    facts = [tracker, as_plain(config), package_versions()]
+    facts = [choice.name, as_plain(config), package_versions()]
+    if choice.version:
+        facts.append(choice.version)
     return hashlib.sha256(msgspec.json.encode(facts, order="deterministic")).hexdigest()
-
-
-def uses_hindsight(tracker: str, config: Mapping[str, Parameters]) -> bool:
-    """Whether the hindsight step follows the forward pass: the tracker's own switch, off where it
-    has none.
-    """
-    return bool(getattr(config.get(tracker), "hindsight", False))

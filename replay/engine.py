@@ -28,15 +28,10 @@ from recorders.log import Message
 from recorders.messages import Targets
 from recorders.parameters import Config
 from recorders.scene import Frame, SceneLog
-from replay.configuration import (
-    DEFAULT_TRACKER,
-    fingerprint,
-    replay_config,
-    tracker_factory,
-    tracker_name,
-)
-from replay.protocol import check_targets, made
-from replay.trackers.tracker import Tracker, TrackerFactory
+from replay.configuration import fingerprint, replay_config
+from replay.protocol import check_targets, code_of, made
+from replay.trackers.choice import DEFAULT_TRACKER, AnyTracker, choose
+from replay.trackers.tracker import Tracker
 
 Extra = tuple[tuple[str, bytes], ...]
 NANOS = 1_000_000_000
@@ -124,13 +119,14 @@ class Forward:
     def __init__(
         self,
         scene: SceneLog,
-        factory: TrackerFactory,
+        tracker: AnyTracker,
         config: Config,
         *,
         unfinished: bool = False,
     ) -> None:
         self.scene = scene
-        self.tracker: Tracker = made(factory, scene.info, config)
+        self._choice = choose(tracker)
+        self.tracker: Tracker = made(self._choice, scene.info, config)
         ready = getattr(self.tracker, "extra_payloads", tuple)
         self._payloads: Callable[[], Extra] = (
             getattr(self.tracker, "unfinished_payloads", ready) if unfinished else ready
@@ -167,7 +163,8 @@ class Forward:
         start = None if self.previous_ns is None else self.previous_ns + 1
         with Prefetch() as prefetch:
             for frame, hashed in prefetch.ahead(self.scene.frames(start, self.next_index)):
-                with continuing(self._resumed):
+                where = f"frame {frame.index}: "
+                with code_of(self._choice, where), continuing(self._resumed):
                     answer = self.tracker.step(frame)
                 check_targets(answer, frame.index)
                 recorded = hashed()
@@ -260,7 +257,7 @@ class Engine:
 
     Args:
         scene: the scene log; stays open as long as the engine is used.
-        tracker: a tracker's name, or a factory of the caller's own.
+        tracker: a tracker's name, or a class of the caller's own.
         config: as `replay.configuration.replay_config` makes it; defaults without.
         keep_every: a state is kept in memory every so many frames, so that `seek` backwards is
             quick; over a long recording they are thinned out, so that no more than 64 are held.
@@ -275,15 +272,15 @@ class Engine:
     def __init__(
         self,
         scene: SceneLog,
-        tracker: str | TrackerFactory = DEFAULT_TRACKER,
+        tracker: AnyTracker = DEFAULT_TRACKER,
         config: Config | None = None,
         keep_every: int = 50,
     ) -> None:
         self.scene = scene
-        self.name = tracker_name(tracker)
-        self._factory = tracker_factory(tracker)
-        self.config = config or replay_config(tracker)
-        self._fingerprint = fingerprint(self.name, self.config)
+        self._choice = choose(tracker)
+        self.name = self._choice.name
+        self.config = config or replay_config(self._choice)
+        self._fingerprint = fingerprint(self._choice, self.config)
         self._keep_every = max(keep_every, 1)
         self._kept: dict[int, bytes] = {}
         self._paused = False
@@ -293,7 +290,7 @@ class Engine:
 
     def _begin(self, checkpoint: Checkpoint | None) -> None:
         """Go to the start or to a checkpoint; where that fails, the engine is where it was."""
-        forward = Forward(self.scene, self._factory, self.config)
+        forward = Forward(self.scene, self._choice, self.config)
         reasoner = Reasoner(self.config, self.scene.info.width, self.scene.info.height)
         if checkpoint is not None:
             forward.resume(checkpoint)

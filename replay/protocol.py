@@ -5,45 +5,77 @@ behind it.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from traceback import extract_tb
 from typing import Any
 
 from recorders.errors import SceneTraceError
 from recorders.messages import Targets
 from recorders.parameters import Config
 from recorders.scene import SceneInfo
-from replay.configuration import tracker_name
-from replay.trackers.tracker import Tracker, TrackerFactory
+from replay.trackers.choice import TrackerChoice
+from replay.trackers.tracker import Tracker
 
 
-def made(factory: TrackerFactory, scene: SceneInfo, config: Config) -> Tracker:
+def made(choice: TrackerChoice, scene: SceneInfo, config: Config) -> Tracker:
     """Make a tracker that has what a tracker needs.
 
     Raises:
         SceneTraceError: it asks for parameters that its factory does not name, or lacks a method.
     """
-    name = tracker_name(factory)
-    try:
-        tracker = factory(scene, config)
-    except KeyError as e:
-        section = e.args[0] if e.args else None
-        if not isinstance(section, str) or section in config:
-            raise
-        raise SceneTraceError(
-            f"the tracker {name} asks for the parameters {section!r}, which its factory"
-            " does not name: give the class or function an attribute SECTIONS ="
-            f" {{{section!r}: ...}} (a lambda has none; functools.partial keeps it)"
-        ) from e
-    missing = [
-        method
-        for method in ("step", "state", "restore")
-        if not callable(getattr(tracker, method, None))
-    ]
+    name = choice.title
+    with code_of(choice):
+        try:
+            tracker = choice.factory(scene, config)
+        except KeyError as e:
+            section = e.args[0] if e.args else None
+            if not isinstance(section, str) or section in config:
+                raise
+            raise SceneTraceError(
+                f"the tracker {name} asks for the parameters {section!r}, which its factory"
+                " does not name: give the class or function an attribute SECTIONS ="
+                f" {{{section!r}: ...}} (a lambda has none; functools.partial keeps it)"
+            ) from e
+    missing = _missing(tracker)
     if missing:
         words = " and ".join(f"{method}()" for method in missing)
         raise SceneTraceError(
             f"the tracker {name} lacks {words}: see replay.trackers.tracker.Tracker"
         )
     return tracker
+
+
+def is_tracker(found: Any) -> bool:
+    """Whether a tracker, or a class of trackers, has what a tracker needs."""
+    return not _missing(found)
+
+
+def _missing(found: Any) -> list[str]:
+    methods = ("step", "state", "restore")
+    return [name for name in methods if not callable(getattr(found, name, None))]
+
+
+@contextmanager
+def code_of(choice: TrackerChoice, where: str = "") -> Iterator[None]:
+    """Whatever goes wrong in a foreign tracker is said to come from it, with the line.
+
+    Raises:
+        SceneTraceError: in place of any other exception of a foreign tracker.
+    """
+    try:
+        yield
+    except SceneTraceError:
+        raise
+    except Exception as e:
+        if not choice.foreign:
+            raise
+        last = extract_tb(e.__traceback__)[-1]
+        raise SceneTraceError(
+            f"{where}the tracker {choice.title} fails: {type(e).__name__}: {e}"
+            f" ({Path(last.filename).name}, line {last.lineno})"
+        ) from e
 
 
 def check_targets(answer: Any, frame: int) -> None:

@@ -35,13 +35,7 @@ from recorders.messages import Digest, Targets
 from recorders.parameters import Config
 from recorders.scene import Frame, SceneLog
 from replay import hindsight
-from replay.configuration import (
-    DEFAULT_TRACKER,
-    fingerprint,
-    replay_config,
-    tracker_factory,
-    uses_hindsight,
-)
+from replay.configuration import fingerprint, replay_config
 from replay.engine import (
     AHEAD,
     Extra,
@@ -52,7 +46,7 @@ from replay.engine import (
     recorded_now,
 )
 from replay.frame_payloads import payloads
-from replay.trackers.tracker import TrackerFactory
+from replay.trackers.choice import DEFAULT_TRACKER, AnyTracker, TrackerChoice, choose
 
 Progress = Callable[[str, int], None]
 _BLOCK = 1 << 20
@@ -63,8 +57,8 @@ class ReplayOptions:
     """What to write; never what is computed.
 
     Attributes:
-        tracker: a tracker's name.
-        config: as `replay_config` makes it.
+        tracker: a tracker's name, or a class of the caller's own.
+        config: as `replay_config` makes it; without, the tracker's defaults.
         from_ns: first log time to write.
         to_ns: end of what is written, excluded.
         annotations_only: leave the recorded messages out.
@@ -73,11 +67,12 @@ class ReplayOptions:
             start from.
         force: overwrite an existing output.
         camera: which camera, where there are several.
-        factory: a tracker of the caller's own, in place of the catalogue's.
+        choice: the tracker that is meant.
+        parameters: the whole configuration.
     """
 
-    tracker: str = DEFAULT_TRACKER
-    config: Config = field(default_factory=lambda: replay_config(DEFAULT_TRACKER))
+    tracker: AnyTracker = DEFAULT_TRACKER
+    config: Config | None = None
     from_ns: int | None = None
     to_ns: int | None = None
     annotations_only: bool = False
@@ -85,8 +80,15 @@ class ReplayOptions:
     checkpoints: Path | None = None
     force: bool = False
     camera: str | None = None
-    factory: TrackerFactory | None = None
     limits: Limits = DEFAULT_LIMITS
+    choice: TrackerChoice = field(init=False, repr=False)
+    parameters: Config = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        choice = choose(self.tracker)
+        object.__setattr__(self, "choice", choice)
+        config = replay_config(choice) if self.config is None else self.config
+        object.__setattr__(self, "parameters", config)
 
 
 @dataclass
@@ -267,9 +269,9 @@ class Run:
         self.last_index = -1
         self.sightings: dict[int, int] = {}
         self._progress = progress or (lambda *_: None)
-        self._factory = options.factory or tracker_factory(options.tracker)
-        self._fingerprint = fingerprint(options.tracker, options.config)
-        self._hindsight = uses_hindsight(options.tracker, options.config)
+        self._choice = options.choice
+        self._fingerprint = fingerprint(options.choice, options.parameters)
+        self._hindsight = options.choice.wants_hindsight(options.parameters)
         self._start_ns: int | None = None
         self._periods = 0
         self.resumed: int | None = None
@@ -286,7 +288,7 @@ class Run:
 
     def _forward(self, start: Checkpoint | None) -> Iterator[Step]:
         forward = Forward(
-            self.scene, self._factory, self.options.config, unfinished=self._hindsight
+            self.scene, self._choice, self.options.parameters, unfinished=self._hindsight
         )
         if start is not None:
             forward.resume(start)
@@ -324,7 +326,7 @@ class Run:
         start_ns = None if start is None else start.time_ns + 1
         names: dict[int, int] = {}
         rewritten = hindsight.rewrite(
-            spool.targets, self.scene.info, times, self.options.config, names
+            spool.targets, self.scene.info, times, self.options.parameters, names
         )
         frames = self.scene.frames(start_ns, first, again=True)
         seen = islice(rewritten, first, None)
@@ -355,7 +357,7 @@ class Run:
         checkpoints.
         """
         info = self.scene.info
-        reasoner = Reasoner(self.options.config, info.width, info.height)
+        reasoner = Reasoner(self.options.parameters, info.width, info.height)
         if start is not None:
             with continuing(start.frame):
                 reasoner.restore(start.reasoner_state)
@@ -402,7 +404,7 @@ class Run:
             recorded_now(step.frame),
             step.input_link,
             self.link,
-            self.options.tracker,
+            self._choice.name,
             self._fingerprint,
             checkpoint.decode_state(tracker_state),
             reasoner.state(),
@@ -422,10 +424,10 @@ class Run:
             best = _last_checkpoint(log, options.from_ns)
         if best is None:
             return None
-        if best.tracker != options.tracker:
+        if best.tracker != options.choice.name:
             raise UsageError(
                 f"{options.checkpoints}: its checkpoints were made with another tracker"
-                f" ({best.tracker}, not {options.tracker}); replay without --checkpoints"
+                f" ({best.tracker}, not {options.choice.name}); replay without --checkpoints"
             )
         if best.fingerprint != self._fingerprint:
             raise UsageError(

@@ -9,6 +9,7 @@ is another one, or the replay itself went another way.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
@@ -36,9 +37,10 @@ from recorders.scene import SceneLog
 from recorders.vision import opencv_threads
 from replay.configuration import package_versions, recorded_config
 from replay.first_difference import difference_in, first_unequal, short
+from replay.protocol import is_tracker
 from replay.run import Annotated, Progress, ReplayOptions, Run
 from replay.trackers.catalogue import TRACKER_SECTIONS, TRACKERS
-from replay.trackers.tracker import TrackerFactory
+from replay.trackers.choice import AnyTracker, TrackerChoice, choose
 
 __all__ = [
     "Difference",
@@ -55,7 +57,7 @@ def verify(
     path: str | Path,
     scene: str | Path | None = None,
     *,
-    factory: TrackerFactory | None = None,
+    tracker: AnyTracker | None = None,
     limits: Limits = DEFAULT_LIMITS,
     progress: Progress | None = None,
 ) -> Verification:
@@ -65,7 +67,8 @@ def verify(
         path: the annotated log.
         scene: the scene log, where the annotated log does not hold the recording whole; a file of
             the recorded name beside the annotated log is found by itself.
-        factory: the tracker, where it is not one of the catalogue's.
+        tracker: the tracker, where nothing that is installed bears the name that the log says; a
+            module in the working folder is imported only if it is named here.
         limits: bounds for reading.
         progress: called with the stage's name and the frame's number.
 
@@ -79,20 +82,14 @@ def verify(
             facts = facts_of(log)
         except AlteredFactsError:
             return chain  # which says so; nothing else is known to replay it by
-        if factory is None and facts.tracker not in TRACKERS:
-            raise UsageError(
-                f"{path}: was made with the tracker {facts.tracker!r}, which is not one of"
-                f" scenetrace's ({', '.join(TRACKERS)}); give it to"
-                " `replay.verification.verify(path, factory=...)`"
-            )
-        config, changes = recorded_config(factory or facts.tracker, facts.configuration)
-        changes = [*_tracker_of_another(facts), *changes]
+        choice = choice_of(facts) if tracker is None else choose(tracker)
+        config, changes = recorded_config(choice, facts.configuration)
+        changes = [*_another_tracker(facts, choice), *changes]
         options = ReplayOptions(
-            tracker=facts.tracker,
+            tracker=choice,
             config=config,
             camera=facts.camera,
             checkpoint_ns=facts.checkpoint_ns,
-            factory=factory,
             limits=limits,
         )
         try:
@@ -127,19 +124,48 @@ def verify(
     return _verdict(chain, changed, effect, frames, reasons, facts.first_frame)
 
 
-def _tracker_of_another(facts: Facts) -> list[str]:
-    """That the configuration is another tracker's than the log says."""
+def choice_of(facts: Facts) -> TrackerChoice:
+    """The tracker that the log names, as far as it is installed: a file must not choose freely
+    what is imported and called.
+
+    Raises:
+        UsageError: it is not.
+    """
+    try:
+        module, colon, _ = facts.tracker.partition(":")
+        if colon and module.partition(".")[0] in sys.stdlib_module_names:
+            raise UsageError("a module of Python itself")
+        choice = choose(facts.tracker, beside=False)
+        if colon and not (isinstance(choice.factory, type) and is_tracker(choice.factory)):
+            raise UsageError("no class with step, state and restore")
+        return choice  # noqa: TRY300
+    except UsageError as e:
+        raise UsageError(
+            f"{facts.path}: was made with the tracker {facts.tracker!r}"
+            f"{facts.tracker_version and f' ({facts.tracker_version})'}, which is not"
+            f" installed here ({e}); install it, or name it with --tracker module:Class"
+        ) from e
+
+
+def _another_tracker(facts: Facts, choice: TrackerChoice) -> list[str]:
+    """That the tracker, its code or the configuration is not what the log says."""
+    said: list[str] = []
+    if choice.name != facts.tracker and not choice.name.endswith(f":{facts.tracker}"):
+        said.append(f"the tracker was {facts.tracker}, is {choice.name}")
+    if choice.version != facts.tracker_version:
+        then, now = (v or "scenetrace's" for v in (facts.tracker_version, choice.version))
+        said.append(f"the code of the tracker {choice.name} was {then}, is {now}")
     if (
-        facts.tracker not in TRACKER_SECTIONS.get(facts.tracker, ())
-        or facts.tracker in facts.configuration
+        facts.tracker in TRACKER_SECTIONS.get(facts.tracker, ())
+        and facts.tracker not in facts.configuration
     ):
-        return []
-    owners = [name for name in TRACKERS if name in facts.configuration]
-    others = f", it has those of {' and '.join(owners)}" if owners else ""
-    return [
-        f"the tracker is said to be {facts.tracker}, the configuration has none of its"
-        f" parameters{others}: altered"
-    ]
+        owners = [name for name in TRACKERS if name in facts.configuration]
+        others = f", it has those of {' and '.join(owners)}" if owners else ""
+        said.append(
+            f"the tracker is said to be {facts.tracker}, the configuration has none of its"
+            f" parameters{others}: altered"
+        )
+    return said
 
 
 def _compared(comparing: _Comparing, certain: bool) -> tuple[Difference | None, list[str]]:

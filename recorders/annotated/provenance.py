@@ -89,6 +89,7 @@ class Facts:
         path: the log.
         values: as they are in the file.
         tracker, camera: names.
+        tracker_version: of the code of a tracker that is not scenetrace's, else empty.
         configuration: section to parameter to value.
         packages: package to version.
         opencv_build: the build facts, by name.
@@ -110,6 +111,7 @@ class Facts:
     path: Path
     values: dict[str, str]
     tracker: str
+    tracker_version: str
     camera: str
     configuration: dict[str, dict[str, Any]]
     packages: dict[str, str]
@@ -199,6 +201,7 @@ def _parsed(path: Path, v: dict[str, str]) -> Facts:
         path=path,
         values=v,
         tracker=_text(path, v, "tracker"),
+        tracker_version=v.get("tracker_version", ""),
         camera=_text(path, v, "camera"),
         configuration=_json(path, v, "configuration", dict[str, dict[str, Any]]),
         packages=_json(path, v, "packages", dict[str, str]),

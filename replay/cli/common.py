@@ -55,6 +55,16 @@ def add_configuration(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def add_tracker(parser: argparse.ArgumentParser, otherwise: str) -> None:
+    """``--tracker``."""
+    parser.add_argument(
+        "--tracker",
+        metavar="NAME",
+        help=f"events, shells or parts; an installed plug-in's name; or module:Class of code"
+        f" of your own; {otherwise}",
+    )
+
+
 _OUTPUTS = {"output": "-o", "plot": "--plot", "html": "--html"}
 _INPUTS = {"scene": "the recording itself", "source": "the source itself"}
 _READ = "read by the same command"

@@ -19,9 +19,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "scenetrace config --tracker shells > s.toml\nscenetrace replay scene.mcap -o"
         " out.mcap --config s.toml",
     )
-    p.add_argument(
-        "--tracker", metavar="NAME", help="what a replay with it reads; default: all"
-    )
+    common.add_tracker(p, "what a replay with it reads; default: all of scenetrace's")
     common.add_configuration(p)
     p.set_defaults(run=run)
 

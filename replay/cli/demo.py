@@ -45,12 +45,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         metavar="DIR",
         help="default: demo-out",
     )
-    p.add_argument(
-        "--tracker",
-        default="events",
-        metavar="NAME",
-        help="events (default), shells or parts",
-    )
+    common.add_tracker(p, "default events")
     p.add_argument(
         "--seed",
         type=int,
@@ -67,6 +62,7 @@ def run(args: argparse.Namespace) -> int:
     """Render, then run the commands."""
     from fixtures.logs import export_video, write_regions, write_truth
     from fixtures.scenes import generate
+    from replay.trackers.choice import DEFAULT_TRACKER
 
     folder: Path = args.output
     files = {name: str(folder / name) for name in FILES}
@@ -103,10 +99,10 @@ def run(args: argparse.Namespace) -> int:
             "-o",
             annotated,
             "--tracker",
-            args.tracker,
+            args.tracker or DEFAULT_TRACKER,
             "--force",
         ],
-        ["verify", annotated],
+        ["verify", annotated, *(["--tracker", args.tracker] if args.tracker else [])],
         ["query", annotated, QUESTION],
         ["query", annotated, "--ask", "met", "1"],
         ["eval", annotated, "--truth", files["truth.txt"]],

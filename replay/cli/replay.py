@@ -16,6 +16,7 @@ from replay.plurals import number
 
 if TYPE_CHECKING:
     from recorders.scene import SceneLog
+    from replay.trackers.choice import TrackerChoice
 
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -35,7 +36,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "scene", type=Path, help="a scene log, or an annotated log to be replayed anew"
     )
     p.add_argument("-o", "--output", type=Path, metavar="FILE", help="the annotated log")
-    p.add_argument("--tracker", metavar="NAME", help="events (default), shells or parts")
+    common.add_tracker(p, "default events")
     common.add_configuration(p)
     p.add_argument(
         "--init", action="append", default=[], metavar="frame:N:x,y,w,h",
@@ -103,40 +104,37 @@ def run(args: argparse.Namespace) -> int:
         return _compare(args, out) or left_out
 
 
-def _configured(args: argparse.Namespace) -> tuple[str, Config]:
+def _configured(args: argparse.Namespace) -> tuple[TrackerChoice, Config]:
     """Tracker and configuration: of the log to compare with, then of the file, then of the words."""
     from recorders.annotated.provenance import facts_of
     from recorders.log import LogReader
     from recorders.parameters import as_plain
-    from replay.configuration import (
-        DEFAULT_TRACKER,
-        recorded_config,
-        replay_config,
-        sections,
-    )
+    from replay.configuration import recorded_config, replay_config, sections
+    from replay.trackers.choice import DEFAULT_TRACKER, choose
+    from replay.verification import choice_of
 
     if args.against is None:
-        tracker = args.tracker or DEFAULT_TRACKER
+        tracker = choose(args.tracker or DEFAULT_TRACKER)
         return tracker, replay_config(tracker, args.config, _assignments(args, tracker))
     with LogReader(args.against) as log:
         facts = facts_of(log)
-    tracker = args.tracker or facts.tracker
+    tracker = choose(args.tracker) if args.tracker else choice_of(facts)
     known = sections(tracker)
     recorded, notes = recorded_config(
         tracker, {s: v for s, v in facts.configuration.items() if s in known}
     )
-    for note in notes if tracker == facts.tracker else ():
+    for note in notes if tracker.name == facts.tracker else ():
         common.say(f"{args.against}: {note}")
     return tracker, replay_config(
         tracker, args.config, _assignments(args, tracker), as_plain(recorded)
     )
 
 
-def _assignments(args: argparse.Namespace, tracker: str) -> list[str]:
+def _assignments(args: argparse.Namespace, tracker: TrackerChoice) -> list[str]:
     """What was set, and the targets started by hand."""
-    if args.init and tracker != "parts":
+    if args.init and "parts" not in tracker.sections:
         raise UsageError(
-            f"--init: the tracker {tracker} starts its targets by itself; use --tracker"
+            f"--init: the tracker {tracker.name} starts its targets by itself; use --tracker"
             " parts"
         )
     return [

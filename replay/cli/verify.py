@@ -41,6 +41,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         metavar="FILE",
         help="the scene log, where the annotated log lacks it",
     )
+    common.add_tracker(p, "default: the one that the log names, if it is installed")
     p.add_argument(
         "--quick",
         action="store_true",
@@ -100,7 +101,9 @@ def _log(args: argparse.Namespace) -> Verification:
         if args.quick:
             verdict = verify_chain(args.annotated, progress=progress)
         else:
-            verdict = verify(args.annotated, args.scene, progress=progress)
+            verdict = verify(
+                args.annotated, args.scene, tracker=args.tracker, progress=progress
+            )
     if args.json:
         return verdict
     if verdict.identical:

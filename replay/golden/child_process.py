@@ -19,6 +19,7 @@ import numpy as np
 
 from recorders import errors
 from replay.golden.job import Job, configured, imported
+from replay.trackers.choice import choose
 
 _CLOCK = "the clock"
 _CALENDAR = "the calendar"
@@ -127,11 +128,7 @@ def _caller(frame: FrameType | None) -> tuple[str | None, bool]:
 def main() -> int:
     """Replay once."""
     order = json.load(sys.stdin)
-    tracker = (
-        order["tracker"]
-        if isinstance(order["tracker"], str)
-        else imported(order["tracker"])
-    )
+    tracker = choose(imported(order["tracker"]))
     job = Job(Path(order["scene"]), tracker, configured(tracker, order["config"]))
     watch = Watch()
     before = random.getstate(), str(np.random.get_state(legacy=False))  # noqa: NPY002

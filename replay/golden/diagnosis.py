@@ -17,7 +17,6 @@ from recorders.errors import SceneTraceError
 from recorders.log import LogReader
 from replay.compare.bytewise import compare_bytes
 from replay.golden.job import Job, hash_seed
-from replay.trackers.catalogue import TRACKERS
 
 _PLAIN = (
     bool,
@@ -40,7 +39,7 @@ Memory = dict[str, str]
 
 def shared_state(job: Job) -> Memory:
     """What the tracker's class and module hold outside its instances, as text by name."""
-    factory: Any = TRACKERS[job.tracker] if isinstance(job.tracker, str) else job.tracker
+    factory: Any = job.tracker.factory
     module = sys.modules.get(getattr(factory, "__module__", ""))
     own = (
         []

@@ -14,11 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from recorders import plugins
 from recorders.errors import SceneTraceError
 from recorders.parameters import Config, as_plain
 from replay.annotated_writer import replay
-from replay.configuration import replay_config, tracker_name
+from replay.configuration import replay_config
 from replay.run import ReplayOptions
+from replay.trackers.choice import AnyTracker, TrackerChoice
 from replay.trackers.tracker import TrackerFactory
 
 Values = Mapping[str, Mapping[str, Any]]
@@ -29,23 +31,21 @@ class Job:
     """What is replayed: a scene, through a tracker, with a configuration."""
 
     scene: Path
-    tracker: str | TrackerFactory
+    tracker: TrackerChoice
     config: Config
 
     @property
     def name(self) -> str:
-        """The tracker's name."""
-        return tracker_name(self.tracker)
+        """The tracker's name, for sentences."""
+        return self.tracker.title
 
     def options(self, **more: Any) -> ReplayOptions:
         """The replay's options."""
-        factory = None if isinstance(self.tracker, str) else self.tracker
         return ReplayOptions(
-            tracker=self.name,
+            tracker=self.tracker,
             config=self.config,
             annotations_only=True,
             force=True,
-            factory=factory,
             **more,
         )
 
@@ -66,9 +66,7 @@ class Job:
         order = {
             "scene": str(self.scene.resolve()),
             "out": str(out.resolve()),
-            "tracker": (
-                self.tracker if isinstance(self.tracker, str) else _address(self.tracker)
-            ),
+            "tracker": _address(self.tracker),
             "config": as_plain(self.config),
             "watched": watched,
         }
@@ -99,7 +97,13 @@ class NotImportableError(SceneTraceError):
     """A tracker has no place from which another process could import it."""
 
 
-def _address(factory: TrackerFactory) -> dict[str, str]:
+def _address(tracker: TrackerChoice) -> str | dict[str, str]:
+    """What leads another process to the tracker: a name that is known there, or module, file and
+    class.
+    """
+    factory = tracker.factory
+    if not tracker.foreign or tracker.name in plugins.names(plugins.TRACKERS):
+        return tracker.name
     name = getattr(factory, "__qualname__", "")
     try:
         file = inspect.getsourcefile(factory)
@@ -107,14 +111,18 @@ def _address(factory: TrackerFactory) -> dict[str, str]:
         file = None
     if not name or "<" in name or file is None:
         raise NotImportableError(
-            f"{tracker_name(factory)} is not at the top level of a module, so no other"
+            f"{tracker.title} is not at the top level of a module, so no other"
             " process can import it"
         )
     return {"module": str(getattr(factory, "__module__", "")), "file": file, "name": name}
 
 
-def imported(address: Mapping[str, str]) -> TrackerFactory:
-    """The factory at an address that `_address` made: by its module's name, else by its file."""
+def imported(address: str | Mapping[str, str]) -> str | TrackerFactory:
+    """The tracker at an address that `_address` made: by its name, its module's name, or its
+    file.
+    """
+    if isinstance(address, str):
+        return address
     try:
         module = importlib.import_module(address["module"])
     except ImportError:
@@ -137,7 +145,7 @@ def imported(address: Mapping[str, str]) -> TrackerFactory:
     return factory
 
 
-def configured(tracker: str | TrackerFactory, values: Values | Config | None) -> Config:
+def configured(tracker: AnyTracker, values: Values | Config | None) -> Config:
     """A configuration from plain values or parameters; what is not named has its default."""
     plain = {
         section: (

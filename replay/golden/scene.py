@@ -23,7 +23,7 @@ from replay.golden import diagnosis
 from replay.golden.file_names import golden_name
 from replay.golden.golden_file import write_story
 from replay.golden.job import Job, NotImportableError, Values, configured, hash_seed
-from replay.trackers.tracker import TrackerFactory
+from replay.trackers.choice import DEFAULT_TRACKER, AnyTracker, choose
 
 _LINES = 30
 # A set of two has but two orders, and half of all seeds share one: four seeds miss it once in
@@ -72,7 +72,7 @@ class GoldenScene:
     def __call__(
         self,
         log: str | Path,
-        tracker: str | TrackerFactory = "events",
+        tracker: AnyTracker = DEFAULT_TRACKER,
         config: Values | Config | None = None,
         tolerance: float = 0.0,
         *,
@@ -85,8 +85,8 @@ class GoldenScene:
 
         Args:
             log: the scene log.
-            tracker: a name of scenetrace's catalogue, or a tracker class (or function) of one's
-                own.
+            tracker: a name as after ``--tracker`` (scenetrace's, an installed plug-in's,
+                ``module:Class``), or a tracker class (or function) itself.
             config: section to parameters, plain or as `Parameters`; the others have their defaults.
             tolerance: how far a box may be off in pixels; 0: to the bit. See
                 `replay.compare.CompareOptions`.
@@ -117,7 +117,8 @@ class GoldenScene:
         shared = self._claim(chosen, name is not None)
         if shared is not None:
             raise GoldenError(shared)
-        job = Job(Path(log), tracker, configured(tracker, config))
+        chosen_tracker = choose(tracker)
+        job = Job(Path(log), chosen_tracker, configured(chosen_tracker, config))
         scratch = self._scratch / chosen
         scratch.mkdir()
         replayed = self._replayed(job, scratch, other_process, checkpoint)
@@ -187,7 +188,7 @@ class GoldenScene:
             GoldenError: one differs, or the tracker asks what day it is.
         """
         own = hash_seed()
-        count = 1 if isinstance(job.tracker, str) else _SEEDS_OF_A_USERS_TRACKER
+        count = _SEEDS_OF_A_USERS_TRACKER if job.tracker.foreign else 1
         seeds = [seed for seed in _SEEDS if seed != own][:count]
 
         def there(seed: int, watched: bool = False) -> tuple[str, dict[str, Any]]:

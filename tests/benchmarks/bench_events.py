@@ -348,7 +348,7 @@ def drawn_from_truth(out: Path) -> int:
             logs.append(path.with_suffix(".annotated.mcap"))
             chosen = options(FORWARD)
             replay(
-                path, logs[-1], replace(chosen, factory=lambda *_, s=scene: TruthTracker(s))
+                path, logs[-1], replace(chosen, tracker=lambda *_, s=scene: TruthTracker(s))
             )
         missing = event_pictures.per_kind(logs, out, ".jpg")
         print(f"{out}: no picture of {', '.join(missing) or 'no kind'}")

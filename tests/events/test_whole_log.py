@@ -54,7 +54,7 @@ def three(tmp_path_factory: pytest.TempPathFactory) -> list[AnnotatedFrame]:
     )
     config = replay_config("events", assignments=["events.hindsight=false"])
     out = folder / "annotated.mcap"
-    replay(log, out, ReplayOptions(config=config, factory=lambda *_: TruthTracker(scene)))
+    replay(log, out, ReplayOptions(config=config, tracker=lambda *_: TruthTracker(scene)))
     with AnnotatedLog(out) as annotated:
         return list(annotated.frames())
 

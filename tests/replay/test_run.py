@@ -356,9 +356,7 @@ def test_a_tracker_is_held_to_its_protocol(
     scene: Path, tmp_path: Path, answer: Callable[[int], Targets], message: str
 ) -> None:
     with pytest.raises(SceneTraceError, match=message):
-        replay(
-            scene, tmp_path / "a.mcap", options("events", factory=lambda *_: Broken(answer))
-        )
+        replay(scene, tmp_path / "a.mcap", options(lambda *_: Broken(answer)))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -371,7 +369,7 @@ def test_an_answer_that_is_none_is_told(
         SceneTraceError,
         match=r"frame 10: the tracker's step\(\) answered .*, must be .*Targets",
     ):
-        replay(scene, tmp_path / "a.mcap", options("events", factory=factory))
+        replay(scene, tmp_path / "a.mcap", options(factory))
 
 
 class Asking:
@@ -413,7 +411,7 @@ def test_a_state_that_is_not_plain_is_told(scene: Path, tmp_path: Path) -> None:
         replay(
             scene,
             tmp_path / "a.mcap",
-            ReplayOptions("Asking", config, checkpoint_ns=1, factory=Asking),
+            ReplayOptions(Asking, config, checkpoint_ns=1),
         )
 
 

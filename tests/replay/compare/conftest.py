@@ -61,9 +61,7 @@ def told() -> Told:
         replay(
             scene,
             out,
-            ReplayOptions(
-                tracker="Truth", config=config, factory=Truth, force=True, **more
-            ),
+            ReplayOptions(tracker=Truth, config=config, force=True, **more),
         )
         return out
 

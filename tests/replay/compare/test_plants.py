@@ -29,7 +29,7 @@ def test_what_is_altered_after_the_replay(
 ) -> None:
     original, altered = trusted / "annotated.mcap", tmp_path / "annotated.mcap"
     planted = ANNOTATION_PLANTS[plant](original, altered)
-    for verdict in (verify_chain(altered), verify(altered, factory=truth)):
+    for verdict in (verify_chain(altered), verify(altered, tracker=truth)):
         assert not verdict.identical
         assert verdict.difference is not None
         assert (verdict.difference.frame, verdict.difference.channel) == (
@@ -54,7 +54,7 @@ def test_what_is_altered_in_the_recording(
 ) -> None:
     original, scene = trusted / "annotated.mcap", tmp_path / "scene.mcap"
     planted = RECORDING_PLANTS[plant](trusted / "scene.mcap", scene)
-    verdict = verify(original, scene, factory=truth)
+    verdict = verify(original, scene, tracker=truth)
     assert not verdict.identical
     assert verdict.difference is not None
     assert verdict.difference.frame == planted.frame
@@ -103,7 +103,7 @@ def test_a_parameter_that_is_lied_about_by_1e_9(
 
     copy_log(other, lie, facts=forged)
     assert verify_chain(lie).identical, "the chain alone cannot know what is said with care"
-    verdict = verify(lie, factory=truth)
+    verdict = verify(lie, tracker=truth)
     assert not verdict.identical
     assert verdict.difference is not None
     assert (verdict.difference.frame, verdict.difference.channel) == (0, "tracks")
@@ -113,7 +113,7 @@ def test_a_parameter_that_is_lied_about_by_1e_9(
     assert found.made == ["parameter: shell_model.k_s = 0.200000001, not 0.2"]
     assert found.differences[0].frame == 0
     assert "shell_radius" in str(found.differences[0].details)
-    assert verify(other, factory=truth).identical
+    assert verify(other, tracker=truth).identical
 
 
 def test_no_false_alarm(trusted: Path, truth: Any, told: Any, tmp_path: Path) -> None:
@@ -123,6 +123,6 @@ def test_no_false_alarm(trusted: Path, truth: Any, told: Any, tmp_path: Path) ->
     for path in (original, tmp_path / "copy.mcap", tmp_path / "again.mcap"):
         assert verify_chain(path).identical
         assert compare(original, path).identical
-    verdict = verify(tmp_path / "copy.mcap", factory=truth)
+    verdict = verify(tmp_path / "copy.mcap", tracker=truth)
     assert verdict.identical
     assert verdict.reasons == []
