@@ -198,14 +198,36 @@ class GroupTrack(Struct, frozen=True):
     members: list[int] = []
 
 
+class Sighting(Struct, frozen=True, array_like=True):
+    """A target was seen in a frame, in a box."""
+
+    frame: int
+    box: Box
+
+
 class Notice(Struct, frozen=True):
-    """Something a tracker tells of itself: becomes an `Event` with id and time."""
+    """Something a tracker tells of itself: becomes an `Event` with id and time.
+
+    Attributes:
+        kind: one of `EVENT_KINDS`.
+        subjects: ids of the targets.
+        rule: paper and case, or ours.
+        evidence: the measured values and their limits, by the names of `recorders.evidence`.
+        text: in words, "" for the kind's own.
+        sightings: of ``track_confirmed``: where it was seen before, for hindsight.
+        left_scene: of ``track_removed``: it went where hindsight need not look for it any more.
+        since_frame: of ``track_recovered`` with two subjects: from this frame on until now each
+            had the other's id, for hindsight to undo.
+    """
 
     kind: str
     subjects: list[int]
     rule: str
     evidence: dict[str, Any] = {}
     text: str = ""
+    sightings: list[Sighting] = []
+    left_scene: bool = False
+    since_frame: int | None = None
 
 
 class Targets(Struct, frozen=True):

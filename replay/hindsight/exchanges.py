@@ -1,8 +1,8 @@
 """Identities that a tracker found to be exchanged are exchanged from when it happened, not from
 when it was found.
 
-A tracker says so in a ``track_recovered`` notice with two subjects and the evidence
-``since_frame``: from that frame on until the notice each had the other's id.
+A tracker says so in a ``track_recovered`` notice with two subjects and its ``since_frame``:
+from that frame on until the notice each had the other's id.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ def exchanges_of(answer: Targets) -> list[Exchange]:
     """The exchanges that a frame's answer tells of."""
     found: list[Exchange] = []
     for notice in answer.notices:
-        since = notice.evidence.get("since_frame")
+        since = notice.since_frame
         if (
             notice.kind == "track_recovered"
             and len(notice.subjects) == 2
-            and isinstance(since, int)
+            and since is not None
         ):
             found.append(
                 Exchange(notice.subjects[0], notice.subjects[1], since, answer.frame)

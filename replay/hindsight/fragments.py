@@ -221,17 +221,17 @@ def _take_note(
     if notice.kind == "track_confirmed":
         _back_date(fragment, notice, at_frame, times)
     elif notice.kind == "track_removed":
-        fragment.left |= notice.evidence.get("left_scene") is True
+        fragment.left |= notice.left_scene
 
 
 def _back_date(
     fragment: Fragment, notice: Notice, at_frame: dict[int, int], times: Sequence[int]
 ) -> None:
     """The sightings of the time before the confirmation, as the confirmation recorded them."""
-    for row in notice.evidence.get("sightings", []):
-        at = at_frame.get(int(row[0]))
+    for sighting in notice.sightings:
+        at = at_frame.get(sighting.frame)
         if at is not None and (not fragment.hits or at < fragment.first.at):
-            fragment.earlier.add(at, times[at], (row[1], row[2], row[3], row[4]))
+            fragment.earlier.add(at, times[at], sighting.box)
     if len(fragment.earlier) and fragment.hits:
         fragment.head = Path([*fragment.earlier, *fragment.head][:_MOST_ENDS])
         fragment.tail = Path([*fragment.earlier, *fragment.tail][-_MOST_ENDS:])

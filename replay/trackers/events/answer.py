@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from recorders.messages import NO_BLOB, Box, GroupTrack, Notice, Target, Targets
-from replay.trackers.events.tracks import TENTATIVE, Tracks
+from replay.trackers.events.tracks import Tracks
+from replay.trackers.life import TENTATIVE
 from replay.trackers.tracker import Frame
 
 

@@ -13,7 +13,8 @@ from itertools import combinations
 from typing import Any
 
 from recorders.messages import NO_BLOB, Box, GroupTrack
-from replay.trackers.events.tracks import TENTATIVE, Tracks
+from replay.trackers.events.tracks import Tracks
+from replay.trackers.life import TENTATIVE
 
 HOLD_NS = 120_000_000
 """Who shared a region is in it for this long still: blobs that come apart often touch again in

@@ -13,7 +13,8 @@ from typing import Any
 from recorders.messages import Notice
 from replay.trackers.appearance import distance
 from replay.trackers.events.parameters import EventsParameters
-from replay.trackers.events.tracks import TENTATIVE, Track, Tracks
+from replay.trackers.events.tracks import Track, Tracks
+from replay.trackers.life import TENTATIVE
 
 NS = 1e9
 LOOKS = 3
@@ -104,10 +105,12 @@ def _exchanged(a: Track, b: Track, since: int, p: EventsParameters) -> Notice | 
         "since_frame": since,
         "as_they_were": straight,
         "exchanged": crossed,
-        "most_ratio": p.exchange_ratio,
+        "exchanged_at_most": p.exchange_ratio * straight,
     }
     rule = "EVENTS 2: after the split each has the colours that the other one had"
-    return Notice("track_recovered", sorted([a.id, b.id]), rule, evidence)
+    return Notice(
+        "track_recovered", sorted([a.id, b.id]), rule, evidence, since_frame=since
+    )
 
 
 def _exchange(a: Track, b: Track) -> None:

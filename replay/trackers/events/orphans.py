@@ -14,7 +14,8 @@ from replay.trackers import appearance
 from replay.trackers.association import intersection
 from replay.trackers.events.associate import Seen
 from replay.trackers.events.parameters import EventsParameters
-from replay.trackers.events.tracks import TENTATIVE, Tracks
+from replay.trackers.events.tracks import Tracks
+from replay.trackers.life import TENTATIVE
 from replay.trackers.tracker import Image
 
 Floats = NDArray[np.float64]

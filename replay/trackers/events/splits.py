@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from recorders.messages import Blob
 from replay.trackers.association import intersection
-from replay.trackers.events.tracks import TENTATIVE, Tracks
+from replay.trackers.events.tracks import Tracks
+from replay.trackers.life import TENTATIVE
 
 Floats = NDArray[np.float64]
 

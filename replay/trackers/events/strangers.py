@@ -76,7 +76,7 @@ def part(tracks: Tracks, row: int, identity: int, frame: int) -> list[Notice]:
     evidence = {
         "since_frame": track.since,
         "appearance": distance(track.colours.table, track.stranger.table),
-        "most": OTHER,
+        "appearance_over": STILL,
     }
     past = replace(
         track, seen_ns=round(ns), observed=False, measured=None, blob=NO_BLOB, column=-1, alone=False, signed=False,
@@ -93,7 +93,16 @@ def part(tracks: Tracks, row: int, identity: int, frame: int) -> list[Notice]:
             "track_confirmed",
             [identity],
             rule,
-            {"hits": track.hits, "first_frame": frame, "sightings": []},
+            {"hits": track.hits, "first_frame": frame},
         )
     ]
-    return [*told, Notice("track_recovered", sorted([old, identity]), rule, evidence)]
+    return [
+        *told,
+        Notice(
+            "track_recovered",
+            sorted([old, identity]),
+            rule,
+            evidence,
+            since_frame=track.since,
+        ),
+    ]

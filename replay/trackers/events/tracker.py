@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from reasoning.regions import RegionParameters, SceneRegions, default_regions
-from recorders.messages import NO_BLOB, Box, Ellipse, Mode, Notice, Regions, Targets
+from reasoning.regions import RegionParameters
+from recorders.messages import NO_BLOB, Box, Ellipse, Mode, Notice, Targets
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.association import intersection
 from replay.trackers.events.answer import answer, shared_regions
@@ -29,7 +29,7 @@ from replay.trackers.events.associate import Seen, match, one_each
 from replay.trackers.events.colours import learn, likenesses, look_at
 from replay.trackers.events.groups import GroupTracks, Together
 from replay.trackers.events.identity import keep_company, verify
-from replay.trackers.events.lifecycle import Lifecycle
+from replay.trackers.events.lifecycle import confirm
 from replay.trackers.events.orphans import follow_colours, share_detections
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.places import (
@@ -43,7 +43,8 @@ from replay.trackers.events.places import (
 )
 from replay.trackers.events.splits import came_from, remember_regions
 from replay.trackers.events.strangers import estranged, part
-from replay.trackers.events.tracks import TENTATIVE, Track, Tracks
+from replay.trackers.events.tracks import Track, Tracks
+from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.tracker import Frame, SceneInfo
 
 Floats = NDArray[np.float64]
@@ -61,15 +62,12 @@ class EventsTracker:
     ) -> None:
         self._scene = scene
         self._p = parameters
-        self._region_parameters = region_parameters or RegionParameters()
-        self._regions_message: Regions | None = None
-        self._regions = SceneRegions(
-            default_regions(scene.width, scene.height, region_parameters), region_parameters
-        )
         self._tracks = Tracks(parameters)
         self._groups = GroupTracks(parameters.tentative_s)
         self._together = Together()
-        self._life = Lifecycle(self._tracks, parameters)
+        self._life = Life(
+            "events", scene, parameters, region_parameters, parameters.hidden_patience
+        )
         self._learn_every = max(
             1, round(parameters.learn_s / max(1e-3, scene.frame_ns * NS))
         )
@@ -79,7 +77,7 @@ class EventsTracker:
         """Take the next frame, answer with all targets, by id."""
         dt = 0.0 if self._time_ns is None else (frame.time_ns - self._time_ns) * NS
         self._time_ns = frame.time_ns
-        self._take_regions(frame.regions)
+        self._life.take_regions(frame.regions)
         self._tracks.predict(dt)
         self._lean(SizeModel.from_list(frame.detections.size_model), dt)
         for track in self._tracks.items:
@@ -98,9 +96,11 @@ class EventsTracker:
                     )
         self._start(frame, seen, used)
         notices = self._learn(frame)
-        notices += self._life.confirm(frame, self._regions)
+        notices += confirm(self._tracks, self._life, frame, self._p)
         self._together.step(self._tracks, frame.time_ns)
-        notices += self._life.age(frame, self._regions)
+        kept, told = self._life.age(self._tracks.items, self._tracks.boxes, frame.time_ns)
+        self._tracks.keep(kept)
+        notices += told
         shared = shared_regions(self._tracks, frame)
         keep_company(
             self._tracks, [members for members, _ in shared], frame.index, frame.time_ns
@@ -110,11 +110,6 @@ class EventsTracker:
         shared = shared_regions(self._tracks, frame)
         groups = self._groups.step(frame.time_ns, shared)
         return answer(self._tracks, frame, groups, notices)
-
-    def _take_regions(self, regions: Regions | None) -> None:
-        if regions is not None and regions != self._regions_message:
-            self._regions_message = regions
-            self._regions = SceneRegions(regions, self._region_parameters)
 
     def _lean(self, model: SizeModel | None, dt: float) -> None:
         """Targets whose size was not measured in the last frame lean towards the size usual at
@@ -284,7 +279,7 @@ class EventsTracker:
         measured: Box,
     ) -> None:
         track.measured = measured
-        track.seen(frame.time_ns, score, blob, mode)
+        track.sighted(frame.time_ns, score, blob, mode)
         if track.id == TENTATIVE:
             track.sightings.append([float(frame.index), *box])
 
@@ -296,7 +291,7 @@ class EventsTracker:
         if not len(columns):
             return
         boxes = seen.boxes[columns]
-        inside = self._regions.may_start_low_level_all(boxes[:, :2] + boxes[:, 2:] / 2)
+        inside = self._life.regions.may_start_low_level_all(boxes[:, :2] + boxes[:, 2:] / 2)
         from_split = came_from(self._tracks, boxes)
         for k, column in enumerate(columns.tolist()):
             if not inside[k]:

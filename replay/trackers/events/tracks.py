@@ -20,9 +20,9 @@ from replay.trackers.appearance import Colours
 from replay.trackers.association import boxes_of, sizes_of
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.kalman import KalmanBank
+from replay.trackers.life import Living
 
 Floats = NDArray[np.float64]
-TENTATIVE = -1
 COMPONENTS = 7
 _PLACE, _SHAPE = slice(0, 2), slice(2, 7)
 _TURN = 0.2
@@ -30,22 +30,14 @@ _TURN = 0.2
 
 
 @dataclass(slots=True)
-class Track:
+class Track(Living):
     """One track's bookkeeping; its place and size are a row of the Kalman bank.
 
     Attributes:
-        id: identity, `TENTATIVE` before confirmation.
-        born: frame of the first sighting; born_ns its time.
-        seen_ns: time of the last observation.
-        hits: observations so far.
-        quality: running mean of the observations' scores.
-        sightings: while tentative, [frame, x, y, w, h] of every observation: a confirmed track's
-            earlier life.
         company: [id, frame, squared distance in pixels] of those with whom it shared a blob since
             its colours last proved who it is, and of when they were nearest.
         apart_ns: when it last shared one.
         fresh: its colours since then, to be compared with those that it had before.
-        lost: held, but no longer said to be present.
         regions: [time in ns, x, y, w, h] of the regions of pixels that it lately lay in: who is
             born there was in one of them.
         known: [frame, time in ns, x, y, w, h] of when and where its colours last were its own.
@@ -54,32 +46,15 @@ class Track:
         stranger: other colours that its blob has had since frame `since`.
     """
 
-    id: int
-    born: int
-    born_ns: int
-    seen_ns: int
-    hits: int = 1
-    quality: float = 1.0
-    mode: Mode = "motion"
-    confidence: float = 1.0
-    observed: bool = True
-    blob: int = NO_BLOB
-    newborn: bool = False
-    lost: bool = False
-    split: bool = False
-    measured: Box | None = None
-    now: Mode = "motion"
     sized: bool = True
     misfit_s: float = 0.0
     hidden: bool = False
     column: int = -1
     alone: bool = False
-    signed: bool = False
     colours: Colours | None = None
     company: list[list[float]] = field(default_factory=list)
     apart_ns: int = 0
     fresh: Colours | None = None
-    sightings: list[list[float]] = field(default_factory=list)
     regions: list[list[float]] = field(default_factory=list)
     known: list[float] = field(default_factory=list)
     stranger: Colours | None = None
@@ -94,14 +69,17 @@ class Track:
         self.hidden = self.held = False
         self.blob, self.column = NO_BLOB, -1
 
-    def seen(self, time_ns: int, score: float, blob: int, mode: Mode) -> None:
-        """Take note of an observation."""
-        self.seen_ns = time_ns
-        self.hits += 1
-        self.quality += (score - self.quality) / min(self.hits, 10)
-        self.observed = True
-        self.now = mode
-        self.blob = blob
+    @property
+    def hiding(self) -> bool:
+        """Behind somebody who explains the pixels where it should be, it can be nowhere else."""
+        return self.hidden
+
+    @property
+    def way(self) -> Mode:
+        """How it is followed in this frame."""
+        if self.hidden or (self.observed and self.held):
+            return "appearance"
+        return self.now if self.observed else "predicted"
 
 
 class Tracks:

@@ -15,9 +15,10 @@ from reasoning.regions import SceneRegions
 from recorders.errors import ConfigError
 from recorders.messages import NO_BLOB, Notice
 from replay.trackers.association import intersection, iou
+from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.parts.candidates import Observed
 from replay.trackers.parts.parameters import PartsParameters
-from replay.trackers.parts.targets import TENTATIVE, Target, Targets
+from replay.trackers.parts.targets import Target, Targets
 from replay.trackers.tracker import Frame
 
 Floats = NDArray[np.float64]
@@ -131,50 +132,28 @@ class Beginning:
             self._targets.start(seen.boxes[k], target)
 
     def confirm(
-        self,
-        frame: Frame,
-        next_ids: tuple[int, int],
-        notices: list[Notice],
-        only_by_hand: bool,
-    ) -> tuple[int, int]:
+        self, frame: Frame, life: Life, next_bystander: int, only_by_hand: bool
+    ) -> tuple[int, list[Notice]]:
         """Give ids to what has had enough support, in the order of birth.
 
         Args:
             frame: the frame.
-            next_ids: the next target's and the next bystander's.
-            notices: are told of the targets.
+            life: gives the targets' ids.
+            next_bystander: the next bystander's id.
             only_by_hand: whoever was not started by hand becomes a bystander.
 
         Returns:
-            The next ids.
+            The next bystander's id, and what is to be told of the targets.
         """
-        next_id, next_bystander = next_ids
-        p = self._p
+        notices: list[Notice] = []
         for target in self._targets.items:
-            if target.id != TENTATIVE or not target.observed:
-                continue
-            seconds = (frame.time_ns - target.born_ns) * 1e-9
-            if not target.manual and (
-                target.hits < p.confirm_hits or seconds < p.confirm_s
-            ):
-                continue
-            if only_by_hand and not target.manual:
+            ripe = life.is_ripe(target, frame.time_ns)
+            if target.manual and target.id == TENTATIVE and target.observed:
+                rule = "PARTS 3: started by hand"
+                notices.append(life.confirm(target, frame.time_ns, rule))
+            elif ripe and only_by_hand:
                 target.id, target.sightings = next_bystander, []
                 next_bystander += 1
-                continue
-            target.id = next_id
-            next_id += 1
-            target.newborn = True
-            rule = (
-                "PARTS 3: started by hand"
-                if target.manual
-                else "PARTS 3: a new blob or a split"
-            )
-            evidence = {
-                "hits": target.hits,
-                "first_frame": target.born,
-                "sightings": target.sightings[:-1],
-            }
-            notices.append(Notice("track_confirmed", [target.id], rule, evidence))
-            target.sightings = []
-        return next_id, next_bystander
+            elif ripe:
+                notices.append(life.confirm(target, frame.time_ns))
+        return next_bystander, notices

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from recorders.messages import Box, Mode, Notice
 from replay.trackers.association import intersection, iou, iou_of_pairs
+from replay.trackers.life import TENTATIVE
 from replay.trackers.parts.candidates import Candidates, Expected, Heads, Observed, gather
 from replay.trackers.parts.features import (
     AREA,
@@ -25,7 +26,7 @@ from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.pieces import held_by_pieces
 from replay.trackers.parts.regions import HEAD, PARTS, covered
 from replay.trackers.parts.scoring import FULL, Scorer
-from replay.trackers.parts.targets import TENTATIVE, Targets
+from replay.trackers.parts.targets import Targets
 from replay.trackers.parts.template import patches, refine
 from replay.trackers.tracker import Frame, SceneInfo
 
@@ -432,14 +433,9 @@ class Matching:
         for row, (x, y, w, h), blob, mode, score in seen:
             item = targets.items[row]
             item.measured = (x, y, w, h)
-            item.seen_ns = self._frame.time_ns
-            item.hits += 1
             value = 1.0 if score is None else min(1.0, score / FULL / 0.7)
-            item.quality += (value - item.quality) / min(item.hits, 10)
+            item.sighted(self._frame.time_ns, value, blob, mode)
             item.score = None if score is None else score / FULL
-            item.observed = True
-            item.now = mode
-            item.blob = blob
             if item.id == TENTATIVE:
                 item.sightings.append([float(self._frame.index), x, y, w, h])
 

@@ -5,14 +5,14 @@ and 3).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.messages import NO_BLOB, Box, Mode
 from replay.trackers.kalman import KalmanBank
+from replay.trackers.life import Living
 from replay.trackers.parts.features import ONE, Measured, PartsModel
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.regions import ALPHA, BETA, PARTS, alpha_of, beta_of, parts_of
@@ -21,7 +21,6 @@ from replay.trackers.parts.template import SIDE
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 Rows = NDArray[np.intp]
-TENTATIVE = -1
 BYSTANDERS = 1 << 30
 """First identity of those who are followed, but not told of, because targets are started by hand.
 """
@@ -29,43 +28,25 @@ _MODEL = ("area", "perimeter", "overlap", "colours", "seen")
 
 
 @dataclass(slots=True)
-class Target:
+class Target(Living):
     """One target's bookkeeping; its numbers are a row of `Targets`' arrays.
 
     Attributes:
         id: identity, `TENTATIVE` before confirmation, from `BYSTANDERS` on for those who are not
             told of.
-        born: frame of the first observation; born_ns its time.
-        seen_ns: time of the last observation.
-        hits: observations so far.
-        quality: running mean of the matches' scores.
-        sightings: while tentative, [frame, x, y, w, h] of every observation.
-        lost: held, but no longer said to be present.
         manual: started by hand.
         matched_ns: time of the last observation that was more than pieces of it.
     """
 
-    id: int
-    born: int
-    born_ns: int
-    seen_ns: int
-    hits: int = 1
-    quality: float = 1.0
-    mode: Mode = "motion"
-    confidence: float = 1.0
-    observed: bool = True
-    blob: int = NO_BLOB
-    newborn: bool = False
-    lost: bool = False
-    split: bool = False
     manual: bool = False
-    measured: Box | None = None
-    now: Mode = "motion"
     score: float | None = None
     learnt_ns: int = -1
     matched_ns: int = -1
-    signed: bool = False
-    sightings: list[list[float]] = field(default_factory=list)
+
+    @property
+    def anywhere(self) -> bool:
+        """Who was started by hand may be anywhere in the picture."""
+        return self.manual
 
     @property
     def told(self) -> bool:

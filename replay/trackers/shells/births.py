@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.messages import NO_BLOB, Box
+from recorders.messages import NO_BLOB, Box, Notice
+from replay.trackers.life import NANOS, TENTATIVE, Life
 from replay.trackers.shells.colours import colours_in, distance
 from replay.trackers.shells.foreground import Foreground
-from replay.trackers.shells.objects import TENTATIVE, Bodies, Body
+from replay.trackers.shells.objects import Bodies, Body
 from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.shells.resolve import Resolver
 from replay.trackers.tracker import Frame
@@ -206,3 +207,41 @@ def _off_path(bodies: Bodies, lost: int, new: int, gap: float) -> float:
     miss = bank.value[lost, :2] - back - bank.value[new, :2]
     sigma = size * (_DRIFT + _DRIFT_RATE * gap)
     return 0.5 * float((miss * miss).sum(axis=1).min()) / (sigma * sigma)
+
+
+def confirm(
+    bodies: Bodies, life: Life, radii: Floats, frame: Frame, p: ShellsParameters
+) -> list[Notice]:
+    """New objects with enough support get an identity, their own or that of one who was lost."""
+    notices: list[Notice] = []
+    for row, body in enumerate(bodies.items):
+        if not life.is_ripe(body, frame.time_ns):
+            continue
+        known = returned(body, row, bodies, radii, frame, p)
+        if known is not None:
+            notices.append(_take_back(body, row, bodies, known, p))
+        elif life.may_confirm(bodies.box(row)):
+            notices.append(life.confirm(body, frame.time_ns))
+            if body.area <= 0:
+                body.area = area_of(bodies.box(row), body.blob, frame)
+    return notices
+
+
+def _take_back(
+    body: Body, row: int, bodies: Bodies, known: Known, p: ShellsParameters
+) -> Notice:
+    """One that was lost takes the new one's place; the new one is dropped."""
+    old = bodies.items[known.row]
+    bodies.exchange(known.row, row)
+    old.lost, old.mode, old.hits = False, "motion", old.hits + body.hits
+    # The place that it was lost at is of no more use.
+    body.observed, body.seen_ns = False, body.seen_ns - round(60 * p.keep_s * NANOS)
+    what = "colour_distance" if known.by_colours else "path_cost"
+    evidence = {
+        what: known.cost,
+        f"{what}_at_most": known.limit,
+        "unseen_s": known.unseen_s,
+    }
+    told = "of its own colours" if known.by_colours else "on its own path"
+    rule = f"SHELLS 2.3, ours: reappears within reach, {told}"
+    return Notice("track_recovered", [old.id], rule, evidence)

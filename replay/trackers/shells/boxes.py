@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay.trackers.association import assign, intersection, iou, sizes_of
+from replay.trackers.life import TENTATIVE
 from replay.trackers.shells.births import Free
 from replay.trackers.shells.colours import colours_in, distance
-from replay.trackers.shells.objects import TENTATIVE, Bodies
+from replay.trackers.shells.objects import NOBODY, Bodies
 from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.tracker import Image
 
@@ -206,4 +207,4 @@ def hide(bodies: Bodies, p: ShellsParameters) -> None:
             1.0, float(mine[0, 2] * mine[0, 3])
         )
         best = int(np.argmax(cover))
-        body.front = items[seen[best]].id if cover[best] >= p.hidden_cover else TENTATIVE
+        body.front = items[seen[best]].id if cover[best] >= p.hidden_cover else NOBODY

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.messages import NO_BLOB, Box, Ellipse, Mode
+from recorders.messages import Box, Ellipse
 from recorders.vision import cv2
 from replay.trackers.association import boxes_of, sizes_of
 from replay.trackers.kalman import KalmanBank
+from replay.trackers.life import Living
 from replay.trackers.shells.colours import BINS, MEMORY, histogram
 from replay.trackers.shells.liveliness import Liveliness
 from replay.trackers.shells.parameters import ShellsParameters
@@ -21,14 +22,15 @@ from replay.trackers.tracker import Image
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-TENTATIVE = 0
+NOBODY = 0
+"""In place of an identity: no occluder."""
 GRID = 16
 """A last mask is kept on so many cells across and down the object's box."""
 COMPONENTS = 4
 
 
 @dataclass(slots=True)
-class Body:
+class Body(Living):
     """One object; what belongs to its identity first, then where it is and how it was found in
     this frame.
 
@@ -41,19 +43,9 @@ class Body:
         centroid: mean of its pixels from the box's centre, in widths and heights.
         visible: share of its area that was its own in the last frame.
         twin_s: for how long its box has all but coincided with that of an object seen better.
-        front: the occluder within whose shell it is sought, TENTATIVE for none.
+        front: the occluder within whose shell it is sought, `NOBODY` for none.
     """
 
-    id: int
-    born: int
-    born_ns: int
-    seen_ns: int
-    hits: int = 1
-    quality: float = 1.0
-    newborn: bool = False
-    lost: bool = False
-    mode: Mode = "motion"
-    confidence: float = 1.0
     colours: Floats | None = None
     updates: int = 0
     mask: Image | None = None
@@ -62,15 +54,14 @@ class Body:
     misfit_s: float = 0.0
     twin_s: float = 0.0
     visible: float = 1.0
-    observed: bool = True
     alone: bool = False
-    now: Mode = "motion"
-    blob: int = NO_BLOB
-    measured: Box | None = None
     ellipse: Ellipse | None = None
-    signed: bool = False
-    front: int = TENTATIVE
-    sightings: list[list[float]] = field(default_factory=list)
+    front: int = NOBODY
+
+    @property
+    def hiding(self) -> bool:
+        """Behind somebody who lies where it should be, it can be nowhere else."""
+        return self.front != NOBODY
 
     def begin_frame(self) -> None:
         """Forget what was true of the last frame alone."""

@@ -21,13 +21,13 @@ from recorders.annotated.membership import PATCHES, Patches
 from recorders.messages import NO_BLOB, Box, Notice, Target, Targets
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.association import assign, iou
+from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.shells import births, boxes
 from replay.trackers.shells.births import Free
 from replay.trackers.shells.colours import bins_of, histogram, signature
 from replay.trackers.shells.foreground import Foreground
 from replay.trackers.shells.identity import Doubts
-from replay.trackers.shells.life import Life
-from replay.trackers.shells.objects import TENTATIVE, Bodies, Body
+from replay.trackers.shells.objects import NOBODY, Bodies, Body
 from replay.trackers.shells.order import Order
 from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.shells.resolve import Found, Resolver
@@ -60,7 +60,7 @@ class ShellsTracker:
         frame_s = max(1e-3, scene.frame_ns * NS)
         self._learn_every = max(1, round(parameters.learn_s / frame_s))
         self._look_frames = max(2, round(0.5 * parameters.probation_s / frame_s))
-        self._life = Life(scene, self._bodies, parameters, shell.k_s, regions)
+        self._life = Life("shells", scene, parameters, regions, parameters.hidden_patience)
         self._time_ns: int | None = None
         self._patches: Patches | None = None
 
@@ -99,7 +99,7 @@ class ShellsTracker:
                 found[taken[column]] = resolver.whole(
                     taken[column], int(free.blobs[column]) - 1
                 )
-        notices += self._life.confirm(frame)
+        notices += births.confirm(self._bodies, self._life, radii, frame, self._p)
         found = self._settle(frame, found, notices)
         if resolver is None:
             self._relate(
@@ -108,7 +108,9 @@ class ShellsTracker:
         notices += self._tell_depth(resolver, dt)
         self._learn(frame, found)
         self._patches = self._own_pixels(frame, found)
-        notices += self._life.age(frame)
+        kept, told = self._life.age(self._bodies.items, self._bodies.boxes, frame.time_ns)
+        self._bodies.keep(kept)
+        notices += told
         return self._answer(frame, notices)
 
     def extra_payloads(self) -> tuple[tuple[str, bytes], ...]:
@@ -231,16 +233,11 @@ class ShellsTracker:
         if at.sized:
             self._bodies.resize(row, w, h, p.size_blend)
         body.misfit_s = body.misfit_s + dt if at.misfit else 0.0
-        body.seen_ns, body.observed, body.alone = frame.time_ns, True, at.alone
-        body.now = "motion" if at.alone else "appearance"
-        body.visible, body.blob, body.ellipse, body.front = (
-            at.visible,
-            at.blob,
-            at.ellipse,
-            TENTATIVE,
+        body.sighted(
+            frame.time_ns, at.visible, at.blob, "motion" if at.alone else "appearance"
         )
-        body.hits += 1
-        body.quality += (at.visible - body.quality) / min(body.hits, 10)
+        body.alone, body.visible = at.alone, at.visible
+        body.ellipse, body.front = at.ellipse, NOBODY
         body.measured = at.box if at.sized else self._bodies.box(row)
 
     def _associate(self, frame: Frame, free: Free, radii: Floats) -> dict[int, int]:
@@ -307,15 +304,8 @@ class ShellsTracker:
         else:
             self._bodies.move(row, (x + w / 2, y + h / 2), p.blend)
             self._bodies.resize(row, w, h, p.size_blend)
-        body.seen_ns, body.observed, body.now, body.front = (
-            frame.time_ns,
-            True,
-            "motion",
-            TENTATIVE,
-        )
-        body.measured, body.blob, body.visible = (x, y, w, h), int(free.blobs[column]), 1.0
-        body.hits += 1
-        body.quality += (1.0 - body.quality) / min(body.hits, 10)
+        body.sighted(frame.time_ns, 1.0, int(free.blobs[column]), "motion")
+        body.measured, body.visible, body.front = (x, y, w, h), 1.0, NOBODY
         if body.id == TENTATIVE:
             body.sightings.append([float(frame.index), x, y, w, h])
 
@@ -324,7 +314,9 @@ class ShellsTracker:
         row}.
         """
         begun: dict[int, int] = {}
-        inside = self._life.may_start(free.boxes) & (free.scores >= self._p.start_score)
+        centres = free.boxes[:, :2] + free.boxes[:, 2:] / 2
+        inside = self._life.regions.may_start_low_level_all(centres)
+        inside &= free.scores >= self._p.start_score
         for column in range(len(free.boxes)):
             if column in taken or not inside[column]:
                 continue
