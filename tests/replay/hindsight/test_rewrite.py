@@ -11,7 +11,7 @@ from itertools import pairwise
 import pytest
 from msgspec.structs import replace
 
-from recorders.messages import GroupTrack, Notice, Target, Targets
+from recorders.messages import GroupTrack, Notice, Sighting, Target, Targets
 from recorders.parameters import Config, configure
 from recorders.scene import SceneInfo
 from replay.hindsight import SECTIONS, rewrite
@@ -96,7 +96,7 @@ def test_fragments_are_joined_and_the_gap_is_filled_on_the_path() -> None:
 def test_who_left_the_scene_does_not_go_on_as_who_comes_in() -> None:
     frames = _walk(60, range(20, 32))
     for left, ids in ((False, {1}), (True, {1, 2})):
-        gone = Notice("track_removed", [1], "EVENTS 3.2", {"left_scene": left})
+        gone = Notice("track_removed", [1], "EVENTS 3.2", left_scene=left)
         told = [
             Targets(t.frame, t.targets, notices=[gone] if t.frame == 24 else [])
             for t in frames
@@ -141,8 +141,8 @@ def test_what_is_too_far_or_too_late_stays_apart() -> None:
 def test_births_are_back_dated_to_the_first_sighting() -> None:
     frames = _walk(40, range(0))
     frames = [Targets(t.frame, []) if t.frame < 5 else t for t in frames]
-    sightings = [[float(k), 50 + 5.0 * k, 200.0, 20.0, 40.0] for k in range(2, 5)]
-    confirmed = Notice("track_confirmed", [2], "rule", {"sightings": sightings})
+    sightings = [Sighting(k, (50 + 5.0 * k, 200.0, 20.0, 40.0)) for k in range(2, 5)]
+    confirmed = Notice("track_confirmed", [2], "rule", sightings=sightings)
     frames[5] = Targets(5, frames[5].targets, None, [confirmed])
     out = _run(frames)
     assert [len(t.targets) for t in out[:6]] == [0, 0, 1, 1, 1, 1]
@@ -306,7 +306,7 @@ def test_exchanged_identities_are_put_right_from_when_it_happened() -> None:
         left, right = (1, 2) if not 30 <= k < 40 else (2, 1)
         here = [_target(left, k, 100.0), _target(right, k, 300.0)]
         told = (
-            [Notice("track_recovered", [1, 2], "colours", {"since_frame": 30})]
+            [Notice("track_recovered", [1, 2], "colours", since_frame=30)]
             if k == 40
             else []
         )
@@ -332,9 +332,9 @@ def test_two_exchanges_one_after_the_other() -> None:
             name = {1: 3, 2: 1, 3: 2}
         told = []
         if k == 30:
-            told = [Notice("track_recovered", [2, 3], "colours", {"since_frame": 20})]
+            told = [Notice("track_recovered", [2, 3], "colours", since_frame=20)]
         if k == 40:
-            told = [Notice("track_recovered", [1, 2], "colours", {"since_frame": 10})]
+            told = [Notice("track_recovered", [1, 2], "colours", since_frame=10)]
         here = [_target(name[i], k, x) for i, x in where.items()]
         frames.append(Targets(k, sorted(here, key=lambda t: t.id), None, told))
     out = list(
@@ -369,8 +369,12 @@ def _passers_by(count: int) -> Iterable[Targets]:
     """One after the other crosses the picture, each for two seconds."""
     for k in range(count):
         for step in range(20):
-            sighted = {"sightings": [[20 * k, 50.0, 200.0, 20.0, 40.0]]}
-            notices = [Notice("track_confirmed", [k + 1], "", sighted)] if step == 3 else []
+            sighted = [Sighting(20 * k, (50.0, 200.0, 20.0, 40.0))]
+            notices = (
+                [Notice("track_confirmed", [k + 1], "", sightings=sighted)]
+                if step == 3
+                else []
+            )
             here = (
                 [_target(k + 1, step, 50 + 20.0 * step, signature=[step, 1] * 16)]
                 if step >= 3

@@ -14,11 +14,11 @@ from recorders.annotated.membership import (
     value_of,
 )
 from recorders.errors import RecordingError
+from replay.trackers.life import TENTATIVE
 from replay.trackers.shells import ShellsParameters
 from replay.trackers.shells.colours import BINS, bins_of, distance, histogram, tell
 from replay.trackers.shells.foreground import Cut
 from replay.trackers.shells.membership import Claimants, assign_pixels
-from replay.trackers.life import TENTATIVE
 from replay.trackers.shells.objects import Bodies, Body
 
 PAPER = ShellsParameters(shape=0.0)
