@@ -55,6 +55,29 @@ def test_no_tracker_imports_another(tracker: str) -> None:
             )
 
 
+# Within recorders: what each part may see of the others, besides the modules that lie in the room
+# itself (messages, channels, errors, limits ...), which see none of these.
+PARTS = {
+    "log": {"log"},
+    "formats": {"formats"},
+    "annotated": {"annotated", "log"},
+    "segmentation": {"segmentation"},
+    "sources": {"sources", "formats", "log", "payloads"},
+    "recording": {"recording", "sources", "formats", "segmentation", "log"},
+}
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_parts_of_the_recorders_see_those_below_them_alone(part: str) -> None:
+    for path in (ROOT / "recorders" / part).rglob("*.py"):
+        seen = {
+            name.split(".")[1]
+            for name in imported(path)
+            if name.startswith("recorders.") and name.split(".")[1] in PARTS
+        }
+        assert seen <= PARTS[part], f"{path} imports {sorted(seen - PARTS[part])}"
+
+
 def test_opencv_is_imported_in_one_place() -> None:
     users = [p for p in FILES if any(name.split(".")[0] == "cv2" for name in imported(p))]
     assert users == [ROOT / "recorders/vision.py"]

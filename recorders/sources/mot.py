@@ -1,9 +1,8 @@
-"""MOTChallenge text: ``frame,id,x,y,w,h[,confidence[,...]]``, frames from 1, boxes by their top
-left corner.
+"""Detections from MOTChallenge text (`recorders.formats.motchallenge` says what its rows are).
 
-Strict on values (each message names the line), lenient on order: detectors that work in batches
-write unsorted files. The ids are never recorded; where a file has any, a frame's boxes are put in
-an order of their own, so that not even the order of the rows tells who is who.
+Lenient on order: detectors that work in batches write unsorted files. The ids are never recorded;
+where a file has any, a frame's boxes are put in an order of their own, so that not even the order
+of the rows tells who is who.
 """
 
 from __future__ import annotations
@@ -14,33 +13,24 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import groupby
-from operator import itemgetter
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
 
 from recorders.errors import LimitError, SourceError
+from recorders.files import existing_file, sha256
+from recorders.formats import BoxRow, MotReader
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.message_checks import LARGEST
 from recorders.messages import Box
 from recorders.pictures import check_size
 from recorders.sources.source import (
-    MAX_FRAMES,
     Image,
     SourceFrame,
     detections_of,
-    existing_file,
     outside,
     rate_or_assumed,
-    sha256,
 )
-
-_COLUMNS = range(6, 11)
-_LONGEST_LINE = 4096
-_FIELDS = ("frame", "id", "x", "y", "width", "height", "confidence")
-
-Row = tuple[int, float, float, float, float, float, float]
-"""Frame (from 1), id, x, y, w, h, confidence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +62,7 @@ class MotText:
 
     def __init__(self, path: Path, limits: Limits = DEFAULT_LIMITS) -> None:
         self.path = existing_file(path)
+        self._reader = MotReader(path)
         self._limits = limits
         self.last_frame = 0
         self.right = self.bottom = 0.0
@@ -81,99 +72,16 @@ class MotText:
         self._named = False
         self._rows = 0
         previous = 0
-        for _, row in self._read():
-            frame, identity, x, y, w, h, _ = row
-            self.sorted = self.sorted and frame >= previous
-            previous = frame
-            self.last_frame = max(self.last_frame, frame)
+        for row in self._reader.rows():
+            x, y, w, h = row.box
+            self.sorted = self.sorted and row.frame >= previous
+            previous = row.frame
+            self.last_frame = max(self.last_frame, row.frame + 1)
             self.right, self.bottom = max(self.right, x + w), max(self.bottom, y + h)
-            self._named = self._named or identity > 0
+            self._named = self._named or row.identity > 0
             self._rows += 1
         if not self._rows:
             raise SourceError("no detections in this file", path)
-
-    def _read(self) -> Iterator[tuple[int, Row]]:
-        columns = 0
-        with self.path.open("rb") as f:
-            number = 0
-            while line := f.readline(_LONGEST_LINE + 1):
-                number += 1
-                text = self._text(line, number)
-                if not text:
-                    continue
-                cells = text.split(",")
-                columns = columns or len(cells)
-                if len(cells) != columns or columns not in _COLUMNS:
-                    wanted = (
-                        f"{columns} as in the first row"
-                        if columns in _COLUMNS
-                        else "6 to 10, separated by commas"
-                    )
-                    raise SourceError(
-                        f"{len(cells)} columns, wanted {wanted}: {text[:60]!r}",
-                        self.path,
-                        number,
-                    )
-                yield number, self._row(cells, number)
-
-    def _text(self, line: bytes, number: int) -> str:
-        if len(line) > _LONGEST_LINE:
-            raise SourceError(
-                f"a line of over {_LONGEST_LINE} bytes: not MOTChallenge text",
-                self.path,
-                number,
-            )
-        try:
-            return line.decode("utf-8-sig" if number == 1 else "utf-8").strip()
-        except UnicodeDecodeError:
-            raise SourceError("not text", self.path, number) from None
-
-    def _row(self, cells: list[str], line: int) -> Row:
-        values = []
-        for name, cell in zip(_FIELDS, cells, strict=False):
-            try:
-                value = float(cell) if "_" not in cell else math.nan
-            except ValueError:
-                raise SourceError(
-                    f"{name} {cell.strip()[:40]!r} is not a number", self.path, line
-                ) from None
-            if not math.isfinite(value):
-                raise SourceError(
-                    f"{name} is {cell.strip()[:40]}, a finite number is wanted",
-                    self.path,
-                    line,
-                )
-            values.append(value)
-        frame, identity, x, y, w, h = values[:6]
-        if frame != int(frame) or frame < 1:
-            raise SourceError(
-                f"frame {cells[0].strip()[:40]}: frames are whole numbers from 1",
-                self.path,
-                line,
-            )
-        if frame > MAX_FRAMES:
-            raise LimitError(
-                f"frame {int(frame)}, over the limit of {MAX_FRAMES} frames",
-                f"{self.path}:{line}",
-            )
-        if w <= 0 or h <= 0:
-            raise SourceError(
-                f"a box of width {w:g} and height {h:g}: both must be over 0",
-                self.path,
-                line,
-            )
-        if max(abs(x), abs(y), w, h) > LARGEST:
-            raise SourceError(
-                f"a box at {x:g}, {y:g} of {w:g} x {h:g}: beyond any picture",
-                self.path,
-                line,
-            )
-        score = values[6] if len(values) > 6 else 1.0
-        if abs(score) > LARGEST:
-            raise SourceError(
-                f"confidence {score:g}: at most {LARGEST:g} is wanted", self.path, line
-            )
-        return int(frame), identity, x, y, w, h, score
 
     def check_inside(self, width: float, height: float, picture: str) -> None:
         """Refuse a file with a box that shares no pixel with a picture of this size (in the
@@ -182,51 +90,53 @@ class MotText:
         Raises:
             SourceError: names the first such line, the picture's size and how far the boxes reach.
         """
-        for line, (_, _, *box, _) in self._read():
-            x, y, w, h = box
-            if outside((x, y, w, h), width, height):
+        for row in self._reader.rows():
+            x, y, w, h = row.box
+            if outside(row.box, width, height):
                 reach = f"{math.ceil(self.right)}x{math.ceil(self.bottom)}"
                 raise SourceError(
                     f"detections beyond the picture: a box at {x:g}, {y:g} of {w:g} x"
                     f" {h:g}, the {picture}; the file's boxes reach to {reach}: say with"
                     " --size WxH which size they were made for",
                     self.path,
-                    line,
+                    row.line,
                 )
 
     def by_frame(self) -> Iterator[FrameRows]:
         """The frames that have rows, in order, without rows that repeat another to the letter."""
         self.repeated = 0
-        rows = self._read() if self.sorted else self._in_order()
-        for number, group in groupby(rows, key=lambda item: item[1][0]):
-            kept: dict[Row, None] = {}
-            for line, row in group:
-                if row in kept:
-                    self.first_repeated = self.first_repeated if self.repeated else line
+        rows = self._reader.rows() if self.sorted else self._in_order()
+        for frame, group in groupby(rows, key=attrgetter("frame")):
+            kept: dict[BoxRow, None] = {}
+            for row in group:
+                unplaced = row._replace(line=0)
+                if unplaced in kept:
+                    self.first_repeated = self.first_repeated if self.repeated else row.line
                     self.repeated += 1
                     continue
-                kept[row] = None
+                kept[unplaced] = None
                 if len(kept) > self._limits.max_detections_per_frame:
                     limit = self._limits.max_detections_per_frame
-                    where = f"{self.path}:{line}"
+                    where = f"{self.path}:{row.line}"
                     raise LimitError(
-                        f"over {limit} detections in frame {number}"
+                        f"over {limit} detections in frame {frame + 1}"
                         " (max_detections_per_frame)",
                         where,
                     )
             ordered = (
-                sorted(kept, key=itemgetter(2, 3, 4, 5, 6)) if self._named else list(kept)
+                sorted(kept, key=attrgetter("box", "score")) if self._named else list(kept)
             )
-            yield FrameRows(number, [r[2:6] for r in ordered], [r[6] for r in ordered])
+            boxes, scores = [r.box for r in ordered], [r.score for r in ordered]
+            yield FrameRows(frame + 1, boxes, scores)
 
-    def _in_order(self) -> Iterator[tuple[int, Row]]:
+    def _in_order(self) -> Iterator[BoxRow]:
         values = array("d")
-        for line, row in self._read():
-            values.extend((line, *row))
+        for row in self._reader.rows():
+            values.extend((row.frame, row.identity, *row.box, row.score, row.line))
         table = np.frombuffer(values, np.float64).reshape(-1, 8)
-        for k in np.argsort(table[:, 1], kind="stable"):
-            line, frame, identity, x, y, w, h, score = table[k].tolist()
-            yield int(line), (int(frame), identity, x, y, w, h, score)
+        for k in np.argsort(table[:, 0], kind="stable"):
+            frame, identity, x, y, w, h, score, line = table[k].tolist()
+            yield BoxRow(int(frame), int(identity), (x, y, w, h), score, line=int(line))
 
     def notes(self) -> list[str]:
         """What a reader of the recording should know."""

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from recorders.errors import SourceError
+from recorders.files import existing_file
 from recorders.message_checks import LARGEST, MOST_POLYGONS, MOST_VERTICES
 from recorders.messages import Regions, Zone
-from recorders.sources.source import existing_file
 
 Point = tuple[float, float]
 Polygon = list[Point]

@@ -4,7 +4,6 @@ with both.
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
@@ -15,14 +14,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.errors import SourceError, UsageError
+from recorders.errors import UsageError
 from recorders.messages import NO_BLOB, Box, Detections
 
 Image = NDArray[np.uint8]
 
 NANOS = 1_000_000_000
 ASSUMED_FPS = Fraction(25)
-MAX_FRAMES = 100_000_000
 _MAX_FPS = 100_000
 _MAX_DENOMINATOR = 100_100
 
@@ -180,29 +178,3 @@ def spread(index: int, count: int, among: int) -> bool:
     [0, 1, 2]
     """
     return index == 0 or index * count // among != (index - 1) * count // among
-
-
-def existing_file(path: Path) -> Path:
-    """The path, if it is a file with something in it.
-
-    Raises:
-        SourceError: no such file, a folder, empty, or not readable.
-    """
-    try:
-        with path.open("rb") as f:
-            empty = not f.read(1)
-    except FileNotFoundError:
-        raise SourceError("no such file", path) from None
-    except IsADirectoryError:
-        raise SourceError("is a folder, a file is wanted", path) from None
-    except OSError as e:
-        raise SourceError(f"cannot be read: {e.strerror}", path) from e
-    if empty:
-        raise SourceError("the file is empty", path)
-    return path
-
-
-def sha256(path: Path) -> str:
-    """The file's SHA-256, hexadecimal, read in pieces."""
-    with path.open("rb") as f:
-        return hashlib.file_digest(f, "sha256").hexdigest()

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from recorders.errors import LimitError, SourceError
+from recorders.files import existing_file, sha256
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.pictures import check_size, from_i420
 from recorders.sources.source import (
@@ -20,9 +21,7 @@ from recorders.sources.source import (
     Image,
     Rate,
     SourceFrame,
-    existing_file,
     rate_or_assumed,
-    sha256,
     spread,
 )
 

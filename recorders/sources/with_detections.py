@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 
+from recorders.files import sha256
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.messages import Box
 from recorders.sources.mot import FrameRows, MotText
-from recorders.sources.source import Image, Source, SourceFrame, detections_of, sha256
+from recorders.sources.source import Image, Source, SourceFrame, detections_of
 
 
 class WithDetections:

@@ -4,16 +4,15 @@ said.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recorders.errors import SceneTraceError, SourceError
+from recorders.formats import CaviarReader, MotReader
+from recorders.formats.boxes import NOBODY
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -96,67 +95,24 @@ def read_mot(path: str | Path) -> MotTable:
     any order of rows.
 
     Raises:
-        SourceError: with the line, if the file cannot be read, a row has fewer than six numbers,
-            a frame or identity is not a whole number, a value is not finite, a size is negative,
-            or an identity occurs twice in a frame.
+        SourceError: as `recorders.formats.MotReader`, with the line; or an identity occurs twice
+            in a frame.
+        LimitError: a frame number beyond all reason.
     """
     rows: list[Row] = []
     seen: dict[tuple[int, int], int] = {}
-    for number, text in _lines(path):
-        row = _mot_row(path, number, text)
-        before = seen.setdefault(row[:2], number)
-        if before != number:
-            hint = "; these are detections, not tracks" if row[1] < 0 else ""
+    for row in MotReader(Path(path)).rows():
+        before = seen.setdefault((row.frame, row.identity), row.line)
+        if before != row.line:
+            hint = "; these are detections, not tracks" if row.identity < 0 else ""
             raise SourceError(
-                f"identity {row[1]} occurs twice in frame {row[0] + 1} (line"
+                f"identity {row.identity} occurs twice in frame {row.frame + 1} (line"
                 f" {before}){hint}",
                 path,
-                number,
+                row.line,
             )
-        rows.append(row)
+        rows.append((row.frame, row.identity, *row.box, row.score))
     return MotTable.from_rows(rows)
-
-
-def _lines(path: str | Path) -> Iterator[tuple[int, str]]:
-    try:
-        with Path(path).open(encoding="utf-8-sig") as f:
-            for number, line in enumerate(f, 1):
-                if line.strip():
-                    yield number, line.strip()
-    except OSError as e:
-        raise SourceError(f"cannot be read: {e.strerror}", path) from e
-    except UnicodeDecodeError as e:
-        raise SourceError("not MOTChallenge text (frame,id,x,y,w,h,conf,...)", path) from e
-
-
-def _mot_row(path: str | Path, number: int, text: str) -> Row:
-    fields = text.split(",") if "," in text else text.split()
-    try:
-        values = [float(x) for x in fields[:7]]
-    except ValueError:
-        raise SourceError(
-            f"not MOTChallenge text (frame,id,x,y,w,h,conf,...): {text[:60]!r}",
-            path,
-            number,
-        ) from None
-    if len(values) < 6:
-        raise SourceError(
-            f"{len(values)} numbers in the row, frame,id,x,y,w,h are needed", path, number
-        )
-    if not all(math.isfinite(v) for v in values):
-        raise SourceError("a value is not finite", path, number)
-    frame, identity, x, y, w, h = values[:6]
-    if frame != int(frame) or frame < 1:
-        raise SourceError(
-            f"frame {fields[0].strip()}: must be a whole number from 1", path, number
-        )
-    if identity != int(identity) or abs(identity) >= 2**53:
-        raise SourceError(
-            f"identity {fields[1].strip()}: must be a whole number", path, number
-        )
-    if w < 0 or h < 0:
-        raise SourceError(f"size {w:g} x {h:g}: must not be negative", path, number)
-    return int(frame) - 1, int(identity), x, y, w, h, values[6] if len(values) > 6 else 1.0
 
 
 def read_caviar(path: str | Path) -> MotTable:
@@ -164,47 +120,20 @@ def read_caviar(path: str | Path) -> MotTable:
     refused.
 
     Raises:
-        SourceError: if it is not such a file or lacks a number.
+        SourceError: it is not such a file, lacks a number, or an identity occurs twice in a frame.
+        LimitError: nested too deep, or too many objects in a frame.
     """
-    from defusedxml import DefusedXmlException
-    from defusedxml.ElementTree import ParseError, iterparse
-
     rows: list[Row] = []
-    try:
-        with Path(path).open("rb") as f:
-            for _, element in iterparse(f, events=("end",), forbid_dtd=True):
-                if element.tag == "frame":
-                    rows += _caviar_rows(path, element)
-                    element.clear()
-    except OSError as e:
-        raise SourceError(f"cannot be read: {e.strerror}", path) from e
-    except (DefusedXmlException, ParseError) as e:
-        raise SourceError(f"not CAVIAR XML: {e}", path) from e
+    for row in CaviarReader(Path(path)).rows():
+        if row.identity == NOBODY:
+            raise SourceError(f"frame {row.frame}: an object without id", path)
+        rows.append((row.frame, row.identity, *row.box, row.score))
     if not rows:
         raise SourceError("not CAVIAR XML: no frame holds an object with a box", path)
     try:
         return MotTable.from_rows(rows)
     except SceneTraceError as e:
         raise SourceError(str(e), path) from e
-
-
-def _caviar_rows(path: str | Path, element: Any) -> list[Row]:
-    rows: list[Row] = []
-    try:
-        frame = int(element.get("number", ""))
-        for item in element.iterfind("objectlist/object"):
-            box = item.find("box")
-            xc, yc, w, h = (float(box.get(k, "")) for k in ("xc", "yc", "w", "h"))
-            if not all(math.isfinite(v) for v in (xc, yc, w, h)) or w < 0 or h < 0:
-                raise SourceError(
-                    f"frame {frame}: a box is not finite or has a negative size", path
-                )
-            rows.append((frame, int(item.get("id", "")), xc - w / 2, yc - h / 2, w, h, 1.0))
-    except (ValueError, AttributeError) as e:
-        raise SourceError(
-            f"frame {element.get('number')!r}: an object without id or box: {e}", path
-        ) from e
-    return rows
 
 
 def read_truth(path: str | Path) -> MotTable:

@@ -144,11 +144,18 @@ def test_what_is_wrong_is_named_with_its_line(
         open_source(path, fps=1, size=(50, 50))
 
 
-def test_spaces_instead_of_commas_are_named(tmp_path: Path) -> None:
+def test_blanks_and_tabs_part_the_cells_of_a_row_without_commas(tmp_path: Path) -> None:
+    path = text(tmp_path, "frame id x y w h", "1 -1 1 2 3 4", "2\t-1\t1\t2\t3\t4")
+    found = detections(open_source(path, fps=1, size=(9, 9)))
+    assert [d.boxes for d in found] == [[(1, 2, 3, 4)]] * 2
+
+
+def test_other_separators_are_named(tmp_path: Path) -> None:
     with pytest.raises(
-        SourceError, match=r"det\.txt:1: 1 columns, wanted 6 to 10, separated by commas"
+        SourceError,
+        match=r"det\.txt:1: 1 columns, wanted 6 to 10, separated by commas, blanks or tabs",
     ):
-        open_source(text(tmp_path, "1 -1 1 2 3 4 1"))
+        open_source(text(tmp_path, "1;-1;1;2;3;4;1"))
 
 
 def test_no_rows_and_binary_data(tmp_path: Path) -> None:

@@ -18,12 +18,18 @@ def wrote(folder: Path, text: str, name: str = "gt.txt") -> Path:
 
 def test_rows_in_any_order_frames_from_one(tmp_path: Path) -> None:
     table = read_mot(
-        wrote(tmp_path, "2,1,5,6,7,8\n\n1, 9, 1.5,2,3,4,0.25,-1,-1,-1\r\n1 3 0 0 1 1\n")
+        wrote(tmp_path, "2,1,5,6,7,8,1\n\n1, 9, 1.5,2,3,4,0.25\r\n1 3 0 0\t1 1 1\n")
     )
     assert table.frames.tolist() == [0, 0, 1]
     assert table.ids.tolist() == [9, 3, 1]
     assert table.boxes[0].tolist() == [1.5, 2.0, 3.0, 4.0]
     assert table.confidences.tolist() == [0.25, 1.0, 1.0]
+
+
+def test_a_header_is_skipped_and_no_rows_are_no_error(tmp_path: Path) -> None:
+    named = read_mot(wrote(tmp_path, "frame,id,x,y,w,h,conf\n1,9,1,2,3,4,1\n"))
+    assert named.ids.tolist() == [9]
+    assert len(read_mot(wrote(tmp_path, ""))) == 0
 
 
 def test_truth_of_confidence_zero_does_not_count(tmp_path: Path) -> None:
@@ -37,14 +43,24 @@ def test_truth_of_confidence_zero_does_not_count(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("1,1,0,0,5\n", r"gt.txt:1: 5 numbers in the row"),
-        ("1,1,0,0,5,5\n1,2,x,0,5,5\n", r"gt.txt:2: not MOTChallenge text"),
-        ("0,1,0,0,5,5\n", r"frame 0: must be a whole number from 1"),
-        ("1.5,1,0,0,5,5\n", r"frame 1.5: must be a whole number"),
+        ("1,1,0,0,5\n", r"gt.txt:1: 5 columns, wanted 6 to 10"),
+        (
+            "1,1,0,0,5,5\n1,2,x,0,5,5\n",
+            r"gt.txt:2: x 'x' is not a number: not MOTChallenge text",
+        ),
+        (
+            "1,1,0,0,5,5,1\n1,2,0,0,5,5\n",
+            r"gt.txt:2: 6 columns, wanted 7 as in the first row",
+        ),
+        ("1,1,0,0,5,0\n", r"a box of width 5 and height 0: both must be over 0"),
+        ("id,frame,x,y,w,h\n1,1,0,0,5,5\n", r"gt.txt:1: the columns 'id,frame,x,y,w,h'"),
+        ("frame,id,x1,y1,x2,y2\n1,1,0,0,5,5\n", r"wanted frame,id,x,y,w,h"),
+        ("0,1,0,0,5,5\n", r"frame 0: frames are whole numbers from 1"),
+        ("1.5,1,0,0,5,5\n", r"frame 1.5: frames are whole numbers"),
         ("1,1.5,0,0,5,5\n", r"identity 1.5: must be a whole number"),
         ("1,1e300,0,0,5,5\n", r"identity 1e300: must be a whole number"),
-        ("1,1,nan,0,5,5\n", r"a value is not finite"),
-        ("1,1,0,0,-5,5\n", r"size -5 x 5: must not be negative"),
+        ("1,1,nan,0,5,5\n", r"x is nan, a finite number is wanted"),
+        ("1,1,0,0,-5,5\n", r"a box of width -5 and height 5: both must be over 0"),
         (
             "1,4,0,0,5,5\n2,4,0,0,5,5\n1,4,1,1,5,5\n",
             r"gt.txt:3: identity 4 occurs twice in frame 1 \(line 1\)",
@@ -84,9 +100,16 @@ def test_caviar_boxes_are_by_centre_and_frames_from_zero(tmp_path: Path) -> None
     [
         ("<dataset><frame", "not CAVIAR XML"),
         ("<html/>", "no frame holds an object"),
-        ("<!DOCTYPE d [<!ENTITY a 'b'>]><dataset>&a;</dataset>", "not CAVIAR XML"),
-        (CAVIAR.replace('xc="52"', ""), "frame '1': an object without id or box"),
-        (CAVIAR.replace('w="6"', 'w="nan"'), "frame 1: a box is not finite"),
+        (
+            "<!DOCTYPE d [<!ENTITY a 'b'>]><dataset>&a;</dataset>",
+            "a DOCTYPE in the XML: refused",
+        ),
+        (
+            CAVIAR.replace('xc="52"', ""),
+            'frame 1: an object with xc="": a whole number is wanted',
+        ),
+        (CAVIAR.replace('w="6"', 'w="nan"'), 'frame 1: an object with w="nan"'),
+        (CAVIAR.replace('id="4"', ""), "frame 1: an object without id"),
         (CAVIAR.replace('id="4"', 'id="3"'), "identity 3 occurs twice in frame 1"),
     ],
 )
