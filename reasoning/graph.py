@@ -11,7 +11,8 @@ discrete changed; `over_time` puts a recording's messages together again.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 from reasoning.groups import HeldGroup
@@ -224,43 +225,77 @@ def _edge(v: Interval) -> dict[str, Any]:
 
 
 def to_networkx(message: Graph) -> nx.MultiGraph:
-    """A message as a networkx MultiGraph, nodes and edges in their sorted order."""
-    import networkx as nx
+    """A message as a networkx MultiGraph, nodes and edges in their sorted order.
 
-    data = {
-        "directed": message.directed,
-        "multigraph": message.multigraph,
-        "graph": message.graph,
-        "nodes": message.nodes,
-        "edges": message.edges,
-    }
-    return nx.node_link_graph(data, edges="edges")
+    An edge with ``end_frame`` ended with the message; the others hold from it on. Attributes are
+    numbers and words, so that every writer of networkx takes them: lists are JSON texts, and what
+    is None is left out.
+    """
+    graph = _empty(message.graph)
+    for n in message.nodes:
+        graph.add_node(n["id"], **_plain(n, ("id",)))
+    for e in message.edges:
+        _add(graph, e)
+    return graph
 
 
-def over_time(messages: Iterable[Graph]) -> nx.MultiGraph:
+def over_time(
+    messages: Iterable[Graph], last_frame: int | None = None, **facts: str
+) -> nx.MultiGraph:
     """All of a recording's graphs as one: every interval one edge, with ``end_frame`` and
     ``end_ns`` where it ended.
 
-    Nodes carry the last state that was seen of them, and ``first_frame``.
-    """
-    import networkx as nx
+    Nodes carry the last state that was seen of them, ``first_frame`` and ``last_frame``.
+    Attributes are as in `to_networkx`.
 
+    Args:
+        messages: in their order.
+        last_frame: the recording's, where what was never seen to go was last.
+        facts: of the recording, for the whole graph.
+    """
     nodes: dict[str, dict[str, Any]] = {}
     edges: dict[tuple[str, str, str], dict[str, Any]] = {}
+    there: set[str] = set()
     for message in messages:
+        now: set[str] = set()
         for n in message.nodes:
-            held = nodes.setdefault(n["id"], {"first_frame": message.frame})
-            held.update({k: v for k, v in n.items() if k != "id"})
+            held = nodes.get(n["id"], {"first_frame": message.frame})
+            if n.get("gone"):
+                nodes[n["id"]] = {**held, **n}
+                continue
+            now.add(n["id"])
+            nodes[n["id"]] = {"first_frame": held["first_frame"], **n}
+        for name in there - now:
+            nodes[name]["last_frame"] = message.frame - 1
+        there = now
         for e in message.edges:
             edges[e["source"], e["target"], e["key"]] = e
-    graph = nx.MultiGraph()
+    for name in there:
+        nodes[name]["last_frame"] = last_frame
+    graph = _empty(facts)
     for name in sorted(nodes, key=node_order):
-        graph.add_node(name, **nodes[name])
+        graph.add_node(name, **_plain(nodes[name], ("id",)))
     for e in sorted(edges.values(), key=_edge_order):
-        graph.add_edge(
-            e["source"],
-            e["target"],
-            e["key"],
-            **{k: e[k] for k in e if k not in ("source", "target", "key")},
-        )
+        _add(graph, e)
     return graph
+
+
+def _empty(facts: Mapping[str, Any]) -> nx.MultiGraph:
+    import networkx as nx
+
+    return nx.MultiGraph(**_plain(facts))
+
+
+def _add(graph: nx.MultiGraph, e: dict[str, Any]) -> None:
+    graph.add_edge(
+        e["source"], e["target"], e["key"], **_plain(e, ("source", "target", "key"))
+    )
+
+
+def _plain(facts: Mapping[str, Any], without: Sequence[str] = ()) -> dict[str, Any]:
+    """Attributes that GraphML can hold, too."""
+    return {
+        name: json.dumps(value, separators=(",", ":")) if isinstance(value, list) else value
+        for name, value in facts.items()
+        if value is not None and name not in without
+    }

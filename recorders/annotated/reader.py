@@ -161,22 +161,37 @@ class AnnotatedLog:
                 return found.width, found.height
         return None
 
-    def frames(self, names: Sequence[str] = SCENE) -> Iterator[AnnotatedFrame]:
+    def graphs(self) -> Iterator[Graph]:
+        """The messages of the interaction graph in order: one whenever something changed."""
+        for message in self._log.messages([channels.topic(self.camera, "graph")]):
+            yield self._decode("graph", message)
+
+    def frames(
+        self,
+        names: Sequence[str] = SCENE,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[AnnotatedFrame]:
         """The frames in order; ``names`` chooses the channels that are read, beside the tracks.
+
+        Only those at or after ``start_ns`` and before ``end_ns``, with what was said before and
+        still holds.
 
         Raises:
             RecordingError: a message is damaged.
             LimitError: more messages at one time than the limits allow.
         """
-        regions: Regions | None = None
-        graph: Graph | None = None
+        regions: Regions | None = self._before("regions", names, start_ns)
+        graph: Graph | None = self._before("graph", names, start_ns)
         last: int | None = None
         topics = [
             topic
             for topic, name in self._topics.items()
             if name == "tracks" or name in names
         ]
-        for now, group in groupby(self._log.messages(topics), key=lambda m: m.log_time_ns):
+        for now, group in groupby(
+            self._log.messages(topics, start_ns, end_ns), key=lambda m: m.log_time_ns
+        ):
             found: dict[str, Any] = {"events": []}
             for count, message in enumerate(group):
                 if count >= self.limits.max_messages_per_frame:
@@ -206,6 +221,13 @@ class AnnotatedLog:
             if "tracks" in found:
                 last = found["tracks"].frame
                 yield _frame(now, found, regions, graph)
+
+    def _before(self, name: str, names: Sequence[str], start_ns: int | None) -> Any:
+        if start_ns is None or name not in names:
+            return None
+        topic = channels.topic(self.camera, name)
+        message = self._log.latched(topic, start_ns - 1)
+        return None if message is None else self._decode(name, message)
 
     def _decode(self, name: str, message: Message) -> Any:
         return channels.decode(name, message.data, path=str(self.path), limits=self.limits)

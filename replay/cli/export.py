@@ -27,8 +27,8 @@ Write what an annotated log holds in other formats.
 
 mot      MOTChallenge text, frame,id,x,y,w,h,conf,-1,-1,-1: frames from 1, tracks that are present
 parquet  one table (--table, default tracks) where OUT has a suffix, else a folder with all tables
-graphml  the interaction graph over time: tracks, groups, one edge per interval
-json     all tables in one document
+graphml  the log's interaction graph over time: targets, groups, one edge per interval
+json     all tables in one document, and the same graph as node-link data (`graph`)
 video    the pictures with boxes, shells, relations, groups, regions and events drawn in, as MP4
 """
 
@@ -104,9 +104,7 @@ def run(args: argparse.Namespace) -> int:
     from replay.export import write_mot
 
     # Opened first, so that every format gives the same answer to what is no annotated log.
-    with AnnotatedLog(
-        args.annotated, args.camera if args.to in ("mot", "graphml", "video") else None
-    ) as log:
+    with AnnotatedLog(args.annotated, args.camera) as log:
         if args.to == "mot":
             done = f"{write_mot(log, args.output, force=args.force)} rows"
         elif args.to == "video":

@@ -1,105 +1,45 @@
-"""GraphML: the interaction graph over time, for Gephi, yEd, Cytoscape or networkx."""
+"""The log's interaction graph over time: GraphML for Gephi, yEd, Cytoscape or networkx, and
+node-link JSON.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import msgspec
-import networkx as nx
-
+from reasoning.graph import over_time
+from recorders.annotated.reader import AnnotatedLog
 from replay.export.output import whole
-from replay.export.tables import Spool
 
-INTERVAL = ("start_frame", "end_frame", "start_t", "end_t")
+if TYPE_CHECKING:
+    import networkx as nx
 
 
-def interaction_graph(spool: Spool) -> Any:
-    """A networkx MultiGraph with one edge per interval.
+def interaction_graph(log: AnnotatedLog) -> nx.MultiGraph:
+    """The log's graph over time: one edge per interval, see `reasoning.graph.over_time`.
 
-    Nodes: tracks (``7``) and groups (``group 2``), with ``kind`` and when they were there. Edges:
-    ``relation`` (with its ``state``), ``member`` of a group, ``encounter`` (with its ``activity``
-    and ``confidence``). Both ends of an interval are included; t in seconds from the recording's
-    start. Everything is inserted in a fixed order.
+    The graph's own attributes say which recording it is of.
+
+    Raises:
+        RecordingError: the log is damaged.
     """
-    graph = nx.MultiGraph()
-    for row in _rows(spool, "recordings"):
-        graph.graph.update(
-            {
-                k: v
-                for k, v in row.items()
-                if k in ("recording", "camera", "tracker", "output_digest")
-            }
-        )
-    lives: dict[int, dict[str, Any]] = {}
-    for row in _rows(spool, "presence"):
-        life = lives.setdefault(row["track"], {k: row[k] for k in INTERVAL})
-        for k, choose in zip(INTERVAL, (min, max, min, max), strict=True):
-            life[k] = choose(life[k], row[k])
-    related = _edges(spool)
-    # Whoever is related without ever having been present is a node as well.
-    for track in sorted(
-        {*lives, *(end for edge in related for end in edge[:2] if isinstance(end, int))}
-    ):
-        graph.add_node(str(track), kind="track", track=track, **lives.get(track, {}))
-    for row in sorted(
-        _rows(spool, "groups"), key=lambda g: (g["group_id"], g["start_frame"])
-    ):
-        graph.add_node(
-            f"group {row['group_id']}",
-            kind="group",
-            group=row["group_id"],
-            **{k: row[k] for k in INTERVAL},
-        )
-    for a, b, facts in related:
-        graph.add_edge(str(a), str(b), **facts)
-    return graph
-
-
-def _rows(spool: Spool, table: str) -> list[dict[str, Any]]:
-    return [msgspec.json.decode(line) for line in spool.lines(table)]
-
-
-def _edges(spool: Spool) -> list[tuple[int, int | str, dict[str, Any]]]:
-    edges: list[tuple[int, int | str, dict[str, Any]]] = []
-    for row in _rows(spool, "relations"):
-        edges.append(
-            (
-                row["a"],
-                row["b"],
-                {
-                    "kind": "relation",
-                    "state": row["state"],
-                    **{k: row[k] for k in INTERVAL},
-                },
-            )
-        )
-    for row in _rows(spool, "groups"):
-        for member in sorted(row["members"]):
-            edges.append(
-                (
-                    member,
-                    f"group {row['group_id']}",
-                    {"kind": "member", **{k: row[k] for k in INTERVAL}},
-                )
-            )
-    for row in _rows(spool, "encounters"):
-        facts = {
-            "kind": "encounter",
-            "activity": row["kind"],
-            "confidence": row["confidence"],
-        }
-        edges.append((row["a"], row["b"], {**facts, **{k: row[k] for k in INTERVAL}}))
-    return sorted(
-        edges,
-        key=lambda e: (
-            e[2]["start_frame"],
-            e[0],
-            str(e[1]),
-            e[2]["kind"],
-            e[2].get("state", ""),
-        ),
+    last = max((frame.index for frame in log.frames(("tracks",))), default=None)
+    return over_time(
+        log.graphs(),
+        last,
+        recording=log.path.stem,
+        camera=log.camera,
+        tracker=log.tracker,
+        output_digest=log.facts.get("output_digest", ""),
     )
+
+
+def node_link(graph: nx.MultiGraph) -> dict[str, Any]:
+    """A graph as node-link data, which `networkx.node_link_graph(data, edges="edges")` reads."""
+    import networkx as nx
+
+    data: dict[str, Any] = nx.node_link_data(graph, edges="edges")
+    return data
 
 
 def write_graphml(
@@ -107,14 +47,21 @@ def write_graphml(
 ) -> tuple[int, int]:
     """Write the interaction graph over time; returns how many nodes and edges it has.
 
+    An edge's id in the file is source, target and key, since GraphML wants ids that no other edge
+    has; the key stands beside it.
+
     Raises:
         OutputExistsError: ``out`` exists and ``force`` is not set.
         RecordingError: ``log`` is no annotated log, or damaged.
     """
+    import networkx as nx
+
     with whole(out, force=force) as file:
-        with Spool(log, camera) as spool:
-            graph = interaction_graph(spool)
+        with AnnotatedLog(log, camera) as opened:
+            graph = interaction_graph(opened)
+        for source, target, key, facts in graph.edges(keys=True, data=True):
+            facts |= {"key": key, "id": f"{source} {target} {key}"}
         # Not write_graphml: it takes lxml where that is installed, and other bytes.
-        for line in nx.generate_graphml(graph):
+        for line in nx.generate_graphml(graph, edge_id_from_attribute="id"):
             file.write(f"{line}\n".encode())
         return graph.number_of_nodes(), graph.number_of_edges()

@@ -10,16 +10,21 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from reasoning.questions.duckdb_tables import reason
 from reasoning.questions.ingest import read_recordings
 from reasoning.questions.schema import TABLES
+from recorders.annotated.reader import AnnotatedLog
 from recorders.errors import SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
+from replay.export.graphml import interaction_graph, node_link
 from replay.export.output import whole, whole_folder
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 _BLOCK = 1 << 20
 
@@ -124,8 +129,14 @@ def write_json(
                     file.write(pending)
                     pending = b""
             file.write(pending + b"]")
-        file.write(b"\n}\n")
+        graph = msgspec.json.encode(node_link(_graph(log, camera)))
+        file.write(b',\n"graph": ' + graph + b"\n}\n")
         return spool.rows
+
+
+def _graph(log: str | Path, camera: str | None) -> nx.MultiGraph:
+    with AnnotatedLog(log, camera) as opened:
+        return interaction_graph(opened)
 
 
 def write_parquet(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import networkx as nx
 import pytest
 
@@ -74,13 +76,22 @@ def test_nodes_carry_their_states(annotations):
     assert nodes["group:1"]["observed"]
 
 
+def words(node):
+    """A node as every writer of networkx takes it."""
+    return {
+        k: json.dumps(v, separators=(",", ":")) if isinstance(v, list) else v
+        for k, v in node.items()
+        if v is not None
+    }
+
+
 def test_messages_are_what_networkx_writes(annotations):
     for a in annotations:
         if a.graph is not None:
             graph = to_networkx(a.graph)
             assert isinstance(graph, nx.MultiGraph)
             data = nx.node_link_data(graph, edges="edges")
-            assert data["nodes"] == a.graph.nodes
+            assert data["nodes"] == [words(n) for n in a.graph.nodes]
             by_key = {(e["source"], e["target"], e["key"]): e for e in a.graph.edges}
             again = {
                 (*sorted((e["source"], e["target"])), e["key"]): e for e in data["edges"]
@@ -109,6 +120,37 @@ def test_over_time_one_edge_per_interval(annotations):
     }
     assert graph.nodes["target:1"]["first_frame"] == 0
     assert graph.nodes["group:1"]["first_frame"] == 3
+
+
+def test_over_time_says_how_long_a_node_was_there_and_in_which_state_last():
+    reasoner = Reasoner({}, 640, 240)
+    both, one = [person(1, 100, 1), person(2, 110, 2)], [person(1, 100, 1)]
+    messages = []
+    for frame, people in enumerate((both, both, one, one, both)):
+        answer = reasoner.step(frame, frame * 10, Targets(frame, people), None)
+        messages += [] if answer.graph is None else [answer.graph]
+    left = over_time(messages[:-1], 3)
+    assert [left.nodes[n]["last_frame"] for n in ("target:1", "target:2")] == [3, 1]
+    assert left.nodes["target:2"]["gone"]
+    back = over_time(messages, 4, recording="yard")
+    assert back.graph == {"recording": "yard"}
+    assert back.nodes["target:2"]["first_frame"] == 0
+    assert back.nodes["target:2"]["last_frame"] == 4
+    assert "gone" not in back.nodes["target:2"]
+
+
+def test_every_graph_can_be_written(annotations, tmp_path):
+    messages = [a.graph for a in annotations if a.graph is not None]
+    for k, graph in enumerate([*map(to_networkx, messages), over_time(messages)]):
+        nx.write_graphml(graph, tmp_path / f"{k}.graphml")
+        again = nx.read_graphml(tmp_path / f"{k}.graphml", force_multigraph=True)
+        assert {k: again.graph[k] for k in graph.graph} == graph.graph
+        assert dict(again.nodes(data=True)) == dict(graph.nodes(data=True))
+        assert edges_of(again) == edges_of(graph)
+
+
+def edges_of(graph):
+    return {(frozenset((a, b)), k): d for a, b, k, d in graph.edges(keys=True, data=True)}
 
 
 def test_a_node_that_is_gone_ends_its_edges():

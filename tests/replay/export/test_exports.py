@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import duckdb
-import networkx as nx
 import pytest
 
 from recorders.annotated.reader import AnnotatedLog
@@ -99,22 +98,6 @@ def test_parquet_folder_and_single_table_hold_the_same(
     assert write_parquet(log, tmp_path / "e.parquet", table="events") == {"events": 2}
 
 
-def test_graphml_has_an_edge_per_interval(write_annotated: Any, tmp_path: Path) -> None:
-    log, out = write_annotated(), tmp_path / "g.graphml"
-    assert exported(log, "graphml", out) == 0
-    graph = nx.read_graphml(out, force_multigraph=True)
-    assert set(graph.nodes) == {"1", "2", "group 7"}
-    edges = [d for _, _, d in graph.edges(data=True) if d["kind"] == "relation"]
-    assert [(d["state"], d["start_frame"], d["end_frame"]) for d in edges] == [
-        ("INTERACTION", 8, 11), ("JOINT", 12, 17), ("INTERACTION", 18, 21)
-    ]  # fmt: skip
-    assert {frozenset((a, b)) for a, b, d in graph.edges(data=True) if d["kind"] == "member"} == {
-        frozenset(("1", "group 7")), frozenset(("2", "group 7"))
-    }  # fmt: skip
-    assert graph.nodes["1"]["start_frame"] == 0
-    assert graph.graph["tracker"] == "events"
-
-
 @pytest.mark.parametrize("to", ["mot", "json", "graphml", "parquet"])
 def test_the_same_log_gives_the_same_bytes(
     to: str, write_annotated: Any, tmp_path: Path
@@ -186,5 +169,8 @@ def test_several_cameras_are_chosen_by_name(write_annotated: Any, tmp_path: Path
     with pytest.raises(UsageError, match=r"several cameras \(left, right\)"):
         AnnotatedLog(log)
     assert exported(log, "mot", tmp_path / "r.txt", "--camera", "right") == 0
-    assert write_json(log, tmp_path / "both.json")["recordings"] == 2
+    with pytest.raises(UsageError, match=r"several cameras \(left, right\)"):
+        write_json(log, tmp_path / "both.json")
+    assert not (tmp_path / "both.json").exists()
     assert write_json(log, tmp_path / "one.json", camera="left")["frames"] == 30
+    assert exported(log, "json", tmp_path / "two.json", "--camera", "right") == 0
