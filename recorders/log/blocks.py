@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from recorders.errors import LimitError, RecordingError
-from recorders.log import wire
+from recorders.log import records, wire
 from recorders.log.model import ChannelInfo, Message
 from recorders.log.storage import RawRecord, RecordFile
 
@@ -36,10 +36,10 @@ class Block:
     end_ns: int
     channels: frozenset[int] | None
     chunked: bool
-    index: wire.ChunkIndexRecord | None = None
+    index: records.ChunkIndexRecord | None = None
 
 
-def records(data: bytes) -> Iterator[tuple[int, int, int]]:
+def walk_records(data: bytes) -> Iterator[tuple[int, int, int]]:
     """(opcode, offset, content length) of each record in ``data``, which must end with the last
     of them.
     """
@@ -193,7 +193,7 @@ def _collect(
 
 def _check_tail(file: RecordFile, block: Block, data: bytes, position: int) -> None:
     """What is left is shorter than a message can be: records of other types, or damage."""
-    for opcode, offset, length in records(data[position:]):
+    for opcode, offset, length in walk_records(data[position:]):
         if opcode == wire.MESSAGE:
             raise _bad_length(file, block, position + offset, length)
 

@@ -10,8 +10,8 @@ from typing import Literal
 
 from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.log import wire
-from recorders.log.blocks import records
+from recorders.log import records, wire
+from recorders.log.blocks import walk_records
 from recorders.log.layout import Definitions, Summary
 from recorders.log.reader import read_attachment
 from recorders.log.salvage import Damage, read_ending, walk
@@ -62,7 +62,7 @@ class _Examination:
         self.counts: dict[int, int] = {}
         self.latest: dict[int, int] = {}
         self.backwards: dict[int, tuple[int, int]] = {}
-        self.chunks: dict[int, wire.ChunkIndexRecord] = {}
+        self.chunks: dict[int, records.ChunkIndexRecord] = {}
         self.found: dict[int, list[RawRecord]] = {
             wire.CHUNK: [],
             wire.ATTACHMENT: [],
@@ -157,7 +157,7 @@ class _Examination:
                 raise self.file.error(
                     "the file does not start with a Header record", size, raw.name
                 )
-            _, library = self.file.parse(wire.parse_header, raw)
+            _, library = self.file.parse(records.parse_header, raw)
             self.ours = library == LIBRARY
         except RecordingError as error:
             self._error(size, "Header", error.reason)
@@ -185,12 +185,12 @@ class _Examination:
         elif raw.opcode == wire.ATTACHMENT:
             read_attachment(self.file, raw)
         elif raw.opcode == wire.METADATA:
-            self.file.parse(wire.parse_metadata, raw)
+            self.file.parse(records.parse_metadata, raw)
         elif raw.opcode == wire.DATA_END:
             self._data_end(raw)
 
     def _data_end(self, raw: RawRecord) -> None:
-        crc = self.file.parse(wire.parse_data_end, raw)
+        crc = self.file.parse(records.parse_data_end, raw)
         if not crc:
             self._no_crc(
                 raw.offset,
@@ -215,7 +215,7 @@ class _Examination:
         low: int | None = None
         high = 0
         try:
-            for opcode, position, length in records(data):
+            for opcode, position, length in walk_records(data):
                 content = data[
                     position + wire.PREFIX_BYTES : position + wire.PREFIX_BYTES + length
                 ]
@@ -230,7 +230,7 @@ class _Examination:
         self._chunk_against_index(raw, head, 0 if low is None else low, high)
 
     def _chunk_against_index(
-        self, raw: RawRecord, head: wire.ChunkHead, low: int, high: int
+        self, raw: RawRecord, head: records.ChunkHead, low: int, high: int
     ) -> None:
         if (head.start_ns, head.end_ns) != (low, high):
             self._error(
@@ -275,16 +275,13 @@ class _Examination:
         """Take in a schema, channel or message; gives the message's channel and log time."""
         try:
             if opcode == wire.SCHEMA:
-                self.definitions.schema(wire.parse_schema(content), offset)
+                self.definitions.schema(records.parse_schema(content), offset)
                 return 0, 0
             if opcode == wire.CHANNEL:
-                self.definitions.channel(wire.parse_channel(content), offset)
+                self.definitions.channel(records.parse_channel(content), offset)
                 return 0, 0
-            cursor = wire.Cursor(content)
-            channel = cursor.u16("channel id")
-            cursor.u32("sequence")
-            time = cursor.u64("log time")
-            cursor.u64("publish time")
+            head = records.parse_message_head(content)
+            channel, time = head.channel_id, head.log_time_ns
         except wire.WireError as error:
             raise self.file.error(str(error), offset, wire.opcode_name(opcode)) from error
         if channel not in self.definitions.channels:
@@ -307,7 +304,7 @@ class _Examination:
         return channel, time
 
     def _message_index(self, raw: RawRecord) -> None:
-        channel, entries = self.file.parse(wire.parse_message_index, raw)
+        channel, entries = self.file.parse(records.parse_message_index, raw)
         if self.pending_chunk is None:
             self._error(raw.offset, "MessageIndex", "it follows no chunk")
         elif sorted(self.pending.pop(channel, [])) != sorted(entries):
@@ -334,7 +331,7 @@ class _Examination:
                 f"the chunk's messages of channel {missing} are in no message index",
             )
 
-    def _summary(self, summary: Summary, footer: wire.FooterRecord) -> None:
+    def _summary(self, summary: Summary, footer: records.FooterRecord) -> None:
         start = footer.summary_start
         places = {
             (raw.opcode, raw.offset): raw.end - raw.offset

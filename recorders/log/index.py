@@ -10,7 +10,7 @@ through the whole file, checking every CRC on the way.
 from __future__ import annotations
 
 from recorders.errors import RecordingError
-from recorders.log import wire
+from recorders.log import records, wire
 from recorders.log.blocks import Block
 from recorders.log.layout import LogIndex, Summary, check_start, read_footer, read_summary
 from recorders.log.model import LogHeader
@@ -25,7 +25,7 @@ def build_index(file: RecordFile) -> LogIndex:
     header_record = check_start(file)
     footer, footer_offset = read_footer(file)
     summary = read_summary(file, footer, footer_offset)
-    profile, library = file.parse(wire.parse_header, header_record)
+    profile, library = file.parse(records.parse_header, header_record)
     header = LogHeader(profile, library)
     if footer.summary_crc and summary.is_complete:
         data_end = _data_end_before(file, footer.summary_start)
@@ -73,7 +73,7 @@ def _from_summary(
     summary: Summary,
     header: LogHeader,
     header_record: RawRecord,
-    footer: wire.FooterRecord,
+    footer: records.FooterRecord,
     footer_offset: int,
     data_end: RawRecord,
 ) -> LogIndex:
@@ -98,7 +98,7 @@ def _from_summary(
         footer=footer,
         footer_offset=footer_offset,
         data_end=data_end,
-        data_crc=file.parse(wire.parse_data_end, data_end),
+        data_crc=file.parse(records.parse_data_end, data_end),
         channels=summary.definitions.infos(statistics.channel_message_counts),
         blocks=blocks,
         attachments=[

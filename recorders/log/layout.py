@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from recorders.log import wire
+from recorders.log import records, wire
 from recorders.log.blocks import Block
 from recorders.log.model import ChannelInfo, LogHeader, Schema
 from recorders.log.storage import RawRecord, RecordFile
@@ -19,10 +19,10 @@ class Definitions:
     """Schemas and channels as they are met in a file, held to their rules."""
 
     file: RecordFile
-    schemas: dict[int, wire.SchemaRecord] = field(default_factory=dict)
-    channels: dict[int, wire.ChannelRecord] = field(default_factory=dict)
+    schemas: dict[int, records.SchemaRecord] = field(default_factory=dict)
+    channels: dict[int, records.ChannelRecord] = field(default_factory=dict)
 
-    def schema(self, found: wire.SchemaRecord, offset: int) -> None:
+    def schema(self, found: records.SchemaRecord, offset: int) -> None:
         """Take in a Schema record."""
         if self.schemas.setdefault(found.id, found) != found:
             raise self.file.error(
@@ -32,7 +32,7 @@ class Definitions:
             len(self.schemas), "max_channels", "the number of schemas", offset, "Schema"
         )
 
-    def channel(self, found: wire.ChannelRecord, offset: int) -> None:
+    def channel(self, found: records.ChannelRecord, offset: int) -> None:
         """Take in a Channel record."""
         if found.schema_id and found.schema_id not in self.schemas:
             raise self.file.error(
@@ -73,7 +73,7 @@ class LogIndex:
 
     header: LogHeader
     header_record: RawRecord
-    footer: wire.FooterRecord
+    footer: records.FooterRecord
     footer_offset: int
     data_end: RawRecord
     data_crc: int
@@ -87,7 +87,7 @@ class LogIndex:
     checksums: dict[tuple[int, int], int]
     data_checked: bool
     scanned: bool
-    attachment_indexes: list[wire.AttachmentIndexRecord] = field(default_factory=list)
+    attachment_indexes: list[records.AttachmentIndexRecord] = field(default_factory=list)
 
 
 @dataclass(slots=True)
@@ -95,10 +95,10 @@ class Summary:
     """The summary section's records."""
 
     definitions: Definitions
-    statistics: wire.StatisticsRecord | None = None
-    chunks: list[wire.ChunkIndexRecord] = field(default_factory=list)
-    attachments: list[wire.AttachmentIndexRecord] = field(default_factory=list)
-    metadata: list[wire.MetadataIndexRecord] = field(default_factory=list)
+    statistics: records.StatisticsRecord | None = None
+    chunks: list[records.ChunkIndexRecord] = field(default_factory=list)
+    attachments: list[records.AttachmentIndexRecord] = field(default_factory=list)
+    metadata: list[records.MetadataIndexRecord] = field(default_factory=list)
     checksums: dict[tuple[int, int], int] = field(default_factory=dict)
 
     @property
@@ -155,7 +155,7 @@ def _end_before(file: RecordFile) -> int | None:
     return None
 
 
-def read_footer(file: RecordFile) -> tuple[wire.FooterRecord, int]:
+def read_footer(file: RecordFile) -> tuple[records.FooterRecord, int]:
     """The footer and its offset; an error that speaks of a cut file where there is none."""
     offset = file.size - len(wire.MAGIC) - wire.FOOTER_BYTES
     cut = f"the file has no end: it was cut short, or its writer was killed; {_RECOVER}"
@@ -172,16 +172,14 @@ def read_footer(file: RecordFile) -> tuple[wire.FooterRecord, int]:
                 end,
             )
         raise file.error(cut, offset if ends else file.size)
-    footer = wire.FooterRecord(
-        *wire.FOOTER_BODY.unpack(file.read(offset + wire.PREFIX_BYTES, length))
-    )
+    footer = records.parse_footer(file.read(offset + wire.PREFIX_BYTES, length))
     if footer.summary_start > offset or footer.summary_offset_start > offset:
         raise file.error("the footer places the summary after itself", offset, "Footer")
     return footer, offset
 
 
 def read_summary(
-    file: RecordFile, footer: wire.FooterRecord, footer_offset: int
+    file: RecordFile, footer: records.FooterRecord, footer_offset: int
 ) -> Summary:
     """The summary's records, its CRC checked where there is one."""
     start = footer.summary_start
@@ -204,19 +202,19 @@ def read_summary(
 
 def _take_summary_record(file: RecordFile, summary: Summary, raw: RawRecord) -> None:
     if raw.opcode == wire.SCHEMA:
-        summary.definitions.schema(file.parse(wire.parse_schema, raw), raw.offset)
+        summary.definitions.schema(file.parse(records.parse_schema, raw), raw.offset)
     elif raw.opcode == wire.CHANNEL:
-        found = file.parse(wire.parse_channel, raw)
+        found = file.parse(records.parse_channel, raw)
         # Some writers repeat channels but not schemas: such a channel is found by scanning.
         if not found.schema_id or found.schema_id in summary.definitions.schemas:
             summary.definitions.channel(found, raw.offset)
     elif raw.opcode == wire.STATISTICS:
-        summary.statistics = file.parse(wire.parse_statistics, raw)
+        summary.statistics = file.parse(records.parse_statistics, raw)
     elif raw.opcode == wire.CHUNK_INDEX:
-        summary.chunks.append(file.parse(wire.parse_chunk_index, raw))
+        summary.chunks.append(file.parse(records.parse_chunk_index, raw))
     elif raw.opcode == wire.ATTACHMENT_INDEX:
-        summary.attachments.append(file.parse(wire.parse_attachment_index, raw))
+        summary.attachments.append(file.parse(records.parse_attachment_index, raw))
     elif raw.opcode == wire.METADATA_INDEX:
-        summary.metadata.append(file.parse(wire.parse_metadata_index, raw))
+        summary.metadata.append(file.parse(records.parse_metadata_index, raw))
     elif raw.opcode == wire.CHECKSUMS:
-        summary.checksums = file.parse(wire.parse_checksums, raw)
+        summary.checksums = file.parse(records.parse_checksums, raw)

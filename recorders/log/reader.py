@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import zlib
 from bisect import bisect_left
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.log import wire
+from recorders.log import records
 from recorders.log.blocks import Block, BlockCursor, read_messages
 from recorders.log.index import build_index
 from recorders.log.layout import LogIndex
@@ -150,7 +149,7 @@ class LogReader:
         for raw in self._index.metadata:
             self._expect(raw)
             self._check_record(raw)
-            found.append(self._file.parse(wire.parse_metadata, raw))
+            found.append(self._file.parse(records.parse_metadata, raw))
         return found
 
     def attachments(self, names: Sequence[str] | None = None) -> Iterator[Attachment]:
@@ -297,17 +296,8 @@ def _key(cursor: BlockCursor, sign: int) -> tuple[int, int, int]:
 def read_attachment(file: RecordFile, raw: RawRecord) -> Attachment:
     """An attachment, its CRC checked where it has one."""
     return file.parsed(
-        _parse_attachment, file.content(raw, "max_attachment_bytes"), raw.offset, raw.name
+        records.parse_attachment,
+        file.content(raw, "max_attachment_bytes"),
+        raw.offset,
+        raw.name,
     )
-
-
-def _parse_attachment(content: bytes) -> Attachment:
-    cursor = wire.Cursor(content)
-    log_time, create_time = cursor.u64("log time"), cursor.u64("create time")
-    name, media_type = cursor.text("name"), cursor.text("media type")
-    data = cursor.take(cursor.u64("length of the data"), "data")
-    fields_end = cursor.position
-    crc = cursor.u32("CRC")
-    if crc and zlib.crc32(memoryview(content)[:fields_end]) != crc:
-        raise wire.WireError("the attachment's CRC differs: it is damaged")
-    return Attachment(name, media_type, log_time, create_time, data)

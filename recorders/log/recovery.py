@@ -9,8 +9,8 @@ from pathlib import Path
 
 from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.log import wire
-from recorders.log.blocks import records
+from recorders.log import records, wire
+from recorders.log.blocks import walk_records
 from recorders.log.layout import Definitions
 from recorders.log.model import Schema
 from recorders.log.reader import read_attachment
@@ -106,7 +106,7 @@ def _start(file: RecordFile, report: RecoveryReport) -> tuple[int, str]:
         raw = file.record_at(size)
         if raw.opcode != wire.HEADER:
             raise file.error("the header is damaged", size, "Header")
-        profile, _ = file.parse(wire.parse_header, raw)
+        profile, _ = file.parse(records.parse_header, raw)
     except RecordingError as error:
         report.losses.append(Loss(size, "Header", error.reason))
         return size, ""
@@ -207,7 +207,7 @@ class _Recovery:
             )
             self.report.attachments += 1
         elif raw.opcode == wire.METADATA:
-            self.log.metadata(*self.file.parse(wire.parse_metadata, raw))
+            self.log.metadata(*self.file.parse(records.parse_metadata, raw))
             self.report.metadata += 1
         elif raw.opcode == wire.DATA_END:
             self._data_end(raw)
@@ -218,7 +218,7 @@ class _Recovery:
         self.proven = self.proven and head.uncompressed_crc != 0
         view = memoryview(data)
         try:
-            for opcode, position, length in records(data):
+            for opcode, position, length in walk_records(data):
                 if opcode in (wire.SCHEMA, wire.CHANNEL, wire.MESSAGE):
                     start = position + wire.PREFIX_BYTES
                     self._record(opcode, view[start : start + length], raw.offset)
@@ -230,15 +230,15 @@ class _Recovery:
     def _record(self, opcode: int, content: bytes | memoryview, offset: int) -> None:
         try:
             if opcode == wire.SCHEMA:
-                self.definitions.schema(wire.parse_schema(content), offset)
+                self.definitions.schema(records.parse_schema(content), offset)
             elif opcode == wire.CHANNEL:
-                self._channel(wire.parse_channel(content), offset)
+                self._channel(records.parse_channel(content), offset)
             else:
                 self._message(content, offset)
         except wire.WireError as error:
             raise self.file.error(str(error), offset, wire.opcode_name(opcode)) from error
 
-    def _channel(self, found: wire.ChannelRecord, offset: int) -> None:
+    def _channel(self, found: records.ChannelRecord, offset: int) -> None:
         self.definitions.channel(found, offset)
         if found.id in self.ids:
             return
@@ -253,22 +253,26 @@ class _Recovery:
         self.report.channels += 1
 
     def _message(self, content: bytes | memoryview, offset: int) -> None:
-        cursor = wire.Cursor(content)
-        channel, sequence = cursor.u16("channel id"), cursor.u32("sequence")
-        log_time, publish_time = cursor.u64("log time"), cursor.u64("publish time")
-        if channel not in self.ids:
-            first, count = self.orphans.get(channel, (offset, 0))
-            self.orphans[channel] = (first, count + 1)
+        head = records.parse_message_head(content)
+        if head.channel_id not in self.ids:
+            first, count = self.orphans.get(head.channel_id, (offset, 0))
+            self.orphans[head.channel_id] = (first, count + 1)
             return
-        data = bytes(content[cursor.position :])
+        data = bytes(content[wire.MESSAGE_FIELDS_BYTES :])
         self.file.check_limit(
             len(data), "max_message_bytes", "a message's size", offset, "Message"
         )
-        self.log.write(self.ids[channel], data, log_time, publish_time, sequence)
+        self.log.write(
+            self.ids[head.channel_id],
+            data,
+            head.log_time_ns,
+            head.publish_time_ns,
+            head.sequence,
+        )
         self.report.messages += 1
 
     def _data_end(self, raw: RawRecord) -> None:
-        crc = self.file.parse(wire.parse_data_end, raw)
+        crc = self.file.parse(records.parse_data_end, raw)
         # Where everything that was kept has a CRC of its own, only an index can be wrong, and
         # that is made anew.
         if (

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from recorders.errors import RecordingError
-from recorders.log import wire
+from recorders.log import records, wire
 from recorders.log.layout import Summary, read_footer, read_summary
 from recorders.log.storage import RawRecord, RecordFile
 
@@ -46,7 +46,7 @@ class Ending:
     """
 
     summary: Summary | None
-    footer: wire.FooterRecord | None
+    footer: records.FooterRecord | None
     data_limit: int
     problem: RecordingError | None
 

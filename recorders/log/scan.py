@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from recorders.log import wire
-from recorders.log.blocks import Block, records
+from recorders.log import records, wire
+from recorders.log.blocks import Block, walk_records
 from recorders.log.layout import Definitions, LogIndex, Summary
 from recorders.log.model import LogHeader
 from recorders.log.storage import RawRecord, RecordFile
@@ -34,12 +34,12 @@ class Scan:
         self,
         header: LogHeader,
         header_record: RawRecord,
-        footer: wire.FooterRecord,
+        footer: records.FooterRecord,
         footer_offset: int,
     ) -> LogIndex:
         """Scan, check the CRC of the data section, and put the index together."""
         data_end = self._walk(header_record.end, footer.summary_start or footer_offset)
-        crc = self.file.parse(wire.parse_data_end, data_end)
+        crc = self.file.parse(records.parse_data_end, data_end)
         if crc and self.file.crc(0, data_end.offset) != crc:
             raise self.file.error(
                 "the CRC of the data section differs: the file is damaged",
@@ -76,11 +76,13 @@ class Scan:
                 self._loose_message(raw)
                 continue
             if raw.opcode == wire.SCHEMA:
-                self.definitions.schema(self.file.parse(wire.parse_schema, raw), raw.offset)
+                self.definitions.schema(
+                    self.file.parse(records.parse_schema, raw), raw.offset
+                )
                 continue
             if raw.opcode == wire.CHANNEL:
                 self.definitions.channel(
-                    self.file.parse(wire.parse_channel, raw), raw.offset
+                    self.file.parse(records.parse_channel, raw), raw.offset
                 )
                 continue
             self._close_run(raw.offset)
@@ -157,7 +159,7 @@ class Scan:
         times: list[int] = []
         channels: set[int] = set()
         try:
-            for opcode, position, length in records(data):
+            for opcode, position, length in walk_records(data):
                 if opcode == wire.MESSAGE:
                     if length < wire.MESSAGE_FIELDS_BYTES:
                         raise wire.WireError(
@@ -178,6 +180,6 @@ class Scan:
 
     def _define(self, opcode: int, content: bytes, offset: int) -> None:
         if opcode == wire.SCHEMA:
-            self.definitions.schema(wire.parse_schema(content), offset)
+            self.definitions.schema(records.parse_schema(content), offset)
         else:
-            self.definitions.channel(wire.parse_channel(content), offset)
+            self.definitions.channel(records.parse_channel(content), offset)

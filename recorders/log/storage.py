@@ -13,7 +13,7 @@ from typing import Self, TypeVar
 
 from recorders.errors import LimitError, RecordingError
 from recorders.limits import Limits
-from recorders.log import wire
+from recorders.log import records, wire
 from recorders.log.compression import KNOWN, TooLargeError, decompress
 
 Parsed = TypeVar("Parsed")
@@ -185,11 +185,11 @@ class RecordFile:
         except wire.WireError as error:
             raise self.error(str(error), offset, record) from error
 
-    def chunk_head(self, raw: RawRecord) -> wire.ChunkHead:
+    def chunk_head(self, raw: RawRecord) -> records.ChunkHead:
         """A chunk's head, its sizes checked against the limits and its compression known."""
         content = self.read(raw.content, min(raw.length, _CHUNK_HEAD_BYTES), raw.name)
         head = self.parsed(
-            lambda c: wire.parse_chunk_head(c, raw.length), content, raw.offset, raw.name
+            lambda c: records.parse_chunk_head(c, raw.length), content, raw.offset, raw.name
         )
         if head.compression not in KNOWN:
             raise self.error(
@@ -214,7 +214,7 @@ class RecordFile:
         )
         return head
 
-    def unpack(self, raw: RawRecord, head: wire.ChunkHead) -> bytes:
+    def unpack(self, raw: RawRecord, head: records.ChunkHead) -> bytes:
         """A chunk's records, unpacked within their declared size, CRC checked where there is one."""
         packed = self.read(raw.content + head.data_start, head.data_size, raw.name)
         try:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from dataclasses import dataclass, field
 
-from recorders.log import encoding, wire
+from recorders.log import records, wire
 
 
 @dataclass(slots=True)
@@ -15,12 +13,12 @@ class SummaryBuilder:
 
     schemas: dict[int, bytes] = field(default_factory=dict)
     channels: list[bytes] = field(default_factory=list)
-    chunks: list[wire.ChunkIndexRecord] = field(default_factory=list)
-    attachments: list[wire.AttachmentIndexRecord] = field(default_factory=list)
-    metadata: list[wire.MetadataIndexRecord] = field(default_factory=list)
+    chunks: list[records.ChunkIndexRecord] = field(default_factory=list)
+    attachments: list[records.AttachmentIndexRecord] = field(default_factory=list)
+    metadata: list[records.MetadataIndexRecord] = field(default_factory=list)
     checksums: list[tuple[int, int, int]] = field(default_factory=list)
 
-    def add_chunk(self, entry: wire.ChunkIndexRecord) -> None:
+    def add_chunk(self, entry: records.ChunkIndexRecord) -> None:
         """Take in a written chunk."""
         self.chunks.append(entry)
 
@@ -36,33 +34,33 @@ class SummaryBuilder:
             (wire.STATISTICS, [self._statistics(counts)]),
             (
                 wire.CHUNK_INDEX,
-                [encoding.encode_chunk_index(entry) for entry in self.chunks],
+                [records.encode_chunk_index(entry) for entry in self.chunks],
             ),
             (
                 wire.ATTACHMENT_INDEX,
-                [encoding.encode_attachment_index(entry) for entry in self.attachments],
+                [records.encode_attachment_index(entry) for entry in self.attachments],
             ),
-            (wire.METADATA_INDEX, [_metadata_index(entry) for entry in self.metadata]),
-            (wire.CHECKSUMS, [encoding.encode_checksums(self.checksums)]),
+            (
+                wire.METADATA_INDEX,
+                [records.encode_metadata_index(entry) for entry in self.metadata],
+            ),
+            (wire.CHECKSUMS, [records.encode_checksums(self.checksums)]),
         ]
         body, offsets = bytearray(), bytearray()
         for opcode, members in groups:
             if members:
                 content = b"".join(members)
-                offsets += encoding.record(
-                    wire.SUMMARY_OFFSET,
-                    struct.pack("<BQQ", opcode, start + len(body), len(content)),
+                offsets += records.encode_summary_offset(
+                    opcode, start + len(body), len(content)
                 )
                 body += content
-        footer = wire.PREFIX.pack(wire.FOOTER, wire.FOOTER_BODY.size)
-        footer += struct.pack("<QQ", start, start + len(body))
-        tail = bytes(body + offsets) + footer
-        return tail + wire.U32.pack(zlib.crc32(tail))
+        before = bytes(body + offsets)
+        return before + records.encode_footer(start, start + len(body), before)
 
     def _statistics(self, counts: dict[int, int]) -> bytes:
         filled = [entry for entry in self.chunks if entry.message_index_offsets]
-        return encoding.encode_statistics(
-            wire.StatisticsRecord(
+        return records.encode_statistics(
+            records.StatisticsRecord(
                 message_count=sum(counts.values()),
                 schema_count=len(self.schemas),
                 channel_count=len(self.channels),
@@ -74,11 +72,3 @@ class SummaryBuilder:
                 channel_message_counts=counts,
             )
         )
-
-
-def _metadata_index(entry: wire.MetadataIndexRecord) -> bytes:
-    return encoding.record(
-        wire.METADATA_INDEX,
-        struct.pack("<QQ", entry.offset, entry.length),
-        encoding.text(entry.name),
-    )

@@ -1,5 +1,5 @@
-"""The bytes of MCAP records: constants, types, strict parsing with bounds (mcap.dev/spec, version
-0).
+"""The bytes that MCAP records are made of (mcap.dev/spec, version 0): opcodes, numbers, strings and
+maps, written and strictly read with bounds. `recorders.log.records` makes records of them.
 
 The `mcap` package's parsers read past a record's end, or overrun a map's declared length, without
 an error; these do not, and say what is wrong. Bytes after a record's known fields are allowed
@@ -9,7 +9,7 @@ an error; these do not, and say what is wrong. Bytes after a record's known fiel
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -29,7 +29,7 @@ METADATA_INDEX = 0x0D
 SUMMARY_OFFSET = 0x0E
 DATA_END = 0x0F
 CHECKSUMS = 0x81
-"""This project's own record in the summary (`encoding.encode_checksums`); other readers skip what
+"""This project's own record in the summary (`records.encode_checksums`); other readers skip what
 they do not know.
 """
 
@@ -147,236 +147,19 @@ class Cursor:
         return values
 
 
-@dataclass(frozen=True, slots=True)
-class SchemaRecord:
-    """A Schema record."""
-
-    id: int
-    name: str
-    encoding: str
-    data: bytes
+def record(opcode: int, *fields: bytes) -> bytes:
+    """A whole record from its serialised fields."""
+    content = b"".join(fields)
+    return PREFIX.pack(opcode, len(content)) + content
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelRecord:
-    """A Channel record."""
-
-    id: int
-    schema_id: int
-    topic: str
-    message_encoding: str
-    metadata: dict[str, str]
+def text(value: str) -> bytes:
+    """A string with its length before it."""
+    raw = value.encode("utf-8")
+    return U32.pack(len(raw)) + raw
 
 
-@dataclass(frozen=True, slots=True)
-class ChunkHead:
-    """A Chunk record without its data; ``data_start`` counts from the record's content."""
-
-    start_ns: int
-    end_ns: int
-    uncompressed_size: int
-    uncompressed_crc: int
-    compression: str
-    data_start: int
-    data_size: int
-
-
-@dataclass(frozen=True, slots=True)
-class ChunkIndexRecord:
-    """A ChunkIndex record."""
-
-    start_ns: int
-    end_ns: int
-    offset: int
-    length: int
-    message_index_offsets: dict[int, int]
-    message_index_length: int
-    compression: str
-    compressed_size: int
-    uncompressed_size: int
-
-
-@dataclass(frozen=True, slots=True)
-class AttachmentIndexRecord:
-    """An AttachmentIndex record."""
-
-    offset: int
-    length: int
-    log_time_ns: int
-    create_time_ns: int
-    data_size: int
-    name: str
-    media_type: str
-
-
-@dataclass(frozen=True, slots=True)
-class MetadataIndexRecord:
-    """A MetadataIndex record."""
-
-    offset: int
-    length: int
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
-class StatisticsRecord:
-    """A Statistics record."""
-
-    message_count: int
-    schema_count: int
-    channel_count: int
-    attachment_count: int
-    metadata_count: int
-    chunk_count: int
-    start_ns: int
-    end_ns: int
-    channel_message_counts: dict[int, int]
-
-
-@dataclass(frozen=True, slots=True)
-class FooterRecord:
-    """The Footer record."""
-
-    summary_start: int
-    summary_offset_start: int
-    summary_crc: int
-
-
-def parse_schema(content: bytes | memoryview) -> SchemaRecord:
-    """Schema: id (never 0), name, encoding, data."""
-    cursor = Cursor(content)
-    identity = cursor.u16("id")
-    if identity == 0:
-        raise WireError("schema id 0 is reserved for channels without a schema")
-    name = cursor.text("name")
-    encoding = cursor.text("encoding")
-    return SchemaRecord(
-        identity, name, encoding, cursor.take(cursor.u32("length of data"), "data")
-    )
-
-
-def parse_channel(content: bytes | memoryview) -> ChannelRecord:
-    """Channel: id, schema id, topic, message encoding, metadata."""
-    cursor = Cursor(content)
-    return ChannelRecord(
-        cursor.u16("id"),
-        cursor.u16("schema id"),
-        cursor.text("topic"),
-        cursor.text("message encoding"),
-        cursor.texts("metadata"),
-    )
-
-
-def parse_chunk_head(content: bytes | memoryview, length: int) -> ChunkHead:
-    """The fields before a chunk's data; ``length`` is the whole record's, ``content`` may hold
-    less than that.
-    """
-    cursor = Cursor(content)
-    start, end = cursor.u64("start time"), cursor.u64("end time")
-    size, crc = cursor.u64("uncompressed size"), cursor.u32("uncompressed CRC")
-    compression = cursor.text("compression")
-    data_size = cursor.u64("length of the data")
-    if data_size > length - cursor.position:
-        raise WireError(f"data of {data_size} bytes reaches past the end of the record")
-    return ChunkHead(start, end, size, crc, compression, cursor.position, data_size)
-
-
-def parse_chunk_index(content: bytes | memoryview) -> ChunkIndexRecord:
-    """ChunkIndex: times, place, message index offsets by channel, sizes."""
-    cursor = Cursor(content)
-    start, end = cursor.u64("start time"), cursor.u64("end time")
-    offset, length = cursor.u64("chunk offset"), cursor.u64("chunk length")
-    inner = cursor.within("message index offsets")
-    offsets: dict[int, int] = {}
-    while inner.position < inner.end:
-        channel = inner.u16("channel id")
-        offsets[channel] = inner.u64("offset")
-    return ChunkIndexRecord(
-        start,
-        end,
-        offset,
-        length,
-        offsets,
-        cursor.u64("message index length"),
-        cursor.text("compression"),
-        cursor.u64("compressed size"),
-        cursor.u64("uncompressed size"),
-    )
-
-
-def parse_message_index(content: bytes | memoryview) -> tuple[int, list[tuple[int, int]]]:
-    """MessageIndex: channel id and (log time, offset in the chunk) of each message."""
-    cursor = Cursor(content)
-    channel = cursor.u16("channel id")
-    inner = cursor.within("records")
-    entries: list[tuple[int, int]] = []
-    while inner.position < inner.end:
-        time = inner.u64("log time")
-        entries.append((time, inner.u64("offset")))
-    return channel, entries
-
-
-def parse_attachment_index(content: bytes | memoryview) -> AttachmentIndexRecord:
-    """AttachmentIndex: place, times, size, name, media type."""
-    cursor = Cursor(content)
-    return AttachmentIndexRecord(
-        cursor.u64("offset"),
-        cursor.u64("length"),
-        cursor.u64("log time"),
-        cursor.u64("create time"),
-        cursor.u64("data size"),
-        cursor.text("name"),
-        cursor.text("media type"),
-    )
-
-
-def parse_metadata(content: bytes | memoryview) -> tuple[str, dict[str, str]]:
-    """Metadata: name and values."""
-    cursor = Cursor(content)
-    return cursor.text("name"), cursor.texts("metadata")
-
-
-def parse_metadata_index(content: bytes | memoryview) -> MetadataIndexRecord:
-    """MetadataIndex: place and name."""
-    cursor = Cursor(content)
-    return MetadataIndexRecord(
-        cursor.u64("offset"), cursor.u64("length"), cursor.text("name")
-    )
-
-
-def parse_statistics(content: bytes | memoryview) -> StatisticsRecord:
-    """Statistics: counts and times."""
-    cursor = Cursor(content)
-    messages, schemas = cursor.u64("message count"), cursor.u16("schema count")
-    channels, attachments = cursor.u32("channel count"), cursor.u32("attachment count")
-    metadata, chunks = cursor.u32("metadata count"), cursor.u32("chunk count")
-    start, end = cursor.u64("start time"), cursor.u64("end time")
-    inner = cursor.within("channel message counts")
-    counts: dict[int, int] = {}
-    while inner.position < inner.end:
-        channel = inner.u16("channel id")
-        counts[channel] = inner.u64("message count")
-    return StatisticsRecord(
-        messages, schemas, channels, attachments, metadata, chunks, start, end, counts
-    )
-
-
-def parse_header(content: bytes | memoryview) -> tuple[str, str]:
-    """Header: profile and library."""
-    cursor = Cursor(content)
-    return cursor.text("profile"), cursor.text("library")
-
-
-def parse_data_end(content: bytes | memoryview) -> int:
-    """DataEnd: the CRC of everything before it, 0 where there is none."""
-    return Cursor(content).u32("data section CRC")
-
-
-def parse_checksums(content: bytes | memoryview) -> dict[tuple[int, int], int]:
-    """Checksums (see `recorders.log.encoding.encode_checksums`): CRC-32 by (offset, length)."""
-    cursor = Cursor(content)
-    checksums: dict[tuple[int, int], int] = {}
-    while cursor.position < cursor.end:
-        place = cursor.u64("offset"), cursor.u64("length")
-        checksums[place] = cursor.u32("CRC")
-    return checksums
+def texts(values: Mapping[str, str]) -> bytes:
+    """A map from strings to strings, keys sorted."""
+    content = b"".join(text(key) + text(values[key]) for key in sorted(values))
+    return U32.pack(len(content)) + content

@@ -5,7 +5,6 @@ the same bytes.
 from __future__ import annotations
 
 import struct
-import sys
 import zlib
 from array import array
 from collections import deque
@@ -18,7 +17,7 @@ from typing import NoReturn, Self
 
 from recorders.errors import LimitError, RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.log import encoding, wire
+from recorders.log import records, wire
 from recorders.log.compression import KNOWN, compress
 from recorders.log.model import Schema
 from recorders.log.output import PART_SUFFIX, PartFile
@@ -138,9 +137,7 @@ class LogWriter:
         self._pending: deque[Future[None]] = deque()
         self._cut_off = False
         self._put(wire.MAGIC)
-        self._put_checked(
-            encoding.record(wire.HEADER, encoding.text(profile), encoding.text(LIBRARY))
-        )
+        self._put_checked(records.encode_header(profile, LIBRARY))
 
     def __enter__(self) -> Self:
         return self
@@ -180,12 +177,12 @@ class LogWriter:
             schema_id = self._schemas.setdefault(schema, len(self._schemas) + 1)
             if (schema_id, id(chunk)) not in self._schemas_in:
                 self._schemas_in.add((schema_id, id(chunk)))
-                encoded = encoding.encode_schema(
+                encoded = records.encode_schema(
                     schema_id, schema.name, schema.encoding, schema.data
                 )
                 self._summary.schemas[schema_id] = encoded
                 chunk.data += encoded
-        encoded = encoding.encode_channel(
+        encoded = records.encode_channel(
             identity, schema_id, topic, message_encoding, metadata or {}
         )
         self._summary.channels.append(encoded)
@@ -258,36 +255,30 @@ class LogWriter:
         """Keep a file inside the log."""
         self._check_limit(len(data), "max_attachment_bytes", "the attachment's size", name)
         self._settle(0)
-        head = (
-            struct.pack("<QQ", log_time_ns, create_time_ns)
-            + encoding.text(name)
-            + encoding.text(media_type)
+        head = records.encode_attachment_head(
+            name, media_type, data, log_time_ns, create_time_ns
         )
-        head += wire.U64.pack(len(data))
-        crc = zlib.crc32(data, zlib.crc32(head))
-        length = len(head) + len(data) + 4
-        entry = wire.AttachmentIndexRecord(
+        crc = records.encode_attachment_crc(head, data)
+        entry = records.AttachmentIndexRecord(
             self._offset,
-            length + wire.PREFIX_BYTES,
+            len(head) + len(data) + len(crc),
             log_time_ns,
             create_time_ns,
             len(data),
             name,
             media_type,
         )
-        self._put(wire.PREFIX.pack(wire.ATTACHMENT, length) + head)
+        self._put(head)
         self._put(data)
-        self._put(wire.U32.pack(crc))
+        self._put(crc)
         self._summary.attachments.append(entry)
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Add a metadata record; its keys are written sorted."""
-        encoded = encoding.record(
-            wire.METADATA, encoding.text(name), encoding.texts(values)
-        )
+        encoded = records.encode_metadata(name, values)
         self._settle(0)
         self._summary.metadata.append(
-            wire.MetadataIndexRecord(self._offset, len(encoded), name)
+            records.MetadataIndexRecord(self._offset, len(encoded), name)
         )
         self._put_checked(encoded)
 
@@ -300,7 +291,7 @@ class LogWriter:
         try:
             self._flush()
             self._settle(0)
-            data_end = encoding.record(wire.DATA_END, wire.U32.pack(self._crc))
+            data_end = records.encode_data_end(self._crc)
             counts = {
                 k: channel.count
                 for k, channel in enumerate(self._channels, 1)
@@ -363,27 +354,31 @@ class LogWriter:
         self._cut_off = True
         start, end = (chunk.start_ns, chunk.end_ns) if chunk.entries else (0, 0)
         packed = compress(chunk.compression, chunk.data)
-        head = wire.CHUNK_HEAD.pack(start, end, len(chunk.data), zlib.crc32(chunk.data))
-        head += encoding.text(chunk.compression) + wire.U64.pack(len(packed))
+        head = records.encode_chunk_head(
+            start, end, chunk.data, chunk.compression, len(packed)
+        )
         offset, length = self._offset, len(head) + len(packed)
         indexes: list[bytes] = []
         places: dict[int, int] = {}
-        position = offset + wire.PREFIX_BYTES + length
+        position = offset + length
         for identity in sorted(chunk.entries):
             entries = chunk.entries[identity]
             places[identity] = position
-            indexes.append(_message_index(identity, entries))
+            indexes.append(records.encode_message_index(identity, entries))
             position += len(indexes[-1])
         index_length = sum(len(index) for index in indexes)
-        entry = wire.ChunkIndexRecord(
-            start, end, offset, wire.PREFIX_BYTES + length, places, index_length, chunk.compression, len(packed),
+        entry = records.ChunkIndexRecord(
+            start,
+            end,
+            offset,
+            length,
+            places,
+            index_length,
+            chunk.compression,
+            len(packed),
             len(chunk.data),
-        )  # fmt: skip
-        for piece in (
-            wire.PREFIX.pack(wire.CHUNK, length) + head,
-            packed,
-            b"".join(indexes),
-        ):
+        )
+        for piece in (head, packed, b"".join(indexes)):
             self._put(piece)
         self._summary.add_chunk(entry)
         self._cut_off = False
@@ -427,13 +422,3 @@ class LogWriter:
             self.path,
             record=topic,
         ) from error
-
-
-def _message_index(identity: int, entries: array[int]) -> bytes:
-    if sys.byteorder == "big":
-        entries = array("Q", entries)
-        entries.byteswap()
-    raw = entries.tobytes()
-    return encoding.record(
-        wire.MESSAGE_INDEX, wire.U16.pack(identity), wire.U32.pack(len(raw)), raw
-    )
