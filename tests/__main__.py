@@ -1,34 +1,51 @@
-"""Everything that has to pass: lint, format, types, tests. `python tests` runs it; words after it
-go to pytest.
+"""Everything that has to pass: lint, format, types, documents, tests. `python tests` runs it; words
+after it go to pytest.
 
-`python tests --cov` measures branch coverage as well, which nearly doubles the time that the
-tests take.
+    python tests             all of it
+    python tests --fast      the inner loop: what is marked slow, real or whole is left out
+    python tests --cov       branch coverage as well, which nearly doubles the time of the tests
 """
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+FAST = "--fast"
 CHECKS = (
     ("lint", ["ruff", "check", "."]),
     ("format", ["ruff", "format", "--check", "."]),
     ("types", ["mypy"]),
 )
 TESTS = ["pytest", "-n", "auto", "--dist", "worksteal", "-q"]
+INNER = ["-m", "not slow and not real"]
+
+
+def commands(words: list[str], site: str) -> list[tuple[str, list[str]]]:
+    """Names and words of the checks, in the order in which they run."""
+    if FAST in words:
+        rest = [w for w in words if w != FAST]
+        return [*CHECKS, ("tests", [*TESTS, *INNER, *rest])]
+    documents = ["mkdocs", "build", "--strict", "--quiet", "--site-dir", site]
+    return [*CHECKS, ("documents", documents), ("tests", [*TESTS, *words])]
 
 
 def main(words: list[str]) -> int:
     """Run all checks, even after one has failed; returns 1 if any did."""
     failed = []
-    for name, command in (*CHECKS, ("tests", [*TESTS, *words])):
-        print(f"== {name}", flush=True)
-        if subprocess.run(
-            [sys.executable, "-m", *command], cwd=ROOT, check=False
-        ).returncode:
-            failed.append(name)
+    quiet = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    with tempfile.TemporaryDirectory() as site:
+        for name, command in commands(words, site):
+            print(f"== {name}", flush=True)
+            done = subprocess.run(
+                [sys.executable, "-m", *command], cwd=ROOT, check=False, env=quiet
+            )
+            if done.returncode:
+                failed.append(name)
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)
     return 1 if failed else 0
