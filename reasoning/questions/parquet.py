@@ -29,13 +29,7 @@ def write_parquet(answer: Answer, out: Path, limits: QueryLimits) -> None:
     part = out.with_name(f"{out.name}.part")
     con = duckdb.connect(":memory:", config={"threads": str(limits.threads)})
     try:
-        names = [f'"{c.replace(chr(34), chr(34) * 2)}"' for c in unique(answer.columns)]
-        columns = ", ".join(
-            f"{name} {kind}" for name, kind in zip(names, answer.types, strict=True)
-        )
-        con.execute(f"CREATE TABLE answer ({columns})")
-        for batch in _batches(answer.rows):
-            _append(con, batch, answer.types)
+        load_answer(con, answer)
         con.execute(
             f"COPY answer TO '{str(part).replace(chr(39), chr(39) * 2)}' (FORMAT parquet)"
         )
@@ -47,6 +41,17 @@ def write_parquet(answer: Answer, out: Path, limits: QueryLimits) -> None:
     finally:
         part.unlink(missing_ok=True)
         con.close()
+
+
+def load_answer(con: duckdb.DuckDBPyConnection, answer: Answer) -> None:
+    """Put all rows into a table ``answer`` of a connection, with the answer's types."""
+    names = [f'"{c.replace(chr(34), chr(34) * 2)}"' for c in unique(answer.columns)]
+    columns = ", ".join(
+        f"{name} {kind}" for name, kind in zip(names, answer.types, strict=True)
+    )
+    con.execute(f"CREATE TABLE answer ({columns})")
+    for batch in _batches(answer.rows):
+        _append(con, batch, answer.types)
 
 
 def unique(columns: list[str]) -> list[str]:

@@ -21,9 +21,6 @@ DOC = ROOT / "docs" / "golden.md"
 
 
 def run_pytest(folder: Path, *words: str, hash_seed: str = "5") -> tuple[int, str]:
-    # The entry point registers the plugin where the project is installed; a checkout may be older
-    # than it.
-    plugin = [] if _registered() else ["-p", "replay.golden.plugin"]
     done = subprocess.run(
         [
             sys.executable,
@@ -34,7 +31,6 @@ def run_pytest(folder: Path, *words: str, hash_seed: str = "5") -> tuple[int, st
             "no:randomly",
             "-p",
             "no:cacheprovider",
-            *plugin,
             *words,
         ],
         cwd=folder,
@@ -46,12 +42,6 @@ def run_pytest(folder: Path, *words: str, hash_seed: str = "5") -> tuple[int, st
         env={**os.environ, "PYTHONHASHSEED": hash_seed},
     )
     return done.returncode, done.stdout + done.stderr
-
-
-def _registered() -> bool:
-    from importlib.metadata import entry_points
-
-    return any(e.value == "replay.golden.plugin" for e in entry_points(group="pytest11"))
 
 
 @pytest.fixture(scope="module")
