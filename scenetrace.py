@@ -215,7 +215,7 @@ def _hidden(rooms: Sequence[str]) -> dict[str, str]:
         own = os.path.join(_HOME, room)
         if not any(place == own or os.path.dirname(place) == own for place in places):
             place = places[0] if places else "something else"
-            place = place.removesuffix(os.path.join("", "__init__.py"))
+            place = place.removesuffix("__init__.py").rstrip(os.sep)
             lines[room] = (
                 f"scenetrace: {place} hides the package {room!r} of scenetrace: rename it, or"
                 " take it off Python's path"
@@ -233,9 +233,9 @@ def _pytest_plugin() -> object:
     import pytest
 
     update = "--scenetrace-update"
-    used_names = pytest.StashKey[list[str]]()
-    users = pytest.StashKey[list[tuple[Path, str, str]]]()
-    owners = pytest.StashKey[Any]()
+    used_names: pytest.StashKey[list[str]] = pytest.StashKey()
+    users: pytest.StashKey[list[tuple[Path, str, str]]] = pytest.StashKey()
+    owners: pytest.StashKey[Any] = pytest.StashKey()
 
     def missing(config: pytest.Config) -> list[str]:
         # With pytest-xdist the tests run in workers, and this process sees none of the names.

@@ -140,7 +140,6 @@ def test_the_graph_of_a_frame_is_the_logs_latest(folder: Path, tmp_path: Path) -
 
 
 def test_questions_are_answered_as_rows_arrow_and_pandas(folder: Path) -> None:
-    pandas = pytest.importorskip("pandas")
     with scenetrace.open(folder / "annotated.mcap") as log:
         rows = log.sql(
             "SELECT frame, t, track, x FROM tracks WHERE track = ? ORDER BY frame", [1]
@@ -151,7 +150,6 @@ def test_questions_are_answered_as_rows_arrow_and_pandas(folder: Path) -> None:
         arrow, frame = rows.to_arrow(), rows.to_pandas()
         assert arrow.num_rows == len(frame) == len(rows)
         assert arrow.column("x").to_pylist() == [row[3] for row in rows]
-        assert isinstance(frame, pandas.DataFrame)
         assert list(frame["frame"]) == [row[0] for row in rows]
         met = log.ask("met", 1)
         assert "explain" in met.columns
@@ -159,7 +157,7 @@ def test_questions_are_answered_as_rows_arrow_and_pandas(folder: Path) -> None:
         assert len(log.ask("who-was-in", "scene", at=2.0)) == len(
             log.ask("who-was-in", "scene", at="frame:50")
         )
-        with pytest.raises(scenetrace.UsageError, match="no target 99"):
+        with pytest.raises(scenetrace.UsageError, match="target '99': there is none"):
             log.ask("met", 99)
         count = "SELECT count(*) FROM tracks"
         assert list(scenetrace.query([folder / "annotated.mcap"], count)) == list(
