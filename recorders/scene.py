@@ -22,6 +22,7 @@ from recorders import channels
 from recorders.errors import LimitError, RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import ChannelInfo, LogReader, Message
+from recorders.log.moments import by_time
 from recorders.masks import Labels, RecordedMask, label_blobs
 from recorders.messages import NO_BLOB, Detections, Regions
 from recorders.pictures import VideoDecoder, decode_picture
@@ -255,7 +256,7 @@ class SceneLog:
         pending: list[Message] = []
         index = first_index
         topics = [c.topic for c in self.recorded]
-        for now, group in _by_time(
+        for now, group in by_time(
             self._log.messages(topics, start_ns), self.limits, self.path
         ):
             pending += group
@@ -482,26 +483,6 @@ def _is_video(message: Message) -> bool:
         message.channel.schema is not None
         and message.channel.schema.name == "foxglove.CompressedVideo"
     )
-
-
-def _by_time(
-    messages: Iterator[Message], limits: Limits, path: Path
-) -> Iterator[tuple[int, list[Message]]]:
-    """Group messages of one log time, bounded."""
-    group: list[Message] = []
-    for message in messages:
-        if group and message.log_time_ns != group[0].log_time_ns:
-            yield group[0].log_time_ns, group
-            group = []
-        group.append(message)
-        if len(group) > limits.max_messages_per_frame:
-            raise LimitError(
-                f"over {limits.max_messages_per_frame} messages at {message.log_time_ns} ns"
-                " (max_messages_per_frame)",
-                path,
-            )
-    if group:
-        yield group[0].log_time_ns, group
 
 
 def _choose_camera(log: LogReader, wanted: str | None) -> str:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from itertools import groupby, islice
+from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 
@@ -26,6 +26,7 @@ from reasoning.reasoner import Reasoner
 from recorders import channels
 from recorders.annotated import checkpoint, digest
 from recorders.annotated.checkpoint import Checkpoint
+from recorders.annotated.frames import moments
 from recorders.annotated.membership import PATCHES, Patches, renamed
 from recorders.annotated.provenance import facts_of, sha256
 from recorders.errors import RecordingError, UsageError
@@ -182,13 +183,13 @@ def recorded_targets(
         RecordingError: they are not those that led to the checkpoint.
     """
     expected, link = 0, digest.START
-    topics = [channels.topic(camera, name) for name in ("targets", "digest")]
+    wanted = ("targets", "digest")
     with LogReader(path, limits) as log:
-        for time_ns, group in groupby(log.messages(topics), key=lambda m: m.log_time_ns):
-            by_topic = {m.topic: m for m in group}
-            if len(by_topic) < len(topics):
+        for time_ns, messages, _ in moments(log, camera, wanted):
+            latest = dict(messages)
+            if len(latest) < len(wanted):
                 break
-            targets, made = (by_topic[topic].data for topic in topics)
+            targets, made = (latest[name].data for name in wanted)
             found: Targets = channels.decode(
                 "targets", targets, path=str(path), limits=limits
             )

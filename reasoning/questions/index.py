@@ -27,7 +27,7 @@ from reasoning.questions.case import (
     parquet_parts,
 )
 from reasoning.questions.duckdb_tables import insert, reason
-from reasoning.questions.ingest import Facts, file_digest, read_recordings
+from reasoning.questions.ingest import RecordingFacts, file_digest, read_recordings
 from reasoning.questions.schema import TABLES, create_statements
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
@@ -42,7 +42,7 @@ class IndexSummary:
     read (path, why).
     """
 
-    added: list[Facts]
+    added: list[RecordingFacts]
     known: list[Path]
     failed: list[tuple[Path, str]]
 
@@ -79,7 +79,7 @@ def build_index(
         if not was_there:
             _remove(out)
         raise
-    added: list[Facts] = []
+    added: list[RecordingFacts] = []
     known: list[Path] = []
     failed: list[tuple[Path, str]] = []
     try:
@@ -123,7 +123,7 @@ class _Target:
 
     def add(
         self, log: Path, digest: str, limits: Limits, encounters: EncounterParameters | None
-    ) -> list[Facts]:
+    ) -> list[RecordingFacts]:
         """Add one log, or nothing of it."""
         name = free_name(log.stem, self._names)
         self._con.execute("BEGIN TRANSACTION")
@@ -246,7 +246,7 @@ class _Parquet(_Target):
 
     def add(
         self, log: Path, digest: str, limits: Limits, encounters: EncounterParameters | None
-    ) -> list[Facts]:
+    ) -> list[RecordingFacts]:
         """Add one log; it is safe on disk once its part is written."""
         found = super().add(log, digest, limits, encounters)
         self._waiting += 1

@@ -8,12 +8,10 @@ track and frame) for the encounters.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import asdict, astuple, dataclass, field
-from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
-from statistics import median_low
 from typing import Any
 
 import msgspec
@@ -23,10 +21,12 @@ from msgspec import UNSET
 from reasoning.encounters import EncounterParameters, History, find_encounters, near, still
 from reasoning.questions.schema import TABLES
 from recorders import channels
-from recorders.errors import LimitError, RecordingError
+from recorders.annotated.frames import annotated_cameras
+from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
+from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
-from recorders.messages import Event, Groups, Relations, Tracks
+from recorders.messages import Event
 
 Row = tuple[Any, ...]
 Sink = Callable[[str, Sequence[Row]], None]
@@ -34,12 +34,12 @@ Interval = tuple[int, int, float, float]
 BATCH_ROWS = 50_000
 BITS = ("grouping", "grouped", "splitting")
 ENDING = ("group_changed", "group_ended")
-_READ = ("detections", "tracks", "relations", "groups", "events")
+_READ = ("tracks", "relations", "groups", "events")
 _INT32 = 2**31 - 1
 
 
 @dataclass
-class Facts:
+class RecordingFacts:
     """What is known of one camera of an annotated log."""
 
     recording: str
@@ -81,7 +81,7 @@ def read_recordings(
     digest: str = "",
     limits: Limits = DEFAULT_LIMITS,
     encounters: EncounterParameters | None = None,
-) -> list[Facts]:
+) -> list[RecordingFacts]:
     """Send every table's rows of a log to ``sink``; one recording per camera that has tracks.
 
     Args:
@@ -96,26 +96,22 @@ def read_recordings(
     Raises:
         RecordingError: no annotated log, or a damaged one.
     """
+    base = name or Path(path).stem
     with LogReader(path, limits) as log:
-        topics = [channels.split(c.topic) for c in log.channels]
-        cameras = sorted(
-            {camera for camera, channel in topics if camera and channel == "tracks"}
-        )
-        if not cameras:
-            raise RecordingError(
-                "holds no tracks, so there is nothing to ask; make an annotated log of it"
-                f" with `scenetrace replay {path} -o annotated.mcap --tracker events`",
-                path,
+        cameras: list[str | None] = [*annotated_cameras(log)]
+    found = []
+    # Without a camera the reader says itself that there is none.
+    for camera in cameras or [None]:
+        with AnnotatedLog(path, camera, limits) as annotated:
+            facts = RecordingFacts(
+                base if len(cameras) == 1 else f"{base}/{camera}",
+                digest,
+                str(path),
+                annotated.camera,
             )
-        base = name or Path(path).stem
-        found = []
-        for camera in cameras:
-            facts = Facts(
-                base if len(cameras) == 1 else f"{base}/{camera}", digest, str(path), camera
-            )
-            _Camera(log, facts, sink, limits, encounters or EncounterParameters()).read()
+            _Camera(annotated, facts, sink, encounters or EncounterParameters()).read()
             found.append(facts)
-        return found
+    return found
 
 
 @dataclass
@@ -187,19 +183,15 @@ class _Camera:
 
     def __init__(
         self,
-        log: LogReader,
-        facts: Facts,
+        log: AnnotatedLog,
+        facts: RecordingFacts,
         sink: Sink,
-        limits: Limits,
         encounters: EncounterParameters,
     ) -> None:
-        self._log, self._facts, self._sink, self._limits, self._parameters = (
-            log,
-            facts,
-            sink,
-            limits,
-            encounters,
-        )
+        self._log = log
+        self._facts = facts
+        self._sink = sink
+        self._parameters = encounters
         self._rows: dict[str, list[Row]] = {table: [] for table in TABLES}
         self._relations, self._groups, self._presence = Runs(), Runs(), Runs()
         self._zones, self._bits, self._hidden = Runs(), Runs(), Runs()
@@ -212,103 +204,35 @@ class _Camera:
 
     def read(self) -> None:
         facts = self._facts
-        stated = dict(next((v for n, v in self._log.metadata() if n == "scenetrace"), {}))
-        facts.tracker, facts.output_digest = (
-            stated.get("tracker", ""),
-            stated.get("output_digest", ""),
-        )
-        facts.start_ns = self._start()
-        for now, group in self._frames():
-            self._take(now, group)
+        facts.tracker = self._log.tracker
+        facts.output_digest = self._log.facts.get("output_digest", "")
+        facts.start_ns = self._log.start_ns
+        facts.width, facts.height = self._log.size() or (0, 0)
+        for frame in self._log.frames(_READ):
+            self._take(frame)
         self._finish()
         for table in self._rows:
             self._send(table)
         self._sink("recordings", [facts.row()])
 
-    def _topics(self, *names: str) -> list[str]:
-        return [channels.topic(self._facts.camera, n) for n in names]
-
-    def _start(self) -> int:
-        """Log time of frame 0; where a span was cut out, reckoned back at the frames' nominal
-        time.
-        """
-        first: tuple[int, int] | None = None
-        times: list[int] = []
-        for message in self._log.messages(self._topics("tracks")):
-            if first is None:
-                first = (message.log_time_ns, self._decode("tracks", message.data).frame)
-            times.append(message.log_time_ns)
-            if len(times) > 64 or first[1] == 0:
-                break
-        if first is None or first[1] == 0 or len(times) < 2:
-            return first[0] if first else 0
-        return first[0] - first[1] * median_low([b - a for a, b in pairwise(times)])
-
-    def _frames(self) -> Iterator[tuple[int, dict[str, list[bytes]]]]:
-        names = dict(zip(self._topics(*_READ), _READ, strict=True))
-        present = {c.topic for c in self._log.channels}
-        wanted = [t for t in names if t in present and (names[t] != "detections")]
-        self._size(names, present)
-        now: int | None = None
-        group: dict[str, list[bytes]] = {}
-        count = 0
-        for message in self._log.messages(wanted):
-            if message.log_time_ns != now:
-                if now is not None and "tracks" in group:
-                    yield now, group
-                now, group, count = message.log_time_ns, {}, 0
-            count += 1
-            if count > self._limits.max_messages_per_frame:
-                limit = self._limits.max_messages_per_frame
-                raise LimitError(
-                    f"over {limit} messages at {now} ns (max_messages_per_frame)",
-                    self._facts.path,
-                )
-            group.setdefault(names[message.topic], []).append(message.data)
-        if now is not None and "tracks" in group:
-            yield now, group
-
-    def _size(self, names: dict[str, str], present: set[str]) -> None:
-        for topic, name in names.items():
-            if name == "detections" and topic in present:
-                for message in self._log.messages([topic]):
-                    found = self._decode("detections", message.data)
-                    self._facts.width, self._facts.height = found.width, found.height
-                    return
-
-    def _decode(self, name: str, data: bytes) -> Any:
-        return channels.decode(name, data, path=self._facts.path, limits=self._limits)
-
-    def _take(self, now: int, group: dict[str, list[bytes]]) -> None:
-        tracks: Tracks = self._decode("tracks", group["tracks"][-1])
-        t = (now - self._facts.start_ns) / channels.NANOS
-        if tracks.frame <= self._frame or tracks.frame > _INT32:
+    def _take(self, frame: AnnotatedFrame) -> None:
+        t = (frame.time_ns - self._facts.start_ns) / channels.NANOS
+        if frame.index <= self._frame or frame.index > _INT32:
             raise RecordingError(
-                f"frame {tracks.frame} after frame {self._frame}; frames must rise",
+                f"frame {frame.index} after frame {self._frame}; frames must rise",
                 self._facts.path,
                 record="tracks",
             )
         if self._frame < 0:
-            self._facts.first_frame = tracks.frame
-        self._frame, self._t = tracks.frame, t
+            self._facts.first_frame = frame.index
+        self._frame, self._t = frame.index, t
         self._facts.frames += 1
-        self._add("frames", tracks.frame, t)
-        self._take_tracks(tracks, t)
-        relations = group.get("relations")
-        self._take_relations(
-            (
-                self._decode("relations", relations[-1])
-                if relations
-                else Relations(tracks.frame)
-            ),
-            t,
-        )
-        groups = group.get("groups")
-        self._take_groups(
-            self._decode("groups", groups[-1]) if groups else Groups(tracks.frame), t
-        )
-        for data in group.get("events", ()):
-            self._take_event(self._decode("events", data))
+        self._add("frames", frame.index, t)
+        self._take_tracks(frame, t)
+        self._take_relations(frame, t)
+        self._take_groups(frame, t)
+        for event in frame.events:
+            self._take_event(event)
 
     def _add(self, table: str, *values: Any) -> None:
         rows = self._rows[table]
@@ -326,14 +250,14 @@ class _Camera:
             self._sink(table, rows)
         self._rows[table] = []
 
-    def _take_tracks(self, tracks: Tracks, t: float) -> None:
+    def _take_tracks(self, frame: AnnotatedFrame, t: float) -> None:
         present: dict[Hashable, Hashable] = {}
         zones: dict[Hashable, Hashable] = {}
         bits: dict[Hashable, Hashable] = {}
         hidden: dict[Hashable, Hashable] = {}
-        for k in tracks.tracks:
+        for k in frame.tracks:
             self._add(
-                "tracks", tracks.frame, t, k.id, *k.box, *k.velocity, k.mode, k.confidence,
+                "tracks", frame.index, t, k.id, *k.box, *k.velocity, k.mode, k.confidence,
                 k.grouping, k.grouped, k.splitting, k.group, k.scene,
                 None if k.label is UNSET else k.label,
             )  # fmt: skip
@@ -346,14 +270,14 @@ class _Camera:
                 if getattr(k, bit):
                     bits[(k.id, bit)] = tuple(sorted(getattr(k, f"{bit}_partners")))
             own = self._boxes.setdefault(k.id, _Boxes())
-            own.frames.append(tracks.frame)
+            own.frames.append(frame.index)
             own.times.append(t)
             own.boxes.append(k.box)
-        for key, _, interval in self._presence.step(tracks.frame, t, present):
+        for key, _, interval in self._presence.step(frame.index, t, present):
             self._add("presence", key, *interval)
-        self._end_named("zones", self._zones.step(tracks.frame, t, zones))
-        self._end_bits(self._bits.step(tracks.frame, t, bits))
-        self._end_named("hidden", self._hidden.step(tracks.frame, t, hidden))
+        self._end_named("zones", self._zones.step(frame.index, t, zones))
+        self._end_bits(self._bits.step(frame.index, t, bits))
+        self._end_named("hidden", self._hidden.step(frame.index, t, hidden))
 
     def _end_named(self, table: str, over: list[tuple[Any, Any, Interval]]) -> None:
         """Intervals of a track and a name: a zone that it was in, a part of it that was hidden."""
@@ -364,12 +288,12 @@ class _Camera:
         for (track, bit), partners, interval in over:
             self._add("bits", track, bit, list(partners), *interval)
 
-    def _take_relations(self, relations: Relations, t: float) -> None:
+    def _take_relations(self, frame: AnnotatedFrame, t: float) -> None:
         # A run is one interval of a state: the same state with a later `since` is a new interval.
         now: dict[Hashable, Hashable] = {
-            (r.a, r.b): (r.state, r.since_frame) for r in relations.relations
+            (r.a, r.b): (r.state, r.since_frame) for r in frame.relations
         }
-        self._end_relations(self._relations.step(relations.frame, t, now))
+        self._end_relations(self._relations.step(frame.index, t, now))
 
     def _end_relations(self, over: list[tuple[Any, Any, Interval]]) -> None:
         for (a, b), (state, _), interval in over:
@@ -377,13 +301,13 @@ class _Camera:
             if state == "JOINT":
                 self._joint.setdefault((a, b), []).append(interval[:2])
 
-    def _take_groups(self, groups: Groups, t: float) -> None:
+    def _take_groups(self, frame: AnnotatedFrame, t: float) -> None:
         now: dict[Hashable, Hashable] = {
-            g.label: tuple(sorted(g.members)) for g in groups.groups
+            g.label: tuple(sorted(g.members)) for g in frame.groups
         }
-        for g in groups.groups:
+        for g in frame.groups:
             self._formed.setdefault(g.label, tuple(g.formed_from))
-        self._end_groups(self._groups.step(groups.frame, t, now))
+        self._end_groups(self._groups.step(frame.index, t, now))
 
     def _end_groups(self, over: list[tuple[Any, Any, Interval]]) -> None:
         self._group_rows += [

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from itertools import groupby
 from pathlib import Path
 
 from recorders import channels
 from recorders.annotated import digest
 from recorders.annotated.checkpoint import MEDIA_TYPE, PREFIX, decode
+from recorders.annotated.frames import moments
 from recorders.annotated.provenance import (
     DIGESTS,
     GOLDEN,
@@ -21,7 +21,7 @@ from recorders.annotated.provenance import (
     facts_of,
     sha256,
 )
-from recorders.errors import LimitError, RecordingError, UsageError
+from recorders.errors import RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
 from recorders.messages import Digest
@@ -160,36 +160,28 @@ def recorded_frames(
     Raises:
         LimitError: more messages at one time than the limits allow.
     """
-    names = {channels.topic(camera, name): name for name in channels.ANNOTATED}
-    wanted = (
-        [c.topic for c in log.channels if c.topic in names] if recorded is None else None
-    )
-    for now, group in groupby(log.messages(wanted), key=lambda m: m.log_time_ns):
+    for moment in moments(log, camera, with_recorded=recorded is not None):
+        if recorded is not None:
+            for message in moment.recorded:
+                recorded.add(message)
+            recorded.end_of_time()
+        if not moment.annotated:
+            continue
         digests: list[Digest] = []
         payloads: list[tuple[str, bytes]] = []
-        stamps: list[tuple[str, int, int]] = []
-        for count, message in enumerate(group):
-            if count >= log.limits.max_messages_per_frame:
-                limit = log.limits.max_messages_per_frame
-                raise LimitError(
-                    f"over {limit} messages at {now} ns (max_messages_per_frame)", log.path
-                )
-            name = names.get(message.topic)
-            if name is None:
-                if recorded is not None:
-                    recorded.add(message)
-                continue
-            stamps.append((name, message.publish_time_ns, message.sequence))
+        for name, message in moment.annotated:
             if name == "digest":
                 digests += _readable(message, log)
             else:
                 payloads.append((name, message.data))
-        if recorded is not None:
-            recorded.end_of_time()
-        if stamps:
-            yield FrameRecord(
-                now, digests, payloads, stamps, None if recorded is None else recorded.last
-            )
+        stamps = [(name, m.publish_time_ns, m.sequence) for name, m in moment.annotated]
+        yield FrameRecord(
+            moment.time_ns,
+            digests,
+            payloads,
+            stamps,
+            None if recorded is None else recorded.last,
+        )
 
 
 def _readable(message: Message, log: LogReader) -> list[Digest]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from itertools import groupby, islice, pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from statistics import median_low
 from types import TracebackType
@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders import channels
+from recorders.annotated.frames import annotated_cameras, moments
 from recorders.annotated.membership import Labels, decode_labels
+from recorders.annotated.provenance import METADATA
 from recorders.errors import LimitError, RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
@@ -25,7 +27,6 @@ from recorders.scene import Frame, SceneLog
 Image = NDArray[np.uint8]
 SCENE = ("tracks", "relations", "groups", "events", "graph", "regions", "membership")
 SAMPLED_FRAMES = 65
-_METADATA = "scenetrace"
 
 
 @dataclass(frozen=True)
@@ -76,12 +77,9 @@ class AnnotatedLog:
         try:
             self.camera = self._choose(camera)
             self.facts = next(
-                (values for name, values in self._log.metadata() if name == _METADATA), {}
+                (values for name, values in self._log.metadata() if name == METADATA), {}
             )
             self.tracker = self.facts.get("tracker", "")
-            self._topics = {
-                channels.topic(self.camera, name): name for name in (*SCENE, "detections")
-            }
         except BaseException:
             self._log.close()
             raise
@@ -102,8 +100,7 @@ class AnnotatedLog:
         self._log.close()
 
     def _choose(self, wanted: str | None) -> str:
-        topics = [channels.split(c.topic) for c in self._log.channels]
-        cameras = sorted({camera for camera, name in topics if camera and name == "tracks"})
+        cameras = annotated_cameras(self._log)
         if not cameras:
             raise RecordingError(
                 "holds no tracks; make an annotated log of it with "
@@ -184,34 +181,13 @@ class AnnotatedLog:
         regions: Regions | None = self._before("regions", names, start_ns)
         graph: Graph | None = self._before("graph", names, start_ns)
         last: int | None = None
-        topics = [
-            topic
-            for topic, name in self._topics.items()
-            if name == "tracks" or name in names
-        ]
-        for now, group in groupby(
-            self._log.messages(topics, start_ns, end_ns), key=lambda m: m.log_time_ns
+        wanted = {"tracks", *names}
+        for moment in moments(
+            self._log, self.camera, wanted, start_ns=start_ns, end_ns=end_ns
         ):
             found: dict[str, Any] = {"events": []}
-            for count, message in enumerate(group):
-                if count >= self.limits.max_messages_per_frame:
-                    limit = self.limits.max_messages_per_frame
-                    raise LimitError(
-                        f"over {limit} messages at {now} ns (max_messages_per_frame)",
-                        self.path,
-                    )
-                name = self._topics[message.topic]
-                try:
-                    decoded = self._decode(name, message)
-                except LimitError:
-                    raise
-                except RecordingError as e:
-                    place = (
-                        "the first frame" if last is None else f"the one after frame {last}"
-                    )
-                    raise RecordingError(
-                        f"{e.reason}, at {now} ns: {place}", e.path, record=message.topic
-                    ) from e
+            for name, message in moment.annotated:
+                decoded = self._decode_at(name, message, last)
                 if name == "events":
                     found["events"].append(decoded)
                 else:
@@ -220,7 +196,21 @@ class AnnotatedLog:
             graph = found.get("graph", graph)
             if "tracks" in found:
                 last = found["tracks"].frame
-                yield _frame(now, found, regions, graph)
+                yield _frame(moment.time_ns, found, regions, graph)
+
+    def _decode_at(self, name: str, message: Message, last: int | None) -> Any:
+        """The message; an error says after which frame it stands."""
+        try:
+            return self._decode(name, message)
+        except LimitError:
+            raise
+        except RecordingError as e:
+            place = "the first frame" if last is None else f"the one after frame {last}"
+            raise RecordingError(
+                f"{e.reason}, at {message.log_time_ns} ns: {place}",
+                e.path,
+                record=message.topic,
+            ) from e
 
     def _before(self, name: str, names: Sequence[str], start_ns: int | None) -> Any:
         if start_ns is None or name not in names:

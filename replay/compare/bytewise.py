@@ -7,12 +7,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import groupby, zip_longest
+from itertools import zip_longest
+from operator import itemgetter
 from typing import Any
 
 from recorders import channels
 from recorders.annotated.chain import cut
-from recorders.errors import LimitError, RecordingError
+from recorders.annotated.frames import moments
+from recorders.errors import RecordingError
 from recorders.log import LogReader
 from replay.first_difference import difference_in
 
@@ -117,7 +119,7 @@ class _Frames:
     def __init__(self, log: LogReader, camera: str, everything: bool) -> None:
         self.trailing: list[Recorded] = []
         self._log = log
-        self._names = {channels.topic(camera, name): name for name in channels.ANNOTATED}
+        self._camera = camera
         self._everything = everything
         self._frames = self._all()
 
@@ -126,36 +128,24 @@ class _Frames:
         return next(self._frames, None)
 
     def _all(self) -> Iterator[_Frame]:
-        log, limit = self._log, self._log.limits.max_messages_per_frame
-        wanted = (
-            None
-            if self._everything
-            else [c.topic for c in log.channels if c.topic in self._names]
-        )
-        for now, group in groupby(log.messages(wanted), key=lambda m: m.log_time_ns):
-            frame = _Frame(now, {}, {}, [])
-            for count, m in enumerate(group):
-                if count >= limit:
-                    raise LimitError(
-                        f"over {limit} messages at {now} ns (max_messages_per_frame)",
-                        log.path,
-                    )
-                name = self._names.get(m.topic)
-                if name is None:
-                    frame.recorded.append(
-                        (m.topic, now, m.publish_time_ns, m.sequence, m.data)
-                    )
-                    continue
-                frame.payloads.setdefault(name, []).append(m.data)
+        for moment in moments(self._log, self._camera, with_recorded=self._everything):
+            payloads: Payloads = {}
+            stamps: dict[str, list[tuple[int, int]]] = {}
+            for name, m in moment.annotated:
+                payloads.setdefault(name, []).append(m.data)
                 if self._everything:
-                    frame.stamps.setdefault(name, []).append(
-                        (m.publish_time_ns, m.sequence)
-                    )
+                    stamps.setdefault(name, []).append((m.publish_time_ns, m.sequence))
             # Topics share one time in whatever order they lie in the file.
-            self.trailing += sorted(frame.recorded, key=lambda r: r[0])
-            if frame.payloads:
-                frame.recorded, self.trailing = self.trailing, []
-                yield frame
+            self.trailing += sorted(
+                (
+                    (m.topic, moment.time_ns, m.publish_time_ns, m.sequence, m.data)
+                    for m in moment.recorded
+                ),
+                key=itemgetter(0),
+            )
+            if payloads:
+                recorded, self.trailing = self.trailing, []
+                yield _Frame(moment.time_ns, payloads, stamps, recorded)
 
 
 def _note(out: Raw, a: _Frame, b: _Frame) -> None:
