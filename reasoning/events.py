@@ -12,11 +12,11 @@ order of their causes. Ids count on from 1 in this order.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from reasoning.groups import GroupChange, HeldGroup
-from reasoning.interactions import PairChange
+from reasoning.interactions import InteractionParameters, PairChange
 from reasoning.regions import SceneChange
 from reasoning.relations import SECOND_NS, Change
 from reasoning.transitions import GROUPED, GROUPING, SPLITTING, TABLE, code, name
@@ -147,6 +147,7 @@ def scene(
     regions_source: str,
     box: Sequence[float],
     margins: tuple[float, float],
+    in_zone: float = math.nan,
 ) -> None:
     """A scene event (EVENTS 3.2) or an entry into a named zone.
 
@@ -156,6 +157,7 @@ def scene(
         regions_source: where the regions are from.
         box: the target's, its last one if it is gone.
         margins: how far it lies within the region of interest and beyond region and border, pixels.
+        in_zone: how far within the zone it stands, of a zone event.
     """
     evidence: dict[str, Any] = {}
     rule = "EVENTS 3.2"
@@ -175,6 +177,12 @@ def scene(
         evidence |= {"in_roi": PLACES[c.roi], "in_roi_and_border": PLACES[c.area]}
     if not c.reason and c.kind in ("entered", "returned") and math.isfinite(margins[0]):
         evidence |= {"within_roi_px": margins[0], "within_roi_px_at_least": 0.0}
+    if c.kind == "entering" and margins[0] < 0.0:
+        evidence |= {"within_roi_px": margins[0], "within_roi_px_under": 0.0}
+    if c.kind == "zone_entered":
+        evidence |= {"inside_px": in_zone, "inside_px_at_least": 0.0}
+    if c.kind == "zone_left" and not c.reason and math.isfinite(in_zone):
+        evidence |= {"inside_px": in_zone, "inside_px_at_most": 0.0}
     if not c.reason and c.kind in ("exiting", "exited") and math.isfinite(margins[1]):
         evidence |= {"beyond_border_px": margins[1], "beyond_border_px_over": 0.0}
     evidence |= {"box": list(box), "regions": regions_source}
@@ -186,12 +194,16 @@ _RELATION_KINDS = {
     "II": "interaction_started",
     "III": "joined",
     "IV": "separated",
+    "unseen": "separated",
     "torn": "separated",
 }
 _RELATION_TEXT = {
     "II": "Targets {p} started to interact: their shells meet.",
     "III": "Targets {p} joined: they share one blob, their shells meet.",
     "IV": "Targets {p} separated into different blobs, their shells still meet.",
+    "unseen": (
+        "Targets {p} are not seen in one blob any more: {g} has none; their shells still meet."
+    ),
     "V": "Targets {p} ended their interaction: their shells are disjoint.",
     "torn": (
         "Targets {p} were joined, and their shells are disjoint at once: they count as"
@@ -202,7 +214,15 @@ _RELATION_TEXT = {
 
 
 def relation(log: EventLog, c: Change, overlap: float, margins: dict[str, float]) -> None:
-    """A change of a pair's relation (SHELLS 2.3)."""
+    """A change of a pair's relation (SHELLS 2.3). Two discs meet where the gap between them is at
+    most 0.
+    """
+    room = min(c.radius_a, c.radius_b)
+    if c.case == "II":
+        held = {"shell_gap_px_at_most": -margins["enter_margin"] * room}
+    else:
+        ends = "at_most" if c.case in ("III", "IV", "unseen") else "over"
+        held = {f"shell_gap_px_{ends}": margins["leave_margin"] * room}
     evidence: dict[str, Any] = {
         "case": c.case,
         "before": c.before,
@@ -210,6 +230,7 @@ def relation(log: EventLog, c: Change, overlap: float, margins: dict[str, float]
         "distance_px": c.distance,
         "shell_radii_px": [c.radius_a, c.radius_b],
         "shell_gap_px": c.distance - (c.radius_a + c.radius_b),
+        **({} if c.gone else held),
         "shell_overlap": overlap,
         "same_blob": c.same_blob,
         "time_in_state_s": seconds(c.lasted_ns),
@@ -219,9 +240,48 @@ def relation(log: EventLog, c: Change, overlap: float, margins: dict[str, float]
     if c.gone:
         evidence["gone"] = list(c.gone)
     pair = list_of([c.a, c.b])
-    text = _RELATION_TEXT[c.case].format(p=pair, g=list_of(c.gone))
+    text = _RELATION_TEXT[c.case].format(p=pair, g=list_of(c.gone or c.unseen))
     log.add(
         _RELATION_KINDS.get(c.case, "interaction_ended"), [c.a, c.b], c.rule, evidence, text
+    )
+
+
+def safety(distance: float, margin: float) -> dict[str, float]:
+    """A safety distance beside its limit: at most 1, or a margin more, safety areas superpose."""
+    held = "at_most" if distance <= 1.0 + margin else "over"
+    return {"safety_distance": distance, f"safety_distance_{held}": 1.0 + margin}
+
+
+def _safety(c: PairChange, p: InteractionParameters) -> dict[str, float]:
+    """A pair's safety distance, its limit, and what the safety areas are made of."""
+    assert c.distance is not None, "nobody measures the distance to who is gone"
+    found = safety(c.distance, p.leave_margin if c.before else 0.0)
+    return {**found, "safety_margin": p.safety_margin}
+
+
+def _splitting(c: PairChange, collides: bool) -> tuple[str, str]:
+    """Rule and words of a pair that is splitting from this frame on."""
+    both = list_of([c.a, c.b])
+    if c.of_split:
+        return (
+            "EVENTS 3.1 born of a split",
+            f"Targets {both} are splitting: one of them is born of the split.",
+        )
+    if collides:
+        return (
+            "EVENTS 3.1 splitting",
+            f"Targets {both} are splitting: their group is not observed any more.",
+        )
+    why = (
+        "their safety areas do not superpose any more, without a frame in which they split"
+    )
+    if c.region:
+        why = f"their safety areas do not superpose any more, though they share {c.region}"
+    if not c.jumped and not c.region:
+        why = "one of them has disappeared"
+    return (
+        "EVENTS 3.1, ours: grouped targets that stop colliding are splitting for one frame",
+        f"Targets {both} are splitting: {why}.",
     )
 
 
@@ -229,7 +289,7 @@ def pair(
     log: EventLog,
     c: PairChange,
     group: int | None,
-    limits: Mapping[str, float],
+    p: InteractionParameters,
     inferred: Collection[int] = (),
 ) -> None:
     """Two targets are grouping, grouped or splitting from this frame on (EVENTS 3.1).
@@ -237,35 +297,27 @@ def pair(
     ``inferred``: who is born of a split by our rule, without a word of the tracker.
     """
     kind = BIT_KINDS[c.after]
+    safety = _safety(c, p)
     evidence = {
         "before": BIT_KINDS.get(c.before, "none"),
         "after": kind,
-        "safety_distance": c.distance,
-        **limits,
+        **safety,
         "region": c.region or "none",
         "time_in_state_s": seconds(c.lasted_ns),
     }
     both = list_of([c.a, c.b])
-    text = {
-        GROUPING: (
+    rule, text = f"EVENTS 3.1 {kind}", ""
+    if c.after == GROUPING:
+        text = (
             f"Targets {both} are grouping: their safety areas superpose, no group is seen"
             " over them."
-        ),
-        GROUPED: f"Targets {both} are grouped: they lie over one group that is observed.",
-        SPLITTING: f"Targets {both} are splitting: their group is not observed any more.",
-    }[c.after]
-    rule = f"EVENTS 3.1 {kind}"
+        )
+    elif c.after == GROUPED:
+        text = f"Targets {both} are grouped: they lie over one group that is observed."
+    else:
+        rule, text = _splitting(c, "safety_distance_at_most" in safety)
     if c.of_split:
-        rule, text = (
-            "EVENTS 3.1 born of a split",
-            f"Targets {both} are splitting: one of them is born of the split.",
-        )
         evidence["inferred"] = c.a in inferred or c.b in inferred
-    if c.jumped:
-        rule = (
-            "EVENTS 3.1, ours: grouped targets that stop colliding at once are splitting"
-            " for one frame"
-        )
     log.add(kind, [c.a, c.b], rule, evidence, text, [] if group is None else [group])
 
 
@@ -274,16 +326,18 @@ def single(
     target: int,
     before: int,
     parted: Sequence[PairChange],
-    limits: Mapping[str, float],
+    p: InteractionParameters,
 ) -> None:
     """A target collides with nobody any more; ``parted``: the pairs that ended with this frame."""
+    measured = [c for c in parted if c.distance is not None]
+    nearest = min(measured, key=lambda c: c.distance or 0.0, default=None)
     evidence = {
         "state_before": code(before),
         "state_before_name": name(before),
         "partners_before": [c.b if c.a == target else c.a for c in parted],
         "safety_distances": [c.distance for c in parted],
         "partners_gone": sorted(i for c in parted for i in c.gone),
-        **limits,
+        **({} if nearest is None else _safety(nearest, p)),
     }
     log.add(
         "single",
@@ -301,6 +355,10 @@ def group(log: EventLog, c: GroupChange) -> None:
     g = c.group
     members = list(g.members)
     evidence: dict[str, Any] = {"members": members, "observed": g.observed}
+    if c.kind == "group_ended":
+        evidence |= {"splitting_pairs": 0, "splitting_pairs_at_most": 0}
+    else:
+        evidence |= {"count": len(members), "count_at_least": 2}
     if g.source:
         evidence |= {"source": g.source, "source_id": g.source_id}
     if c.before:
@@ -369,6 +427,7 @@ def torn(log: EventLog, c: Change) -> None:
         "distance_px": c.distance,
         "shell_radii_px": [c.radius_a, c.radius_b],
         "shell_gap_px": c.distance - (c.radius_a + c.radius_b),
+        "shell_gap_px_over": 0.0,
         "same_blob": c.same_blob,
     }
     text = (
@@ -378,9 +437,9 @@ def torn(log: EventLog, c: Change) -> None:
     log.add("anomaly", [c.a, c.b], c.rule, evidence, text)
 
 
-def jumped(log: EventLog, c: PairChange, limits: Mapping[str, float]) -> None:
+def jumped(log: EventLog, c: PairChange, p: InteractionParameters) -> None:
     """A grouped pair stopped colliding without having been seen to split."""
-    evidence = {"safety_distance": c.distance, "before": "grouped", **limits}
+    evidence = {"before": "grouped", **_safety(c, p)}
     text = (
         f"Targets {list_of([c.a, c.b])} were grouped and do not collide at once: they were"
         " not seen to split."

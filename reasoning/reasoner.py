@@ -21,6 +21,7 @@ tracker tells itself:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -114,11 +115,6 @@ class Reasoner:
         self._leaving: list[int] = []
         self._known: set[int] = set()
         self._disputes: list[tuple[int, int]] = []
-        self._limits = {
-            "collision_at_most": 1.0,
-            "collision_ends_above": 1.0 + self._interaction.leave_margin,
-            "safety_margin": self._interaction.safety_margin,
-        }
         self._margins = {
             "enter_margin": self._relation.enter_margin,
             "leave_margin": self._relation.leave_margin,
@@ -180,7 +176,12 @@ class Reasoner:
                 continue
             box = (given if c.id in given else self._last)[c.id].box
             tell.scene(
-                self._log, c, self._regions.message.source, box, self._regions.margins(box)
+                self._log,
+                c,
+                self._regions.message.source,
+                box,
+                self._regions.margins(box),
+                self._regions.depth_in_zone(c.zone, box) if c.zone else math.nan,
             )
         changes, shell = self._relate(frame_index, time_ns, rows)
         pairs, wrong = self._interact(frame_index, time_ns, rows, targets)
@@ -323,7 +324,7 @@ class Reasoner:
                     self._log,
                     c,
                     self._group_of_pair(c, groups),
-                    self._limits,
+                    self._interaction,
                     rows.inferred,
                 )
         born = {i for c in changes if c.of_split for i in (c.a, c.b)}
@@ -341,7 +342,7 @@ class Reasoner:
                     i,
                     before,
                     [c for c in changes if not c.after and i in (c.a, c.b)],
-                    self._limits,
+                    self._interaction,
                 )
         for g in groups:
             tell.group(self._log, g)
@@ -388,7 +389,7 @@ class Reasoner:
             if (a, b) not in self._disputes:
                 edge = self._book.get(a, b)
                 measured: dict[str, Any] = {
-                    "safety_distance": bond.distance,
+                    **tell.safety(bond.distance, self._interaction.leave_margin),
                     "blobs": [rows.blobs[rows.row[a]], rows.blobs[rows.row[b]]],
                     "interaction_since_frame": bond.since_frame,
                 }
@@ -408,7 +409,7 @@ class Reasoner:
                 tell.torn(self._log, c)
         for p in pairs:
             if p.jumped:
-                tell.jumped(self._log, p, self._limits)
+                tell.jumped(self._log, p, self._interaction)
         for i, before, after in wrong:
             tell.forbidden(self._log, i, before, after)
 

@@ -86,6 +86,12 @@ def _inset(width: int, height: int, by: float) -> list[tuple[float, float]]:
     return [(by, by), (x1, by), (x1, y1), (by, y1)]
 
 
+LOW_CONFIDENCE = (
+    "EVENTS 3.2: partly in the outer zone, tracked by appearance with low confidence"
+)
+"""Why a target goes that is partly outside and no longer followed with any faith."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Places:
     """Where N boxes lie: ``roi`` and ``area`` (ROI and border together) as `OUTSIDE`, `PARTLY`,
@@ -107,6 +113,11 @@ class SceneRegions:
         self._roi = Area(regions.roi)
         self._area = _union(regions)
         self._zones = [(z.name, Area([z.polygon])) for z in regions.zones]
+
+    @property
+    def low_confidence(self) -> float:
+        """Under this confidence who is partly outside has to go."""
+        return self._p.low_confidence
 
     @property
     def zone_names(self) -> list[str]:
@@ -140,10 +151,7 @@ class SceneRegions:
         if place == OUTSIDE:
             return "EVENTS 3.2: wholly outside region of interest and border"
         if place == PARTLY and mode != "motion" and confidence < self._p.low_confidence:
-            return (
-                "EVENTS 3.2: partly in the outer zone, tracked by appearance with low"
-                " confidence"
-            )
+            return LOW_CONFIDENCE
         return None
 
     def area_cover(self, boxes: Floats) -> list[int]:
@@ -166,6 +174,17 @@ class SceneRegions:
         return float(self._roi.depth(corners).min()), max(
             0.0, -float(self._area.depth(corners).min())
         )
+
+    def depth_in_zone(self, zone: str, box: Box) -> float:
+        """How far within a named zone a target stands, pixels; negative: so far outside; nan:
+        there is no such zone any more.
+        """
+        area = dict(self._zones).get(zone)
+        if area is None:
+            return float("nan")
+        down = 1.0 if self._p.zone_point == "foot" else 0.5
+        point = (box[0] + 0.5 * box[2], box[1] + down * box[3])
+        return float(area.depth([point])[0])
 
     def zones_of(self, boxes: Boxes) -> list[list[str]]:
         """The named zones in which each target of boxes (N, 4) stands."""

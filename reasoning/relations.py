@@ -11,6 +11,8 @@ not give:
 - Exactly one of two JOINT objects is unobserved and has no blob: it is hidden by the other,
   nothing shows that their blobs differ, so they stay JOINT while their shells meet. The paper: an
   occluded object can reappear anywhere within the shell of its occluder.
+- JOINT objects of which one has no blob, though it is not hidden by the other, or is in its last
+  frame: INTERACTION, but not by case IV, which asks for two different blobs.
 - An object that is not in the picture keeps and loses relations but starts none.
 - An object that disappears ends its relations, and the change says who is gone.
 - Margins and durations may damp flicker; at their defaults the rule is the paper's.
@@ -34,6 +36,7 @@ RelationName = Literal["INDEPENDENT", "INTERACTION", "JOINT"]
 Pair = tuple[int, int]
 
 SECOND_NS = 1_000_000_000
+UNSEEN = "SHELLS 2.3, ours: who is not seen in one blob with the other is not JOINT with it"
 GONE = "SHELLS 2.3, ours: an object that disappears ends its relations"
 
 
@@ -167,7 +170,7 @@ class Edge:
 @dataclasses.dataclass(frozen=True, slots=True)
 class Change:
     """A pair's change of relation in one frame, with what was measured (pixels; ``lasted_ns``:
-    the state before).
+    the state before); ``unseen``: who has no blob in this frame.
     """
 
     a: int
@@ -183,6 +186,7 @@ class Change:
     lasted_ns: int
     since_frame: int
     gone: tuple[int, ...] = ()
+    unseen: tuple[int, ...] = ()
 
     @property
     def anomaly(self) -> bool:
@@ -348,18 +352,24 @@ class RelationBook:
         )
         if step.after == "INDEPENDENT":
             del self._edges[pair]
+        case: str = step.case
+        rule = step.rule
+        if case == "IV" and (leaving or NO_BLOB in (o.blobs[m[0]], o.blobs[m[1]])):
+            # Case IV asks for two blobs, and there are not two.
+            case, rule, edge.rule = "unseen", UNSEEN, UNSEEN
         return Change(
             *pair,
             before,
             step.after,
-            step.case,
-            step.rule,
+            case,
+            rule,
             distance,
             ra,
             rb,
             same,
             ns - began,
             since,
+            unseen=tuple(i for i, k in zip(pair, m, strict=True) if o.blobs[k] == NO_BLOB),
         )
 
     def _needed_ns(self, case: str) -> float:

@@ -31,9 +31,8 @@ from recorders.scene import Frame, SceneLog
 from replay.configuration import fingerprint, replay_config
 from replay.protocol import check_targets, code_of, made
 from replay.trackers.choice import DEFAULT_TRACKER, AnyTracker, choose
-from replay.trackers.tracker import Tracker
+from replay.trackers.tracker import Payloads, PayloadTracker, Tracker
 
-Extra = tuple[tuple[str, bytes], ...]
 NANOS = 1_000_000_000
 _MOST_KEPT = 64
 AHEAD = 4
@@ -82,7 +81,7 @@ class Step:
 
     frame: Frame
     targets: Targets
-    extra: Extra
+    extra: Payloads
     recorded: str
     input_link: str
     forward: Targets | None = None
@@ -127,10 +126,9 @@ class Forward:
         self.scene = scene
         self._choice = choose(tracker)
         self.tracker: Tracker = made(self._choice, scene.info, config)
-        ready = getattr(self.tracker, "extra_payloads", tuple)
-        self._payloads: Callable[[], Extra] = (
-            getattr(self.tracker, "unfinished_payloads", ready) if unfinished else ready
-        )
+        self._payloads: Callable[[], Payloads] = tuple
+        if isinstance(self.tracker, PayloadTracker):
+            self._payloads = partial(self.tracker.extra_payloads, finished=not unfinished)
         self.input_link = digest.START
         self.previous_ns: int | None = None
         self.next_index = 0

@@ -39,7 +39,6 @@ from replay import hindsight
 from replay.configuration import fingerprint, replay_config
 from replay.engine import (
     AHEAD,
-    Extra,
     Forward,
     Step,
     continuing,
@@ -48,6 +47,7 @@ from replay.engine import (
 )
 from replay.frame_payloads import payloads
 from replay.trackers.choice import DEFAULT_TRACKER, AnyTracker, TrackerChoice, choose
+from replay.trackers.tracker import Payloads
 
 Progress = Callable[[str, int], None]
 _BLOCK = 1 << 20
@@ -107,7 +107,7 @@ class SpoolEntry(Struct, frozen=True):
     """A frame of the forward pass, waiting for hindsight."""
 
     targets: Targets
-    extra: Extra = ()
+    extra: Payloads = ()
     recorded: str = ""
     input_link: str = ""
     state: bytes | None = None
@@ -218,7 +218,7 @@ def recorded_targets(
         )
 
 
-def _under_final_ids(kept: SpoolEntry, names: Mapping[int, int]) -> Extra:
+def _under_final_ids(kept: SpoolEntry, names: Mapping[int, int]) -> Payloads:
     """What a tracker wrote besides its targets, under the identities that they have after
     hindsight.
     """
@@ -236,11 +236,11 @@ def _under_final_ids(kept: SpoolEntry, names: Mapping[int, int]) -> Extra:
 
 def _painted(
     pool: ThreadPoolExecutor, entries: Iterator[SpoolEntry], names: Mapping[int, int]
-) -> Iterator[tuple[SpoolEntry, Callable[[], Extra]]]:
+) -> Iterator[tuple[SpoolEntry, Callable[[], Payloads]]]:
     """The entries in order, each with what gives `_under_final_ids`: label images are painted a
     few frames ahead.
     """
-    waiting: deque[tuple[SpoolEntry, Callable[[], Extra]]] = deque()
+    waiting: deque[tuple[SpoolEntry, Callable[[], Payloads]]] = deque()
     for kept in entries:
         made = pool.submit(_under_final_ids, kept, names).result if kept.extra else tuple
         waiting.append((kept, made))

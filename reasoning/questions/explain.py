@@ -148,7 +148,7 @@ def _event(case: Case, number: int, only: str) -> Explanation:
     subjects = list(row["subjects"])
     return Explanation(
         f"event:{number}", row["recording"], row["kind"], row["text"], row["rule"], subjects,
-        row["frame"], row["frame"], row["t"], row["t"], event_measures(row["kind"], evidence),
+        row["frame"], row["frame"], row["t"], row["t"], event_measures(evidence),
         chain(case, row["recording"], subjects, row["t"], f"event:{number}"), evidence,
     )  # fmt: skip
 

@@ -17,6 +17,7 @@ from reasoning.encounters import SAME_WAY, EncounterParameters
 from reasoning.encounters.states import STILL_SIZES_PER_S
 from reasoning.questions.case import Case
 from reasoning.questions.literals import literal
+from recorders.evidence import is_limit, limit_of
 
 _MEDIANS = "over its own frames"
 
@@ -64,49 +65,19 @@ def _shown(value: Any) -> str:
     return str(value)
 
 
-def event_measures(kind: str, evidence: Mapping[str, Any]) -> list[Measure]:
-    """An event's evidence as measures; thresholds are those that the evidence names and those of
-    SHELLS' cases.
-    """
+def event_measures(evidence: Mapping[str, Any]) -> list[Measure]:
+    """An event's evidence as measures, each with the limit that stands beside it."""
     out: list[Measure] = []
     for name, value in evidence.items():
-        if name.endswith(("_at_most", "_at_least", "_over", "_under")) or name in (
-            "before",
-            "after",
-            "case",
-        ):
+        if is_limit(name, evidence) or name in ("before", "after", "case"):
             continue
-        compare, threshold = _threshold(kind, name, evidence)
+        compare, threshold = limit_of(name, evidence)
         if threshold is None or not _is_number(value):
             out.append(Measure(name, value))
         else:
             margin = value - threshold if compare in (">", ">=") else threshold - value
             out.append(Measure(name, value, compare, threshold, margin))
     return out
-
-
-def _threshold(
-    kind: str, name: str, evidence: Mapping[str, Any]
-) -> tuple[str, float | None]:
-    for end, compare in (
-        ("_at_most", "<="),
-        ("_at_least", ">="),
-        ("_over", ">"),
-        ("_under", "<"),
-    ):
-        stated = evidence.get(f"{name}{end}")
-        if _is_number(stated):
-            return compare, float(stated or 0)
-    if name == "shell_gap_px":  # two discs meet where the gap between them is at most 0
-        return (
-            ("<=", 0.0)
-            if evidence.get("after") != "INDEPENDENT" and "gone" not in evidence
-            else (">", 0.0)
-        )
-    if name == "safety_distance" and _is_number(evidence.get("collision_at_most")):
-        limit = float(evidence["collision_at_most"])
-        return (">", limit) if kind == "single" else ("<=", limit)
-    return "", None
 
 
 def _is_number(value: Any) -> bool:
@@ -320,5 +291,5 @@ def began_with(case: Case, row: Mapping[str, Any]) -> list[Measure]:
     kind, evidence, number = events[0]
     return [
         Measure("began with", f"event:{number} {kind}"),
-        *event_measures(kind, json.loads(evidence)),
+        *event_measures(json.loads(evidence)),
     ]

@@ -55,6 +55,7 @@ class _Life:
     first_at: int
     last_at: int
     present: bool = False
+    seen_at: int = 0
     mode: str = "motion"
     why: dict[str, float] = field(default_factory=dict)
 
@@ -377,11 +378,18 @@ class _Writer:
                         "track_removed",
                         [life.id],
                         f"{_RULE}: the last sighting",
-                        {"last": life.last_at},
+                        {"last_frame": life.last_at},
                     )
                 ]
             return (
-                [Notice("track_lost", [life.id], f"{_RULE}: a gap too long to fill")]
+                [
+                    Notice(
+                        "track_lost",
+                        [life.id],
+                        f"{_RULE}: a gap too long to fill",
+                        {"fill_s": self._p.fill_s},
+                    )
+                ]
                 if was
                 else []
             )
@@ -399,7 +407,11 @@ class _Writer:
             )
             life.mode = target.mode
         elif not life.present:
-            notices.append(Notice("track_recovered", [life.id], f"{_RULE}: seen again"))
+            gap = (self._times[at] - self._times[life.seen_at]) * 1e-9
+            waited = {"gap_s": gap, "gap_s_over": self._fill * self._frame_s}
+            notices.append(
+                Notice("track_recovered", [life.id], f"{_RULE}: seen again", waited)
+            )
         for j, f in zip(life.joins, life.fragments[1:], strict=True):
             if f.first.at == at:
                 costs = {
@@ -422,7 +434,7 @@ class _Writer:
                 Notice("mode_changed", [life.id], "EVENTS 2: matching case", change)
             )
             life.mode = target.mode
-        life.present = True
+        life.present, life.seen_at = True, at
         return notices
 
 

@@ -20,7 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reasoning.geometry import OUTSIDE
-from reasoning.regions import RegionParameters, SceneRegions, default_regions
+from reasoning.regions import (
+    LOW_CONFIDENCE,
+    RegionParameters,
+    SceneRegions,
+    default_regions,
+)
 from recorders.messages import NO_BLOB, Box, Mode, Notice, Regions, Sighting
 from replay.trackers.tracker import SceneInfo
 
@@ -327,6 +332,7 @@ class Life:
             "from": item.mode,
             "to": mode,
             "unseen_s": unseen,
+            **({"unseen_s_over": 0.0} if mode == "predicted" else {}),
             "confidence": item.confidence,
         }
         item.mode = mode
@@ -371,11 +377,10 @@ class Life:
         evidence: dict[str, Any] = {"unseen_s": unseen}
         if why == self._paper.kept:
             evidence["unseen_s_over"] = self._p.keep_s
-        evidence |= {
-            "confidence": item.confidence,
-            "box": box.tolist(),
-            "left_scene": left,
-        }
+        evidence["confidence"] = item.confidence
+        if why == LOW_CONFIDENCE:
+            evidence["confidence_under"] = self.regions.low_confidence
+        evidence |= {"box": box.tolist(), "left_scene": left}
         return Notice("track_removed", [item.id], why, evidence, left_scene=left)
 
     def state(self) -> dict[str, Any]:

@@ -11,7 +11,16 @@ from recorders.messages import Targets
 from recorders.parameters import Config
 from recorders.scene import Frame, Image, SceneInfo
 
-__all__ = ["Frame", "Image", "SceneInfo", "State", "Tracker", "TrackerFactory"]
+__all__ = [
+    "Frame",
+    "Image",
+    "PayloadTracker",
+    "Payloads",
+    "SceneInfo",
+    "State",
+    "Tracker",
+    "TrackerFactory",
+]
 
 State = Mapping[str, Any]
 
@@ -41,6 +50,24 @@ class Tracker(Protocol):
     def restore(self, state: State) -> None:
         """Continue from what `state` gave, on a fresh instance of the same scene and
         configuration.
+        """
+        ...
+
+
+Payloads = tuple[tuple[str, bytes], ...]
+"""Channels of a tracker's own in one frame: (name, payload) of each."""
+
+
+@runtime_checkable
+class PayloadTracker(Tracker, Protocol):
+    """A tracker that writes channels of its own beside its targets, such as each target's pixels."""
+
+    def extra_payloads(self, *, finished: bool) -> Payloads:
+        """The channels' payloads for the last frame.
+
+        Args:
+            finished: True: as they are written. False: hindsight follows, which may give targets
+                other ids; in a form that can still be renamed.
         """
         ...
 

@@ -157,7 +157,7 @@ def test_hidden_by_the_other_stays_joint_while_the_shells_meet():
     line.step({1: 0, 2: 5}, {1: 7, 2: 7})
     assert line.step({1: 0, 2: 5}, {1: 7, 2: -1}, seen={2: False}) == []
     assert line.step({1: 0, 2: 5}, {1: -1, 2: -1}, seen={1: False, 2: False}) == [
-        (1, 2, "INTERACTION", "IV")
+        (1, 2, "INTERACTION", "unseen")
     ]
 
 
@@ -174,7 +174,7 @@ def test_a_leaving_object_cannot_stay_joint():
         line.step({1: 0, 2: 5}, {1: 7, 2: 7})
     assert line.book.state_of(1, 2) == "JOINT"
     assert line.step({1: 0, 2: 5}, {1: 7, 2: -1}, seen={2: False}, leaving=(2,)) == [
-        (1, 2, "INTERACTION", "IV")
+        (1, 2, "INTERACTION", "unseen")
     ]
 
 

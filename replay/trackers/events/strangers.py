@@ -93,7 +93,12 @@ def part(tracks: Tracks, row: int, identity: int, frame: int) -> list[Notice]:
             "track_confirmed",
             [identity],
             rule,
-            {"hits": track.hits, "first_frame": frame},
+            {
+                "hits": track.hits,
+                "first_frame": frame,
+                "appearance": evidence["appearance"],
+                "appearance_over": STILL,
+            },
         )
     ]
     return [

@@ -403,7 +403,11 @@ class Matching:
     def _tell_conflict(
         self, mine: int, rival: int, match: Match, notices: list[Notice]
     ) -> None:
-        evidence = {"score": match.score / FULL, "gave_way": rival}
+        evidence = {
+            "score": match.score / FULL,
+            "score_at_least": self._p.whole * self._p.match_score,
+            "gave_way": rival,
+        }
         text = f"Targets {mine} and {rival} fit the same place best; {mine} was given it."
         notices.append(
             Notice(

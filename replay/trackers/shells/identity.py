@@ -25,18 +25,20 @@ Pair = tuple[int, int]
 @dataclass(slots=True)
 class _Doubt:
     """Evidence about a pair (a, b) since it separated: sums of what a's and b's blobs said, and
-    of how many frames.
+    of how many frames; ``since``: the frame of the JOINT in which they were ``nearest``, pixels.
     """
 
     frames: int
     first: Floats
     second: Floats
+    since: int
+    nearest: float
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """A decided pair: ``evidence`` > 0 speaks for the places as they are, in log likelihood per
-    pixel of both blobs.
+    pixel of both blobs; ``since``: if they were exchanged, then in about this frame.
     """
 
     a: int
@@ -44,6 +46,7 @@ class Verdict:
     evidence: float
     frames: int
     exchanged: bool
+    since: int
 
 
 class Doubts:
@@ -55,9 +58,14 @@ class Doubts:
     def __contains__(self, identity: object) -> bool:
         return any(identity in pair for pair in self._pairs)
 
-    def joined(self, a: int, b: int) -> None:
-        """A pair is JOINT: what was seen before counts no more."""
-        self._pairs[(min(a, b), max(a, b))] = _Doubt(0, np.zeros(BINS), np.zeros(BINS))
+    def joined(self, a: int, b: int, frame: int, distance: float) -> None:
+        """A pair is JOINT, at this distance: what was seen before counts no more."""
+        pair = (min(a, b), max(a, b))
+        known = self._pairs.get(pair)
+        since, nearest = frame, distance
+        if known is not None and known.nearest <= distance:
+            since, nearest = known.since, known.nearest
+        self._pairs[pair] = _Doubt(0, np.zeros(BINS), np.zeros(BINS), since, nearest)
 
     def keep(self, living: list[int]) -> None:
         """Forget pairs of objects that are gone."""
@@ -99,7 +107,8 @@ class Doubts:
             if a in moved or b in moved:
                 continue
             exchanged = evidence < -margin
-            verdicts.append(Verdict(a, b, evidence, self._pairs[a, b].frames, exchanged))
+            doubt = self._pairs[a, b]
+            verdicts.append(Verdict(a, b, evidence, doubt.frames, exchanged, doubt.since))
             del self._pairs[a, b]
             if exchanged:
                 moved |= {a, b}
@@ -115,15 +124,17 @@ class Doubts:
     def state(self) -> list[Any]:
         """Plain data for a checkpoint."""
         return [
-            [a, b, d.frames, d.first.copy(), d.second.copy()]
+            [a, b, d.frames, d.first.copy(), d.second.copy(), d.since, d.nearest]
             for (a, b), d in self._pairs.items()
         ]
 
     def restore(self, state: list[Any]) -> None:
         """Continue from what `state` gave."""
         self._pairs = {
-            (a, b): _Doubt(n, np.array(first, np.float64), np.array(second, np.float64))
-            for a, b, n, first, second in state
+            (a, b): _Doubt(
+                n, np.array(first, np.float64), np.array(second, np.float64), since, nearest
+            )
+            for a, b, n, first, second, since, nearest in state
         }
 
 

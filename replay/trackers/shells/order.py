@@ -72,7 +72,7 @@ class Order:
                 behind = [b, a] if ahead > 0 else [a, b]
                 evidence = {
                     "evidence": abs(mean),
-                    "limit": self._p.depth_limit,
+                    "evidence_at_least": self._p.depth_limit,
                     "confidence": confidence(mean),
                 }
                 notices.append(Notice("occluded", behind, _RULE, evidence))

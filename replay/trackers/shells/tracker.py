@@ -32,7 +32,7 @@ from replay.trackers.shells.order import Order
 from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.shells.resolve import Found, Resolver
 from replay.trackers.shells.resolve import Frame as Seen
-from replay.trackers.tracker import Frame, SceneInfo, State
+from replay.trackers.tracker import Frame, Payloads, SceneInfo, State
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -113,13 +113,15 @@ class ShellsTracker:
         notices += told
         return self._answer(frame, notices)
 
-    def extra_payloads(self) -> tuple[tuple[str, bytes], ...]:
-        """The membership channel's payload for the last frame."""
-        return () if self._patches is None else (("membership", self._patches.payload()),)
-
-    def unfinished_payloads(self) -> tuple[tuple[str, bytes], ...]:
-        """The same, to be painted once hindsight has settled the identities."""
-        return () if self._patches is None else ((PATCHES, self._patches.packed()),)
+    def extra_payloads(self, *, finished: bool) -> Payloads:
+        """The membership channel's payload for the last frame; unfinished, it is painted once
+        hindsight has settled the identities.
+        """
+        if self._patches is None:
+            return ()
+        if finished:
+            return (("membership", self._patches.payload()),)
+        return ((PATCHES, self._patches.packed()),)
 
     def _lean(self, model: SizeModel | None) -> None:
         """Objects whose size was not measured in the last frame lean towards the size usual at
@@ -361,7 +363,7 @@ class ShellsTracker:
         self._doubts.keep([b.id for b in items])
         for edge in self._book.edges:
             if edge.state == "JOINT":
-                self._doubts.joined(edge.a, edge.b)
+                self._doubts.joined(edge.a, edge.b, frame.index, edge.distance)
 
     def _tell_depth(self, resolver: Resolver | None, dt: float) -> list[Notice]:
         """Tell once in every JOINT, and when it changes, who is behind whom."""
@@ -435,12 +437,19 @@ class ShellsTracker:
                 found = {{a: b, b: a}.get(row, row): at for row, at in found.items()}
                 evidence = {
                     "log_likelihood": verdict.evidence,
+                    "log_likelihood_under": -self._p.exchange,
                     "frames": verdict.frames,
-                    "margin": self._p.exchange,
+                    "since_frame": verdict.since,
                 }
                 rule = "SHELLS 2.3, ours: identities follow the colours after a JOINT"
                 notices.append(
-                    Notice("track_recovered", [verdict.a, verdict.b], rule, evidence)
+                    Notice(
+                        "track_recovered",
+                        [verdict.a, verdict.b],
+                        rule,
+                        evidence,
+                        since_frame=verdict.since,
+                    )
                 )
         return found
 

@@ -1,0 +1,209 @@
+"""What the events' evidence holds: one table, by kind, for who writes it and for who reads it.
+
+A value that decided stands beside the limit that it was held against: ``unseen_s`` beside
+``unseen_s_over``. `limit_of` finds the limit, so that `explain` can say by how much it was met.
+A tracker's notices follow the same table; what hindsight reads of them are `Notice`'s own fields.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+LIMITS: Mapping[str, str] = {
+    "_at_most": "<=",
+    "_at_least": ">=",
+    "_over": ">",
+    "_under": "<",
+}
+"""Endings of the names of limits, and how the value is held against them."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One way in which a kind's evidence looks.
+
+    Attributes:
+        held: values each of which has its limit beside it.
+        plain: other values that are always there.
+        maybe: values that may be there, with or without a limit.
+    """
+
+    held: tuple[str, ...] = ()
+    plain: tuple[str, ...] = ()
+    maybe: tuple[str, ...] = ()
+
+
+_TRACK = ("box", "mode", "confidence", "observed")
+"""What is told of a track whose tracker says nothing of its life."""
+_UNTOLD = Shape((), _TRACK, ("born_of_split", "blob", "mode_before"))
+_PLACE = ("in_roi", "in_roi_and_border", "box", "regions")
+_STATUS = ("status_before", "time_in_status_s")
+_RELATION = (
+    "case", "before", "after", "distance_px", "shell_radii_px", "shell_overlap",
+    "same_blob", "time_in_state_s", "since_frame", "enter_margin", "leave_margin",
+    "enter_duration_s", "leave_duration_s", "blob_duration_s",
+)  # fmt: skip
+_PAIR = Shape(
+    ("safety_distance",),
+    ("before", "after", "region", "time_in_state_s", "safety_margin"),
+    ("inferred",),
+)
+_GROUP = (
+    "observed", "source", "source_id", "ended", "began", "members_before", "joined", "left"
+)  # fmt: skip
+_RELATED = Shape(("shell_gap_px",), _RELATION, ("gone",))
+_SEEN = Shape(
+    ("within_roi_px",),
+    (*_STATUS, *_PLACE),
+)
+_GONE = Shape((), (*_STATUS, "reason", "box", "regions"))
+
+EVIDENCE: Mapping[str, tuple[Shape, ...]] = {
+    "track_confirmed": (
+        Shape(("hits", "age_s"), ("first_frame",)),
+        Shape(("life_s", "support"), ("sightings", "fragments")),
+        Shape((), ("hits", "age_s", "first_frame")),  # by hand
+        Shape(("appearance",), ("hits", "first_frame")),  # a stranger
+        _UNTOLD,
+    ),
+    "track_lost": (
+        Shape(("unseen_s",), ("confidence",)),
+        Shape((), ("fill_s",)),
+        _UNTOLD,
+    ),
+    "track_recovered": (
+        Shape(("unseen_s",), ("confidence",)),
+        Shape(("cost",), ("unseen_s", "motion", "size"), ("appearance",)),
+        Shape(("colour_distance",), ("unseen_s",)),
+        Shape(("path_cost",), ("unseen_s",)),
+        Shape(("exchanged",), ("as_they_were", "since_frame")),
+        Shape(("appearance",), ("since_frame",)),
+        Shape(("log_likelihood",), ("frames", "since_frame")),
+        Shape(("gap_s", "cost"), ("fragment", "after", "motion", "size"), ("appearance",)),
+        Shape(("gap_s",)),
+        _UNTOLD,
+    ),
+    "track_removed": (
+        Shape(("unseen_s",), ("confidence", "box", "left_scene")),
+        Shape(("confidence",), ("unseen_s", "box", "left_scene")),
+        Shape((), ("unseen_s", "confidence", "box", "left_scene")),  # by its place
+        Shape((), ("last_frame",)),
+        _UNTOLD,
+    ),
+    "mode_changed": (
+        Shape(("unseen_s",), ("from", "to", "confidence")),
+        Shape((), ("from", "to", "unseen_s", "confidence")),
+        Shape((), ("from", "to")),
+        _UNTOLD,
+    ),
+    "entering": (_SEEN, Shape((), (*_STATUS, *_PLACE))),
+    "entered": (_SEEN, Shape((), (*_STATUS, *_PLACE))),
+    "returned": (_SEEN, Shape((), (*_STATUS, *_PLACE))),
+    "exiting": (
+        Shape(("beyond_border_px",), (*_STATUS, *_PLACE)),
+        Shape((), (*_STATUS, *_PLACE)),
+    ),
+    "exited": (
+        Shape(("beyond_border_px",), (*_STATUS, *_PLACE)),
+        Shape((), (*_STATUS, *_PLACE)),
+        _GONE,
+    ),
+    "interaction_started": (_RELATED,),
+    "joined": (_RELATED,),
+    "separated": (_RELATED,),
+    "interaction_ended": (_RELATED, Shape((), (*_RELATION, "shell_gap_px", "gone"))),
+    "grouping": (_PAIR,),
+    "grouped": (_PAIR,),
+    "splitting": (_PAIR,),
+    "single": (
+        Shape(
+            ("safety_distance",),
+            ("state_before", "state_before_name", "partners_before", "safety_margin"),
+            ("partners_gone", "safety_distances"),
+        ),
+        Shape(
+            (),
+            ("state_before", "state_before_name", "partners_before", "partners_gone"),
+            ("safety_margin", "safety_distances"),
+        ),
+    ),
+    "group_formed": (Shape(("count",), ("members",), _GROUP),),
+    "group_changed": (Shape(("count",), ("members",), _GROUP),),
+    "group_entered_scene": (Shape(("count",), ("members",), _GROUP),),
+    "group_ended": (
+        Shape(
+            ("splitting_pairs",),
+            ("members", "lasted_s", "since_frame", "gone"),
+            _GROUP,
+        ),
+    ),
+    "disagreement": (
+        Shape(
+            ("safety_distance",),
+            (
+                "interaction",
+                "relation",
+                "relation_expected",
+                "blobs",
+                "interaction_since_frame",
+            ),
+            ("shell_gap_px", "relation_since_frame"),
+        ),
+        Shape(("score",), ("gave_way",)),
+    ),
+    "anomaly": (
+        Shape(("shell_gap_px",), ("distance_px", "shell_radii_px", "same_blob")),
+        Shape(("safety_distance",), ("before", "safety_margin")),
+        Shape((), ("from", "to", "why")),
+    ),
+    "zone_entered": (Shape(("inside_px",), ("zone", *_PLACE)),),
+    "zone_left": (
+        Shape(("inside_px",), ("zone", "time_in_zone_s", *_PLACE)),
+        Shape((), ("zone", "time_in_zone_s", *_PLACE)),  # the zone is gone
+        Shape((), ("zone", "time_in_zone_s", "reason", "box", "regions")),
+    ),
+    "occluded": (Shape(("evidence",), ("confidence",)),),
+}
+"""Every kind's evidence, in all the ways in which it is found."""
+
+
+def limit_of(name: str, evidence: Mapping[str, Any]) -> tuple[str, float | None]:
+    """How a value is held against which limit, ("", None) where none stands beside it.
+
+    >>> limit_of("unseen_s", {"unseen_s": 0.5, "unseen_s_over": 0.3})
+    ('>', 0.3)
+    """
+    for ending, compare in LIMITS.items():
+        limit = evidence.get(name + ending)
+        if isinstance(limit, int | float) and not isinstance(limit, bool):
+            return compare, float(limit)
+    return "", None
+
+
+def is_limit(name: str, evidence: Mapping[str, Any]) -> bool:
+    """Whether a value is the limit of another one."""
+    return any(name.endswith(e) and name.removesuffix(e) in evidence for e in LIMITS)
+
+
+def unlike(kind: str, evidence: Mapping[str, Any]) -> str:
+    """What is wrong with an event's evidence: "" where it has one of its kind's shapes."""
+    shapes = EVIDENCE.get(kind)
+    if shapes is None:
+        return f"{kind}: no such kind"
+    wrong = [_unlike(s, evidence) for s in shapes]
+    return "" if "" in wrong else f"{kind}: " + "; or ".join(wrong)
+
+
+def _unlike(shape: Shape, evidence: Mapping[str, Any]) -> str:
+    names = [n for n in evidence if not is_limit(n, evidence)]
+    known = (*shape.held, *shape.plain, *shape.maybe)
+    wrong = [f"{n} is missing" for n in (*shape.held, *shape.plain) if n not in evidence]
+    wrong += [f"{n} is unknown" for n in names if n not in known]
+    wrong += [
+        f"{n} has no limit"
+        for n in shape.held
+        if n in evidence and limit_of(n, evidence)[1] is None
+    ]
+    return ", ".join(wrong)
