@@ -219,7 +219,7 @@ def relation(log: EventLog, c: Change, overlap: float, margins: dict[str, float]
     """
     room = min(c.radius_a, c.radius_b)
     if c.case == "II":
-        held = {"shell_gap_px_at_most": -margins["enter_margin"] * room}
+        held = {"shell_gap_px_at_most": 0.0 - margins["enter_margin"] * room}
     else:
         ends = "at_most" if c.case in ("III", "IV", "unseen") else "over"
         held = {f"shell_gap_px_{ends}": margins["leave_margin"] * room}
