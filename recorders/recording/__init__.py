@@ -1,9 +1,9 @@
 """A source of frames into a scene log: `record`."""
 
+from recorders.recording.finding import with_blobs
 from recorders.recording.options import SECTIONS, RecordOptions
 from recorders.recording.recording import InterruptedRecordingError, record
 from recorders.recording.scene_writer import RecordSummary, utf8
-from recorders.recording.stages import with_blobs
 
 __all__ = [
     "SECTIONS",

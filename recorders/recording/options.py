@@ -7,16 +7,20 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from recorders import channels
+from recorders.detectors import DetectorParameters, ModelOptions
 from recorders.errors import UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.parameters import Config, Parameters, configure
-from recorders.segmentation import SEGMENTERS, SegmentationParameters
+from recorders.recording.methods import NO_DETECTION, methods_of
+from recorders.segmentation import SegmentationParameters
 from recorders.sources import Source
 
 Codec = Literal["jpeg", "png", "h264", "none"]
 CODECS: tuple[str, ...] = get_args(Codec)
-NO_DETECTION = "none"
-SECTIONS: dict[str, type[Parameters]] = {"segmentation": SegmentationParameters}
+SECTIONS: dict[str, type[Parameters]] = {
+    "segmentation": SegmentationParameters,
+    "detector": DetectorParameters,
+}
 
 
 @dataclass(frozen=True)
@@ -28,8 +32,9 @@ class RecordOptions:
         start_ns: the first frame's log time in ns; 0 where the capture's time is not known.
         codec: how pictures are stored; None keeps JPEG and PNG bytes as they are and stores video
             as JPEG. Pictures that are in the wanted format already are stored byte for byte.
-        detect: a name of `SEGMENTERS` or ``none``; None: ``motion`` where there are pictures
-            without detections.
+        detect: the words of ``--detect`` with commas, see `recorders.recording.methods`; None:
+            ``motion`` where there are pictures without detections.
+        model: the network of the method ``onnx``.
         regions: a file of regions, see `recorders.sources.regions`.
         config: the parameters of `SECTIONS`.
         force: replace an existing output.
@@ -40,6 +45,7 @@ class RecordOptions:
     start_ns: int = 0
     codec: str | None = None
     detect: str | None = None
+    model: ModelOptions | None = None
     regions: str | Path | None = None
     config: Config = field(default_factory=lambda: configure(SECTIONS))
     force: bool = False
@@ -54,9 +60,16 @@ def decided(source: Source, options: RecordOptions) -> RecordOptions:
     """
     channels.topic(options.camera, "image")
     detect, codec = options.detect, options.codec
-    names = [*SEGMENTERS, NO_DETECTION]
-    if detect is not None and detect not in names:
-        raise UsageError(f"--detect {detect}: must be one of {', '.join(names)}")
+    if detect is None and options.model is not None:
+        raise UsageError(f"--model {options.model.path} goes with --detect onnx")
+    if detect is not None:
+        methods = methods_of(detect, options.model)
+        detect = str(methods)
+        if methods.detect is not None and source.has_detections:
+            raise UsageError(
+                f"--detect {methods.detect}: {source.path} comes with detections; a detector"
+                " of its own or those, not both"
+            )
     if codec is not None and codec not in CODECS:
         raise UsageError(f"--codec {codec}: must be one of {', '.join(CODECS)}")
     if not source.has_images:

@@ -11,10 +11,13 @@ from contextlib import closing
 from pathlib import Path
 
 from recorders import channels
+from recorders.detectors import Detector
 from recorders.errors import OutputExistsError, SceneTraceError, UsageError
 from recorders.log import LogWriter
 from recorders.pictures import Image
-from recorders.recording.options import NO_DETECTION, RecordOptions, decided
+from recorders.recording.finding import Finder
+from recorders.recording.methods import Methods, methods_of, open_detector
+from recorders.recording.options import RecordOptions, decided
 from recorders.recording.scene_writer import RecordSummary, SceneWriter
 from recorders.recording.stages import encoded
 from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmenter
@@ -73,7 +76,7 @@ def record(
         else read_regions(options.regions, source.width, source.height)
     )
     report = progress or _silent
-    segmenter = _segmenter(source, settled, report)
+    finder, facts = _finder(source, settled, report)
     pictures = [channels.topic(options.camera, name) for name in channels.PICTURES]
     log = LogWriter(
         out,
@@ -82,11 +85,11 @@ def record(
         picture_topics=pictures,
         limits=options.limits,
     )
-    writer = SceneWriter(log, source, settled, regions)
+    writer = SceneWriter(log, source, settled, regions, facts)
     try:
         # Reading, segmenting and encoding run side by side; OpenCV's own threads would only take
         # turns with them.
-        with opencv_threads(1), closing(encoded(source, segmenter, settled)) as frames:
+        with opencv_threads(1), closing(encoded(source, finder, settled.codec)) as frames:
             for frame in frames:
                 writer.write(frame)
                 report("recording", writer.frames, source.frame_count)
@@ -114,15 +117,29 @@ def _end_early(error: BaseException, log: LogWriter, out: Path, frames: int) -> 
         raise InterruptedRecordingError(str(error), part, frames) from error
 
 
-def _segmenter(
+def _finder(
     source: Source, options: RecordOptions, report: Progress
+) -> tuple[Finder, dict[str, str]]:
+    """What looks through the frames, and what the log says of its detector."""
+    assert options.detect is not None
+    methods = methods_of(options.detect, options.model)
+    detector: Detector | None = None
+    facts: dict[str, str] = {}
+    if methods.detect is not None:
+        detector, facts = open_detector(methods.detect, options.model, options.config)
+    segmenter = _segmenter(methods, source, options, report)
+    return Finder(source, segmenter, detector, methods.detect or ""), facts
+
+
+def _segmenter(
+    methods: Methods, source: Source, options: RecordOptions, report: Progress
 ) -> Segmenter | None:
     """The segmenter, having read the source once to know its background in hindsight."""
-    if options.detect == NO_DETECTION or options.detect is None:
+    if methods.segment is None:
         return None
     parameters = options.config["segmentation"]
     assert isinstance(parameters, SegmentationParameters)
-    segmenter = SEGMENTERS[options.detect](
+    segmenter = SEGMENTERS[methods.segment](
         parameters, source.width, source.height, NANOS / source.frame_ns
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -64,6 +65,7 @@ class SceneWriter:
         source: Source,
         options: RecordOptions,
         regions: Regions | None,
+        detector: Mapping[str, str] | None = None,
     ) -> None:
         self._log = log
         self._source = source
@@ -74,6 +76,8 @@ class SceneWriter:
         self._detections = 0
         self._last_ns = 0
         self._facts = _known_at_start(source, options)
+        if detector:
+            self._facts["detector"] = _json(dict(detector))
 
     def _put(self, name: str, data: bytes, now: int, schema: str | None = None) -> None:
         if name not in self._channels:

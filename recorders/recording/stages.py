@@ -11,18 +11,13 @@ from contextlib import closing
 from dataclasses import dataclass
 from fractions import Fraction
 
-import msgspec
-import numpy as np
-
 from recorders.errors import SceneTraceError
-from recorders.messages import NO_BLOB, Detections
+from recorders.messages import Detections
 from recorders.pictures import Image, VideoEncoder, encode_jpeg, encode_mask, encode_png
-from recorders.recording.options import RecordOptions
-from recorders.segmentation import Segmented, Segmenter, SegmenterInParts
+from recorders.recording.finding import Finder
 from recorders.sources import Source, SourceFrame
 from recorders.sources.prefetch import read_ahead
 from recorders.sources.source import NANOS
-from recorders.vision import cv2
 
 _DEPTH = 4
 _DEPTH_WITHOUT_PICTURES = 256
@@ -39,13 +34,11 @@ class Encoded:
     detections: Detections
 
 
-def encoded(
-    source: Source, segmenter: Segmenter | None, options: RecordOptions
-) -> Generator[Encoded]:
-    """The source's frames, segmented and encoded, in order."""
-    encoder = _PictureEncoder(source, options.codec)
+def encoded(source: Source, finder: Finder, codec: str | None) -> Generator[Encoded]:
+    """The source's frames, looked through and encoded, in order."""
+    encoder = _PictureEncoder(source, codec)
     waiting: deque[Future[Encoded]] = deque()
-    decode = segmenter is not None or encoder.decodes
+    decode = finder.sees or encoder.decodes
     depth = _DEPTH if source.has_images else _DEPTH_WITHOUT_PICTURES
     failures: list[SceneTraceError] = []
     ahead = _until_failure(read_ahead(source.frames(), depth, decode), failures)
@@ -57,8 +50,8 @@ def encoded(
     try:
         with closing(ahead) as frames:
             for frame in frames:
-                mask, detect = _segment(frame, segmenter, source)
-                found = detect if segmenter is None else detecting.submit(detect).result
+                mask, detect = finder.begin(frame)
+                found = detecting.submit(detect).result if finder.sees else detect
                 waiting.append(encoding.submit(encoder.encode, frame, mask, found))
                 if len(waiting) > _DEPTH:
                     yield waiting.popleft().result()
@@ -80,48 +73,6 @@ def _until_failure(
             yield from frames
         except SceneTraceError as e:
             failures.append(e)
-
-
-def _segment(
-    frame: SourceFrame, segmenter: Segmenter | None, source: Source
-) -> tuple[Image | None, Callable[[], Detections]]:
-    """The frame's mask, and what gives its detections."""
-    given = frame.detections
-    if segmenter is None:
-        return None, lambda: given or Detections(frame.index, source.width, source.height)
-    assert frame.image is not None
-    if isinstance(segmenter, SegmenterInParts):
-        mask, detect = segmenter.begin(frame.index, frame.image)
-    else:
-        whole = segmenter.segment(frame.index, frame.image)
-        mask, detect = whole.mask, lambda: whole.detections
-    return mask, detect if given is None else lambda: with_blobs(
-        given, Segmented(mask, detect())
-    )
-
-
-def with_blobs(given: Detections, found: Segmented) -> Detections:
-    """Given detections with the blobs of a segmented frame: each has the blob that fills most of
-    its box.
-
-    Equal shares: the blob with the smaller id. `NO_BLOB` where no foreground lies in the box.
-    """
-    count, labels = cv2.connectedComponents(found.mask, connectivity=8)
-    height, width = labels.shape
-    blobs = []
-    for x, y, w, h in given.boxes:
-        left, top = max(0, round(x)), max(0, round(y))
-        right, bottom = (
-            max(left, min(width, round(x + w))),
-            max(top, min(height, round(y + h))),
-        )
-        areas = np.bincount(labels[top:bottom, left:right].ravel(), minlength=count + 1)
-        areas[0] = 0
-        best = int(areas.argmax())
-        blobs.append(best if areas[best] else NO_BLOB)
-    return msgspec.structs.replace(
-        given, blobs=blobs, components=found.detections.components
-    )
 
 
 class _PictureEncoder:

@@ -5,9 +5,13 @@ from __future__ import annotations
 import argparse
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
 from replay.cli import common
+
+if TYPE_CHECKING:
+    from recorders.detectors import ModelOptions
 
 LEFT_OUT = 3
 
@@ -25,6 +29,8 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         " recorded, but something had to be left out; stderr says what.",
         "scenetrace record video.avi --fps 7 -o scene.mcap\n"
         "scenetrace record img1 --fps 7 --detections det.txt -o scene.mcap\n"
+        "scenetrace record video.avi --detect onnx --model yolo11n.onnx --labels person,car"
+        " -o scene.mcap\n"
         "scenetrace record det.txt --fps 25 --size 640x480 -o scene.mcap\n"
         "scenetrace record Walk1.xml -o walk.mcap",
     )
@@ -42,12 +48,34 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help="MOTChallenge detections beside the pictures, its frame 1 with the first picture",
     )  # fmt: skip
     p.add_argument(
-        "--detect", metavar="METHOD",
-        help="motion, density, threshold or none: how to find what is in the pictures; default motion, with "
-        "--detections none (a method beside --detections gives masks, and each detection the blob that it lies in). "
-        "threshold is for animals on an even ground, darker or lighter than it: it finds those that sit still, too. "
-        "density is the SHELLS paper's own: kernel densities of background and foreground, at about twice the time",
+        "--detect", metavar="METHOD", action="append",
+        help="motion, density, threshold, onnx, module:Class or none: how to find what is in the pictures; default "
+        "motion, with --detections none. Masks and a detector go together (--detect motion,onnx), as masks and "
+        "--detections do. threshold is for animals on an even ground, darker or lighter than it: it finds those that "
+        "sit still, too. density is the SHELLS paper's own: kernel densities of background and foreground, at about "
+        "twice the time. onnx is a network of yours (--model), module:Class a detector of yours in Python, with one "
+        "method: detect(image) -> ((x, y, w, h), score, label) for each thing",
     )  # fmt: skip
+    p.add_argument(
+        "--model", type=Path, metavar="FILE.onnx",
+        help="the network of --detect onnx: YOLO of any version, YOLOX, RT-DETR, D-FINE, RF-DETR, SSD, torchvision, "
+        "FastestDet or NanoDet",
+    )  # fmt: skip
+    p.add_argument(
+        "--model-format", metavar="FORMAT",
+        help="the network's family, where its outputs do not tell: yolov5, yolov8, end2end, yolox, detr, rfdetr, ssd, "
+        "fastestdet or nanodet",
+    )  # fmt: skip
+    p.add_argument(
+        "--labels",
+        metavar="A,B",
+        help="keep these classes of the network, by name; default all",
+    )
+    p.add_argument(
+        "--min-score",
+        metavar="S",
+        help="smallest score that the network's detections are recorded from (detector.min_score)",
+    )
     p.add_argument(
         "--fps", metavar="F",
         help="frames per second: 7, 29.97 or 30000/1001; default a video's own times, CAVIAR 25, else 25 is assumed",
@@ -94,6 +122,20 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
+def _model(args: argparse.Namespace) -> ModelOptions | None:
+    """The network that was named."""
+    from recorders.detectors import ModelOptions
+
+    if args.model is not None:
+        labels = [name.strip() for name in (args.labels or "").split(",")]
+        return ModelOptions(args.model, args.model_format, tuple(filter(None, labels)))
+    for option in ("model_format", "labels", "min_score"):
+        if getattr(args, option) is not None:
+            word = option.replace("_", "-")
+            raise UsageError(f"--{word} goes with --detect onnx --model FILE.onnx")
+    return None
+
+
 def run(args: argparse.Namespace) -> int:
     """Record."""
     from recorders.errors import OutputExistsError
@@ -106,7 +148,10 @@ def run(args: argparse.Namespace) -> int:
     start_ns = 0 if args.start is None else common.parse_rfc3339(args.start)
     if start_ns < 0:
         raise UsageError(f"--start {args.start}: times before 1970 cannot be recorded")
-    config = configure(SECTIONS, args.config, args.assignments, others=all_sections())
+    assignments = [*args.assignments]
+    if args.min_score is not None:
+        assignments.append(f"detector.min_score={args.min_score}")
+    config = configure(SECTIONS, args.config, assignments, others=all_sections())
     if args.output.exists() and not args.force:
         raise OutputExistsError(args.output)
     source = open_source(args.source, detections=args.detections, fps=args.fps, size=size)
@@ -114,7 +159,14 @@ def run(args: argparse.Namespace) -> int:
         common.say(f"scenetrace: {note}")
     said = set(source.notes)
     options = RecordOptions(
-        args.camera, start_ns, args.codec, args.detect, args.regions, config, args.force
+        camera=args.camera,
+        start_ns=start_ns,
+        codec=args.codec,
+        detect=None if args.detect is None else ",".join(args.detect),
+        model=_model(args),
+        regions=args.regions,
+        config=config,
+        force=args.force,
     )
     with common.progress(source.frame_count) as bar:
 

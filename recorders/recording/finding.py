@@ -1,0 +1,108 @@
+"""What is found in a frame: its mask, and its detections from masks, detector and source
+together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from recorders.detectors import Detector, as_detections
+from recorders.errors import SceneTraceError
+from recorders.messages import NO_BLOB, Detections
+from recorders.pictures import Image
+from recorders.segmentation import Segmented, Segmenter, SegmenterInParts
+from recorders.sources import Source, SourceFrame
+from recorders.vision import cv2
+
+Detect = Callable[[], Detections]
+
+
+@dataclass(frozen=True)
+class Finder:
+    """Looks through a source's frames, in their order.
+
+    Attributes:
+        source: whose frames.
+        segmenter: gives masks, and what lies in them; None: no masks.
+        detector: looks at each picture; None: what the source says, if anything.
+        detector_name: for its errors.
+    """
+
+    source: Source
+    segmenter: Segmenter | None = None
+    detector: Detector | None = None
+    detector_name: str = ""
+
+    @property
+    def sees(self) -> bool:
+        """It needs the pictures."""
+        return self.segmenter is not None or self.detector is not None
+
+    def begin(self, frame: SourceFrame) -> tuple[Image | None, Detect]:
+        """The frame's mask, and what gives its detections: called once, in the frames' order, from
+        whatever thread.
+        """
+        if self.segmenter is None:
+            return (
+                None,
+                lambda: (
+                    self._given(frame)
+                    or Detections(frame.index, self.source.width, self.source.height)
+                ),
+            )
+        assert frame.image is not None
+        if isinstance(self.segmenter, SegmenterInParts):
+            mask, detect = self.segmenter.begin(frame.index, frame.image)
+        else:
+            whole = self.segmenter.segment(frame.index, frame.image)
+            mask, detect = whole.mask, lambda: whole.detections
+        return mask, lambda: self._together(frame, mask, detect)
+
+    def _together(self, frame: SourceFrame, mask: Image, detect: Detect) -> Detections:
+        found, given = detect(), self._given(frame)
+        return found if given is None else with_blobs(given, Segmented(mask, found))
+
+    def _given(self, frame: SourceFrame) -> Detections | None:
+        """What the detector finds in the frame, or the source says of it."""
+        if self.detector is None:
+            return frame.detections
+        assert frame.image is not None
+        size = self.source.width, self.source.height
+        try:
+            found = list(self.detector.detect(frame.image))
+        except SceneTraceError:
+            raise
+        except Exception as e:  # of others' code anything may come
+            raise SceneTraceError(
+                f"the detector {self.detector_name} in frame {frame.index}:"
+                f" {type(e).__name__}: {e}"
+            ) from e
+        return as_detections(self.detector_name, frame.index, *size, found)
+
+
+def with_blobs(given: Detections, found: Segmented) -> Detections:
+    """Given detections with the blobs of a segmented frame: each has the blob that fills most of
+    its box.
+
+    Equal shares: the blob with the smaller id. `NO_BLOB` where no foreground lies in the box.
+    """
+    count, labels = cv2.connectedComponents(found.mask, connectivity=8)
+    height, width = labels.shape
+    blobs = []
+    for x, y, w, h in given.boxes:
+        left, top = max(0, round(x)), max(0, round(y))
+        right, bottom = (
+            max(left, min(width, round(x + w))),
+            max(top, min(height, round(y + h))),
+        )
+        areas = np.bincount(labels[top:bottom, left:right].ravel(), minlength=count + 1)
+        areas[0] = 0
+        best = int(areas.argmax())
+        blobs.append(best if areas[best] else NO_BLOB)
+    return msgspec.structs.replace(
+        given, blobs=blobs, components=found.detections.components
+    )
