@@ -246,6 +246,7 @@ def _queries(
             outputs,
             lambda o: (
                 len(o.shape) == 2
+                and o.axes == 3
                 and o.shape[1] > 4
                 and FEWEST_QUERIES <= len(o.values) <= MOST_QUERIES
             ),

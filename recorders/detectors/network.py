@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-import importlib.util
-from collections.abc import Mapping, Sequence
+import io
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.detectors.model_file import ModelFile
+from recorders.detectors.model_file import ModelFile, read_model
 from recorders.errors import SceneTraceError
 from recorders.vision import cv2
 
 Array = NDArray[np.generic]
+LONGEST_S = 120
+WELL = "runs"
+_CHILD = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]);"
+    " from recorders.detectors.network import try_here;"
+    " try_here(sys.argv[2:], sys.stdin.buffer.read())"
+)
 EXTRA = "pip install 'scenetrace[onnx]'"
 
 
@@ -87,28 +99,72 @@ class OnnxRuntimeNetwork:
         return list(zip(self._names, map(np.asarray, values), strict=True))
 
 
+ENGINES: dict[str, Callable[[ModelFile], Network]] = {
+    "OpenCV": OpenCVNetwork,
+    "onnxruntime": OnnxRuntimeNetwork,
+}
+
+
 def open_network(
     model: ModelFile, inputs: Mapping[str, Array]
 ) -> tuple[Network, list[tuple[str, Array]]]:
     """The network, and what it puts out for some inputs: what has run once runs.
 
+    A damaged or hostile model can bring a library down, so it is first tried in a process of its
+    own.
+
     Raises:
         SceneTraceError: nothing that is there can run it; one line, with what to do.
     """
+    engines = [e for e in ENGINES if e != "onnxruntime" or find_spec(e) is not None]
     refused: list[str] = []
-    engines: list[tuple[str, Any]] = [("OpenCV", OpenCVNetwork)]
-    if importlib.util.find_spec("onnxruntime") is not None:
-        engines.append(("onnxruntime", OnnxRuntimeNetwork))
-    for name, engine in engines:
-        try:
-            network: Network = engine(model)
+    for name in engines:
+        reason = _tried(name, model, inputs)
+        if reason is None:
+            network = ENGINES[name](model)
             return network, network.run(inputs)
-        except SceneTraceError as e:
-            refused.append(f"{name}: {e}")
-    advice = "" if len(engines) > 1 else f"; onnxruntime may ({EXTRA})"
+        refused.append(f"{name}: {reason}")
+    advice = "" if "onnxruntime" in engines else f"; onnxruntime may ({EXTRA})"
     raise SceneTraceError(
         f"{model.path}: the network cannot be run ({'; '.join(refused)}){advice}"
     )
+
+
+def _tried(engine: str, model: ModelFile, inputs: Mapping[str, Array]) -> str | None:
+    """Why an engine cannot run a model; None if it can."""
+    given = io.BytesIO()
+    arrays: dict[str, Any] = {f"_{name}": value for name, value in inputs.items()}
+    np.savez(given, **arrays)
+    words = [sys.executable, "-c", _CHILD, json.dumps(sys.path), engine, str(model.path)]
+    try:
+        child = subprocess.run(
+            words,
+            input=given.getvalue(),
+            capture_output=True,
+            timeout=LONGEST_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return f"one picture takes it over {LONGEST_S} s"
+    if child.returncode < 0:
+        return f"it brings the library down (signal {-child.returncode})"
+    told = child.stdout.decode(errors="replace").strip().splitlines()
+    if child.returncode == 0 and told[-1:] == [WELL]:
+        return None
+    return told[-1] if told else f"it brings the library down (exit {child.returncode})"
+
+
+def try_here(words: Sequence[str], given: bytes) -> None:
+    """What the process of `_tried` does: run a model once, and say how that went."""
+    engine, path = words
+    with np.load(io.BytesIO(given), allow_pickle=False) as arrays:
+        inputs = {name.removeprefix("_"): arrays[name] for name in arrays.files}
+    try:
+        ENGINES[engine](read_model(Path(path))).run(inputs)
+    except SceneTraceError as e:
+        sys.stdout.write(f"{e}\n")
+    else:
+        sys.stdout.write(f"{WELL}\n")
 
 
 def _attempt(call: Any, *args: Any) -> Any:

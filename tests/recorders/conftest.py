@@ -5,20 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import onnx
-from onnx import TensorProto, helper, numpy_helper
+import pytest
 
 
-def constant_model(
+def _constant_model(
     path: Path,
     outputs: dict[str, np.ndarray],
     picture: tuple[int | str, ...] = (1, 3, 64, 64),
     *,
     metadata: dict[str, str] | None = None,
-    kind: int = TensorProto.FLOAT,
+    kind: int = 1,
     sizes: bool = False,
 ) -> Path:
     """A model with these outputs: constants, to which the picture times nothing is added."""
+    onnx = pytest.importorskip("onnx")
+    TensorProto, helper, numpy_helper = onnx.TensorProto, onnx.helper, onnx.numpy_helper
     inputs = [helper.make_tensor_value_info("images", kind, picture)]
     nodes = [
         helper.make_node("Cast", ["images"], ["floats"], to=TensorProto.FLOAT),
@@ -48,9 +49,16 @@ def constant_model(
         made = TensorProto.INT64 if whole else TensorProto.FLOAT
         told.append(helper.make_tensor_value_info(name, made, value.shape))
     graph = helper.make_graph(nodes, "made", inputs, told, constants)
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
+    model = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8
+    )
     for key, text in (metadata or {}).items():
         model.metadata_props.add(key=key, value=text)
     onnx.checker.check_model(model)
     path.write_bytes(model.SerializeToString())
     return path
+
+
+@pytest.fixture
+def constant_model():
+    return _constant_model
