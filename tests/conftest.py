@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -26,3 +28,60 @@ def real_data() -> Path:
             f"real recordings are not at {folder}; set SCENETRACE_DATA to their folder"
         )
     return folder
+
+
+def _constant_model(
+    path: Path,
+    outputs: dict[str, np.ndarray],
+    picture: tuple[int | str, ...] = (1, 3, 64, 64),
+    *,
+    metadata: dict[str, str] | None = None,
+    kind: int = 1,
+    sizes: bool = False,
+) -> Path:
+    """A model with these outputs: constants, to which the picture times nothing is added."""
+    onnx = pytest.importorskip("onnx")
+    TensorProto, helper, numpy_helper = onnx.TensorProto, onnx.helper, onnx.numpy_helper
+    inputs = [helper.make_tensor_value_info("images", kind, picture)]
+    nodes = [
+        helper.make_node("Cast", ["images"], ["floats"], to=TensorProto.FLOAT),
+        helper.make_node("ReduceMean", ["floats"], ["mean"], keepdims=0),
+        helper.make_node("Mul", ["mean", "zero"], ["nothing"]),
+    ]
+    constants = [numpy_helper.from_array(np.array(0, np.float32), "zero")]
+    if sizes:
+        inputs.append(
+            helper.make_tensor_value_info("orig_target_sizes", TensorProto.INT64, (1, 2))
+        )
+        nodes += [
+            helper.make_node("Cast", ["orig_target_sizes"], ["f"], to=TensorProto.FLOAT),
+            helper.make_node("ReduceMean", ["f"], ["m"], keepdims=0),
+            helper.make_node("Mul", ["m", "zero"], ["no"]),
+            helper.make_node("Add", ["nothing", "no"], ["nothing2"]),
+        ]
+    told = []
+    for k, (name, value) in enumerate(outputs.items()):
+        whole = value.dtype == np.int64
+        constants.append(numpy_helper.from_array(value.astype(np.float32), f"value{k}"))
+        sum_ = f"sum{k}" if whole else name
+        added = "nothing2" if sizes else "nothing"
+        nodes.append(helper.make_node("Add", [f"value{k}", added], [sum_]))
+        if whole:
+            nodes.append(helper.make_node("Cast", [sum_], [name], to=TensorProto.INT64))
+        made = TensorProto.INT64 if whole else TensorProto.FLOAT
+        told.append(helper.make_tensor_value_info(name, made, value.shape))
+    graph = helper.make_graph(nodes, "made", inputs, told, constants)
+    model = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8
+    )
+    for key, text in (metadata or {}).items():
+        model.metadata_props.add(key=key, value=text)
+    onnx.checker.check_model(model)
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
+@pytest.fixture(scope="session")
+def constant_model() -> Callable[..., Path]:
+    """What makes ONNX models of a few bytes."""
+    return _constant_model

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fixtures.logs import export_images, export_video, write_regions, write_truth
@@ -60,7 +61,9 @@ def done(*words: object) -> None:
 
 
 @pytest.fixture(scope="session")
-def examples(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def examples(
+    tmp_path_factory: pytest.TempPathFactory, constant_model: Callable[..., Path]
+) -> Path:
     """The folder; copy it before changing it (fixture `folder`). Two frames a second, so that it
     lasts a minute.
     """
@@ -70,6 +73,11 @@ def examples(tmp_path_factory: pytest.TempPathFactory) -> Path:
     export_video(scene, folder / "video.avi")
     write_truth(scene, folder / "gt.txt", min_visible=0.3)
     (folder / "det.txt").write_text(_detections(scene))
+    constant_model(
+        folder / "yolo11n.onnx",
+        {"output0": np.zeros((1, 84, 189), np.float32)},
+        (1, 3, 96, 96),
+    )
     (folder / "Walk1.xml").write_text(_caviar(scene))
     shutil.copy(folder / "Walk1.xml", folder / "sequence.xml")
     regions = json.loads(write_regions(scene, folder / "regions.json").read_bytes())
