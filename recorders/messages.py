@@ -24,35 +24,41 @@ NO_BLOB = -1
 NO_CLASS = ("", "object")
 """Labels of detections that say nothing of what was detected."""
 
-EVENT_KINDS = (
-    "track_confirmed",
-    "track_lost",
-    "track_recovered",
-    "track_removed",
-    "entering",
-    "entered",
-    "exiting",
-    "returned",
-    "exited",
-    "interaction_started",
-    "joined",
-    "separated",
-    "interaction_ended",
-    "grouping",
-    "grouped",
-    "splitting",
-    "single",
-    "group_formed",
-    "group_changed",
-    "group_ended",
-    "group_entered_scene",
-    "mode_changed",
-    "disagreement",
-    "anomaly",
-    "zone_entered",
-    "zone_left",
-    "occluded",
-)
+EVENT_WORDS = {
+    "track_confirmed": ("is confirmed", "are confirmed"),
+    "track_lost": ("is lost", "are lost"),
+    "track_recovered": ("is recovered", "are recovered"),
+    "track_removed": ("is removed", "are removed"),
+    "entering": ("is entering", "are entering"),
+    "entered": ("has entered", "have entered"),
+    "exiting": ("is exiting", "are exiting"),
+    "returned": ("returns", "return"),
+    "exited": ("exits", "exit"),
+    "interaction_started": ("begins to interact", "begin to interact"),
+    "joined": ("joins", "join"),
+    "separated": ("separates", "separate"),
+    "interaction_ended": ("ends its interaction", "end their interaction"),
+    "grouping": ("is grouping", "are grouping"),
+    "grouped": ("is grouped", "are grouped"),
+    "splitting": ("splits", "split"),
+    "single": ("is single", "are single"),
+    "group_formed": ("forms", "form"),
+    "group_changed": ("changes", "change"),
+    "group_ended": ("ends", "end"),
+    "group_entered_scene": ("enters as a group", "enter as a group"),
+    "mode_changed": ("changes its mode", "change their modes"),
+    "disagreement": (
+        "is judged differently by the two papers",
+        "are judged differently by the two papers",
+    ),
+    "anomaly": ("shows an anomaly", "show an anomaly"),
+    "zone_entered": ("enters a zone", "enter a zone"),
+    "zone_left": ("leaves a zone", "leave a zone"),
+    "occluded": ("is behind another", "are behind others"),
+}
+"""Every kind of event: what one subject does, what several do."""
+
+EVENT_KINDS = tuple(EVENT_WORDS)
 
 
 class Ellipse(Struct, frozen=True):

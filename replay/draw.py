@@ -9,7 +9,6 @@ Figure 7.
 
 from __future__ import annotations
 
-import colorsys
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,9 +21,9 @@ from numpy.typing import NDArray
 from recorders.annotated.membership import Labels, value_of
 from recorders.messages import Box, Event, Group, Regions, Relation, Track
 from recorders.vision import cv2
+from replay.palette import Colour, track_bgr
 
 Image = NDArray[np.uint8]
-Colour = tuple[int, int, int]
 Point = tuple[float, float]
 
 _SHIFT = 4
@@ -37,7 +36,6 @@ _GROUP: Colour = (235, 235, 235)
 _ROI: Colour = (110, 225, 110)
 _BORDER: Colour = (60, 160, 240)
 _ZONE: Colour = (255, 190, 90)
-_GOLDEN = 0.618033988749895
 PART_NAMES = ("head", "left_torso", "right_torso", "left_legs", "right_legs")
 _UPRIGHT = (0.5, 0.5)
 """Alpha and beta of somebody whose tracker has no part model: the torso ends at four sevenths of
@@ -106,13 +104,6 @@ class Overlay:
     marks: Sequence[tuple[Box, str]] = field(default_factory=tuple)
 
 
-def track_colour(identity: int) -> Colour:
-    """A track's colour, BGR: a function of its identity alone, neighbours far apart."""
-    hue = (identity * _GOLDEN) % 1.0
-    r, g, b = colorsys.hsv_to_rgb(hue, 0.55 + 0.15 * (identity % 3), 1.0)
-    return round(255 * b), round(255 * g), round(255 * r)
-
-
 def draw_frame(image: Image, overlay: Overlay, options: DrawOptions | None = None) -> Image:
     """Draw an overlay over a picture.
 
@@ -157,7 +148,7 @@ def _draw_ground(
         if box is not None:
             canvas.rectangle(box, _GROUP, 1, dash=0 if group.observed else 6)
     for track in places.values() if options.shells else ():
-        canvas.circle(_centre(track.box), track.shell_radius, track_colour(track.id), 1)
+        canvas.circle(_centre(track.box), track.shell_radius, track_bgr(track.id), 1)
     for edge in overlay.relations if options.edges else ():
         if edge.a in places and edge.b in places:
             _draw_edge(canvas, edge, places)
@@ -168,7 +159,7 @@ def _write(
 ) -> None:
     """The labels, last, so that nothing lies over them."""
     for track in places.values() if options.labels else ():
-        canvas.label((track.box[0], track.box[1]), label(track), track_colour(track.id))
+        canvas.label((track.box[0], track.box[1]), label(track), track_bgr(track.id))
     for group in overlay.groups if options.groups and options.labels else ():
         box = _group_box(group, places)
         if box is not None:
@@ -199,7 +190,7 @@ def _centre(box: Box) -> Point:
 
 
 def _draw_box(canvas: _Canvas, track: Track, options: DrawOptions) -> None:
-    colour = track_colour(track.id)
+    colour = track_bgr(track.id)
     canvas.rectangle(
         track.box,
         colour,
@@ -412,7 +403,7 @@ class _Canvas:
         present = np.flatnonzero(np.bincount(membership.ravel()))
         table = np.zeros((int(present.max(initial=0)) + 1, 3), np.uint8)
         for value in present.tolist():
-            table[value] = track_colour(value) if value else _BLACK
+            table[value] = track_bgr(value) if value else _BLACK
         mixed = cv2.addWeighted(self.image, 0.45, table[whose], 0.55, 0)
         owned = whose > 0 if owners is None else np.isin(whose, owners)
         self.image[owned] = mixed[owned]

@@ -17,17 +17,7 @@ from msgspec import UNSET
 from recorders.channels import NANOS
 from recorders.messages import Box, Regions, Relations, Track, Tracks
 from replay.draw import part_box
-
-_PALETTE = (
-    (0.12, 0.47, 0.71),
-    (1.00, 0.50, 0.05),
-    (0.17, 0.63, 0.17),
-    (0.84, 0.15, 0.16),
-    (0.58, 0.40, 0.74),
-    (0.09, 0.75, 0.81),
-    (0.89, 0.47, 0.76),
-    (0.74, 0.74, 0.13),
-)
+from replay.palette import COLOUR_COUNT, track_colour
 
 # Tags: field number times 8 plus wire type (0 number, 1 double, 2 length and bytes).
 _CIRCLES, _POINTS, _TEXTS, _TIMESTAMP = (
@@ -96,7 +86,7 @@ _ROI = _line(_colour(0.3, 0.9, 0.4, 0.8), 1.0)
 _BORDER = _line(_colour(0.95, 0.6, 0.2, 0.8), 1.0)
 _ZONE = _line(_colour(0.3, 0.7, 1.0, 0.8), 1.0)
 _BLACK = _framed(b"\x32", _colour(0.0, 0.0, 0.0, 0.6))
-_COLOURS = tuple(_colour(*rgb, 1.0) for rgb in _PALETTE)
+_COLOURS = tuple(_colour(*track_colour(k), 1.0) for k in range(COLOUR_COUNT))
 _OUTLINES = tuple(_line(c, 2.0) for c in _COLOURS)
 _CROSSES = tuple(_line(c, 0.5) for c in _COLOURS)
 _RINGS = tuple(_double(0x21, 1.0) + _framed(b"\x32", c) for c in _COLOURS)
@@ -179,7 +169,7 @@ def drawing(
     for track in tracks.tracks:
         x, y, w, h = track.box
         cx, cy = centres[track.id] = (x + w / 2, y + h / 2)
-        k = track.id % len(_COLOURS)
+        k = track.id % COLOUR_COUNT
         lines.append(_box(track.box, k))
         circles.append(_disc(cx, cy, 2 * track.shell_radius, k))
         if track.gate is not UNSET:

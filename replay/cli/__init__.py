@@ -15,7 +15,9 @@ from difflib import get_close_matches
 from typing import NoReturn
 
 from recorders.errors import SceneTraceError, UsageError
+from replay.cli import exit_codes
 from replay.cli.common import check_outputs, say
+from replay.cli.exit_codes import Exit
 
 # Command, the module that has it, its line in the overview. A module is imported when its command
 # is called.
@@ -42,11 +44,6 @@ COMMANDS: tuple[tuple[str, str, str], ...] = (
     ("doctor", "doctor", "check a log's structure and checksums"),
     ("recover", "recover", "what is whole of a damaged log into a new one"),
     ("config", "config", "every parameter with unit, range and source, as TOML"),
-)
-FAILED, WRONG_USAGE, INTERRUPTED = 1, 2, 1
-EXIT_CODES = (
-    "exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but something was lost or left"
-    " out; 4 differs"
 )
 EXAMPLE = """example:
   scenetrace record video.avi --fps 7 -o scene.mcap
@@ -75,7 +72,7 @@ def parser(command: str | None = None) -> Parser:
             "Replay recorded camera scenes, bit for bit the same, and say who interacted"
             " with whom."
         ),
-        epilog=f"{EXAMPLE}\n{EXIT_CODES}",
+        epilog=f"{EXAMPLE}\n{exit_codes.TEXT}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument("--version", action="store_true", help="print the version and exit")
@@ -104,7 +101,7 @@ def main(  # noqa: PLR0911
             from importlib.metadata import version
 
             print(f"scenetrace {version('scenetrace')}")
-            return 0
+            return Exit.DONE
         if args.command is None:
             raise UsageError("no command given; `scenetrace --help` lists them")
         check_outputs(args)
@@ -115,16 +112,16 @@ def main(  # noqa: PLR0911
         say(f"scenetrace: error: {e.headline}")
         for line in e.below:
             say(line)
-        return WRONG_USAGE
+        return Exit.WRONG_USAGE
     except SceneTraceError as e:
         say(f"scenetrace: error: {e}")
-        return FAILED
+        return Exit.FAILED
     except KeyboardInterrupt:
         print(
             "scenetrace: error: interrupted; nothing half-written has the output's name",
             file=sys.stderr,
         )
-        return INTERRUPTED
+        return Exit.FAILED
     except BrokenPipeError:
         # The reader of our output has gone (`| head`): not an error of ours, and nothing more to
         # say to it.
@@ -132,7 +129,7 @@ def main(  # noqa: PLR0911
         return 128 + signal.SIGPIPE
     except OSError as e:
         say(f"scenetrace: error: {e.filename or _written(words)}: {e.strerror or e}")
-        return FAILED
+        return Exit.FAILED
 
 
 def _written(words: Sequence[str]) -> str:

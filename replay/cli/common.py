@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, ParamSpec
+from typing import TYPE_CHECKING, Any, ParamSpec, Protocol
 
 from recorders.errors import UsageError
 
@@ -23,8 +23,16 @@ NANOS = 1_000_000_000
 P = ParamSpec("P")
 
 
+class Commands(Protocol):
+    """What a command adds its parser to."""
+
+    def add_parser(self, name: str, **options: Any) -> argparse.ArgumentParser:
+        """A new command's parser."""
+        ...
+
+
 def command(
-    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+    commands: Commands,
     name: str,
     summary: str,
     description: str,
@@ -247,3 +255,39 @@ def interrupts_at(report: Callable[P, None]) -> Iterator[Callable[P, None]]:
         yield safely
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def picture_size(text: str) -> tuple[int, int]:
+    """Width and height of ``768x576``, each at most six digits.
+
+    Raises:
+        ArgumentTypeError: it is not such a size.
+    """
+    match = re.fullmatch(r"([1-9]\d{0,5})[xX×]([1-9]\d{0,5})", text, re.ASCII)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be WIDTHxHEIGHT, like 768x576")
+    return int(match[1]), int(match[2])
+
+
+def take_words_anywhere(parser: argparse.ArgumentParser) -> None:
+    """Let options stand between the inputs and the SQL, which argparse does not do in a
+    subcommand by itself.
+    """
+    plain, mixing = parser.parse_known_args, False
+
+    def parse(
+        args: Any = None, namespace: Any = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        nonlocal mixing
+        if mixing:
+            return plain(args, namespace)
+        mixing = True
+        try:
+            return parser.parse_known_intermixed_args(args, namespace)
+        finally:
+            mixing = False
+
+    parser.parse_known_args = parse  # type: ignore[method-assign, assignment]
+    # `--within -1s` is a wrong time, which its reader says, and no option that lacks its argument.
+    # argparse has no public way to say so.
+    parser._negative_number_matcher = re.compile(r"-\.?\d.*")

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 
 from replay.cli import common
+from replay.cli.exit_codes import Exit
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: common.Commands) -> None:
     """Declare the command."""
     p = common.command(
         commands,
@@ -34,4 +35,4 @@ def run(args: argparse.Namespace) -> int:
     print(
         to_toml(configure(wanted, args.config, args.assignments, others=everything)), end=""
     )
-    return 0
+    return Exit.DONE

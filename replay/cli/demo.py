@@ -8,6 +8,7 @@ from pathlib import Path
 
 from recorders.errors import OutputExistsError, SceneTraceError
 from replay.cli import common
+from replay.cli.exit_codes import Exit
 
 SCRIPT = "demo"
 QUESTION = (
@@ -26,7 +27,7 @@ FILES = (
 )
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: common.Commands) -> None:
     """Declare the command."""
     p = common.command(
         commands,
@@ -114,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
         f"\n# open {files['report.html']} in a browser, {files['annotated.mp4']} in a"
         " player"
     )
-    return 0
+    return Exit.DONE
 
 
 def _command(words: list[str]) -> None:

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 from recorders.errors import OutputExistsError, UsageError
 from replay.cli import common
+from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
     from replay.compare import CompareOptions, Comparison
 
-DIFFERS = 4
 _SHOWN = 40
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: common.Commands) -> None:
     """Declare the command."""
     p = common.command(
         commands,
@@ -125,4 +125,4 @@ def show(found: Comparison, as_json: bool = False, everything: bool = False) -> 
             print(common.shown(line))
         if not everything and len(found.differences) > _SHOWN:
             common.say("--all prints every difference")
-    return 0 if found.equal else DIFFERS
+    return Exit.DONE if found.equal else Exit.DIFFERS

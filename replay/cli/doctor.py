@@ -8,11 +8,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 from replay.cli import common
+from replay.cli.exit_codes import Exit
 
-FAILED = 1
 
-
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: common.Commands) -> None:
     """Declare the command."""
     p = common.command(
         commands,
@@ -46,4 +45,4 @@ def run(args: argparse.Namespace) -> int:
             f"{args.log}: {errors} errors; `scenetrace recover {args.log} -o OUT` keeps"
             " what is whole"
         )
-    return FAILED if errors else 0
+    return Exit.FAILED if errors else Exit.DONE

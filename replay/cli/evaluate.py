@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from recorders.errors import OutputExistsError, SceneTraceError, UsageError
-from replay.cli.common import shown
+from replay.cli.common import Commands, picture_size, shown
+from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -47,7 +48,7 @@ class Result:
     fitted_on: str = ""
 
 
-def add(commands: argparse._SubParsersAction[Any]) -> None:
+def add(commands: Commands) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "eval",
@@ -70,13 +71,13 @@ def add(commands: argparse._SubParsersAction[Any]) -> None:
     )
     parser.add_argument(
         "--truth-size",
-        type=size,
+        type=picture_size,
         metavar="WxH",
         help="picture that the truth was labelled in",
     )
     parser.add_argument(
         "--size",
-        type=size,
+        type=picture_size,
         metavar="WxH",
         help="picture of the tracks, where the log does not say",
     )
@@ -106,21 +107,6 @@ def add(commands: argparse._SubParsersAction[Any]) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite an existing plot")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
-
-
-def size(text: str) -> tuple[int, int]:
-    """Width and height of ``768x576``."""
-    width, x, height = text.lower().partition("x")
-    if not (
-        x
-        and text.isascii()
-        and width.isdigit()
-        and height.isdigit()
-        and int(width) > 0
-        and int(height) > 0
-    ):
-        raise argparse.ArgumentTypeError(f"{text!r}: must be WIDTHxHEIGHT, like 768x576")
-    return int(width), int(height)
 
 
 def span(text: str) -> tuple[int, int | None]:
@@ -204,7 +190,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(facts | scores.as_plain(), indent=2))
     else:
         show(scores, str(args.annotated))
-    return 0
+    return Exit.DONE
 
 
 def _told_apart(paths: list[Path]) -> list[str]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from replay.cli.common import add_configuration, command, say
+from replay.cli.common import Commands, add_configuration, command, say
+from replay.cli.exit_codes import Exit
 
 EXAMPLE = """\
 scenetrace evidence annotated.mcap --events 12 relation:1-2@40 -o evidence/
@@ -14,7 +15,7 @@ DESCRIPTION = """Write what a court or a colleague needs: for each event (or row
 recorded and with overlays, the facts as JSON, the configuration, digests, and one page to read and print."""
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: Commands) -> None:
     """Declare the command."""
     p = command(
         commands,
@@ -70,4 +71,4 @@ def run(args: argparse.Namespace) -> int:
         f"{args.output}: {len(found)} explained, index.html to read, manifest.json to"
         " verify"
     )
-    return 0
+    return Exit.DONE

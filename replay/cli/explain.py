@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
-from replay.cli.common import add_configuration, command, say
+from replay.cli.common import Commands, add_configuration, command, say
+from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
     from reasoning.questions import Case
@@ -22,7 +23,7 @@ DESCRIPTION = """Say why: the rule (paper and case), the measured values with th
 states that led there; with -o also the frames before, during and after with everything drawn in, as PNG."""
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: Commands) -> None:
     """Declare the command."""
     p = command(
         commands,
@@ -101,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps([e.as_json() for e in found], indent=1, ensure_ascii=False))
     else:
         print("\n\n".join("\n".join(e.lines()) for e in found))
-    return 0
+    return Exit.DONE
 
 
 def _of_camera(case: Case, camera: str, recording: str | None) -> str:

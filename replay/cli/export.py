@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from recorders.errors import UsageError
 from replay.cli import common
-from replay.cli.evaluate import size
+from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
     from recorders.annotated.reader import AnnotatedLog
@@ -33,7 +33,7 @@ video    the pictures with boxes, shells, relations, groups, regions and events 
 """
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: common.Commands) -> None:
     """Declare the command."""
     p = common.command(
         commands,
@@ -82,7 +82,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     )
     p.add_argument(
         "--size",
-        type=size,
+        type=common.picture_size,
         metavar="WxH",
         help="video: the picture's size where the log does not say",
     )
@@ -112,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
         else:
             done = _tables(args, log.camera)
     common.say(f"{args.output}: {done}")
-    return 0
+    return Exit.DONE
 
 
 def log_time(text: str | None, log: AnnotatedLog) -> int | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from recorders.errors import OutputExistsError, SceneTraceError, UsageError
 from replay.cli import common
-from replay.cli.evaluate import size
+from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
     from replay.fitting import Fitted
@@ -17,7 +17,7 @@ FEW = 50
 """Pairs of frames below which a fit says little."""
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: common.Commands) -> None:
     """Declare the command."""
     p = common.command(
         commands,
@@ -72,7 +72,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def _size(text: str) -> tuple[int, int] | None:
     """Width and height of ``768x576``, None of ``same``."""
-    return None if text == "same" else size(text)
+    return None if text == "same" else common.picture_size(text)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -119,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
             f"{args.output}: fewer than {FEW} pairs of frames say little; give a longer"
             " truth, or more recordings"
         )
-    return 0
+    return Exit.DONE
 
 
 def _held_out(fitted: Fitted) -> str:

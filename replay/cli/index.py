@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from replay.cli.common import add_configuration, command, progress, say
+from replay.cli.common import Commands, add_configuration, command, progress, say
+from replay.cli.exit_codes import Exit
 
 EXAMPLE = """\
 scenetrace index monday.mcap tuesday.mcap -o case.duckdb
@@ -18,7 +19,7 @@ An index is added to: each recording goes in once (known by its SHA-256), so the
 the rest. No picture is decoded."""
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: Commands) -> None:
     """Declare the command."""
     p = command(
         commands, "index", "many annotated logs into one database", DESCRIPTION, EXAMPLE
@@ -85,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     other = done.known and _found_otherwise(
         args.output, chosen_encounters(args.config, args.assignments)
     )
-    return 3 if done.failed or other else 0
+    return Exit.LEFT_OUT if done.failed or other else Exit.DONE
 
 
 def _found_otherwise(index: Path, chosen: dict[str, float]) -> bool:

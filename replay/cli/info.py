@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from replay.cli import common
+from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
     from recorders.log.info import LogInfo
@@ -19,7 +20,7 @@ _FIRST_DATE_NS = 365 * 86_400 * common.NANOS
 _OURS = ("scenetrace", "scenetrace.recording")
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: common.Commands) -> None:
     """Declare the command."""
     p = common.command(
         commands,
@@ -44,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(_plain(info), indent=2, sort_keys=True))
     else:
         _print(info)
-    return 0
+    return Exit.DONE
 
 
 def _plain(info: LogInfo) -> dict[str, Any]:

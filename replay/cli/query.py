@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from recorders.errors import OutputExistsError, UsageError
-from replay.cli.common import add_configuration, command, say
+from replay.cli.common import Commands, add_configuration, command, say, take_words_anywhere
+from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
     from reasoning.questions import Answer, Case
@@ -34,7 +34,7 @@ Tables: frames, tracks, relations, groups, encounters, events; also recordings, 
 A query only reads: no files, no settings, no extensions, within --time-limit and --memory."""
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: Commands) -> None:
     """Declare the command."""
     p = command(
         commands,
@@ -104,30 +104,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help="memory in MiB (default 2048)",
     )
     p.set_defaults(run=run)
-    _take_words_anywhere(p)
-    # `--within -1s` is a wrong time, which its reader says, and no option that lacks its argument.
-    p._negative_number_matcher = re.compile(r"-\.?\d.*")
-
-
-def _take_words_anywhere(parser: argparse.ArgumentParser) -> None:
-    """Let options stand between the inputs and the SQL, which argparse does not do in a
-    subcommand by itself.
-    """
-    plain, mixing = parser.parse_known_args, False
-
-    def parse(
-        args: Any = None, namespace: Any = None
-    ) -> tuple[argparse.Namespace, list[str]]:
-        nonlocal mixing
-        if mixing:
-            return plain(args, namespace)
-        mixing = True
-        try:
-            return parser.parse_known_intermixed_args(args, namespace)
-        finally:
-            mixing = False
-
-    parser.parse_known_args = parse  # type: ignore[method-assign, assignment]
+    take_words_anywhere(p)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -138,13 +115,13 @@ def run(args: argparse.Namespace) -> int:
     from replay.configuration import chosen_encounters, encounter_config
 
     if _listed(args):
-        return 0
+        return Exit.DONE
     form = _format(args)
     _check_options(args)
     inputs, query = _split(args)
     if args.show_sql:
         print(query)
-        return 0
+        return Exit.DONE
     if not 0 < args.time_limit <= 1e6 or not 16 <= args.memory <= 1_048_576:
         raise UsageError(
             "--time-limit must be over 0 and at most 1e6 seconds, --memory 16 to"
@@ -163,7 +140,7 @@ def run(args: argparse.Namespace) -> int:
             count = _answer(answer, form, args)
         if count == 0 and nothing:
             say(f"no rows: {nothing}")
-    return 0
+    return Exit.DONE
 
 
 def _check_options(args: argparse.Namespace) -> None:

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
 from replay.cli import common
+from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
     from recorders.detectors import ModelOptions
 
-LEFT_OUT = 3
 
-
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: common.Commands) -> None:
     """Declare the command."""
     p = common.command(
         commands,
@@ -98,7 +96,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help='JSON: {"roi": [[x, y], ...], "border": ..., "zones": {name: ...}}',
     )
     p.add_argument(
-        "--size", metavar="WxH",
+        "--size", type=common.picture_size, metavar="WxH",
         help="the picture size that the detections were made for: beside pictures boxes are scaled from it",
     )  # fmt: skip
     p.add_argument(
@@ -108,18 +106,6 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     common.add_configuration(p)
     p.add_argument("--force", action="store_true", help="overwrite an existing output")
     p.set_defaults(run=run)
-
-
-def parse_size(text: str) -> tuple[int, int]:
-    """Width and height from ``640x480``.
-
-    Raises:
-        UsageError: it is not such a size.
-    """
-    match = re.fullmatch(r"([1-9]\d{0,5})[xX×]([1-9]\d{0,5})", text)
-    if match is None:
-        raise UsageError(f"--size {text}: must be WIDTHxHEIGHT in pixels, as 640x480")
-    return int(match[1]), int(match[2])
 
 
 def _model(args: argparse.Namespace) -> ModelOptions | None:
@@ -144,7 +130,6 @@ def run(args: argparse.Namespace) -> int:
     from recorders.sources import open_source
     from replay.configuration import all_sections
 
-    size = None if args.size is None else parse_size(args.size)
     start_ns = 0 if args.start is None else common.parse_rfc3339(args.start)
     if start_ns < 0:
         raise UsageError(f"--start {args.start}: times before 1970 cannot be recorded")
@@ -154,7 +139,9 @@ def run(args: argparse.Namespace) -> int:
     config = configure(SECTIONS, args.config, assignments, others=all_sections())
     if args.output.exists() and not args.force:
         raise OutputExistsError(args.output)
-    source = open_source(args.source, detections=args.detections, fps=args.fps, size=size)
+    source = open_source(
+        args.source, detections=args.detections, fps=args.fps, size=args.size
+    )
     for note in source.notes:
         common.say(f"scenetrace: {note}")
     said = set(source.notes)
@@ -192,4 +179,4 @@ def run(args: argparse.Namespace) -> int:
         f" ({args.detections or source.name if source.has_detections else done.detect}),"
         f" pictures {done.codec}"
     )
-    return LEFT_OUT if done.losses else 0
+    return Exit.LEFT_OUT if done.losses else Exit.DONE

@@ -6,11 +6,10 @@ import argparse
 from pathlib import Path
 
 from replay.cli import common
+from replay.cli.exit_codes import Exit
 
-LOST = 3
 
-
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: common.Commands) -> None:
     """Declare the command."""
     p = common.command(
         commands,
@@ -46,4 +45,4 @@ def run(args: argparse.Namespace) -> int:
     )
     for loss in report.losses:
         common.say(f"lost: at byte {loss.offset} ({loss.record}): {loss.reason}")
-    return LOST if report.losses else 0
+    return Exit.LEFT_OUT if report.losses else Exit.DONE

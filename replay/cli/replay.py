@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from recorders.errors import OutputExistsError, UsageError
 from recorders.parameters import Config
 from replay.cli import common, diff
+from replay.cli.exit_codes import Exit
 from replay.cli.starts import check_starts, missed
 from replay.plurals import number
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from replay.trackers.choice import TrackerChoice
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: common.Commands) -> None:
     """Declare the command."""
     p = common.command(
         commands,
@@ -213,7 +214,7 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
     left_out = missed(starts, done)
     if left_out:
         common.say(f"{args.scene}: {left_out}")
-    return 3 if left_out else 0
+    return Exit.LEFT_OUT if left_out else Exit.DONE
 
 
 def check_span(

@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from replay.cli.common import command, say
+from replay.cli.common import Commands, command, say
+from replay.cli.exit_codes import Exit
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: Commands) -> None:
     """Declare the command."""
     p = command(
         commands,
@@ -54,4 +55,4 @@ def run(args: argparse.Namespace) -> int:
         f"{args.output}: {size:.1f} MB, "
         + ", ".join(f"{value} {name}" for name, value in figures.items())
     )
-    return 0
+    return Exit.DONE

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from recorders.errors import OutputExistsError, UsageError
 from replay.cli import common
+from replay.cli.exit_codes import Exit
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: common.Commands) -> None:
     """Declare the command."""
     p = common.command(
         commands,
@@ -85,4 +86,4 @@ def run(args: argparse.Namespace) -> int:
             f"{args.output}: {len(manifest.files)} files"
             + (", signed" if manifest.signature else "")
         )
-    return 0
+    return Exit.DONE

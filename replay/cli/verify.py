@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
 from replay.cli import common
+from replay.cli.exit_codes import Exit
 from replay.plurals import number
 
 if TYPE_CHECKING:
     from replay.sealing import CaseVerdict
     from replay.verification import Verification
 
-DIFFERS = 4
 
-
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(commands: common.Commands) -> None:
     """Declare the command."""
     p = common.command(
         commands,
@@ -81,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
             )
         )
     good = (case is None or case.intact) and (log is None or log.identical)
-    return 0 if good else DIFFERS
+    return Exit.DONE if good else Exit.DIFFERS
 
 
 def _manifest(args: argparse.Namespace) -> CaseVerdict:

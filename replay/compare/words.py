@@ -4,41 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from recorders.messages import EVENT_WORDS
 from replay.plurals import number
 
 _THEIRS = "B's "
-# What one does, what several do.
-VERBS = {
-    "track_confirmed": ("is confirmed", "are confirmed"),
-    "track_lost": ("is lost", "are lost"),
-    "track_recovered": ("is recovered", "are recovered"),
-    "track_removed": ("is removed", "are removed"),
-    "entering": ("is entering", "are entering"),
-    "entered": ("has entered", "have entered"),
-    "exiting": ("is exiting", "are exiting"),
-    "returned": ("returns", "return"),
-    "exited": ("exits", "exit"),
-    "interaction_started": ("begins to interact", "begin to interact"),
-    "joined": ("joins", "join"),
-    "separated": ("separates", "separate"),
-    "interaction_ended": ("ends its interaction", "end their interaction"),
-    "grouping": ("is grouping", "are grouping"),
-    "grouped": ("is grouped", "are grouped"),
-    "splitting": ("splits", "split"),
-    "single": ("is single", "are single"),
-    "group_formed": ("forms", "form"),
-    "group_changed": ("changes", "change"),
-    "group_ended": ("ends", "end"),
-    "group_entered_scene": ("enters as a group", "enter as a group"),
-    "mode_changed": ("changes its mode", "change their modes"),
-    "disagreement": (
-        "is judged differently by the two papers",
-        "are judged differently by the two papers",
-    ),
-    "anomaly": ("shows an anomaly", "show an anomaly"),
-    "zone_entered": ("enters a zone", "enter a zone"),
-    "zone_left": ("leaves a zone", "leave a zone"),
-}
 
 
 def listed(names: Sequence[str]) -> str:
@@ -110,7 +79,7 @@ def verb(kind: str, one: bool, adverb: str = "") -> str:
     >>> verb("track_confirmed", True, "now"), verb("splitting", True, "no longer")
     ('is now confirmed', 'no longer splits')
     """
-    known = VERBS.get(kind)
+    known = EVENT_WORDS.get(kind)
     if known is None:
         return f"{adverb} {'has' if one else 'have'} an event {kind}".lstrip()
     said = known[0] if one else known[1]

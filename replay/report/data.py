@@ -17,7 +17,8 @@ from reasoning.questions.literals import literal
 from recorders.annotated.reader import AnnotatedLog
 from recorders.pictures import encode_jpeg
 from recorders.vision import cv2
-from replay.draw import DrawOptions, track_colour
+from replay.draw import DrawOptions
+from replay.palette import track_css
 from replay.report.pictures import chosen_frames, drawn
 
 Image = Any
@@ -196,13 +197,7 @@ def _tracks(case: Case, name: str, options: ReportOptions) -> list[dict[str, Any
           WHERE recording = {name} AND track IN ({listed}))
         WHERE k % greatest(1, CAST(ceil(n / {points}) AS BIGINT)) = 0 OR k = n - 1 GROUP BY track ORDER BY track"""  # noqa: S608
     )
-    return [{"id": track, "colour": _css(track), "path": path} for track, path in rows]
-
-
-def _css(track: int) -> str:
-    blue, green, red = track_colour(track)
-    # Tones for drawing over pictures are too light for lines on white.
-    return f"rgb({int(red * 0.78)},{int(green * 0.7)},{int(blue * 0.85)})"
+    return [{"id": track, "colour": track_css(track), "path": path} for track, path in rows]
 
 
 def _steps(

@@ -89,7 +89,7 @@ def test_what_was_assumed_and_left_out_is_said_and_the_code_is_3(
             2,
             "--fps 0: must be a number of frames per second over 0",
         ),
-        (["img1", "--size", "640"], 2, "--size 640: must be WIDTHxHEIGHT in pixels"),
+        (["img1", "--size", "640"], 2, "--size: '640': must be WIDTHxHEIGHT, like 768x576"),
         (["img1", "--start", "noon"], 2, "time 'noon'"),
         (
             ["img1", "--start", "1960-01-01T00:00:00Z"],

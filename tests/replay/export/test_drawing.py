@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from recorders.annotated.membership import value_of
 from recorders.messages import Event, Group, Relation, Track
-from replay.draw import DrawOptions, Overlay, draw_frame, label, part_box, track_colour
+from replay.draw import DrawOptions, Overlay, draw_frame, label, part_box
+from replay.palette import COLOUR_COUNT, track_bgr
 from replay.trackers.parts.regions import PARTS, parts_of
 
 
@@ -47,9 +48,9 @@ def test_a_box_shows_on_any_ground(value: int) -> None:
 
 
 def test_colours_are_the_identitys_own_and_bright() -> None:
-    assert track_colour(5) == track_colour(5)
-    assert len({track_colour(i) for i in range(40)}) == 40
-    assert all(max(track_colour(i)) == 255 for i in range(40))
+    assert track_bgr(5) == track_bgr(5)
+    assert len({track_bgr(i) for i in range(40)}) == COLOUR_COUNT
+    assert all(max(track_bgr(i)) >= 160 for i in range(40))
     a, b = (draw_frame(ground(), Overlay([track(i)]), PLAIN) for i in (1, 2))
     assert not np.array_equal(a, b)
 
@@ -154,7 +155,7 @@ def test_labels_keep_apart() -> None:
         ground(), Overlay([track(1), track(2)]), DrawOptions(1.0, boxes=False, shells=False)
     )
     for identity in (1, 2):
-        assert np.count_nonzero((both == track_colour(identity)).all(axis=2)) > 30
+        assert np.count_nonzero((both == track_bgr(identity)).all(axis=2)) > 30
 
 
 wild = st.floats(-1e7, 1e7, allow_nan=False)
