@@ -259,7 +259,7 @@ class _Camera:
             self._add(
                 "tracks", frame.index, t, k.id, *k.box, *k.velocity, k.mode, k.confidence,
                 k.grouping, k.grouped, k.splitting, k.group, k.scene,
-                None if k.label is UNSET else k.label,
+                None if k.label is UNSET else k.label, k.present,
             )  # fmt: skip
             if not k.present:
                 continue

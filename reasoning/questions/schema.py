@@ -38,6 +38,7 @@ TABLES: Mapping[str, Columns] = {
         ("group_id", "INTEGER"),
         ("scene", "VARCHAR"),
         ("label", "VARCHAR"),
+        ("present", "BOOLEAN"),
     ),
     "relations": (
         ("recording", "VARCHAR"),
@@ -166,7 +167,8 @@ MEANING: Mapping[str, str] = {
     "frames": "one row per frame",
     "tracks": (
         "one row per track and frame; x, y, w, h in pixels, vx, vy in pixels per second;"
-        " label is the class that its detections voted for, NULL where they told none"
+        " label is the class that its detections voted for, NULL where they told none;"
+        " present says whether the track is held to be in the picture (what MOT exports hold)"
     ),
     "relations": (
         "one row per interval in which a and b (a < b) were in INTERACTION or JOINT"

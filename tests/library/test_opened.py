@@ -173,3 +173,4 @@ def test_present_tracks_are_those_of_the_mot_export(folder: Path) -> None:
         rows = write_mot(plain, folder / "mot.txt", force=True)
     with scenetrace.open(path) as log:
         assert sum(len(frame.present) for frame in log) == rows
+        assert list(log.sql("SELECT count(*) FROM tracks WHERE present")) == [(rows,)]

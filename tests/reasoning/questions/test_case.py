@@ -28,7 +28,7 @@ def test_columns_are_the_contract(case: Case) -> None:
         "frames": "recording frame t",
         "tracks": (
             "recording frame t track x y w h vx vy mode confidence grouping grouped"
-            " splitting group_id scene label"
+            " splitting group_id scene label present"
         ),
         "relations": "recording a b state start_frame end_frame start_t end_t",
         "groups": (

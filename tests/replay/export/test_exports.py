@@ -21,7 +21,7 @@ CONTRACT = {
     "frames": ["frame", "t"],
     "tracks": [
         "frame", "t", "track", "x", "y", "w", "h", "vx", "vy", "mode", "confidence", "grouping", "grouped", "splitting",
-        "group_id", "scene",
+        "group_id", "scene", "label", "present",
     ],
     "relations": ["a", "b", "state", "start_frame", "end_frame", "start_t", "end_t"],
     "groups": ["group_id", "members", "start_frame", "end_frame", "start_t", "end_t", "formed_from", "ended_by"],
