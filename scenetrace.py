@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
+    from recorders.detectors.detector import Detector, Sighting
     from recorders.errors import (
         ConfigError,
         OutputExistsError,
@@ -72,6 +73,7 @@ __all__ = [
     "Comparison",
     "ConfigError",
     "Detections",
+    "Detector",
     "Engine",
     "Event",
     "Frame",
@@ -89,6 +91,7 @@ __all__ = [
     "SceneInfo",
     "SceneLog",
     "SceneTraceError",
+    "Sighting",
     "Source",
     "SourceError",
     "SourceFrame",
@@ -114,6 +117,7 @@ __all__ = [
 _ROOMS = ("recorders", "reasoning", "replay", "fixtures")
 _HOME = os.path.dirname(os.path.realpath(__file__))
 _PLACES = {
+    "recorders.detectors.detector": "Detector Sighting",
     "recorders.errors": "ConfigError OutputExistsError RecordingError SceneTraceError"
     " SourceError UsageError",
     "recorders.messages": "Box Detections Event Graph Group Notice Regions Relation Target"
