@@ -34,8 +34,8 @@ def near_pairs(middles: Sequence[float], reaches: Sequence[float]) -> list[tuple
             extents.append((middle - wide, middle + wide, k))
     extents.sort()
     found: list[tuple[int, int]] = []
-    for n, (_, end, i) in enumerate(extents, 1):
-        for start, _, j in extents[n:]:
+    for index, (_, end, i) in enumerate(extents, 1):
+        for start, _, j in extents[index:]:
             if start > end:
                 break
             found.append((i, j) if i < j else (j, i))

@@ -28,8 +28,10 @@ class ClassBook:
 
     def step(self, targets: Sequence[Target], detections: Detections) -> None:
         """Take the next frame's targets, by id, and what was detected in it."""
-        told = [k for k, name in enumerate(detections.labels) if name not in NO_CLASS]
-        seen = [t for t in targets if t.observed and t.present]
+        told = [
+            index for index, name in enumerate(detections.labels) if name not in NO_CLASS
+        ]
+        seen = [target for target in targets if target.observed and target.present]
         if not told or not seen:
             return
         overlap = _overlaps(

@@ -213,36 +213,44 @@ _RELATION_TEXT = {
 }
 
 
-def relation(log: EventLog, c: Change, overlap: float, margins: dict[str, float]) -> None:
+def relation(
+    log: EventLog, change: Change, overlap: float, margins: dict[str, float]
+) -> None:
     """A change of a pair's relation (SHELLS 2.3). Two discs meet where the gap between them is at
     most 0.
     """
-    room = min(c.radius_a, c.radius_b)
-    if c.case == "II":
+    room = min(change.radius_a, change.radius_b)
+    if change.case == "II":
         held = {"shell_gap_px_at_most": 0.0 - margins["enter_margin"] * room}
     else:
-        ends = "at_most" if c.case in ("III", "IV", "unseen") else "over"
+        ends = "at_most" if change.case in ("III", "IV", "unseen") else "over"
         held = {f"shell_gap_px_{ends}": margins["leave_margin"] * room}
     evidence: dict[str, Any] = {
-        "case": c.case,
-        "before": c.before,
-        "after": c.after,
-        "distance_px": c.distance,
-        "shell_radii_px": [c.radius_a, c.radius_b],
-        "shell_gap_px": c.distance - (c.radius_a + c.radius_b),
-        **({} if c.gone else held),
+        "case": change.case,
+        "before": change.before,
+        "after": change.after,
+        "distance_px": change.distance,
+        "shell_radii_px": [change.radius_a, change.radius_b],
+        "shell_gap_px": change.distance - (change.radius_a + change.radius_b),
+        **({} if change.gone else held),
         "shell_overlap": overlap,
-        "same_blob": c.same_blob,
-        "time_in_state_s": seconds(c.lasted_ns),
-        "since_frame": c.since_frame,
+        "same_blob": change.same_blob,
+        "time_in_state_s": seconds(change.lasted_ns),
+        "since_frame": change.since_frame,
         **margins,
     }
-    if c.gone:
-        evidence["gone"] = list(c.gone)
-    pair = list_of([c.a, c.b])
-    text = _RELATION_TEXT[c.case].format(p=pair, g=list_of(c.gone or c.unseen))
+    if change.gone:
+        evidence["gone"] = list(change.gone)
+    pair = list_of([change.a, change.b])
+    text = _RELATION_TEXT[change.case].format(
+        p=pair, g=list_of(change.gone or change.unseen)
+    )
     log.add(
-        _RELATION_KINDS.get(c.case, "interaction_ended"), [c.a, c.b], c.rule, evidence, text
+        _RELATION_KINDS.get(change.case, "interaction_ended"),
+        [change.a, change.b],
+        change.rule,
+        evidence,
+        text,
     )
 
 
@@ -252,17 +260,17 @@ def safety(distance: float, margin: float) -> dict[str, float]:
     return {"safety_distance": distance, f"safety_distance_{held}": 1.0 + margin}
 
 
-def _safety(c: PairChange, p: InteractionParameters) -> dict[str, float]:
+def _safety(change: PairChange, p: InteractionParameters) -> dict[str, float]:
     """A pair's safety distance, its limit, and what the safety areas are made of."""
-    assert c.distance is not None, "nobody measures the distance to who is gone"
-    found = safety(c.distance, p.leave_margin if c.before else 0.0)
+    assert change.distance is not None, "nobody measures the distance to who is gone"
+    found = safety(change.distance, p.leave_margin if change.before else 0.0)
     return {**found, "safety_margin": p.safety_margin}
 
 
-def _splitting(c: PairChange, collides: bool) -> tuple[str, str]:
+def _splitting(change: PairChange, collides: bool) -> tuple[str, str]:
     """Rule and words of a pair that is splitting from this frame on."""
-    both = list_of([c.a, c.b])
-    if c.of_split:
+    both = list_of([change.a, change.b])
+    if change.of_split:
         return (
             "EVENTS 3.1 born of a split",
             f"Targets {both} are splitting: one of them is born of the split.",
@@ -275,9 +283,9 @@ def _splitting(c: PairChange, collides: bool) -> tuple[str, str]:
     why = (
         "their safety areas do not superpose any more, without a frame in which they split"
     )
-    if c.region:
-        why = f"their safety areas do not superpose any more, though they share {c.region}"
-    if not c.jumped and not c.region:
+    if change.region:
+        why = f"their safety areas do not superpose any more, though they share {change.region}"
+    if not change.jumped and not change.region:
         why = "one of them has disappeared"
     return (
         "EVENTS 3.1, ours: grouped targets that stop colliding are splitting for one frame",
@@ -287,7 +295,7 @@ def _splitting(c: PairChange, collides: bool) -> tuple[str, str]:
 
 def pair(
     log: EventLog,
-    c: PairChange,
+    change: PairChange,
     group: int | None,
     p: InteractionParameters,
     inferred: Collection[int] = (),
@@ -296,29 +304,31 @@ def pair(
 
     ``inferred``: who is born of a split by our rule, without a word of the tracker.
     """
-    kind = BIT_KINDS[c.after]
-    safety = _safety(c, p)
+    kind = BIT_KINDS[change.after]
+    safety = _safety(change, p)
     evidence = {
-        "before": BIT_KINDS.get(c.before, "none"),
+        "before": BIT_KINDS.get(change.before, "none"),
         "after": kind,
         **safety,
-        "region": c.region or "none",
-        "time_in_state_s": seconds(c.lasted_ns),
+        "region": change.region or "none",
+        "time_in_state_s": seconds(change.lasted_ns),
     }
-    both = list_of([c.a, c.b])
+    both = list_of([change.a, change.b])
     rule, text = f"EVENTS 3.1 {kind}", ""
-    if c.after == GROUPING:
+    if change.after == GROUPING:
         text = (
             f"Targets {both} are grouping: their safety areas superpose, no group is seen"
             " over them."
         )
-    elif c.after == GROUPED:
+    elif change.after == GROUPED:
         text = f"Targets {both} are grouped: they lie over one group that is observed."
     else:
-        rule, text = _splitting(c, "safety_distance_at_most" in safety)
-    if c.of_split:
-        evidence["inferred"] = c.a in inferred or c.b in inferred
-    log.add(kind, [c.a, c.b], rule, evidence, text, [] if group is None else [group])
+        rule, text = _splitting(change, "safety_distance_at_most" in safety)
+    if change.of_split:
+        evidence["inferred"] = change.a in inferred or change.b in inferred
+    log.add(
+        kind, [change.a, change.b], rule, evidence, text, [] if group is None else [group]
+    )
 
 
 def single(
@@ -396,17 +406,17 @@ def group(log: EventLog, c: GroupChange) -> None:
             "EVENTS 3.1 a group that entered as one, detected as it splits"
         ),
     }
-    subjects = sorted({i for b in c.before for i in b.members}.union(members))
+    subjects = sorted({member for b in c.before for member in b.members}.union(members))
     log.add(c.kind, subjects, rules[c.kind], evidence, text, labels)
 
 
 def _membership(g: HeldGroup, before: Sequence[HeldGroup]) -> dict[str, Any]:
-    old = sorted({i for b in before for i in b.members})
+    old = sorted({member for b in before for member in b.members})
     return {
         "ended": [b.label for b in before],
         "began": g.label,
         "members_before": [list(b.members) for b in before],
-        "joined": [i for i in g.members if i not in old],
+        "joined": [member for member in g.members if member not in old],
         "left": [i for i in old if i not in g.members],
     }
 
@@ -421,31 +431,31 @@ def forbidden(log: EventLog, target: int, before: int, after: int) -> None:
     log.add("anomaly", [target], "EVENTS 3.1 transition table", evidence, text)
 
 
-def torn(log: EventLog, c: Change) -> None:
+def torn(log: EventLog, change: Change) -> None:
     """A JOINT pair's shells are disjoint."""
     evidence = {
-        "distance_px": c.distance,
-        "shell_radii_px": [c.radius_a, c.radius_b],
-        "shell_gap_px": c.distance - (c.radius_a + c.radius_b),
+        "distance_px": change.distance,
+        "shell_radii_px": [change.radius_a, change.radius_b],
+        "shell_gap_px": change.distance - (change.radius_a + change.radius_b),
         "shell_gap_px_over": 0.0,
-        "same_blob": c.same_blob,
+        "same_blob": change.same_blob,
     }
     text = (
-        f"Targets {list_of([c.a, c.b])} were joined, yet their shells are disjoint: an"
+        f"Targets {list_of([change.a, change.b])} were joined, yet their shells are disjoint: an"
         " identity error or a lost frame."
     )
-    log.add("anomaly", [c.a, c.b], c.rule, evidence, text)
+    log.add("anomaly", [change.a, change.b], change.rule, evidence, text)
 
 
-def jumped(log: EventLog, c: PairChange, p: InteractionParameters) -> None:
+def jumped(log: EventLog, change: PairChange, p: InteractionParameters) -> None:
     """A grouped pair stopped colliding without having been seen to split."""
-    evidence = {"before": "grouped", **_safety(c, p)}
+    evidence = {"before": "grouped", **_safety(change, p)}
     text = (
-        f"Targets {list_of([c.a, c.b])} were grouped and do not collide at once: they were"
+        f"Targets {list_of([change.a, change.b])} were grouped and do not collide at once: they were"
         " not seen to split."
     )
     rule = "EVENTS 3.1, ours: the frame rate is high enough to see grouped targets split"
-    log.add("anomaly", [c.a, c.b], rule, evidence, text)
+    log.add("anomaly", [change.a, change.b], rule, evidence, text)
 
 
 def disagreement(

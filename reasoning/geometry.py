@@ -108,7 +108,11 @@ class Area:
     """
 
     def __init__(self, polygons: Sequence[Polygon]) -> None:
-        kept = [np.asarray(p, np.float64).reshape(-1, 2) for p in polygons if len(p) >= 3]
+        kept = [
+            np.asarray(polygon, np.float64).reshape(-1, 2)
+            for polygon in polygons
+            if len(polygon) >= 3
+        ]
         self._edges = [np.hstack([p, np.roll(p, -1, axis=0)]) for p in kept]
         self._all = np.vstack(self._edges) if kept else np.zeros((0, 4))
         self._rectangle = _as_rectangle(kept[0]) if len(kept) == 1 else None
@@ -256,10 +260,10 @@ def _slabs_cover(box: Floats, polygons: Sequence[Floats]) -> bool:
     x1, y1 = x0 + w, y0 + h
     edges = [tuple(float(v) for v in e) for polygon in polygons for e in polygon]
     sides = [(x0, y0, x0, y1), (x1, y0, x1, y1)]
-    cuts = {y0, y1} | {y for e in edges for y in (e[1], e[3]) if y0 < y < y1}
-    for i, e in enumerate(edges):
-        for other in edges[i + 1 :] + sides:
-            y = _crossing_y(e, other)
+    cuts = {y0, y1} | {y for edge in edges for y in (edge[1], edge[3]) if y0 < y < y1}
+    for index, edge in enumerate(edges):
+        for other in edges[index + 1 :] + sides:
+            y = _crossing_y(edge, other)
             if y is not None and y0 < y < y1:
                 cuts.add(y)
     levels = sorted(cuts)

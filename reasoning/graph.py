@@ -85,16 +85,16 @@ class GraphBook:
         if facts == self._facts:
             return None
         self._facts = facts
-        nodes = [_group_node(g) for g in scene.groups] + [
-            _target_node(t) for t in scene.tracks
+        nodes = [_group_node(group) for group in scene.groups] + [
+            _target_node(track) for track in scene.tracks
         ]
-        intervals = {_interval_id(v): v for v in _intervals(scene)}
+        intervals = {_interval_id(interval): interval for interval in _intervals(scene)}
         if self._started and nodes == self._nodes and intervals.keys() == self._open.keys():
             return None
         ended = [v for key, v in self._open.items() if key not in intervals]
-        known = {n["id"] for n in nodes}
+        known = {node["id"] for node in nodes}
         gone = sorted({n for v in ended for n in v[:2]} - known, key=node_order)
-        edges = [_edge(v) for v in intervals.values()]
+        edges = [_edge(interval) for interval in intervals.values()]
         edges += [{**_edge(v), "end_frame": frame, "end_ns": time_ns} for v in ended]
         all_nodes = nodes + [
             {"id": n, "kind": n.partition(":")[0], "gone": True} for n in gone
@@ -113,14 +113,14 @@ class GraphBook:
         """The open intervals and the last nodes as plain data."""
         return {
             "open": [list(v) for v in self._open.values()],
-            "nodes": [dict(n) for n in self._nodes],
+            "nodes": [dict(node) for node in self._nodes],
             "started": self._started,
         }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continue from what `state` gave."""
         intervals = [cast(Interval, tuple(v)) for v in state["open"]]
-        self._open = {_interval_id(v): v for v in intervals}
+        self._open = {_interval_id(interval): interval for interval in intervals}
         self._nodes = [dict(n) for n in state["nodes"]]
         self._started = state["started"]
         self._facts = None
@@ -131,13 +131,34 @@ def _facts(scene: Scene) -> list[tuple[Any, ...]]:
     graph.
     """
     facts: list[tuple[Any, ...]] = [
-        (t.id, t.grouping, t.grouped, t.splitting, t.group, t.scene, t.mode, t.present)
-        for t in scene.tracks
+        (
+            track.id,
+            track.grouping,
+            track.grouped,
+            track.splitting,
+            track.group,
+            track.scene,
+            track.mode,
+            track.present,
+        )
+        for track in scene.tracks
     ]
-    for g in scene.groups:
-        history = g.formed_from, g.former_members, g.entered_as_one
-        facts.append((g.label, g.members, g.observed, g.since_frame, g.since_ns, *history))
-    facts += [("SHELLS", e.a, e.b, e.state, e.since_frame) for e in scene.relations]
+    for group in scene.groups:
+        history = group.formed_from, group.former_members, group.entered_as_one
+        facts.append(
+            (
+                group.label,
+                group.members,
+                group.observed,
+                group.since_frame,
+                group.since_ns,
+                *history,
+            )
+        )
+    facts += [
+        ("SHELLS", relation.a, relation.b, relation.state, relation.since_frame)
+        for relation in scene.relations
+    ]
     facts += [("EVENTS", a, b, bond.bit, bond.since_frame) for a, b, bond in scene.bonds]
     return facts
 
@@ -165,21 +186,21 @@ def _group_node(g: HeldGroup) -> dict[str, Any]:
         "since_frame": g.since_frame,
         "since_ns": g.since_ns,
         "formed_from": list(g.formed_from),
-        "former_members": [list(m) for m in g.former_members],
+        "former_members": [list(member) for member in g.former_members],
         "entered_as_one": g.entered_as_one,
     }
 
 
 def _intervals(scene: Scene) -> Iterable[Interval]:
-    for e in scene.relations:
+    for relation in scene.relations:
         yield (
-            target_node(e.a),
-            target_node(e.b),
+            target_node(relation.a),
+            target_node(relation.b),
             "SHELLS",
-            e.state,
-            e.since_frame,
-            e.since_ns,
-            e.rule,
+            relation.state,
+            relation.since_frame,
+            relation.since_ns,
+            relation.rule,
         )
     for a, b, bond in scene.bonds:
         state = _BITS[bond.bit]
@@ -193,15 +214,15 @@ def _intervals(scene: Scene) -> Iterable[Interval]:
             bond.since_ns,
             rule,
         )
-    for g in scene.groups:
-        for i in g.members:
+    for group in scene.groups:
+        for member in group.members:
             yield (
-                group_node(g.label),
-                target_node(i),
+                group_node(group.label),
+                target_node(member),
                 "EVENTS",
                 "member",
-                g.since_frame,
-                g.since_ns,
+                group.since_frame,
+                group.since_ns,
                 "EVENTS 3.1 group",
             )
 
@@ -232,10 +253,10 @@ def to_networkx(message: Graph) -> nx.MultiGraph:
     is None is left out.
     """
     graph = _empty(message.graph)
-    for n in message.nodes:
-        graph.add_node(n["id"], **_plain(n, ("id",)))
-    for e in message.edges:
-        _add(graph, e)
+    for node in message.nodes:
+        graph.add_node(node["id"], **_plain(node, ("id",)))
+    for edge in message.edges:
+        _add(graph, edge)
     return graph
 
 
@@ -258,25 +279,25 @@ def over_time(
     there: set[str] = set()
     for message in messages:
         now: set[str] = set()
-        for n in message.nodes:
-            held = nodes.get(n["id"], {"first_frame": message.frame})
-            if n.get("gone"):
-                nodes[n["id"]] = {**held, **n}
+        for node in message.nodes:
+            held = nodes.get(node["id"], {"first_frame": message.frame})
+            if node.get("gone"):
+                nodes[node["id"]] = {**held, **node}
                 continue
-            now.add(n["id"])
-            nodes[n["id"]] = {"first_frame": held["first_frame"], **n}
+            now.add(node["id"])
+            nodes[node["id"]] = {"first_frame": held["first_frame"], **node}
         for name in there - now:
             nodes[name]["last_frame"] = message.frame - 1
         there = now
-        for e in message.edges:
-            edges[e["source"], e["target"], e["key"]] = e
+        for edge in message.edges:
+            edges[edge["source"], edge["target"], edge["key"]] = edge
     for name in there:
         nodes[name]["last_frame"] = last_frame
     graph = _empty(facts)
     for name in sorted(nodes, key=node_order):
         graph.add_node(name, **_plain(nodes[name], ("id",)))
-    for e in sorted(edges.values(), key=_edge_order):
-        _add(graph, e)
+    for edge in sorted(edges.values(), key=_edge_order):
+        _add(graph, edge)
     return graph
 
 

@@ -89,25 +89,32 @@ class GroupBook:
         """
         if not (clusters or entered or self._groups):
             return []
-        by_members = {g.members: g for g in self._groups.values()}
+        by_members = {group.members: group for group in self._groups.values()}
         for g in self._groups.values():
             g.observed = False
-        fresh = [c for c in clusters if c.members not in by_members]
-        for c in clusters:
-            if c.members in by_members:
-                g = by_members[c.members]
-                g.observed, g.source, g.source_id = True, c.source, c.source_id
+        fresh = [cluster for cluster in clusters if cluster.members not in by_members]
+        for cluster in clusters:
+            if cluster.members in by_members:
+                g = by_members[cluster.members]
+                g.observed, g.source, g.source_id = True, cluster.source, cluster.source_id
         begun = [self._begin(frame, time_ns, c.members, c) for c in fresh]
-        taken = {i for g in self._groups.values() if g.observed for i in g.members}
+        taken = {
+            member
+            for group in self._groups.values()
+            if group.observed
+            for member in group.members
+        }
         for members in entered:
-            free = tuple(i for i in members if i not in taken)
+            free = tuple(member for member in members if member not in taken)
             if len(free) >= 2:
                 begun.append(self._begin(frame, time_ns, free, None))
                 taken.update(free)
         replaced = self._end_replaced([c.group.label for c in begun])
         begun = [self._name(c, replaced) for c in begun]
         ended = self._end_idle(time_ns, splitting, ids)
-        self._of = {i: g.label for g in self.groups for i in g.members}
+        self._of = {
+            member: group.label for group in self.groups for member in group.members
+        }
         return ended + begun
 
     def _begin(
@@ -134,11 +141,13 @@ class GroupBook:
 
     def _end_replaced(self, new: Sequence[int]) -> list[HeldGroup]:
         """End the old groups without observation that share a member with a new one."""
-        fresh = {i for label in new for i in self._groups[label].members}
+        fresh = {member for label in new for member in self._groups[label].members}
         old = [
-            g
-            for g in self.groups
-            if g.label not in new and not g.observed and fresh.intersection(g.members)
+            group
+            for group in self.groups
+            if group.label not in new
+            and not group.observed
+            and fresh.intersection(group.members)
         ]
         for g in old:
             del self._groups[g.label]
@@ -164,23 +173,26 @@ class GroupBook:
     ) -> list[GroupChange]:
         """End the groups that have neither an observation nor two members that are splitting."""
         ended: list[GroupChange] = []
-        for g in self.groups:
-            members = set(g.members)
-            if g.observed or any(a in members and b in members for a, b in splitting):
+        for group in self.groups:
+            members = set(group.members)
+            if group.observed or any(a in members and b in members for a, b in splitting):
                 continue
-            del self._groups[g.label]
-            gone = tuple(i for i in g.members if i not in ids)
+            del self._groups[group.label]
+            gone = tuple(member for member in group.members if member not in ids)
             ended.append(
-                GroupChange("group_ended", g, lasted_ns=ns - g.since_ns, gone=gone)
+                GroupChange("group_ended", group, lasted_ns=ns - group.since_ns, gone=gone)
             )
         return ended
 
     def state(self) -> dict[str, Any]:
         """The whole book as plain data."""
-        groups = [dataclasses.asdict(g) for g in self.groups]
-        for g in groups:
-            g["members"], g["formed_from"] = list(g["members"]), list(g["formed_from"])
-            g["former_members"] = [list(m) for m in g["former_members"]]
+        groups = [dataclasses.asdict(group) for group in self.groups]
+        for group in groups:
+            group["members"], group["formed_from"] = (
+                list(group["members"]),
+                list(group["formed_from"]),
+            )
+            group["former_members"] = [list(m) for m in group["former_members"]]
         return {"groups": groups, "next": self._next}
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -196,4 +208,6 @@ class GroupBook:
             )
             self._groups[plain["label"]] = HeldGroup(**plain)
         self._next = state["next"]
-        self._of = {i: g.label for g in self.groups for i in g.members}
+        self._of = {
+            member: group.label for group in self.groups for member in group.members
+        }

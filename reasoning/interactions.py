@@ -236,14 +236,20 @@ class InteractionBook:
             m.boxes.tolist() if isinstance(m.boxes, np.ndarray) else m.boxes,
             self._p.safety_margin,
         )
-        row = {i: k for k, i in enumerate(m.ids)}
+        row = {i: index for index, i in enumerate(m.ids)}
         touching = self._touching(areas, row)
         collides = set(touching)
         regions, source = self._regions(m, areas, group_tracks)
         clusters = _clusters(m.ids, regions, source, touching)
-        over = {i: k for k, c in enumerate(clusters) for i in c.members}
+        over = {
+            member: index
+            for index, cluster in enumerate(clusters)
+            for member in cluster.members
+        }
         changes: list[PairChange] = []
-        for pair in [p for p in self.bonds if p[0] not in row or p[1] not in row]:
+        for pair in [
+            bond for bond in self.bonds if bond[0] not in row or bond[1] not in row
+        ]:
             bond = self.bonds.pop(pair)
             gone = tuple(i for i in pair if i not in row)
             lasted = time_ns - bond.since_ns
@@ -332,9 +338,10 @@ class InteractionBook:
         """Each target's observed region (NO_BLOB: none), and what kind of region that is."""
         if tracks is None:
             return self._blob_regions(m, areas), "blob"
-        seen = [t for t in tracks if t.observed]
+        seen = [track for track in tracks if track.observed]
         return [
-            self._track_of(k, m, seen) if seen else NO_BLOB for k in range(len(m.ids))
+            self._track_of(index, m, seen) if seen else NO_BLOB
+            for index in range(len(m.ids))
         ], "group track"
 
     def _may_lie_over(self, k: int, m: Members) -> bool:
@@ -347,28 +354,28 @@ class InteractionBook:
 
     def _blob_regions(self, m: Members, areas: SafetyAreas) -> list[int]:
         regions = [
-            b if b >= 0 and self._may_lie_over(k, m) else NO_BLOB
-            for k, b in enumerate(m.blobs)
+            blob if blob >= 0 and self._may_lie_over(index, m) else NO_BLOB
+            for index, blob in enumerate(m.blobs)
         ]
-        for k, i in enumerate(m.ids):
+        for index, i in enumerate(m.ids):
             if (
-                m.blobs[k] >= 0
-                or m.seen[k]
+                m.blobs[index] >= 0
+                or m.seen[index]
                 or not self.states.get(i, 0) & GROUPED
-                or not self._may_lie_over(k, m)
+                or not self._may_lie_over(index, m)
             ):
                 continue
-            row = {other: r for r, other in enumerate(m.ids)}
+            row = {other: index for index, other in enumerate(m.ids)}
             near = [
-                (areas.squared(k, row[p]), p)
-                for p in self.partners(i, GROUPED)
-                if p in row
-                and m.blobs[row[p]] >= 0
-                and m.seen[row[p]]
-                and areas.squared(k, row[p]) <= self._reach
+                (areas.squared(index, row[partner]), partner)
+                for partner in self.partners(i, GROUPED)
+                if partner in row
+                and m.blobs[row[partner]] >= 0
+                and m.seen[row[partner]]
+                and areas.squared(index, row[partner]) <= self._reach
             ]
             if near:
-                regions[k] = m.blobs[row[min(near)[1]]]
+                regions[index] = m.blobs[row[min(near)[1]]]
         return regions
 
     def _track_of(self, k: int, m: Members, tracks: Sequence[GroupTrack]) -> int:
@@ -380,11 +387,11 @@ class InteractionBook:
         x, y, w, h = m.boxes[k]
         box: Box = (float(x), float(y), float(w), float(h))
         best = (0.0, 0)
-        for t in tracks:
-            named = 2.0 if m.ids[k] in t.members else 0.0
-            share = named if t.members else share_inside(box, t.box)
+        for track in tracks:
+            named = 2.0 if m.ids[k] in track.members else 0.0
+            share = named if track.members else share_inside(box, track.box)
             if share >= self._p.over_share:
-                best = max(best, (share, -t.id - 1))
+                best = max(best, (share, -track.id - 1))
         return -best[1] - 1 if best[0] else NO_BLOB
 
     def _collect(self, ids: Sequence[int]) -> None:
@@ -420,7 +427,7 @@ def _clusters(
     ids: Sequence[int], regions: Sequence[int], source: str, touching: Sequence[Pair]
 ) -> list[Cluster]:
     """Colliding targets over one region, two or more, by their first member."""
-    if sum(r != NO_BLOB for r in regions) < 2:
+    if sum(region != NO_BLOB for region in regions) < 2:
         return []
     root = list(range(len(ids)))
     for i, j in touching:
@@ -428,11 +435,11 @@ def _clusters(
             ri, rj = _find(root, i), _find(root, j)
             root[max(ri, rj)] = min(ri, rj)
     found: dict[int, list[int]] = {}
-    for k in range(len(ids)):
-        if regions[k] != NO_BLOB:
-            found.setdefault(_find(root, k), []).append(k)
+    for index in range(len(ids)):
+        if regions[index] != NO_BLOB:
+            found.setdefault(_find(root, index), []).append(index)
     return [
-        Cluster(tuple(ids[k] for k in rows), source, regions[rows[0]])
+        Cluster(tuple(ids[row] for row in rows), source, regions[rows[0]])
         for rows in found.values()
         if len(rows) >= 2
     ]

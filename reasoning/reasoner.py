@@ -149,9 +149,9 @@ class Reasoner:
         if detections is not None:
             self._classes.step(targets.targets, detections)
         self._log.open(frame_index, time_ns)
-        for n in targets.notices:
-            tell.notice(self._log, n)
-        given = {t.id: t for t in targets.targets}
+        for notice in targets.notices:
+            tell.notice(self._log, notice)
+        given = {target.id: target for target in targets.targets}
         assert len(given) == len(targets.targets), (
             f"frame {frame_index}: a tracker gave one id to two targets"
         )
@@ -161,7 +161,11 @@ class Reasoner:
             given[i] = ghost(self._last[i])
         rows = Rows([given[i] for i in sorted(given)], self._last)
         self._infer_splits(rows)
-        told = {(n.kind, s) for n in targets.notices for s in n.subjects}
+        told = {
+            (notice.kind, subject)
+            for notice in targets.notices
+            for subject in notice.subjects
+        }
         self._tell_life(rows, removed, told)
         for c in self._scene.step(
             time_ns,
@@ -193,7 +197,7 @@ class Reasoner:
         return SceneAnnotation(
             tracks=Tracks(frame_index, tracks),
             relations=Relations(frame_index, self._relations()),
-            groups=Groups(frame_index, [_group(g) for g in self._groups.groups]),
+            groups=Groups(frame_index, [_group(group) for group in self._groups.groups]),
             events=self._log.events,
             graph=self._graph.step(
                 frame_index,
@@ -213,11 +217,15 @@ class Reasoner:
         of a split.
         """
         new = [
-            k
-            for k, i in enumerate(rows.ids)
-            if rows.newborn[k] and i not in self._known and not rows.of_split[k]
+            index
+            for index, i in enumerate(rows.ids)
+            if rows.newborn[index] and i not in self._known and not rows.of_split[index]
         ]
-        old = [k for k in range(len(rows.ids)) if rows.present[k] and not rows.newborn[k]]
+        old = [
+            index
+            for index in range(len(rows.ids))
+            if rows.present[index] and not rows.newborn[index]
+        ]
         if not (new and old and self._interaction.infer_splits):
             return
         fresh, older = ([rows.boxes[k] for k in which] for which in (new, old))
@@ -243,33 +251,45 @@ class Reasoner:
         self, rows: Rows, removed: Sequence[int], told: set[tuple[str, int]]
     ) -> None:
         """Events of the tracks' own life that the tracker has not told itself."""
-        for t in rows.targets:
-            if t.id in self._leaving:
+        for target in rows.targets:
+            if target.id in self._leaving:
                 continue
-            before = self._last.get(t.id)
+            before = self._last.get(target.id)
             if before is None:
-                kind = "track_recovered" if t.id in self._known else "track_confirmed"
-                if (kind, t.id) not in told:
+                kind = "track_recovered" if target.id in self._known else "track_confirmed"
+                if (kind, target.id) not in told:
                     text = (
-                        f"Target {t.id} is tracked again."
-                        if t.id in self._known
-                        else f"Target {t.id} is confirmed."
+                        f"Target {target.id} is tracked again."
+                        if target.id in self._known
+                        else f"Target {target.id} is confirmed."
                     )
-                    tell.life(self._log, kind, t, {"born_of_split": t.born_of_split}, text)
+                    tell.life(
+                        self._log,
+                        kind,
+                        target,
+                        {"born_of_split": target.born_of_split},
+                        text,
+                    )
                 continue
-            if t.present != before.present:
+            if target.present != before.present:
                 kind, words = (
                     ("track_recovered", "is found again")
-                    if t.present
+                    if target.present
                     else ("track_lost", "is lost")
                 )
-                if (kind, t.id) not in told:
+                if (kind, target.id) not in told:
                     tell.life(
-                        self._log, kind, t, {"blob": t.blob}, f"Target {t.id} {words}."
+                        self._log,
+                        kind,
+                        target,
+                        {"blob": target.blob},
+                        f"Target {target.id} {words}.",
                     )
-            if t.mode != before.mode and ("mode_changed", t.id) not in told:
-                text = f"Target {t.id} is tracked by {t.mode} (before: {before.mode})."
-                tell.life(self._log, "mode_changed", t, {"mode_before": before.mode}, text)
+            if target.mode != before.mode and ("mode_changed", target.id) not in told:
+                text = f"Target {target.id} is tracked by {target.mode} (before: {before.mode})."
+                tell.life(
+                    self._log, "mode_changed", target, {"mode_before": before.mode}, text
+                )
         for i in sorted(removed):
             if ("track_removed", i) not in told:
                 tell.life(
@@ -292,11 +312,11 @@ class Reasoner:
             self._leaving,
         )
         changes = self._book.step(frame, ns, objects)
-        for c in changes:
+        for change in changes:
             tell.relation(
                 self._log,
-                c,
-                circles_overlap_share(c.distance, c.radius_a, c.radius_b),
+                change,
+                circles_overlap_share(change.distance, change.radius_a, change.radius_b),
                 self._margins,
             )
         return changes, shell
@@ -318,16 +338,16 @@ class Reasoner:
         )
         changes, clusters = book.step(frame, ns, members, targets.group_tracks)
         groups = self._group(frame, ns, rows, clusters)
-        for c in changes:
-            if c.after:
+        for change in changes:
+            if change.after:
                 tell.pair(
                     self._log,
-                    c,
-                    self._group_of_pair(c, groups),
+                    change,
+                    self._group_of_pair(change, groups),
                     self._interaction,
                     rows.inferred,
                 )
-        born = {i for c in changes if c.of_split for i in (c.a, c.b)}
+        born = {i for change in changes if change.of_split for i in (change.a, change.b)}
         wrong: list[Wrong] = []
         for i, after in book.states.items():
             if i not in states_before:
@@ -341,11 +361,15 @@ class Reasoner:
                     self._log,
                     i,
                     before,
-                    [c for c in changes if not c.after and i in (c.a, c.b)],
+                    [
+                        change
+                        for change in changes
+                        if not change.after and i in (change.a, change.b)
+                    ],
                     self._interaction,
                 )
-        for g in groups:
-            tell.group(self._log, g)
+        for group in groups:
+            tell.group(self._log, group)
         return changes, wrong
 
     def _group(
@@ -404,12 +428,16 @@ class Reasoner:
     def _tell_anomalies(
         self, changes: Sequence[Change], pairs: Sequence[PairChange], wrong: Sequence[Wrong]
     ) -> None:
-        for c in changes:
-            if c.anomaly and c.a not in self._leaving and c.b not in self._leaving:
-                tell.torn(self._log, c)
-        for p in pairs:
-            if p.jumped:
-                tell.jumped(self._log, p, self._interaction)
+        for change in changes:
+            if (
+                change.anomaly
+                and change.a not in self._leaving
+                and change.b not in self._leaving
+            ):
+                tell.torn(self._log, change)
+        for pair in pairs:
+            if pair.jumped:
+                tell.jumped(self._log, pair, self._interaction)
         for i, before, after in wrong:
             tell.forbidden(self._log, i, before, after)
 
@@ -417,8 +445,8 @@ class Reasoner:
         states, partners = self._interactions.states, self._interactions.partners
         presences = self._scene.targets
         answer: list[Track] = []
-        for t, radius in zip(rows.targets, shell.radii, strict=True):
-            i = t.id
+        for target, radius in zip(rows.targets, shell.radii, strict=True):
+            i = target.id
             state, presence = states[i], presences[i]
             bits: tuple[bool, bool, bool] = (False, False, False)
             lists: tuple[list[int], list[int], list[int]] = ([], [], [])
@@ -436,32 +464,50 @@ class Reasoner:
             # all the rest of it.
             answer.append(
                 Track(
-                    i, t.box, t.ellipse, t.velocity, radius, t.mode, t.confidence, t.present, t.observed, t.blob,
-                    *bits, *lists, group, presence.status, zones, t.hidden_parts, t.gate, t.centroid,
+                    i,
+                    target.box,
+                    target.ellipse,
+                    target.velocity,
+                    radius,
+                    target.mode,
+                    target.confidence,
+                    target.present,
+                    target.observed,
+                    target.blob,
+                    *bits,
+                    *lists,
+                    group,
+                    presence.status,
+                    zones,
+                    target.hidden_parts,
+                    target.gate,
+                    target.centroid,
                     self._classes.of(i) or UNSET,
                 )
-            )  # fmt: skip
+            )
         return answer
 
     def _relations(self) -> list[Relation]:
         answer: list[Relation] = []
-        for e in self._book.edges:
-            bond = self._interactions.bonds.get((e.a, e.b))
+        for edge in self._book.edges:
+            bond = self._interactions.bonds.get((edge.a, edge.b))
             bit = 0 if bond is None else bond.bit
             answer.append(
                 Relation(
-                    a=e.a,
-                    b=e.b,
-                    state="JOINT" if e.state == "JOINT" else "INTERACTION",
-                    since_frame=e.since_frame,
-                    since_ns=e.since_ns,
+                    a=edge.a,
+                    b=edge.b,
+                    state="JOINT" if edge.state == "JOINT" else "INTERACTION",
+                    since_frame=edge.since_frame,
+                    since_ns=edge.since_ns,
                     grouping=bit == GROUPING,
                     grouped=bit == GROUPED,
                     splitting=bit == SPLITTING,
-                    shell_overlap=circles_overlap_share(e.distance, e.radius_a, e.radius_b),
-                    rule=e.rule,
-                    met_frame=e.met_frame,
-                    met_ns=e.met_ns,
+                    shell_overlap=circles_overlap_share(
+                        edge.distance, edge.radius_a, edge.radius_b
+                    ),
+                    rule=edge.rule,
+                    met_frame=edge.met_frame,
+                    met_ns=edge.met_ns,
                     partners_since_frame=None if bond is None else bond.since_frame,
                     partners_since_ns=None if bond is None else bond.since_ns,
                 )
@@ -486,7 +532,7 @@ class Reasoner:
             "last": [msgspec.to_builtins(t) for t in self._last.values()],
             "leaving": list(self._leaving),
             "known": sorted(self._known),
-            "disputes": [list(p) for p in self._disputes],
+            "disputes": [list(dispute) for dispute in self._disputes],
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -511,7 +557,7 @@ class Reasoner:
 
 
 def _group(g: HeldGroup) -> Group:
-    former = [list(m) for m in g.former_members]
+    former = [list(member) for member in g.former_members]
     return Group(
         g.label,
         list(g.members),

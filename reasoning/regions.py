@@ -112,7 +112,7 @@ class SceneRegions:
         self._p = parameters if parameters is not None else RegionParameters()
         self._roi = Area(regions.roi)
         self._area = _union(regions)
-        self._zones = [(z.name, Area([z.polygon])) for z in regions.zones]
+        self._zones = [(zone.name, Area([zone.polygon])) for zone in regions.zones]
 
     @property
     def low_confidence(self) -> float:
@@ -196,7 +196,7 @@ class SceneRegions:
             [boxes[:, 0] + 0.5 * boxes[:, 2], boxes[:, 1] + down * boxes[:, 3]], axis=1
         )
         inside = [(name, area.contains(points).tolist()) for name, area in self._zones]
-        return [[name for name, yes in inside if yes[k]] for k in range(len(boxes))]
+        return [[name for name, yes in inside if yes[index]] for index in range(len(boxes))]
 
 
 def _union(regions: Regions) -> Area:
@@ -317,16 +317,16 @@ class SceneBook:
         changes: list[SceneChange] = []
         for i in sorted(self.targets.keys() - set(ids) | set(leaving)):
             changes += self._vanish(i, time_ns, i in leaving)
-        for k, i in enumerate(ids):
+        for index, i in enumerate(ids):
             if i in leaving:
                 continue
-            at = places.roi[k], places.area[k]
+            at = places.roi[index], places.area[index]
             held = self.targets.get(i)
             if held is None:
                 was = self._away.pop(i, None)
                 back = was is not None and at[0] == WHOLLY
                 held = Presence(
-                    was if was is not None and back else first_status(born_of_split[k]),
+                    was if was is not None and back else first_status(born_of_split[index]),
                     time_ns,
                     at[1] == WHOLLY,
                     {},
@@ -334,10 +334,10 @@ class SceneBook:
                 self.targets[i] = held
                 if held.status == "entering" and not back:
                     changes.append(SceneChange("entering", i, "", *at, 0))
-            elif present[k] or at[1] == OUTSIDE:
+            elif present[index] or at[1] == OUTSIDE:
                 changes += self._move(i, held, time_ns, at)
-            if present[k] and (zones[k] or held.zones):
-                changes += self._zones(i, held, time_ns, zones[k], at)
+            if present[index] and (zones[index] or held.zones):
+                changes += self._zones(i, held, time_ns, zones[index], at)
         return changes
 
     def _move(
@@ -356,8 +356,8 @@ class SceneBook:
     def _zones(
         self, i: int, held: Presence, ns: int, zones: list[str], at: tuple[int, int]
     ) -> list[SceneChange]:
-        left = [z for z in sorted(held.zones) if z not in zones]
-        come = [z for z in sorted(zones) if z not in held.zones]
+        left = [zone for zone in sorted(held.zones) if zone not in zones]
+        come = [zone for zone in sorted(zones) if zone not in held.zones]
         changes = [
             SceneChange("zone_left", i, "", *at, ns - held.zones.pop(z), z) for z in left
         ]

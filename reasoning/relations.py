@@ -219,8 +219,8 @@ class _Discs:
 
     def __init__(self, o: Objects) -> None:
         centres = o.centres.tolist() if isinstance(o.centres, np.ndarray) else o.centres
-        self.x = [c[0] for c in centres]
-        self.y = [c[1] for c in centres]
+        self.x = [centre[0] for centre in centres]
+        self.y = [centre[1] for centre in centres]
         self.radii: Sequence[float] = (
             o.radii.tolist() if isinstance(o.radii, np.ndarray) else o.radii
         )
@@ -241,7 +241,7 @@ class RelationBook:
     @property
     def edges(self) -> list[Edge]:
         """Every relation that is not INDEPENDENT, by (a, b)."""
-        return [self._edges[p] for p in sorted(self._edges)]
+        return [self._edges[edge] for edge in sorted(self._edges)]
 
     def get(self, a: int, b: int) -> Edge | None:
         """The pair's edge, None when INDEPENDENT."""
@@ -261,7 +261,7 @@ class RelationBook:
     def step(self, frame: int, time_ns: int, objects: Objects) -> list[Change]:
         """Take a frame's objects; answer with every change, by (a, b)."""
         ids = objects.ids
-        row = {i: k for k, i in enumerate(ids)}
+        row = {i: index for index, i in enumerate(ids)}
         discs = _Discs(objects)
         changes: list[Change] = []
         for pair in list(self._edges):
@@ -273,7 +273,7 @@ class RelationBook:
             )
             if change is not None:
                 changes.append(change)
-        held = {(c.a, c.b) for c in changes if c.after == "INDEPENDENT"}
+        held = {(change.a, change.b) for change in changes if change.after == "INDEPENDENT"}
         meeting: dict[Pair, int] = {}
         for i, j in near_pairs(discs.x, discs.radii):
             pair = (ids[i], ids[j])
@@ -398,7 +398,7 @@ class RelationBook:
     def state(self) -> dict[str, Any]:
         """The whole book as plain data."""
         return {
-            "edges": [list(dataclasses.astuple(e)) for e in self.edges],
+            "edges": [list(dataclasses.astuple(edge)) for edge in self.edges],
             "meeting": [[a, b, ns] for (a, b), ns in sorted(self._meeting.items())],
         }
 

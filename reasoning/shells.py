@@ -59,17 +59,17 @@ def shells(targets: Sequence[Target], parameters: ShellParameters) -> Shells:
     outline, k_s = parameters.outline, parameters.k_s
     middles: list[tuple[float, float]] = []
     radii: list[float] = []
-    for t in targets:
-        x, y, w, h = t.box
+    for target in targets:
+        x, y, w, h = target.box
         middle = (x + 0.5 * w, y + 0.5 * h)
         middles.append(middle)
-        if t.shell_radius is not None:
-            radii.append(float(t.shell_radius))
+        if target.shell_radius is not None:
+            radii.append(float(target.shell_radius))
             continue
         smallest = 0.5 * math.sqrt(w * w + h * h)
-        if t.ellipse is not None and outline != "box":
-            radius = circle_around_ellipse(t.ellipse, middle)
+        if target.ellipse is not None and outline != "box":
+            radius = circle_around_ellipse(target.ellipse, middle)
             smallest = radius if outline == "ellipse" else min(radius, smallest)
-        vx, vy = t.velocity
+        vx, vy = target.velocity
         radii.append(smallest + k_s * math.sqrt(vx * vx + vy * vy))
     return Shells(middles, radii)

@@ -14,15 +14,16 @@ class Rows:
 
     def __init__(self, targets: Sequence[Target], before: Mapping[int, Target]) -> None:
         self.targets = targets
-        self.ids = [t.id for t in targets]
-        self.row = {i: k for k, i in enumerate(self.ids)}
-        self.boxes: list[Box] = [t.box for t in targets]
-        self.blobs = [t.blob for t in targets]
-        self.seen = [t.observed for t in targets]
-        self.present = [t.present for t in targets]
-        self.newborn = [t.newborn or t.id not in before for t in targets]
+        self.ids = [target.id for target in targets]
+        self.row = {i: index for index, i in enumerate(self.ids)}
+        self.boxes: list[Box] = [target.box for target in targets]
+        self.blobs = [target.blob for target in targets]
+        self.seen = [target.observed for target in targets]
+        self.present = [target.present for target in targets]
+        self.newborn = [target.newborn or target.id not in before for target in targets]
         self.of_split = [
-            t.born_of_split and new for t, new in zip(targets, self.newborn, strict=True)
+            target.born_of_split and new
+            for target, new in zip(targets, self.newborn, strict=True)
         ]
         self.inferred: list[int] = []
 

@@ -98,7 +98,7 @@ def _reason(before: int, after: int) -> str:
 
 
 TABLE: Mapping[tuple[int, int], Rule] = {
-    (a, b): rule(a, b) for a in range(STATES) for b in range(STATES)
+    (index, b): rule(index, b) for index in range(STATES) for b in range(STATES)
 }
 
 
@@ -134,12 +134,16 @@ class TransitionCounter:
         forbidden ones counted.
         """
         moves = {
-            f"{code(a)}>{code(b)}": self.exercised[a][b]
-            for a in range(STATES)
+            f"{code(index)}>{code(b)}": self.exercised[index][b]
+            for index in range(STATES)
             for b in range(STATES)
-            if a != b and self.exercised[a][b]
+            if index != b and self.exercised[index][b]
         }
-        visited = {code(s): self.visited[s] for s in range(STATES) if self.visited[s]}
+        visited = {
+            code(index): self.visited[index]
+            for index in range(STATES)
+            if self.visited[index]
+        }
         return {"visited": visited, "exercised": moves, "forbidden": self.forbidden}
 
     def state(self) -> dict[str, Any]:
@@ -181,13 +185,16 @@ def markdown() -> str:
             " forbidden; `·` no change of state."
         ),
         "",
-        "| from \\ to | " + " | ".join(code(s) for s in range(STATES)) + " |",
+        "| from \\ to | " + " | ".join(code(index) for index in range(STATES)) + " |",
         "|---|" + "---|" * STATES,
     ]
     for a in range(STATES):
-        cells = " | ".join(signs[TABLE[a, b].verdict] for b in range(STATES))
+        cells = " | ".join(signs[TABLE[a, index].verdict] for index in range(STATES))
         lines.append(f"| {code(a)} {name(a)} | {cells} |")
-    count = {v: sum(r.verdict == v for (a, b), r in TABLE.items() if a != b) for v in signs}
+    count = {
+        sign: sum(r.verdict == sign for (a, b), r in TABLE.items() if a != b)
+        for sign in signs
+    }
     lines += [
         "",
         (

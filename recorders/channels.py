@@ -186,12 +186,12 @@ def decode(
         RecursionError,
         UnicodeDecodeError,
         ValueError,
-    ) as e:
+    ) as error:
         raise RecordingError(
-            f"not {'an' if name[0] in 'aeiou' else 'a'} {name} message: {e}",
+            f"not {'an' if name[0] in 'aeiou' else 'a'} {name} message: {error}",
             path,
             record=name,
-        ) from e
+        ) from error
 
 
 def _check_depth(data: bytes, limit: int) -> None:

@@ -192,7 +192,7 @@ def unlike(kind: str, evidence: Mapping[str, Any]) -> str:
     shapes = EVIDENCE.get(kind)
     if shapes is None:
         return f"{kind}: no such kind"
-    wrong = [_unlike(s, evidence) for s in shapes]
+    wrong = [_unlike(shape, evidence) for shape in shapes]
     return "" if "" in wrong else f"{kind}: " + "; or ".join(wrong)
 
 
@@ -200,7 +200,7 @@ def _unlike(shape: Shape, evidence: Mapping[str, Any]) -> str:
     names = [n for n in evidence if not is_limit(n, evidence)]
     known = (*shape.held, *shape.plain, *shape.maybe)
     wrong = [f"{n} is missing" for n in (*shape.held, *shape.plain) if n not in evidence]
-    wrong += [f"{n} is unknown" for n in names if n not in known]
+    wrong += [f"{name} is unknown" for name in names if name not in known]
     wrong += [
         f"{n} has no limit"
         for n in shape.held

@@ -16,14 +16,14 @@ def existing_file(path: Path) -> Path:
         SourceError: no such file, a folder, empty, or not readable.
     """
     try:
-        with path.open("rb") as f:
-            empty = not f.read(1)
+        with path.open("rb") as file:
+            empty = not file.read(1)
     except FileNotFoundError:
         raise SourceError("no such file", path) from None
     except IsADirectoryError:
         raise SourceError("is a folder, a file is wanted", path) from None
-    except OSError as e:
-        raise SourceError(f"cannot be read: {e.strerror}", path) from e
+    except OSError as error:
+        raise SourceError(f"cannot be read: {error.strerror}", path) from error
     if empty:
         raise SourceError("the file is empty", path)
     return path
@@ -37,11 +37,11 @@ def open_to_read(path: Path) -> BinaryIO:
     """
     try:
         return path.open("rb")
-    except OSError as e:
-        raise SourceError(f"cannot be read: {e.strerror}", path) from e
+    except OSError as error:
+        raise SourceError(f"cannot be read: {error.strerror}", path) from error
 
 
 def sha256(path: Path) -> str:
     """The file's SHA-256, hexadecimal, read in pieces."""
-    with path.open("rb") as f:
-        return hashlib.file_digest(f, "sha256").hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -23,56 +23,60 @@ SIZE_MODEL_NUMBERS = 5
 _HIGHEST_BODY = 10.0  # of the picture's longer side
 
 
-def check_detections(d: Detections, limits: Limits) -> None:
+def check_detections(detections: Detections, limits: Limits) -> None:
     """Hold detections to their definition in `recorders.messages.Detections`.
 
     Raises:
         ValueError: names the frame, the value and the rule.
     """
-    n = len(d.boxes)
-    for what, count in (("detections", n), ("components", len(d.components))):
+    n = len(detections.boxes)
+    for what, count in (("detections", n), ("components", len(detections.components))):
         if count > limits.max_detections_per_frame:
             limit = limits.max_detections_per_frame
             raise ValueError(
                 f"{count} {what}, over the limit of {limit} (max_detections_per_frame)"
             )
     for field in ("scores", "labels", "ellipses", "blobs"):
-        if len(getattr(d, field)) not in (0, n):
+        if len(getattr(detections, field)) not in (0, n):
             raise ValueError(
-                f"frame {d.frame}: {len(getattr(d, field))} {field} for {n} boxes"
+                f"frame {detections.frame}: {len(getattr(detections, field))} {field} for {n} boxes"
             )
-    _check_picture(d, limits)
-    _check_boxes(d)
-    if any(not abs(score) <= LARGEST for score in d.scores):
+    _check_picture(detections, limits)
+    _check_boxes(detections)
+    if any(not abs(score) <= LARGEST for score in detections.scores):
         raise ValueError(
-            f"frame {d.frame}: a score of {max(d.scores, key=abs)}; wanted at most"
+            f"frame {detections.frame}: a score of {max(detections.scores, key=abs)}; wanted at most"
             f" {LARGEST:g}"
         )
-    _check_ellipses(d, (e for e in d.ellipses if e is not None))
-    _check_blobs(d)
-    if d.size_model:
-        _check_size_model(d)
+    _check_ellipses(
+        detections, (ellipse for ellipse in detections.ellipses if ellipse is not None)
+    )
+    _check_blobs(detections)
+    if detections.size_model:
+        _check_size_model(detections)
 
 
-def _check_picture(d: Detections, limits: Limits) -> None:
-    if not (d.width and d.height):
-        raise ValueError(f"frame {d.frame}: made for a picture of {d.width}x{d.height}")
-    if max(d.width, d.height) > limits.max_picture_side:
+def _check_picture(detections: Detections, limits: Limits) -> None:
+    if not (detections.width and detections.height):
+        raise ValueError(
+            f"frame {detections.frame}: made for a picture of {detections.width}x{detections.height}"
+        )
+    if max(detections.width, detections.height) > limits.max_picture_side:
         limit = limits.max_picture_side
         raise ValueError(
-            f"frame {d.frame}: made for a picture of {d.width}x{d.height}, over the limit"
+            f"frame {detections.frame}: made for a picture of {detections.width}x{detections.height}, over the limit"
             f" of {limit} a side (max_picture_side)"
         )
-    if d.width * d.height > limits.max_picture_pixels:
+    if detections.width * detections.height > limits.max_picture_pixels:
         limit = limits.max_picture_pixels
         raise ValueError(
-            f"frame {d.frame}: made for a picture of {d.width}x{d.height}, over the limit"
+            f"frame {detections.frame}: made for a picture of {detections.width}x{detections.height}, over the limit"
             f" of {limit} pixels (max_picture_pixels)"
         )
 
 
-def _check_boxes(d: Detections) -> None:
-    for k, (x, y, w, h) in enumerate(d.boxes):
+def _check_boxes(detections: Detections) -> None:
+    for index, (x, y, w, h) in enumerate(detections.boxes):
         # What is not a number is not smaller than anything.
         if not (
             0 < w < LARGEST
@@ -81,72 +85,74 @@ def _check_boxes(d: Detections) -> None:
             and -LARGEST < y < LARGEST
         ):
             raise ValueError(
-                f"frame {d.frame}: box {k} is {d.boxes[k]}; wanted finite x, y and w, h"
+                f"frame {detections.frame}: box {index} is {detections.boxes[index]}; wanted finite x, y and w, h"
                 " over 0"
             )
-    for k, (x, y, w, h) in enumerate(d.boxes):
-        if x >= d.width or y >= d.height or x + w <= 0 or y + h <= 0:
+    for index, (x, y, w, h) in enumerate(detections.boxes):
+        if x >= detections.width or y >= detections.height or x + w <= 0 or y + h <= 0:
             raise ValueError(
-                f"frame {d.frame}: box {k} is {d.boxes[k]}, beyond the picture of"
-                f" {d.width}x{d.height}"
+                f"frame {detections.frame}: box {index} is {detections.boxes[index]}, beyond the picture of"
+                f" {detections.width}x{detections.height}"
             )
 
 
-def _check_ellipses(d: Detections, ellipses: Iterable[Ellipse]) -> None:
-    for e in ellipses:
+def _check_ellipses(detections: Detections, ellipses: Iterable[Ellipse]) -> None:
+    for ellipse in ellipses:
         if not (
-            -LARGEST < e.x < LARGEST
-            and -LARGEST < e.y < LARGEST
-            and 0 <= e.h < LARGEST
-            and 0 <= e.w < LARGEST
-            and -LARGEST < e.theta < LARGEST
+            -LARGEST < ellipse.x < LARGEST
+            and -LARGEST < ellipse.y < LARGEST
+            and 0 <= ellipse.h < LARGEST
+            and 0 <= ellipse.w < LARGEST
+            and -LARGEST < ellipse.theta < LARGEST
         ):
             raise ValueError(
-                f"frame {d.frame}: an ellipse is {e}; wanted finite places and axes of 0 or"
+                f"frame {detections.frame}: an ellipse is {ellipse}; wanted finite places and axes of 0 or"
                 " more"
             )
 
 
-def _check_blobs(d: Detections) -> None:
-    most = len(d.components) or MOST_BLOBS_ID
-    for blob in d.blobs:
+def _check_blobs(detections: Detections) -> None:
+    most = len(detections.components) or MOST_BLOBS_ID
+    for blob in detections.blobs:
         if not -1 <= blob <= most:
             raise ValueError(
-                f"frame {d.frame}: a detection of blob {blob}; the blobs are 1 to {most},"
+                f"frame {detections.frame}: a detection of blob {blob}; the blobs are 1 to {most},"
                 " -1 for none"
             )
-    for number, c in enumerate(d.components, 1):
-        if c.id != number:
+    for number, component in enumerate(detections.components, 1):
+        if component.id != number:
             raise ValueError(
-                f"frame {d.frame}: component {number} has the id {c.id}; ids count from 1"
+                f"frame {detections.frame}: component {number} has the id {component.id}; ids count from 1"
                 " in order"
             )
-        if not _in_picture(c, d):
+        if not _in_picture(component, detections):
             raise ValueError(
-                f"frame {d.frame}: component {number} with the box {c.box} and area"
-                f" {c.area} is not in the picture of {d.width}x{d.height}"
+                f"frame {detections.frame}: component {number} with the box {component.box} and area"
+                f" {component.area} is not in the picture of {detections.width}x{detections.height}"
             )
-    _check_ellipses(d, (c.ellipse for c in d.components))
+    _check_ellipses(detections, (component.ellipse for component in detections.components))
 
 
-def _in_picture(c: Blob, d: Detections) -> bool:
-    x, y, w, h = c.box
+def _in_picture(blob: Blob, detections: Detections) -> bool:
+    x, y, w, h = blob.box
     return (
         x >= 0
         and y >= 0
         and w >= 1
         and h >= 1
-        and x + w <= d.width
-        and y + h <= d.height
-        and 1 <= c.area <= w * h
+        and x + w <= detections.width
+        and y + h <= detections.height
+        and 1 <= blob.area <= w * h
     )
 
 
-def _check_size_model(d: Detections) -> None:
+def _check_size_model(detections: Detections) -> None:
     """Slope, intercept, aspect, low, high, as `recorders.segmentation.sizes.SizeModel` has them."""
-    highest = _HIGHEST_BODY * max(d.width, d.height)
-    if len(d.size_model) == SIZE_MODEL_NUMBERS and all(map(math.isfinite, d.size_model)):
-        slope, intercept, aspect, low, high = d.size_model
+    highest = _HIGHEST_BODY * max(detections.width, detections.height)
+    if len(detections.size_model) == SIZE_MODEL_NUMBERS and all(
+        map(math.isfinite, detections.size_model)
+    ):
+        slope, intercept, aspect, low, high = detections.size_model
         if (
             0 <= slope <= LARGEST
             and abs(intercept) <= LARGEST
@@ -155,7 +161,7 @@ def _check_size_model(d: Detections) -> None:
         ):
             return
     raise ValueError(
-        f"frame {d.frame}: the size model {d.size_model} is of no body in a picture of this"
+        f"frame {detections.frame}: the size model {detections.size_model} is of no body in a picture of this"
         " size"
     )
 
@@ -168,7 +174,7 @@ def check_regions(r: Regions) -> None:
         ValueError: names the polygon, the value and the rule.
     """
     named = [("roi", p) for p in r.roi] + [("border", p) for p in r.border]
-    named += [(f"zone {z.name[:40]!r}", z.polygon) for z in r.zones]
+    named += [(f"zone {zone.name[:40]!r}", zone.polygon) for zone in r.zones]
     if len(named) > 3 * MOST_POLYGONS:
         raise ValueError(f"{len(named)} polygons, at most {3 * MOST_POLYGONS}")
     for name, polygon in named:

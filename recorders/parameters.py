@@ -59,11 +59,13 @@ class Parameters:
 
     def __post_init__(self) -> None:
         hints = get_type_hints(type(self))
-        for f in dataclasses.fields(self):
+        for field in dataclasses.fields(self):
             object.__setattr__(
                 self,
-                f.name,
-                _checked(type(self).__name__, f, hints[f.name], getattr(self, f.name)),
+                field.name,
+                _checked(
+                    type(self).__name__, field, hints[field.name], getattr(self, field.name)
+                ),
             )
 
 
@@ -167,18 +169,20 @@ def named(
 def _built(section: str, cls: type[Parameters], values: Mapping[str, Any]) -> Parameters:
     try:
         return cls(**values)
-    except ConfigError as e:  # the person knows the section, not the class
-        raise ConfigError(str(e).replace(f"{cls.__name__}.", f"{section}.", 1)) from e
+    except ConfigError as error:  # the person knows the section, not the class
+        raise ConfigError(
+            str(error).replace(f"{cls.__name__}.", f"{section}.", 1)
+        ) from error
 
 
 def _read_toml(file: str | Path) -> dict[str, Any]:
     try:
         with Path(file).open("rb") as f:
             return tomllib.load(f)
-    except OSError as e:
-        raise ConfigError(f"{file}: cannot be read: {e.strerror}") from e
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
-        raise ConfigError(f"{file}: not TOML: {e}") from e
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{file}: not TOML: {error}") from error
 
 
 def _known(sections: Sections, key: str) -> tuple[str, str, type]:
@@ -189,7 +193,7 @@ def _known(sections: Sections, key: str) -> tuple[str, str, type]:
             f" {', '.join(sorted(sections))}"
         )
     hints = get_type_hints(sections[section])
-    names = [f.name for f in dataclasses.fields(sections[section])]
+    names = [field.name for field in dataclasses.fields(sections[section])]
     if name not in names:
         raise ConfigError(f"unknown parameter {key}; {section} has: {', '.join(names)}")
     return section, name, hints[name]
@@ -218,10 +222,10 @@ def to_toml(config: Mapping[str, Parameters]) -> str:
     lines: list[str] = []
     for section, parameters in config.items():
         lines += ["", f"[{section}]"]
-        for f in dataclasses.fields(parameters):
+        for field in dataclasses.fields(parameters):
             lines += [
-                f"# {_comment(f)}",
-                f"{f.name} = {_toml_value(getattr(parameters, f.name))}",
+                f"# {_comment(field)}",
+                f"{field.name} = {_toml_value(getattr(parameters, field.name))}",
             ]
     return "\n".join(lines[1:]) + "\n"
 

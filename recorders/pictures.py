@@ -144,8 +144,10 @@ def decode_picture(
         image: Any = cv2.imdecode(
             np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION
         )
-    except cv2.error as e:
-        raise RecordingError(f"a damaged {header.format} picture: {e.err}", path) from e
+    except cv2.error as error:
+        raise RecordingError(
+            f"a damaged {header.format} picture: {error.err}", path
+        ) from error
     if image is None or image.shape[:2] != (header.height, header.width):
         raise RecordingError(f"a damaged {header.format} picture", path)
     return np.asarray(image, np.uint8)
@@ -343,12 +345,12 @@ class VideoDecoder:
             self._context = self._open()
         try:
             frames = self._context.decode(av.Packet(data))
-        except (av.error.FFmpegError, ValueError) as e:
+        except (av.error.FFmpegError, ValueError) as error:
             if max(self._context.width, self._context.height) > 0:
                 check_size(
                     self._context.width, self._context.height, self._path, self._limits
                 )
-            raise RecordingError(f"a damaged H.264 frame: {e}", self._path) from e
+            raise RecordingError(f"a damaged H.264 frame: {error}", self._path) from error
         if len(frames) != 1:
             raise RecordingError(
                 f"H.264 data that hold {len(frames)} frames, one per message is wanted",

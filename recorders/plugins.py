@@ -86,8 +86,10 @@ def load(group: str, name: str, own: Iterable[str] = (), *, beside: bool = True)
     entry = found[0]
     try:
         value = entry.load()
-    except Exception as e:
-        raise SceneTraceError(f"the {kind} {name!r} ({entry.value}): {_said(e)}") from e
+    except Exception as error:
+        raise SceneTraceError(
+            f"the {kind} {name!r} ({entry.value}): {_said(error)}"
+        ) from error
     package = "" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
     return Plugin(name, value, version_of(value, package))
 
@@ -99,15 +101,15 @@ def _addressed(kind: str, address: str, beside: bool) -> Any:
         sys.path.append(here)
     try:
         found: Any = import_module(module_name)
-    except ModuleNotFoundError as e:
-        if e.name is None or not f"{module_name}.".startswith(f"{e.name}."):
-            raise SceneTraceError(f"the {kind} {address}: {_said(e)}") from e
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
+            raise SceneTraceError(f"the {kind} {address}: {_said(error)}") from error
         raise UsageError(
             f"the {kind} {address}: there is no module {module_name!r}"
             f"{' here, nor' if beside else ''} among the installed packages"
-        ) from e
-    except Exception as e:
-        raise SceneTraceError(f"the {kind} {address}: {_said(e)}") from e
+        ) from error
+    except Exception as error:
+        raise SceneTraceError(f"the {kind} {address}: {_said(error)}") from error
     for part in path.split("."):
         if not hasattr(found, part):
             raise UsageError(f"the {kind} {address}: {module_name} has no {path!r}")

@@ -165,11 +165,15 @@ class SceneLog:
         self._log = LogReader(path, limits)
         try:
             self.camera = _choose_camera(self._log, camera)
-            self.recorded = [c for c in self._log.channels if not self._is_annotation(c)]
+            self.recorded = [
+                channel
+                for channel in self._log.channels
+                if not self._is_annotation(channel)
+            ]
             self._topics = {
                 name: channels.topic(self.camera, name) for name in channels.RECORDED
             }
-            present = {c.topic for c in self._log.channels}
+            present = {channel.topic for channel in self._log.channels}
             self.info = self._describe(present)
         except BaseException:
             self._log.close()
@@ -202,12 +206,12 @@ class SceneLog:
     def _describe(self, present: set[str]) -> SceneInfo:
         sample: list[tuple[int, Detections]] = [
             (
-                m.log_time_ns,
+                message.log_time_ns,
                 channels.decode(
-                    "detections", m.data, path=str(self.path), limits=self.limits
+                    "detections", message.data, path=str(self.path), limits=self.limits
                 ),
             )
-            for m in islice(
+            for message in islice(
                 self._log.messages([self._topics["detections"]]), _SAMPLED_FRAMES
             )
         ]
@@ -489,7 +493,7 @@ def _choose_camera(log: LogReader, wanted: str | None) -> str:
     cameras = sorted(
         {
             c
-            for c, name in (channels.split(i.topic) for i in log.channels)
+            for c, name in (channels.split(channel.topic) for channel in log.channels)
             if c and name == "detections"
         }
     )
@@ -500,7 +504,9 @@ def _choose_camera(log: LogReader, wanted: str | None) -> str:
             )
         return wanted
     if not cameras:
-        topics = ", ".join(c.topic for c in log.channels[:6]) or "no channels at all"
+        topics = (
+            ", ".join(channel.topic for channel in log.channels[:6]) or "no channels at all"
+        )
         raise RecordingError(
             f"no detections to replay (a channel /<camera>/detections); it holds {topics}. "
             "Make a scene log with `scenetrace record SOURCE -o scene.mcap`",

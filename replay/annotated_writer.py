@@ -149,12 +149,16 @@ class AnnotatedWriter:
 
     def _copied_attachments(self) -> Iterator[Attachment]:
         """Pass the recording's attachments through; they are hashed one by one on their way."""
-        for a in self._scene.log.attachments():
-            if not a.name.startswith(f"{checkpoint.PREFIX}/"):
+        for attachment in self._scene.log.attachments():
+            if not attachment.name.startswith(f"{checkpoint.PREFIX}/"):
                 self._log.attach(
-                    a.name, a.media_type, a.data, a.log_time_ns, a.create_time_ns
+                    attachment.name,
+                    attachment.media_type,
+                    attachment.data,
+                    attachment.log_time_ns,
+                    attachment.create_time_ns,
                 )
-                yield a
+                yield attachment
 
     def _copy_extras(self) -> dict[str, str]:
         """Pass attachments and metadata of the recording through; their digests."""
@@ -186,14 +190,14 @@ class AnnotatedWriter:
         """Pass recorded messages of the span through as they are."""
         if self._options.annotations_only:
             return
-        for m in messages:
-            if self._within(m.log_time_ns):
+        for message in messages:
+            if self._within(message.log_time_ns):
                 self._log.write(
-                    self._recorded[m.channel.id],
-                    m.data,
-                    m.log_time_ns,
-                    m.publish_time_ns,
-                    m.sequence,
+                    self._recorded[message.channel.id],
+                    message.data,
+                    message.log_time_ns,
+                    message.publish_time_ns,
+                    message.sequence,
                 )
 
     def write(self, annotated: Annotated) -> None:

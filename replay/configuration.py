@@ -131,7 +131,7 @@ def recorded_config(
         for s in gone
     ]
     for section, name in sorted(
-        (s, n) for s, fields in values.items() if s not in gone for n in fields
+        (s, field) for s, fields in values.items() if s not in gone for field in fields
     ):
         value = values[section][name]
         if section not in known or name not in now[section]:
@@ -142,10 +142,10 @@ def recorded_config(
             continue
         try:
             configure({section: known[section]}, values={section: {name: value}})
-        except ConfigError as e:
+        except ConfigError as error:
             notes.append(
                 f"configuration: {section}.{name} was {value!r}, is"
-                f" {now[section][name]!r}: {e}"
+                f" {now[section][name]!r}: {error}"
             )
         else:
             kept[section][name] = value

@@ -118,7 +118,11 @@ def draw_frame(image: Image, overlay: Overlay, options: DrawOptions | None = Non
     options = options or DrawOptions()
     canvas = _Canvas(image, options.factor(image.shape[1]))
     only = options.only
-    shown = [t for t in overlay.tracks if t.present and (only is None or t.id in only)]
+    shown = [
+        track
+        for track in overlay.tracks
+        if track.present and (only is None or track.id in only)
+    ]
     places = {t.id: t for t in shown}
     if overlay.membership is not None and options.membership:
         canvas.tint(
@@ -132,7 +136,10 @@ def draw_frame(image: Image, overlay: Overlay, options: DrawOptions | None = Non
         canvas.rectangle(box, _WHITE, 1, dash=4)
     # Before the labels, which keep off them.
     canvas.lines([overlay.title] if overlay.title else [], top=True)
-    canvas.lines([e.text or e.kind for e in overlay.events if options.tells(e)], top=False)
+    canvas.lines(
+        [event.text or event.kind for event in overlay.events if options.tells(event)],
+        top=False,
+    )
     _write(canvas, overlay, options, places)
     return canvas.image
 
@@ -234,11 +241,14 @@ def _draw_edge(canvas: _Canvas, edge: Relation, places: dict[int, Track]) -> Non
 
 
 def _group_box(group: Group, places: dict[int, Track]) -> Box | None:
-    members = [places[i].box for i in group.members if i in places]
+    members = [places[member].box for member in group.members if member in places]
     if len(members) < 2:
         return None
-    x, y = min(b[0] for b in members), min(b[1] for b in members)
-    right, bottom = max(b[0] + b[2] for b in members), max(b[1] + b[3] for b in members)
+    x, y = min(member[0] for member in members), min(member[1] for member in members)
+    right, bottom = (
+        max(member[0] + member[2] for member in members),
+        max(member[1] + member[3] for member in members),
+    )
     margin = 4.0
     return x - margin, y - margin, right - x + 2 * margin, bottom - y + 2 * margin
 
@@ -292,16 +302,16 @@ class _Canvas:
         if not dash:
             self.polyline(corners, colour, thickness, closed=True)
             return
-        for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
-            self._dashed(a, b, colour, thickness, dash)
+        for corner, b in zip(corners, corners[1:] + corners[:1], strict=True):
+            self._dashed(corner, b, colour, thickness, dash)
 
     def _dashed(
         self, a: Point, b: Point, colour: Colour, thickness: int, dash: int
     ) -> None:
         length = math.hypot(b[0] - a[0], b[1] - a[1])
         pieces = min(max(1, round(length * self.scale / (2 * dash))), 400)
-        for k in range(pieces):
-            start, end = k / pieces, (k + 0.5) / pieces
+        for index in range(pieces):
+            start, end = index / pieces, (index + 0.5) / pieces
             ends = [
                 (a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t) for t in (start, end)
             ]
@@ -378,12 +388,12 @@ class _Canvas:
         strip = self.image[begin : begin + step * len(texts) + 4]
         strip[:] = strip // 3
         self._labels.append((0, begin, width, begin + len(strip)))
-        for k, text in enumerate(texts):
+        for index, text in enumerate(texts):
             shown = _fitted(text, width - 8, size)
             cv2.putText(
                 self.image,
                 shown,
-                (5, begin + step * k + h + 3),
+                (5, begin + step * index + h + 3),
                 _FONT,
                 size,
                 _WHITE,

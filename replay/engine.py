@@ -56,13 +56,13 @@ def continuing(after_frame: int | None) -> Iterator[None]:
         yield
     except SceneTraceError:
         raise
-    except Exception as e:
+    except Exception as error:
         if after_frame is None:
             raise
         raise SceneTraceError(
-            f"cannot continue from the state after frame {after_frame} ({type(e).__name__}:"
-            f" {e}): it is damaged or of another version; replay without it"
-        ) from e
+            f"cannot continue from the state after frame {after_frame} ({type(error).__name__}:"
+            f" {error}): it is damaged or of another version; replay without it"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Step:
 def recorded_now(frame: Frame) -> str:
     """The digest of what was recorded at the frame's very time."""
     return digest.recorded_digest(
-        m for m in frame.messages if m.log_time_ns == frame.time_ns
+        message for message in frame.messages if message.log_time_ns == frame.time_ns
     )
 
 
@@ -177,10 +177,10 @@ class Forward:
     def _state(self) -> bytes:
         try:
             return encode_state(self.tracker.state())
-        except TypeError as e:
+        except TypeError as error:
             raise SceneTraceError(
-                f"the tracker's state(): {e}; it must be plain data and arrays of numbers"
-            ) from e
+                f"the tracker's state(): {error}; it must be plain data and arrays of numbers"
+            ) from error
 
 
 class Prefetch:
@@ -214,8 +214,8 @@ class Prefetch:
             while not ended and len(waiting) < AHEAD:
                 try:
                     frame = next(frames, None)
-                except Exception as e:
-                    frame, failed = None, e
+                except Exception as error:
+                    frame, failed = None, error
                 if frame is None:
                     ended = True
                 else:
@@ -232,7 +232,7 @@ class Prefetch:
             raise failed
 
     def _hash(self, messages: tuple[Message, ...]) -> Callable[[], str]:
-        if sum(len(m.data) for m in messages) < _WORTH_A_THREAD:
+        if sum(len(message.data) for message in messages) < _WORTH_A_THREAD:
             return partial(digest.recorded_digest, messages)
         return self._pool.submit(digest.recorded_digest, messages).result
 
@@ -448,5 +448,5 @@ class Engine:
 def _from_state(state: Any) -> Checkpoint:
     try:
         return msgspec.convert(state, Checkpoint)
-    except msgspec.ValidationError as e:
-        raise SceneTraceError(f"not a state of an engine: {e}") from e
+    except msgspec.ValidationError as error:
+        raise SceneTraceError(f"not a state of an engine: {error}") from error

@@ -36,7 +36,7 @@ def difference_in(name: str, then: bytes | None, now: bytes | None) -> tuple[str
 def _unequal_bytes(then: bytes, now: bytes) -> tuple[str, str, str]:
     """Where the bytes of two payloads part that nothing else tells apart."""
     at = next(
-        (k for k, (a, b) in enumerate(zip(then, now, strict=False)) if a != b),
+        (index for index, (a, b) in enumerate(zip(then, now, strict=False)) if a != b),
         min(len(then), len(now)),
     )
     old, new = (data[at : at + 16].hex() or "the end" for data in (then, now))
@@ -57,8 +57,8 @@ def _unequal(a: Any, b: Any, place: str) -> Iterator[tuple[str, str, str]]:
                 a.get(key), b.get(key), f"{place}.{key}" if place else str(key)
             )
     elif isinstance(a, list) and isinstance(b, list):
-        for k, (x, y) in enumerate(zip_longest(a, b)):
-            yield from _unequal(x, y, f"{place}[{_row_name(x, y, k)}]")
+        for index, (x, y) in enumerate(zip_longest(a, b)):
+            yield from _unequal(x, y, f"{place}[{_row_name(x, y, index)}]")
     elif type(a) is not type(b):
         yield place, short(a), short(b)
     elif hasattr(a, "tobytes"):
@@ -93,8 +93,8 @@ def both(a: Any, b: Any) -> tuple[str, str]:
         pairs = [
             both(x, y) if x != y else (short(x),) * 2 for x, y in zip(a, b, strict=True)
         ]
-        return short_text(f"({', '.join(p[0] for p in pairs)})"), short_text(
-            f"({', '.join(p[1] for p in pairs)})"
+        return short_text(f"({', '.join(pair[0] for pair in pairs)})"), short_text(
+            f"({', '.join(pair[1] for pair in pairs)})"
         )
     return short(a), short(b)
 

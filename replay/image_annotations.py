@@ -48,7 +48,7 @@ def _varint(value: int) -> bytes:
     return bytes(out)
 
 
-_LENGTHS = tuple(_varint(n) for n in range(1024))
+_LENGTHS = tuple(_varint(index) for index in range(1024))
 
 
 def _framed(tag: bytes, body: bytes) -> bytes:
@@ -86,7 +86,7 @@ _ROI = _line(_colour(0.3, 0.9, 0.4, 0.8), 1.0)
 _BORDER = _line(_colour(0.95, 0.6, 0.2, 0.8), 1.0)
 _ZONE = _line(_colour(0.3, 0.7, 1.0, 0.8), 1.0)
 _BLACK = _framed(b"\x32", _colour(0.0, 0.0, 0.0, 0.6))
-_COLOURS = tuple(_colour(*track_colour(k), 1.0) for k in range(COLOUR_COUNT))
+_COLOURS = tuple(_colour(*track_colour(index), 1.0) for index in range(COLOUR_COUNT))
 _OUTLINES = tuple(_line(c, 2.0) for c in _COLOURS)
 _CROSSES = tuple(_line(c, 0.5) for c in _COLOURS)
 _RINGS = tuple(_double(0x21, 1.0) + _framed(b"\x32", c) for c in _COLOURS)
@@ -195,7 +195,7 @@ def drawing(
 
 def _region_lines(regions: Regions) -> list[bytes]:
     polygons = [(_BORDER, p) for p in regions.border] + [(_ROI, p) for p in regions.roi]
-    polygons += [(_ZONE, z.polygon) for z in regions.zones]
+    polygons += [(_ZONE, zone.polygon) for zone in regions.zones]
     return [_polyline(_LOOP, polygon, style) for style, polygon in polygons]
 
 

@@ -29,15 +29,15 @@ def made(choice: TrackerChoice, scene: SceneInfo, config: Config) -> Tracker:
     with code_of(choice):
         try:
             tracker = choice.factory(scene, config)
-        except KeyError as e:
-            section = e.args[0] if e.args else None
+        except KeyError as error:
+            section = error.args[0] if error.args else None
             if not isinstance(section, str) or section in config:
                 raise
             raise SceneTraceError(
                 f"the tracker {name} asks for the parameters {section!r}, which its factory"
                 " does not name: give the class or function an attribute SECTIONS ="
                 f" {{{section!r}: ...}} (a lambda has none; functools.partial keeps it)"
-            ) from e
+            ) from error
     missing = _missing(tracker)
     if missing:
         words = " and ".join(f"{method}()" for method in missing)
@@ -68,14 +68,14 @@ def code_of(choice: TrackerChoice, where: str = "") -> Iterator[None]:
         yield
     except SceneTraceError:
         raise
-    except Exception as e:
+    except Exception as error:
         if not choice.foreign:
             raise
-        last = extract_tb(e.__traceback__)[-1]
+        last = extract_tb(error.__traceback__)[-1]
         raise SceneTraceError(
-            f"{where}the tracker {choice.title} fails: {type(e).__name__}: {e}"
+            f"{where}the tracker {choice.title} fails: {type(error).__name__}: {error}"
             f" ({Path(last.filename).name}, line {last.lineno})"
-        ) from e
+        ) from error
 
 
 def check_targets(answer: Any, frame: int) -> None:

@@ -222,7 +222,7 @@ def _under_final_ids(kept: SpoolEntry, names: Mapping[int, int]) -> Payloads:
     """What a tracker wrote besides its targets, under the identities that they have after
     hindsight.
     """
-    ids = [t.id for t in kept.targets.targets]
+    ids = [target.id for target in kept.targets.targets]
     finished: list[tuple[str, bytes]] = []
     for name, data in kept.extra:
         if name == PATCHES:

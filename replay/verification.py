@@ -107,14 +107,17 @@ def verify(
                     comparing, certain=changed is None and chain.identical
                 )
                 frames = comparing.frames
-        except SceneTraceError as e:
+        except SceneTraceError as error:
             # An altered recording need not be one that can be replayed; what was altered is known
             # already.
             if chain.identical or scene is not None:
                 raise
             return replace(
                 chain,
-                reasons=[*chain.reasons, f"it cannot be replayed any more: {_reason(e)}"],
+                reasons=[
+                    *chain.reasons,
+                    f"it cannot be replayed any more: {_reason(error)}",
+                ],
             )
     reasons = [*chain.reasons, *changes, *_changed_packages(facts), *stopped]
     if changed is not None and not any(
@@ -139,12 +142,12 @@ def choice_of(facts: Facts) -> TrackerChoice:
         if colon and not (isinstance(choice.factory, type) and is_tracker(choice.factory)):
             raise UsageError("no class with step, state and restore")
         return choice  # noqa: TRY300
-    except UsageError as e:
+    except UsageError as error:
         raise UsageError(
             f"{facts.path}: was made with the tracker {facts.tracker!r}"
             f"{facts.tracker_version and f' ({facts.tracker_version})'}, which is not"
-            f" installed here ({e}); install it, or name it with --tracker module:Class"
-        ) from e
+            f" installed here ({error}); install it, or name it with --tracker module:Class"
+        ) from error
 
 
 def _another_tracker(facts: Facts, choice: TrackerChoice) -> list[str]:
@@ -176,10 +179,10 @@ def _compared(comparing: _Comparing, certain: bool) -> tuple[Difference | None, 
     """
     try:
         return comparing.difference(), []
-    except SceneTraceError as e:
+    except SceneTraceError as error:
         if certain:
             raise
-        return None, [f"over what is here a replay stops: {_reason(e)}"]
+        return None, [f"over what is here a replay stops: {_reason(error)}"]
 
 
 def _reason(error: SceneTraceError) -> str:
@@ -270,13 +273,13 @@ def _changed_input(scene: SceneLog, log: LogReader, facts: Facts) -> Difference 
     while True:
         try:
             frame = next(frames, None)
-        except RecordingError as e:
+        except RecordingError as error:
             # Bytes that are not what their own file says are damage; content that makes no sense
             # was put there.
-            if e.offset is not None or isinstance(e, LimitError):
+            if error.offset is not None or isinstance(error, LimitError):
                 raise
             return Difference(
-                count, RECORDED, "", "a frame", f"none that can be read: {e.reason}"
+                count, RECORDED, "", "a frame", f"none that can be read: {error.reason}"
             )
         if frame is None:
             break
@@ -377,9 +380,9 @@ class _States:
         for attachment in self._log.attachments([name]):
             try:
                 then = checkpoint.decode(attachment.data, str(self._log.path))
-            except RecordingError as e:
+            except RecordingError as error:
                 self.difference = Difference(
-                    made.frame, name, "", f"a state ({e.reason})", "another"
+                    made.frame, name, "", f"a state ({error.reason})", "another"
                 )
                 return
             self.difference = _unequal_states(name, then, made, self._links)
@@ -419,14 +422,14 @@ def _first_difference(then: FrameRecord, now: Annotated, links: bool) -> Differe
     ``links`` as well: they hold the recorded messages, so over another recording they differ
     without an effect.
     """
-    d = now.digest
-    if then.digests and then.digest.frame != d.frame:
+    digest = now.digest
+    if then.digests and then.digest.frame != digest.frame:
         return Difference(
-            then.digest.frame, "frames", "number", str(then.digest.frame), str(d.frame)
+            then.digest.frame, "frames", "number", str(then.digest.frame), str(digest.frame)
         )
     if then.time_ns != now.frame.time_ns:
         return Difference(
-            d.frame, "frames", "log time", str(then.time_ns), str(now.frame.time_ns)
+            digest.frame, "frames", "log time", str(then.time_ns), str(now.frame.time_ns)
         )
     for name in channels.ANNOTATED:
         ours = [payload for n, payload in now.payloads if n == name]
@@ -434,8 +437,8 @@ def _first_difference(then: FrameRecord, now: Annotated, links: bool) -> Differe
         for a, b in zip_longest(theirs, ours):
             if a != b:
                 place, old, new = difference_in(name, a, b)
-                return Difference(d.frame, name, place, old, new)
-    return _unequal_digests(then.digests, d, links)
+                return Difference(digest.frame, name, place, old, new)
+    return _unequal_digests(then.digests, digest, links)
 
 
 def _unequal_digests(then: list[Digest], now: Digest, links: bool) -> Difference | None:

@@ -126,17 +126,23 @@ def _table(answer: Answer, out: IO[str]) -> int:
         for name, values in zip(answer.columns, columns, strict=True)
     ]
     rows: Iterator[list[str]] = (
-        [_cell(v, d) for v, d in zip(row, decimals, strict=True)] for row in raw
+        [_cell(v, decimal) for v, decimal in zip(row, decimals, strict=True)] for row in raw
     )
-    first = [[_cell(v, d) for v, d in zip(row, decimals, strict=True)] for row in measured]
-    names = [_cell(c) for c in answer.columns]
-    widths = [max(len(n), *(len(r[k]) for r in first), 0) for k, n in enumerate(names)]
+    first = [
+        [_cell(v, decimal) for v, decimal in zip(row, decimals, strict=True)]
+        for row in measured
+    ]
+    names = [_cell(column) for column in answer.columns]
+    widths = [
+        max(len(name), *(len(r[index]) for r in first), 0)
+        for index, name in enumerate(names)
+    ]
     numeric = [_is_number(kind) for kind in answer.types]
 
     def line(cells: list[str]) -> str:
         padded = (
-            c.rjust(w) if n else c.ljust(w)
-            for c, w, n in zip(cells, widths, numeric, strict=True)
+            cell.rjust(w) if n else cell.ljust(w)
+            for cell, w, n in zip(cells, widths, numeric, strict=True)
         )
         return "  ".join(padded).rstrip() + "\n"
 
@@ -155,7 +161,11 @@ def _decimals(name: str, values: Sequence[Any]) -> int | None:
 
     Times in seconds are shown to the millisecond (JSON and CSV have all of their digits).
     """
-    shown = [f"{v:.10g}" for v in values if isinstance(v, float) and math.isfinite(v)]
+    shown = [
+        f"{value:.10g}"
+        for value in values
+        if isinstance(value, float) and math.isfinite(value)
+    ]
     if not shown or any("e" in text for text in shown):
         return None
     most = max(len(text.partition(".")[2]) for text in shown)

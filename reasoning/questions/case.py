@@ -130,12 +130,12 @@ class Case:
         self._known: dict[tuple[str, str], str] = {}
         try:
             self._open(log_limits, encounters)
-        except duckdb.OutOfMemoryException as e:
+        except duckdb.OutOfMemoryException as error:
             self._con.close()
             raise QueryError(
                 f"the recordings need more than {self.limits.memory_mib} MiB (--memory); "
                 "make an index of them with `scenetrace index` and ask that"
-            ) from e
+            ) from error
         except BaseException:
             self._con.close()
             raise
@@ -173,10 +173,10 @@ class Case:
             )
             try:
                 self._con.execute(f"CREATE VIEW {table} AS {parts}")
-            except duckdb.Error as e:
+            except duckdb.Error as error:
                 raise RecordingError(
-                    f"{table} cannot be read: {_first_line(e)}", self._damaged(table)
-                ) from e
+                    f"{table} cannot be read: {_first_line(error)}", self._damaged(table)
+                ) from error
         for statement in macro_statements():
             self._con.execute(statement)
         self._con.execute("SET TimeZone = 'UTC'")
@@ -203,10 +203,10 @@ class Case:
             tables = {row[0] for row in self._con.execute(
                 "SELECT table_name FROM duckdb_tables() WHERE database_name = ?", [name]
             ).fetchall()}  # fmt: skip
-        except duckdb.Error as e:
+        except duckdb.Error as error:
             raise RecordingError(
-                f"cannot be opened as an index: {_first_line(e)}", path
-            ) from e
+                f"cannot be opened as an index: {_first_line(error)}", path
+            ) from error
         missing = [t for t in TABLES if t not in tables]
         if missing:
             old = (
@@ -221,11 +221,11 @@ class Case:
         self._add(lambda table: f"{name}.{table}", path)
 
     def _folder(self, path: Path) -> None:
-        parts = [p.resolve() for p in parquet_parts(path)]
-        self._files += [p / f"{table}.parquet" for p in parts for table in TABLES]
+        parts = [part.resolve() for part in parquet_parts(path)]
+        self._files += [part / f"{table}.parquet" for part in parts for table in TABLES]
         self._add(
             lambda table: (
-                f"read_parquet([{', '.join(_quoted(p / f'{table}.parquet') for p in parts)}])"
+                f"read_parquet([{', '.join(_quoted(part / f'{table}.parquet') for part in parts)}])"
             ),
             path,
         )
@@ -236,10 +236,10 @@ class Case:
             rows = self._con.execute(
                 f"SELECT digest, camera, recording FROM {place('recordings')}"
             ).fetchall()
-        except duckdb.Error as e:
+        except duckdb.Error as error:
             raise RecordingError(
-                f"cannot be read as an index: {_first_line(e)}", path
-            ) from e
+                f"cannot be read as an index: {_first_line(error)}", path
+            ) from error
         names = set(self._known.values())
         for digest, camera, name in rows:
             if (digest, camera) in self._known or name in names:
@@ -357,7 +357,7 @@ class Case:
         """Spans of recordings that hold few, then more rows of the tables that the query reads
         (by the average).
         """
-        names = sorted(r[0] for r in self.rows("SELECT recording FROM recordings"))
+        names = sorted(row[0] for row in self.rows("SELECT recording FROM recordings"))
         words = set(re.findall(r"\w+", query))
         counts = " + ".join(
             f"(SELECT count(*) FROM {t})"
@@ -395,8 +395,8 @@ class Case:
     def _check(self, query: str) -> None:
         try:
             statements = self._con.extract_statements(query)
-        except duckdb.Error as e:
-            raise QueryError(f"SQL: {_told(e)}") from e
+        except duckdb.Error as error:
+            raise QueryError(f"SQL: {_told(error)}") from error
         if len(statements) != 1:
             raise QueryError(f"SQL: one statement is wanted, this is {len(statements)}")
         try:
@@ -426,35 +426,35 @@ class Case:
         timer.start()
         try:
             yield
-        except duckdb.InterruptException as e:
+        except duckdb.InterruptException as error:
             # The timer of the batch before may have struck between two batches: it is this
             # query's time all the same.
             if not over.is_set() and time.monotonic() < deadline:
                 raise
             raise QueryError(
                 f"SQL: stopped after {self.limits.seconds:g} s (--time-limit)"
-            ) from e
-        except (duckdb.OutOfMemoryException, MemoryError) as e:
+            ) from error
+        except (duckdb.OutOfMemoryException, MemoryError) as error:
             raise QueryMemoryError(
                 f"SQL: needs more than {self.limits.memory_mib} MiB of memory (--memory)"
-            ) from e
-        except duckdb.PermissionException as e:
+            ) from error
+        except duckdb.PermissionException as error:
             raise QueryError(
                 "SQL: refused, a query may read the tables and nothing else:"
-                f" {_first_line(e)}"
-            ) from e
-        except (duckdb.Error, RuntimeError) as e:
-            if isinstance(e, duckdb.TransactionException) and "read-only" in str(e):
+                f" {_first_line(error)}"
+            ) from error
+        except (duckdb.Error, RuntimeError) as error:
+            if isinstance(error, duckdb.TransactionException) and "read-only" in str(error):
                 raise QueryError(
                     "SQL: refused, a query may only read: it holds a statement that writes"
-                ) from e
+                ) from error
             if (
-                "'pytz'" in str(e)
+                "'pytz'" in str(error)
             ):  # DuckDB hands time zones to Python through a package that is not ours to ask for
                 raise QueryError(
                     "SQL: show a TIMESTAMP WITH TIME ZONE as text: CAST(... AS VARCHAR)"
-                ) from e
-            raise QueryError(f"SQL: {_told(e)}") from e
+                ) from error
+            raise QueryError(f"SQL: {_told(error)}") from error
         finally:
             timer.cancel()
             timer.join(
@@ -481,10 +481,10 @@ def kind_of(path: Path) -> str:
             )
         return "parquet"
     try:
-        with path.open("rb") as f:
-            head = f.read(16)
-    except OSError as e:
-        raise RecordingError(f"cannot be read: {e.strerror}", path) from e
+        with path.open("rb") as file:
+            head = file.read(16)
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}", path) from error
     if head.startswith(MCAP_MAGIC):
         return "log"
     if head[8:12] == DUCKDB_MAGIC:

@@ -31,19 +31,19 @@ def insert(con: duckdb.DuckDBPyConnection, table: str, rows: Sequence[Row]) -> N
     if not rows:
         return
     batch, selected = {}, []
-    for k, ((name, kind), values) in enumerate(
+    for index, ((name, kind), values) in enumerate(
         zip(TABLES[table], zip(*rows, strict=True), strict=True)
     ):
-        batch[f"c{k}"] = _column(kind, values)
-        selected.append(f"CAST(c{k} AS {kind}) AS {name}")
+        batch[f"c{index}"] = _column(kind, values)
+        selected.append(f"CAST(c{index} AS {kind}) AS {name}")
     try:
         con.register(_BATCH, batch)
         con.execute(f"INSERT INTO {table} SELECT {', '.join(selected)} FROM {_BATCH}")
         con.unregister(_BATCH)
-    except (duckdb.Error, OverflowError) as e:
+    except (duckdb.Error, OverflowError) as error:
         raise SceneTraceError(
-            f"a row of {table} does not fit its columns: {reason(e)}"
-        ) from e
+            f"a row of {table} does not fit its columns: {reason(error)}"
+        ) from error
 
 
 def reason(error: Exception) -> str:
@@ -57,8 +57,8 @@ def reason(error: Exception) -> str:
 
 def _column(kind: str, values: Sequence[Any]) -> np.ndarray[Any, Any]:
     if kind.endswith("[]"):
-        return np.array([str(v) for v in values], object)
-    if kind not in _DTYPES or any(v is None for v in values):
+        return np.array([str(value) for value in values], object)
+    if kind not in _DTYPES or any(value is None for value in values):
         out = np.empty(len(values), object)
         out[:] = values
         return out

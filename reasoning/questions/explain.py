@@ -87,7 +87,7 @@ class Explanation:
         ]
         if self.measures:
             out.append("  measured:")
-            out += [f"    {measure_line(m)}" for m in self.measures]
+            out += [f"    {measure_line(measure)}" for measure in self.measures]
         if self.chain:
             out.append("  what led there:")
             out += [f"    {line}" for line in self.chain]
@@ -131,7 +131,7 @@ def _rows(case: Case, query: str, reference: str) -> list[dict[str, Any]]:
     rows = list(answer.rows)
     if not rows:
         raise UsageError(f"{reference}: there is none")
-    names = sorted({str(r[0]) for r in rows})
+    names = sorted({str(row[0]) for row in rows})
     if len(names) > 1:
         raise UsageError(
             f"{reference}: in several recordings ({', '.join(names[:5])}); give --recording"
@@ -170,9 +170,9 @@ def _group(case: Case, label: int, only: str) -> Explanation:
     ended = f"; {row['ended_by']} ended it" if row["ended_by"] else "; it lasted to the end"
     rule = next(
         (
-            e[4]
-            for e in events
-            if e[1] in ("group_formed", "group_changed", "group_entered_scene")
+            event[4]
+            for event in events
+            if event[1] in ("group_formed", "group_changed", "group_entered_scene")
         ),
         "",
     )
@@ -327,7 +327,7 @@ def chain(
     """
     if not subjects:
         return []
-    ids = ", ".join(str(s) for s in sorted(subjects))
+    ids = ", ".join(str(subject) for subject in sorted(subjects))
     within = f"[{ids}]"
     both = (
         f"a IN ({ids}) AND b IN ({ids})"

@@ -92,10 +92,10 @@ def build_index(
                     known.append(log)
                 else:
                     added += target.add(log, digest, limits, encounters)
-            except RecordingError as e:
+            except RecordingError as error:
                 if not keep_going:
                     raise
-                failed.append((log, str(e)))
+                failed.append((log, str(error)))
             if progress is not None:
                 progress("index", done)
         target.finish()
@@ -177,8 +177,10 @@ class _DuckDB(_Target):
                 self._con.close()
                 raise RecordingError("a database, but no index of scenetrace", path)
             rows = self._con.execute("SELECT digest, recording FROM recordings").fetchall()
-        except duckdb.Error as e:
-            raise RecordingError(f"cannot be opened for writing: {reason(e)}", path) from e
+        except duckdb.Error as error:
+            raise RecordingError(
+                f"cannot be opened for writing: {reason(error)}", path
+            ) from error
         self._path = path
         self.digests = {digest for digest, _ in rows}
         self._names = [name for _, name in rows]
@@ -187,8 +189,10 @@ class _DuckDB(_Target):
         """Fold the write-ahead log into the file."""
         try:
             self._con.execute("CHECKPOINT")
-        except duckdb.Error as e:
-            raise RecordingError(f"cannot be written: {reason(e)}", self._path) from e
+        except duckdb.Error as error:
+            raise RecordingError(
+                f"cannot be written: {reason(error)}", self._path
+            ) from error
 
     def is_empty(self) -> bool:
         """Whether no recording is in it."""
@@ -235,10 +239,12 @@ class _Parquet(_Target):
                 ).fetchall()
             for statement in create_statements():
                 self._con.execute(statement)
-        except duckdb.Error as e:
-            raise RecordingError(f"a part cannot be read: {reason(e)}", folder) from e
+        except duckdb.Error as error:
+            raise RecordingError(
+                f"a part cannot be read: {reason(error)}", folder
+            ) from error
         self._next = 1 + max(
-            (int(p.name.removeprefix(PART_PREFIX)) for p in parts), default=-1
+            (int(part.name.removeprefix(PART_PREFIX)) for part in parts), default=-1
         )
         self._waiting = 0
         self.digests = {digest for digest, _ in rows}
@@ -263,11 +269,11 @@ class _Parquet(_Target):
             try:
                 self._con.execute(f"COPY {table} TO '{file}' (FORMAT parquet)")
                 self._con.execute(f"TRUNCATE {table}")
-            except duckdb.Error as e:
+            except duckdb.Error as error:
                 shutil.rmtree(beside, ignore_errors=True)
                 raise SceneTraceError(
-                    f"{self._folder}: cannot be written: {reason(e)}"
-                ) from e
+                    f"{self._folder}: cannot be written: {reason(error)}"
+                ) from error
         beside.rename(self._folder / name)
         self._next, self._waiting = self._next + 1, 0
 

@@ -67,10 +67,10 @@ def file_digest(path: str | Path) -> str:
         RecordingError: it cannot be read.
     """
     try:
-        with Path(path).open("rb") as f:
-            return hashlib.file_digest(f, "sha256").hexdigest()
-    except OSError as e:
-        raise RecordingError(f"cannot be read: {e.strerror}", path) from e
+        with Path(path).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}", path) from error
 
 
 def read_recordings(
@@ -255,24 +255,24 @@ class _Camera:
         zones: dict[Hashable, Hashable] = {}
         bits: dict[Hashable, Hashable] = {}
         hidden: dict[Hashable, Hashable] = {}
-        for k in frame.tracks:
+        for track in frame.tracks:
             self._add(
-                "tracks", frame.index, t, k.id, *k.box, *k.velocity, k.mode, k.confidence,
-                k.grouping, k.grouped, k.splitting, k.group, k.scene,
-                None if k.label is UNSET else k.label, k.present,
+                "tracks", frame.index, t, track.id, *track.box, *track.velocity, track.mode, track.confidence,
+                track.grouping, track.grouped, track.splitting, track.group, track.scene,
+                None if track.label is UNSET else track.label, track.present,
             )  # fmt: skip
-            if not k.present:
+            if not track.present:
                 continue
-            present[k.id] = True
-            zones.update({(k.id, zone): True for zone in k.zones})
-            hidden.update({(k.id, part): True for part in k.hidden_parts})
+            present[track.id] = True
+            zones.update({(track.id, zone): True for zone in track.zones})
+            hidden.update({(track.id, part): True for part in track.hidden_parts})
             for bit in BITS:
-                if getattr(k, bit):
-                    bits[(k.id, bit)] = tuple(sorted(getattr(k, f"{bit}_partners")))
-            own = self._boxes.setdefault(k.id, _Boxes())
+                if getattr(track, bit):
+                    bits[(track.id, bit)] = tuple(sorted(getattr(track, f"{bit}_partners")))
+            own = self._boxes.setdefault(track.id, _Boxes())
             own.frames.append(frame.index)
             own.times.append(t)
-            own.boxes.append(k.box)
+            own.boxes.append(track.box)
         for key, _, interval in self._presence.step(frame.index, t, present):
             self._add("presence", key, *interval)
         self._end_named("zones", self._zones.step(frame.index, t, zones))
@@ -291,7 +291,8 @@ class _Camera:
     def _take_relations(self, frame: AnnotatedFrame, t: float) -> None:
         # A run is one interval of a state: the same state with a later `since` is a new interval.
         now: dict[Hashable, Hashable] = {
-            (r.a, r.b): (r.state, r.since_frame) for r in frame.relations
+            (relation.a, relation.b): (relation.state, relation.since_frame)
+            for relation in frame.relations
         }
         self._end_relations(self._relations.step(frame.index, t, now))
 
@@ -303,10 +304,10 @@ class _Camera:
 
     def _take_groups(self, frame: AnnotatedFrame, t: float) -> None:
         now: dict[Hashable, Hashable] = {
-            g.label: tuple(sorted(g.members)) for g in frame.groups
+            group.label: tuple(sorted(group.members)) for group in frame.groups
         }
-        for g in frame.groups:
-            self._formed.setdefault(g.label, tuple(g.formed_from))
+        for group in frame.groups:
+            self._formed.setdefault(group.label, tuple(group.formed_from))
         self._end_groups(self._groups.step(frame.index, t, now))
 
     def _end_groups(self, over: list[tuple[Any, Any, Interval]]) -> None:
@@ -314,16 +315,24 @@ class _Camera:
             (label, members, interval) for label, members, interval in over
         ]
 
-    def _take_event(self, e: Event) -> None:
-        t = (e.time_ns - self._facts.start_ns) / channels.NANOS
-        evidence = msgspec.json.encode(e.evidence).decode()
+    def _take_event(self, event: Event) -> None:
+        t = (event.time_ns - self._facts.start_ns) / channels.NANOS
+        evidence = msgspec.json.encode(event.evidence).decode()
         self._add(
-            "events", e.id, e.kind, e.frame, t, list(e.subjects), e.rule, evidence, e.text
+            "events",
+            event.id,
+            event.kind,
+            event.frame,
+            t,
+            list(event.subjects),
+            event.rule,
+            evidence,
+            event.text,
         )
-        for label in e.groups:
-            self._add("event_groups", e.id, label)
-            if e.kind in ENDING:
-                self._ended.setdefault(label, []).append((e.frame, e.kind))
+        for label in event.groups:
+            self._add("event_groups", event.id, label)
+            if event.kind in ENDING:
+                self._ended.setdefault(label, []).append((event.frame, event.kind))
 
     def _finish(self) -> None:
         self._facts.seconds = self._t
@@ -358,26 +367,35 @@ class _Camera:
         for name, value in asdict(self._parameters).items():
             self._add("encounter_parameters", name, value)
         histories = {track: self._boxes[track].history() for track in sorted(self._boxes)}
-        for e in find_encounters(histories, self._parameters, joint=self._joint):
+        for encounter in find_encounters(histories, self._parameters, joint=self._joint):
             self._add(
                 "encounters",
-                e.a,
-                e.b,
-                e.kind,
-                e.start_frame,
-                e.end_frame,
-                e.start_s,
-                e.end_s,
-                e.confidence,
+                encounter.a,
+                encounter.b,
+                encounter.kind,
+                encounter.start_frame,
+                encounter.end_frame,
+                encounter.start_s,
+                encounter.end_s,
+                encounter.confidence,
             )
-            for p in e.phases:
-                self._add("phases", e.a, e.b, *astuple(p))
-            for fierce in e.abrupt:
-                self._add("abrupt", e.a, e.b, *astuple(fierce))
+            for phase in encounter.phases:
+                self._add("phases", encounter.a, encounter.b, *astuple(phase))
+            for fierce in encounter.abrupt:
+                self._add("abrupt", encounter.a, encounter.b, *astuple(fierce))
             self._add(
-                "encounter_evidence", e.a, e.b, e.start_frame, e.near_s, e.distance, e.relative_speed, e.sure_frame,
-                e.drift, e.all_distance, e.all_relative_speed,
-            )  # fmt: skip
+                "encounter_evidence",
+                encounter.a,
+                encounter.b,
+                encounter.start_frame,
+                encounter.near_s,
+                encounter.distance,
+                encounter.relative_speed,
+                encounter.sure_frame,
+                encounter.drift,
+                encounter.all_distance,
+                encounter.all_relative_speed,
+            )
         for track, history in histories.items():
             for stretch in still(history, self._parameters):
                 self._add("still", track, *astuple(stretch))

@@ -42,7 +42,8 @@ def check_recording(case: Case, name: str | None) -> None:
         return
     if not case.rows(f"SELECT 1 FROM recordings WHERE recording = {literal(name)}"):
         names = [
-            r[0] for r in case.rows("SELECT recording FROM recordings ORDER BY recording")
+            row[0]
+            for row in case.rows("SELECT recording FROM recordings ORDER BY recording")
         ]
         raise UsageError(
             f"--recording {name}: there is none of that name; there are: {_few(names)}"

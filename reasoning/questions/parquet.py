@@ -33,11 +33,11 @@ def write_parquet(answer: Answer, out: Path, limits: QueryLimits) -> None:
         con.execute(
             f"COPY answer TO '{str(part).replace(chr(39), chr(39) * 2)}' (FORMAT parquet)"
         )
-        with part.open("rb+") as f:
-            os.fsync(f.fileno())
+        with part.open("rb+") as file:
+            os.fsync(file.fileno())
         part.replace(out)
-    except duckdb.Error as e:
-        raise SceneTraceError(f"{out}: cannot be written: {reason(e)}") from e
+    except duckdb.Error as error:
+        raise SceneTraceError(f"{out}: cannot be written: {reason(error)}") from error
     finally:
         part.unlink(missing_ok=True)
         con.close()
@@ -74,11 +74,11 @@ def _append(
     con: duckdb.DuckDBPyConnection, batch: list[tuple[Any, ...]], types: list[str]
 ) -> None:
     columns = {}
-    for k, values in enumerate(zip(*batch, strict=True)):
+    for index, values in enumerate(zip(*batch, strict=True)):
         column = np.empty(len(values), object)
         column[:] = values
-        columns[f"c{k}"] = column
+        columns[f"c{index}"] = column
     con.register("batch", columns)
-    selected = ", ".join(f"CAST(c{k} AS {kind})" for k, kind in enumerate(types))
+    selected = ", ".join(f"CAST(c{index} AS {kind})" for index, kind in enumerate(types))
     con.execute(f"INSERT INTO answer SELECT {selected} FROM batch")
     con.unregister("batch")

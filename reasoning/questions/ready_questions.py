@@ -90,8 +90,8 @@ class Question:
         wanted = self.arguments.split()
         return [
             w
-            for k, w in enumerate(wanted)
-            if not w.startswith("-") and not (k and wanted[k - 1].startswith("-"))
+            for index, w in enumerate(wanted)
+            if not w.startswith("-") and not (index and wanted[index - 1].startswith("-"))
         ]
 
     def why_empty(self, words: Sequence[str]) -> str:
@@ -120,7 +120,7 @@ class Question:
             UsageError: too few, too many or wrong arguments; says which are wanted.
         """
         names = self._words()
-        least = sum(not n.startswith("[") for n in names)
+        least = sum(not name.startswith("[") for name in names)
         if not least <= len(words) <= len(names):
             raise UsageError(
                 f"--ask {self.name} {self.arguments}: {len(words)} arguments given;"
@@ -131,7 +131,7 @@ class Question:
                 *self.takes,
                 "recordings",
             ):
-                taken = ", ".join(FLAGS[t] for t in (*self.takes, "recordings"))
+                taken = ", ".join(FLAGS[take] for take in (*self.takes, "recordings"))
                 raise UsageError(f"--ask {self.name} takes no {flag}; it takes: {taken}")
         values = {"only": _only(options), **self.build(words, options)}
         return Template(self.template).substitute(values).strip()

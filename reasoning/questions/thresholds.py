@@ -93,7 +93,11 @@ def thresholds(case: Case, recording: str) -> EncounterParameters:
         )
     )
     return EncounterParameters(
-        **{f.name: stated[f.name] for f in fields(EncounterParameters) if f.name in stated}
+        **{
+            field.name: stated[field.name]
+            for field in fields(EncounterParameters)
+            if field.name in stated
+        }
     )
 
 

@@ -40,7 +40,7 @@ def cut(a: str, b: str) -> tuple[str, str]:
     if a[:16] != b[:16] or a == b:
         return a[:16], b[:16]
     at = next(
-        (k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y),
+        (index for index, (x, y) in enumerate(zip(a, b, strict=False)) if x != y),
         min(len(a), len(b)),
     )
     return f"...{a[at : at + 16]}", f"...{b[at : at + 16]}"
@@ -210,16 +210,16 @@ def verify_chain(
     with LogReader(path, limits) as log:
         try:
             facts = facts_of(log)
-        except AlteredFactsError as e:
+        except AlteredFactsError as error:
             difference = Difference(
                 WHOLE,
                 "metadata",
-                e.fact,
-                "a fact" if e.fact else "one record",
+                error.fact,
+                "a fact" if error.fact else "one record",
                 "none to be read",
             )
             return Verification(
-                False, 0, difference, [f"altered after the replay: {e.reason}"]
+                False, 0, difference, [f"altered after the replay: {error.reason}"]
             )
         if any(name == GOLDEN for name, _ in log.metadata()):
             raise UsageError(
@@ -321,14 +321,14 @@ def _wrong_span(record: FrameRecord, facts: Facts) -> tuple[Difference, str] | N
         ("to_ns", facts.to_ns, facts.to_ns is not None and record.time_ns >= facts.to_ns),
     ):
         if outside:
-            d = record.digest
+            digest = record.digest
             difference = Difference(
-                d.frame, "metadata", name, str(bound), f"a frame at {record.time_ns}"
+                digest.frame, "metadata", name, str(bound), f"a frame at {record.time_ns}"
             )
             return (
                 difference,
                 (
-                    f"the metadata's {name} was altered after the replay: frame {d.frame}"
+                    f"the metadata's {name} was altered after the replay: frame {digest.frame}"
                     " is outside of it"
                 ),
             )
@@ -337,15 +337,15 @@ def _wrong_span(record: FrameRecord, facts: Facts) -> tuple[Difference, str] | N
 
 def _wrong_stamp(record: FrameRecord) -> tuple[Difference, str] | None:
     """A publish time or a sequence number that no replay gives."""
-    d = record.digest
+    digest = record.digest
     for name, publish_ns, sequence in record.stamps:
         for what, then, now in (
             ("publish time", record.time_ns, publish_ns),
-            ("sequence number", d.frame, sequence),
+            ("sequence number", digest.frame, sequence),
         ):
             if then != now:
                 return (
-                    Difference(d.frame, name, what, str(then), str(now)),
+                    Difference(digest.frame, name, what, str(then), str(now)),
                     f"a {what} was altered after the replay",
                 )
     return None

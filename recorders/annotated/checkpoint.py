@@ -112,8 +112,8 @@ def decode_state(data: bytes) -> Any:
     """
     try:
         return msgspec.msgpack.decode(data, ext_hook=_ext)
-    except (msgspec.MsgspecError, TypeError, RecursionError) as e:
-        raise ValueError(f"not a state: {e}") from e
+    except (msgspec.MsgspecError, TypeError, RecursionError) as error:
+        raise ValueError(f"not a state: {error}") from error
 
 
 def encode(checkpoint: Checkpoint) -> bytes:
@@ -129,8 +129,10 @@ def decode(data: bytes, path: str) -> Checkpoint:
     """
     try:
         found: Checkpoint = _DECODER.decode(data)
-    except (msgspec.MsgspecError, ValueError, TypeError, RecursionError) as e:
-        raise RecordingError(f"not a checkpoint: {e}", path, record="Attachment") from e
+    except (msgspec.MsgspecError, ValueError, TypeError, RecursionError) as error:
+        raise RecordingError(
+            f"not a checkpoint: {error}", path, record="Attachment"
+        ) from error
     if found.version != FORMAT:
         raise RecordingError(
             f"checkpoint of format {found.version}, this scenetrace reads {FORMAT}; replay"

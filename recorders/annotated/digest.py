@@ -52,13 +52,18 @@ def recorded_digest(messages: Iterable[Message]) -> str:
     replay sees.
     """
     h = hashlib.sha256()
-    for m in sorted(messages, key=lambda m: (m.log_time_ns, m.topic)):
-        name = m.channel.schema.name if m.channel.schema is not None else ""
+    for message in sorted(messages, key=lambda m: (m.log_time_ns, m.topic)):
+        name = message.channel.schema.name if message.channel.schema is not None else ""
         h.update(
-            _framed_text(m.topic, name, m.channel.message_encoding)
-            + _MESSAGE.pack(m.log_time_ns, m.publish_time_ns, m.sequence, len(m.data))
+            _framed_text(message.topic, name, message.channel.message_encoding)
+            + _MESSAGE.pack(
+                message.log_time_ns,
+                message.publish_time_ns,
+                message.sequence,
+                len(message.data),
+            )
         )
-        h.update(m.data)
+        h.update(message.data)
     return h.hexdigest()
 
 

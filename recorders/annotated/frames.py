@@ -55,7 +55,7 @@ def moments(
         LimitError: more messages at one time than the limits allow.
     """
     named = {channels.topic(camera, name): name for name in names}
-    wanted = [c.topic for c in log.channels if c.topic in named]
+    wanted = [channel.topic for channel in log.channels if channel.topic in named]
     messages = log.messages(None if with_recorded else wanted, start_ns, end_ns)
     for time_ns, group in by_time(messages, log.limits, log.path):
         annotated = [(named[m.topic], m) for m in group if m.topic in named]

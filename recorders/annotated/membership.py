@@ -122,18 +122,18 @@ class Patches(Struct, frozen=True, array_like=True):
                 None: as they are.
             present: all forward identities of the frame.
         """
-        largest = max((p.identity for p in self.patches), default=0)
+        largest = max((patch.identity for patch in self.patches), default=0)
         final: dict[int, int] | None = None
         if names is not None and any(names.get(i) != i for i in present):
             final = {i: names[i] for i in sorted(present) if i in names}
             largest = max([largest, *final.values()])
         image = LabelImage(self.width, self.height, largest)
-        for p in self.patches:
+        for patch in self.patches:
             own = np.unpackbits(
-                np.frombuffer(p.bits, np.uint8), count=p.width * p.height
-            ).reshape(p.height, p.width)
-            identity = p.identity if final is None else final.get(p.identity)
-            image.put(identity, own.view(np.bool_), p.left, p.top)
+                np.frombuffer(patch.bits, np.uint8), count=patch.width * patch.height
+            ).reshape(patch.height, patch.width)
+            identity = patch.identity if final is None else final.get(patch.identity)
+            image.put(identity, own.view(np.bool_), patch.left, patch.top)
         return image.payload(self.time_ns)
 
 
@@ -169,10 +169,10 @@ def _decoded(data: bytes, path: str | Path, limits: Limits) -> AnyLabels:
         )
     try:
         found: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as e:
+    except cv2.error as error:
         raise RecordingError(
-            f"a damaged label image: {e.err}", path, record="membership"
-        ) from e
+            f"a damaged label image: {error.err}", path, record="membership"
+        ) from error
     if found is None or found.ndim != 2 or found.shape != (header.height, header.width):
         raise RecordingError("a damaged label image", path, record="membership")
     labels: AnyLabels = found

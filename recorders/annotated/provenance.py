@@ -55,10 +55,14 @@ def extras(
     all of it.
     """
     parts: dict[str, list[str]] = {}
-    for a in attachments:
-        if not a.name.startswith(f"{PREFIX}/"):
-            head = canonical([a.media_type, a.log_time_ns, a.create_time_ns]).encode()
-            parts.setdefault(f"attachment {a.name}", []).append(sha256(head + a.data))
+    for attachment in attachments:
+        if not attachment.name.startswith(f"{PREFIX}/"):
+            head = canonical(
+                [attachment.media_type, attachment.log_time_ns, attachment.create_time_ns]
+            ).encode()
+            parts.setdefault(f"attachment {attachment.name}", []).append(
+                sha256(head + attachment.data)
+            )
     for name, values in records:
         if name != METADATA:
             parts.setdefault(f"metadata record {name}", []).append(
@@ -152,7 +156,9 @@ class Facts:
         }
         names = sorted({*now, *then})
         return {
-            n: (then.get(n, ""), now.get(n, "")) for n in names if now.get(n) != then.get(n)
+            name: (then.get(name, ""), now.get(name, ""))
+            for name in names
+            if now.get(name) != then.get(name)
         }
 
 
@@ -177,7 +183,7 @@ def facts_of(log: LogReader) -> Facts:
         )
     if found:
         return _parsed(log.path, found[0])
-    if any(channels.split(c.topic)[1] == "digest" for c in log.channels):
+    if any(channels.split(channel.topic)[1] == "digest" for channel in log.channels):
         raise AlteredFactsError(
             f"the metadata record {METADATA!r}, which every replay writes, is not there:"
             " altered, or written by another program",
@@ -257,10 +263,10 @@ def _optional(path: Path, values: Mapping[str, str], name: str) -> int | None:
 def _json(path: Path, values: Mapping[str, str], name: str, kind: type[T]) -> T:
     try:
         return msgspec.json.decode(_text(path, values, name).encode(), type=kind)
-    except (msgspec.MsgspecError, RecursionError, ValueError) as e:
+    except (msgspec.MsgspecError, RecursionError, ValueError) as error:
         raise AlteredFactsError(
-            f"the metadata's {name} cannot be read: {e}: altered", path, name
-        ) from e
+            f"the metadata's {name} cannot be read: {error}: altered", path, name
+        ) from error
 
 
 def build_facts(text: str) -> dict[str, str]:

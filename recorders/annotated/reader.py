@@ -123,7 +123,8 @@ class AnnotatedLog:
         time.
         """
         seen = [
-            (f.time_ns, f.index) for f in islice(self.frames(("tracks",)), SAMPLED_FRAMES)
+            (frame.time_ns, frame.index)
+            for frame in islice(self.frames(("tracks",)), SAMPLED_FRAMES)
         ]
         if not seen:
             return self._log.start_ns or 0
@@ -204,13 +205,13 @@ class AnnotatedLog:
             return self._decode(name, message)
         except LimitError:
             raise
-        except RecordingError as e:
+        except RecordingError as error:
             place = "the first frame" if last is None else f"the one after frame {last}"
             raise RecordingError(
-                f"{e.reason}, at {message.log_time_ns} ns: {place}",
-                e.path,
+                f"{error.reason}, at {message.log_time_ns} ns: {place}",
+                error.path,
                 record=message.topic,
-            ) from e
+            ) from error
 
     def _before(self, name: str, names: Sequence[str], start_ns: int | None) -> Any:
         if start_ns is None or name not in names:
@@ -226,13 +227,20 @@ class AnnotatedLog:
     def frame_count(self) -> int | None:
         """How many frames there are, None where the file does not say."""
         topic = channels.topic(self.camera, "tracks")
-        return next((c.message_count for c in self._log.channels if c.topic == topic), None)
+        return next(
+            (
+                channel.message_count
+                for channel in self._log.channels
+                if channel.topic == topic
+            ),
+            None,
+        )
 
     @property
     def has_pictures(self) -> bool:
         """The log holds the recording's pictures."""
         return {channels.topic(self.camera, n) for n in ("image", "detections")} <= {
-            c.topic for c in self._log.channels
+            channel.topic for channel in self._log.channels
         }
 
     def pictures(self) -> Iterator[tuple[int, Callable[[], Image]]]:

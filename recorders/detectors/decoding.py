@@ -176,7 +176,7 @@ def cells_of(size: Size, strides: Sequence[int] = STRIDES) -> int:
     >>> cells_of((640, 640)), cells_of((416, 416), STRIDES_OF_FOUR)
     (8400, 3598)
     """
-    return sum(-(-size[0] // s) * -(-size[1] // s) for s in strides)
+    return sum(-(-size[0] // stride) * -(-size[1] // stride) for stride in strides)
 
 
 def grid(size: Size, strides: Sequence[int]) -> tuple[Floats, Floats]:

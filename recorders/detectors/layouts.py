@@ -159,14 +159,14 @@ def _yolov5(case: Case) -> Layout | None:
     outputs, names = case.outputs, case.names
     places = [3 * cells_of(case.size, STRIDES), 3 * cells_of(case.size, STRIDES_OF_FOUR)]
     if case.forced:
-        places += [n // 3 for n in places]
+        places += [place // 3 for place in places]
     return _rows(outputs, "yolov5", decoding.yolov5, places, 5, names)
 
 
 def _yolov8(case: Case) -> Layout | None:
     outputs, names = case.outputs, case.names
     places = cells_of(case.size, STRIDES), cells_of(case.size, STRIDES_OF_FOUR)
-    for k, out in enumerate(outputs):
+    for index, out in enumerate(outputs):
         if len(out.shape) != 2:
             continue
         turned = out.shape[0] in places and (case.forced or out.shape[1] == 4 + len(names))
@@ -179,7 +179,7 @@ def _yolov8(case: Case) -> Layout | None:
             found: Sequence[Output],
             size: Size,
             least: float,
-            k: int = k,
+            k: int = index,
             turned: bool = turned,
             classes: int = classes,
         ) -> Found:
@@ -200,25 +200,25 @@ def _nanodet(case: Case) -> Layout | None:
     four, three = cells_of(case.size, STRIDES_OF_FOUR), cells_of(case.size, STRIDES)
     coco = 80 + 4 * BINS
     places = [
-        len(o.values)
-        for o in outputs
-        if len(o.shape) == 2
+        len(output.values)
+        for output in outputs
+        if len(output.shape) == 2
         and (
-            len(o.values) == four
-            or (len(o.values) == three and (case.forced or o.shape[1] == coco))
+            len(output.values) == four
+            or (len(output.values) == three and (case.forced or output.shape[1] == coco))
         )
     ]
     return _rows(outputs, "nanodet", decoding.nanodet, places, 4 * BINS, names)
 
 
 def _end_to_end(case: Case) -> Layout | None:
-    for k, out in enumerate(case.outputs):
+    for index, out in enumerate(case.outputs):
         if len(out.shape) != 2 or len(out.values) > MOST_QUERIES:
             continue
         six = out.shape[1] == 6 and (out.axes == 3 or case.forced)
         seven = out.shape[1] == 7 and out.axes == 2 and not out.values[:, 0].any()
         if six or seven:
-            decode = partial(_one, decoding.end_to_end, k)
+            decode = partial(_one, decoding.end_to_end, index)
             return Layout("end2end", decode, case.names or usual_names(80), suppress=False)
     return None
 
@@ -232,7 +232,7 @@ def _detr(case: Case) -> Layout | None:
 
 def _rfdetr(case: Case) -> Layout | None:
     outputs, names = case.outputs, case.names
-    told = case.forced or any(o.name == "dets" for o in outputs)
+    told = case.forced or any(output.name == "dets" for output in outputs)
     return _queries(outputs, names, "rfdetr") if told else None
 
 
@@ -297,7 +297,11 @@ def _labelled(
     if boxes is None:
         return None
     count = len(outputs[boxes].values)
-    flat = [k for k, o in enumerate(outputs) if k != boxes and o.values.size == count]
+    flat = [
+        index
+        for index, output in enumerate(outputs)
+        if index != boxes and output.values.size == count
+    ]
     scores = [k for k in flat if _named(outputs[k], "score", "conf")]
     labels = [k for k in flat if _named(outputs[k], "label", "class")]
     if not (scores and labels):
@@ -334,19 +338,19 @@ def _rows(
     names: tuple[str, ...],
 ) -> Layout | None:
     """A layout of one row for each place; ``besides`` the classes each row has so many numbers."""
-    for k, out in enumerate(outputs):
+    for index, out in enumerate(outputs):
         if len(out.shape) == 2 and len(out.values) in places and out.shape[1] > besides:
             # Masks may follow the classes, where the file says how many these are.
             classes = min(len(names) or out.shape[1], out.shape[1] - besides)
             end = None if family == "nanodet" else besides + classes
-            decoded = partial(_one, decode, k, end=end)
+            decoded = partial(_one, decode, index, end=end)
             usual = names or usual_names(classes)
             return Layout(family, decoded, usual, suppress=True)
     return None
 
 
 def _first(outputs: Sequence[Output], wanted: Callable[[Output], bool]) -> int | None:
-    return next((k for k, out in enumerate(outputs) if wanted(out)), None)
+    return next((index for index, out in enumerate(outputs) if wanted(out)), None)
 
 
 def _one(

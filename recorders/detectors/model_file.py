@@ -98,12 +98,14 @@ def read_model(path: Path) -> ModelFile:
                 f"{path}: over {MOST_BYTES // MIB} MiB; ONNX files are smaller"
             )
         data = path.read_bytes()
-    except OSError as e:
-        raise SceneTraceError(f"{path}: cannot be read: {e.strerror}") from e
+    except OSError as error:
+        raise SceneTraceError(f"{path}: cannot be read: {error.strerror}") from error
     try:
         model = _message("Model").FromString(data)
-    except DecodeError as e:
-        raise SceneTraceError(f"{path}: not an ONNX model, or not the whole of it") from e
+    except DecodeError as error:
+        raise SceneTraceError(
+            f"{path}: not an ONNX model, or not the whole of it"
+        ) from error
     graph = model.graph
     if not (graph.node and graph.output):
         raise SceneTraceError(f"{path}: not an ONNX model: it holds no network")
@@ -118,7 +120,7 @@ def read_model(path: Path) -> ModelFile:
         hashlib.sha256(data).hexdigest(),
         tuple(_tensor(v) for v in graph.input if v.name not in weights),
         tuple(_tensor(v) for v in graph.output),
-        {e.key: e.value for e in model.metadata_props},
+        {prop.key: prop.value for prop in model.metadata_props},
     )
 
 
@@ -137,14 +139,14 @@ def parse_names(text: str) -> list[str]:
         if isinstance(found, dict):
             by_number = {int(k): str(v) for k, v in found.items()}
         elif isinstance(found, list):
-            by_number = {k: str(v) for k, v in enumerate(found)}
+            by_number = {index: str(v) for index, v in enumerate(found)}
         else:
             return []
     except (ValueError, SyntaxError, MemoryError, RecursionError, TypeError):
         return []
     if not by_number or min(by_number) < 0 or max(by_number) >= MOST_CLASSES:
         return []
-    return [by_number.get(k) or f"class {k}" for k in range(max(by_number) + 1)]
+    return [by_number.get(index) or f"class {index}" for index in range(max(by_number) + 1)]
 
 
 def _tensor(value: Any) -> Tensor:

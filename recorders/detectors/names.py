@@ -32,7 +32,7 @@ def coco_by_id() -> tuple[str, ...]:
     rest = iter(COCO)
     return (
         "background",
-        *(f"class {k}" if k in _UNUSED else next(rest) for k in range(1, 91)),
+        *(f"class {index}" if index in _UNUSED else next(rest) for index in range(1, 91)),
     )
 
 
@@ -43,4 +43,4 @@ def usual_names(count: int) -> tuple[str, ...]:
     ('person', 'person', ('class 0', 'class 1'))
     """
     tables = {len(COCO): COCO, len(VOC): VOC, 91: coco_by_id()}
-    return tables.get(count) or tuple(f"class {k}" for k in range(count))
+    return tables.get(count) or tuple(f"class {index}" for index in range(count))

@@ -52,7 +52,7 @@ class OpenCVNetwork:
 
     def __init__(self, model: ModelFile) -> None:
         self.engine = f"opencv {cv2.__version__}"
-        self._names = [t.name for t in model.outputs]
+        self._names = [output.name for output in model.outputs]
         with _silent():
             self._net = _attempt(
                 cv2.dnn.readNetFromONNX, np.frombuffer(model.data, np.uint8)
@@ -85,7 +85,7 @@ class OnnxRuntimeNetwork:
         self.engine = f"onnxruntime {onnxruntime.__version__}"
         options = onnxruntime.SessionOptions()
         options.log_severity_level = 4
-        self._names = [t.name for t in model.outputs]
+        self._names = [output.name for output in model.outputs]
         self._session: Any = _attempt(
             onnxruntime.InferenceSession,
             model.data,
@@ -161,8 +161,8 @@ def try_here(words: Sequence[str], given: bytes) -> None:
         inputs = {name.removeprefix("_"): arrays[name] for name in arrays.files}
     try:
         ENGINES[engine](read_model(Path(path))).run(inputs)
-    except SceneTraceError as e:
-        sys.stdout.write(f"{e}\n")
+    except SceneTraceError as error:
+        sys.stdout.write(f"{error}\n")
     else:
         sys.stdout.write(f"{WELL}\n")
 
@@ -171,8 +171,8 @@ def _attempt(call: Any, *args: Any) -> Any:
     """Call a library; whatever it raises over a model becomes one line."""
     try:
         return call(*args)
-    except Exception as e:
-        raise SceneTraceError(_line(e)) from e
+    except Exception as error:
+        raise SceneTraceError(_line(error)) from error
 
 
 def _line(error: Exception) -> str:

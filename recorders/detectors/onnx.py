@@ -96,15 +96,15 @@ class OnnxDetector:
         """As `Detector.detect`; best score first."""
         outputs = [Output.of(*out) for out in self._network.run(self._inputs(image))]
         size = self._prepared.width, self._prepared.height
-        p = self._parameters
-        found = self.layout.decode(outputs, size, p.min_score)
+        parameters = self._parameters
+        found = self.layout.decode(outputs, size, parameters.min_score)
         rows = np.arange(len(found.scores))
         if self._wanted is not None:
             rows = np.flatnonzero(np.isin(found.classes, self._wanted))
         corners, scores = found.corners[rows], found.scores[rows]
         classes = found.classes[rows]
         if self.layout.suppress:
-            kept = suppress(corners, scores, classes, p.suppress_overlap)
+            kept = suppress(corners, scores, classes, parameters.suppress_overlap)
         else:
             kept = np.argsort(-scores, kind="stable")
         at = placement(self._prepared, image.shape[1], image.shape[0])
@@ -134,13 +134,13 @@ class OnnxDetector:
         }
 
     def _described(self, model: ModelFile, options: ModelOptions) -> dict[str, str]:
-        p = self._prepared
+        prepared = self._prepared
         return {
             "model": model.path.name,
             "sha256": model.sha256,
             "format": self.layout.family,
             "engine": self._network.engine,
-            "input": f"{p.width}x{p.height} {p.fit}",
+            "input": f"{prepared.width}x{prepared.height} {prepared.fit}",
             "labels": ",".join(options.labels) or "all",
             "min_score": repr(self._parameters.min_score),
             "suppress_overlap": repr(self._parameters.suppress_overlap),

@@ -98,16 +98,18 @@ class CaviarReader:
                         yield element
                         elements = 0
                         root.clear()
-        except DefusedXmlException as e:
+        except DefusedXmlException as error:
             kind = {"DTDForbidden": "a DOCTYPE", "EntitiesForbidden": "an entity"}.get(
-                type(e).__name__, "a reference"
+                type(error).__name__, "a reference"
             )
             raise SourceError(
                 f"{kind} in the XML: refused, it could reach for other files or grow",
                 self.path,
-            ) from e
-        except (ParseError, ValueError, LookupError) as e:
-            raise SourceError(f"not well-formed XML: {e}: not CAVIAR XML", self.path) from e
+            ) from error
+        except (ParseError, ValueError, LookupError) as error:
+            raise SourceError(
+                f"not well-formed XML: {error}: not CAVIAR XML", self.path
+            ) from error
 
     def _row(self, labelled: Any, frame: int) -> BoxRow:
         box = labelled.find("box")

@@ -338,9 +338,12 @@ class _Examination:
             for group in self.found.values()
             for raw in group
         }
-        listed = [(wire.ATTACHMENT, a.offset, a.length) for a in summary.attachments]
+        listed = [
+            (wire.ATTACHMENT, attachment.offset, attachment.length)
+            for attachment in summary.attachments
+        ]
         listed += [(wire.METADATA, m.offset, m.length) for m in summary.metadata]
-        listed += [(wire.CHUNK, c.offset, c.length) for c in summary.chunks]
+        listed += [(wire.CHUNK, chunk.offset, chunk.length) for chunk in summary.chunks]
         for opcode, offset, length in listed:
             if places.get((opcode, offset)) != length:
                 name = wire.opcode_name(opcode)

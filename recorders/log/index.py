@@ -50,8 +50,14 @@ def _data_end_before(file: RecordFile, summary_start: int) -> RawRecord | None:
 def _tiles(file: RecordFile, summary: Summary, start: int, end: int) -> bool:
     """Whether what the summary lists leaves no message, attachment or metadata record unlisted."""
     spans = sorted(
-        [(c.offset, c.offset + c.length + c.message_index_length) for c in summary.chunks]
-        + [(a.offset, a.offset + a.length) for a in summary.attachments]
+        [
+            (chunk.offset, chunk.offset + chunk.length + chunk.message_index_length)
+            for chunk in summary.chunks
+        ]
+        + [
+            (attachment.offset, attachment.offset + attachment.length)
+            for attachment in summary.attachments
+        ]
         + [(m.offset, m.offset + m.length) for m in summary.metadata]
     )
     position = start
@@ -81,15 +87,17 @@ def _from_summary(
     assert statistics is not None
     blocks = [
         Block(
-            offset=c.offset,
-            length=c.length,
-            start_ns=c.start_ns,
-            end_ns=c.end_ns,
-            channels=frozenset(c.message_index_offsets) if c.message_index_length else None,
+            offset=chunk.offset,
+            length=chunk.length,
+            start_ns=chunk.start_ns,
+            end_ns=chunk.end_ns,
+            channels=frozenset(chunk.message_index_offsets)
+            if chunk.message_index_length
+            else None,
             chunked=True,
-            index=c,
+            index=chunk,
         )
-        for c in summary.chunks
+        for chunk in summary.chunks
     ]
     some = statistics.message_count > 0
     return LogIndex(
@@ -102,7 +110,8 @@ def _from_summary(
         channels=summary.definitions.infos(statistics.channel_message_counts),
         blocks=blocks,
         attachments=[
-            _placed(wire.ATTACHMENT, a.offset, a.length) for a in summary.attachments
+            _placed(wire.ATTACHMENT, attachment.offset, attachment.length)
+            for attachment in summary.attachments
         ],
         metadata=[_placed(wire.METADATA, m.offset, m.length) for m in summary.metadata],
         message_count=statistics.message_count,

@@ -101,9 +101,13 @@ def _attachments(log: LogReader, file: RecordFile) -> list[AttachmentInfo]:
     if log.index.attachment_indexes:
         return [
             AttachmentInfo(
-                a.name, a.media_type, a.data_size, a.log_time_ns, a.create_time_ns
+                index.name,
+                index.media_type,
+                index.data_size,
+                index.log_time_ns,
+                index.create_time_ns,
             )
-            for a in log.index.attachment_indexes
+            for index in log.index.attachment_indexes
         ]
     found = (read_attachment(file, raw) for raw in log.index.attachments)
     return [

@@ -53,7 +53,10 @@ class Definitions:
 
     def infos(self, counts: dict[int, int] | None) -> dict[int, ChannelInfo]:
         """The channels by id, in the order of ids."""
-        schemas = {s.id: Schema(s.name, s.encoding, s.data) for s in self.schemas.values()}
+        schemas = {
+            schema.id: Schema(schema.name, schema.encoding, schema.data)
+            for schema in self.schemas.values()
+        }
         return {
             identity: ChannelInfo(
                 topic=c.topic,

@@ -293,8 +293,8 @@ class LogWriter:
             self._settle(0)
             data_end = records.encode_data_end(self._crc)
             counts = {
-                k: channel.count
-                for k, channel in enumerate(self._channels, 1)
+                index: channel.count
+                for index, channel in enumerate(self._channels, 1)
                 if channel.count
             }
             tail = self._summary.encode(self._offset + len(data_end), counts)

@@ -76,11 +76,11 @@ class Finder:
             found = list(self.detector.detect(frame.image))
         except SceneTraceError:
             raise
-        except Exception as e:  # of others' code anything may come
+        except Exception as error:  # of others' code anything may come
             raise SceneTraceError(
                 f"the detector {self.detector_name} in frame {frame.index}:"
-                f" {type(e).__name__}: {e}"
-            ) from e
+                f" {type(error).__name__}: {error}"
+            ) from error
         return as_detections(self.detector_name, frame.index, *size, found)
 
 

@@ -79,8 +79,10 @@ def open_detector(
     found = plugins.load(plugins.DETECTORS, name, _own())
     try:
         made = found.value()
-    except Exception as e:
-        raise SceneTraceError(f"the detector {name}: {type(e).__name__}: {e}") from e
+    except Exception as error:
+        raise SceneTraceError(
+            f"the detector {name}: {type(error).__name__}: {error}"
+        ) from error
     if not isinstance(made, Detector):
         raise UsageError(f"the detector {name}: has no method detect(image)")
     return made, {"class": name, "version": found.version}

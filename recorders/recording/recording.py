@@ -95,8 +95,8 @@ def record(
                 report("recording", writer.frames, source.frame_count)
         summary = writer.finish(out)
         log.close()
-    except BaseException as e:
-        _end_early(e, log, out, writer.frames)
+    except BaseException as error:
+        _end_early(error, log, out, writer.frames)
         raise
     return summary
 
@@ -144,8 +144,8 @@ def _segmenter(
     )
 
     def sampled() -> Iterator[Image]:
-        for k, image in enumerate(source.sample(FIRST_READING_PICTURES)):
-            report("looking", k, FIRST_READING_PICTURES)
+        for index, image in enumerate(source.sample(FIRST_READING_PICTURES)):
+            report("looking", index, FIRST_READING_PICTURES)
             yield image
 
     segmenter.prepare(sampled())

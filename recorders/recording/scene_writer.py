@@ -118,8 +118,8 @@ class SceneWriter:
         """Never record what no replay would take."""
         try:
             check_detections(detections, self._options.limits)
-        except ValueError as e:
-            raise SourceError(str(e), self._source.path) from e
+        except ValueError as error:
+            raise SourceError(str(error), self._source.path) from error
 
     def finish(self, out: Path) -> RecordSummary:
         """Write what the log says of itself."""

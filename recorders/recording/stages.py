@@ -71,8 +71,8 @@ def _until_failure(
     with closing(frames):
         try:
             yield from frames
-        except SceneTraceError as e:
-            failures.append(e)
+        except SceneTraceError as error:
+            failures.append(error)
 
 
 class _PictureEncoder:

@@ -61,8 +61,8 @@ class ImageFolderSource:
                 for p in path.iterdir()
                 if p.suffix.lower() in _SUFFIXES and not p.name.startswith(".")
             ]
-        except OSError as e:
-            raise SourceError(f"cannot be read: {e.strerror}", path) from e
+        except OSError as error:
+            raise SourceError(f"cannot be read: {error.strerror}", path) from error
         if not names:
             inside = sorted(p.name for p in path.iterdir() if p.is_dir())
             hint = f"; it holds the folders {', '.join(inside[:5])}" if inside else ""
@@ -76,8 +76,8 @@ class ImageFolderSource:
         self._note_gaps()
 
     def _note_gaps(self) -> None:
-        numbers = [_number(n) for n in self._names]
-        known = [n for n in numbers if n is not None]
+        numbers = [_number(name) for name in self._names]
+        known = [number for number in numbers if number is not None]
         missing = known[-1] - known[0] + 1 - len(known) if known else 0
         if len(known) == len(numbers) and missing > 0:
             self.notes.append(
@@ -88,12 +88,12 @@ class ImageFolderSource:
     def _header(self, name: str) -> PictureHeader:
         path = self.path / name
         try:
-            with path.open("rb") as f:
-                header = read_header(f.read(_HEADER_BYTES), path)
-        except OSError as e:
-            raise SourceError(f"cannot be read: {e.strerror}", path) from e
-        except RecordingError as e:
-            raise SourceError(e.reason, path) from e
+            with path.open("rb") as file:
+                header = read_header(file.read(_HEADER_BYTES), path)
+        except OSError as error:
+            raise SourceError(f"cannot be read: {error.strerror}", path) from error
+        except RecordingError as error:
+            raise SourceError(error.reason, path) from error
         check_size(header.width, header.height, path, self._limits)
         return header
 
@@ -108,14 +108,14 @@ class ImageFolderSource:
                     path,
                 )
             data = path.read_bytes()
-        except OSError as e:
-            raise SourceError(f"cannot be read: {e.strerror}", path) from e
+        except OSError as error:
+            raise SourceError(f"cannot be read: {error.strerror}", path) from error
         if not data:
             raise SourceError("the file is empty", path)
         try:
             header = read_header(data, path)
-        except RecordingError as e:
-            raise SourceError(e.reason, path) from e
+        except RecordingError as error:
+            raise SourceError(error.reason, path) from error
         check_size(header.width, header.height, path, self._limits)
         if (header.width, header.height) != (self.width, self.height):
             first = f"{self._names[0]} is {self.width} x {self.height}"
@@ -133,8 +133,8 @@ class ImageFolderSource:
                 return decode_picture(data, path=self.path / name, limits=self._limits)
             except LimitError:
                 raise
-            except RecordingError as e:
-                raise SourceError(e.reason, e.path) from e
+            except RecordingError as error:
+                raise SourceError(error.reason, error.path) from error
 
         return load
 
@@ -145,11 +145,11 @@ class ImageFolderSource:
         for index, name in enumerate(self._names):
             try:
                 data, header = self._read(name)
-            except _CutOffError as e:
+            except _CutOffError as error:
                 if index == 0 or index < len(self._names) - 1:
                     raise
                 # What an interrupted capture or copy leaves: the last picture, cut off.
-                self.losses.append(f"{name}, the last picture: {e.reason}")
+                self.losses.append(f"{name}, the last picture: {error.reason}")
                 return
             self._digests.append((name, hashlib.sha256(data).hexdigest()))
             yield SourceFrame(
@@ -177,7 +177,9 @@ class ImageFolderSource:
 
 def _by_number(name: str) -> tuple[list[tuple[int, str]], str]:
     parts = _DIGITS.split(Path(name).stem)
-    return [(int(p), "") if k % 2 else (0, p) for k, p in enumerate(parts)], name
+    return [
+        (int(part), "") if index % 2 else (0, part) for index, part in enumerate(parts)
+    ], name
 
 
 def _number(name: str) -> int | None:

@@ -42,8 +42,8 @@ def read_ahead(
                 put(frame)
                 if stop.is_set():
                     return
-        except BaseException as e:
-            put(e)
+        except BaseException as error:
+            put(error)
         else:
             put(None)
 

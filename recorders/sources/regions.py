@@ -54,8 +54,8 @@ class _Reader:
             self._fail(f"over {_LARGEST_FILE} bytes: not a file of regions")
         try:
             data = json.loads(self._path.read_bytes(), object_pairs_hook=self._object)
-        except (ValueError, RecursionError) as e:
-            self._fail(f"not JSON: {e}")
+        except (ValueError, RecursionError) as error:
+            self._fail(f"not JSON: {error}")
         if not isinstance(data, dict) or "roi" not in data:
             self._fail(
                 'wanted an object with "roi": a polygon [[x, y], ...] or a list of polygons'
@@ -75,7 +75,7 @@ class _Reader:
     def _object(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) != len(pairs):
-            twice = next(k for k, _ in pairs if [p[0] for p in pairs].count(k) > 1)
+            twice = next(k for k, _ in pairs if [pair[0] for pair in pairs].count(k) > 1)
             self._fail(f"{twice!r} is there twice")
         return found
 
@@ -101,7 +101,7 @@ class _Reader:
             return [self._polygon(data, name)]
         if len(data) > MOST_POLYGONS:
             self._fail(f"{len(data)} polygons in {name}, at most {MOST_POLYGONS}")
-        return [self._polygon(p, f"{name} {k + 1}") for k, p in enumerate(data)]
+        return [self._polygon(p, f"{name} {index + 1}") for index, p in enumerate(data)]
 
     def _polygon(self, data: object, name: str) -> Polygon:
         if not isinstance(data, list):
@@ -163,16 +163,16 @@ def _meet(a: Point, b: Point, c: Point, d: Point) -> bool:
 
 def _crosses_itself(polygon: Polygon) -> bool:
     edges = _edges(polygon)
-    n = len(edges)
-    for i, (a, b) in enumerate(edges):
+    count = len(edges)
+    for index, (a, b) in enumerate(edges):
         if a == b:
             return True
-        for j in range(i + 1, n):
+        for j in range(index + 1, count):
             c, d = edges[j]
-            if j == i + 1 or (i == 0 and j == n - 1):
+            if j == index + 1 or (index == 0 and j == count - 1):
                 # Neighbours share a vertex; they must not fold back over one another.
-                shared, before, after = (b, a, d) if j == i + 1 else (a, b, c)
-                folded = _cross(shared, before, after) == 0 and n > 3
+                shared, before, after = (b, a, d) if j == index + 1 else (a, b, c)
+                folded = _cross(shared, before, after) == 0 and count > 3
                 if folded and (_on(before, shared, after) or _on(after, shared, before)):
                     return True
             elif _meet(a, b, c, d):
@@ -201,7 +201,11 @@ def _encloses(outer: Polygon, inner: Polygon) -> bool:
         # Between its meetings with the outer outline an edge lies on one side: ask in the middle
         # of each piece.
         cuts = sorted(
-            {0.0, 1.0, *(t for c, d in _edges(outer) for t in _meetings(a, b, c, d))}
+            {
+                0.0,
+                1.0,
+                *(meeting for c, d in _edges(outer) for meeting in _meetings(a, b, c, d)),
+            }
         )
         for s, t in itertools.pairwise(cuts):
             middle = (

@@ -156,9 +156,16 @@ def detections_of(
     frame: int, width: int, height: int, boxes: Sequence[Box], scores: Sequence[float]
 ) -> Detections:
     """The detections of a frame that come without pixels."""
-    n = len(boxes)
+    count = len(boxes)
     return Detections(
-        frame, width, height, list(boxes), list(scores), [""] * n, [None] * n, [NO_BLOB] * n
+        frame,
+        width,
+        height,
+        list(boxes),
+        list(scores),
+        [""] * count,
+        [None] * count,
+        [NO_BLOB] * count,
     )
 
 

@@ -105,10 +105,10 @@ class VideoSource:
         }
         try:
             return av.open(f"file:{self.path.resolve()}", options=options)
-        except (av.error.FFmpegError, ValueError) as e:
+        except (av.error.FFmpegError, ValueError) as error:
             raise SourceError(
-                f"not a video that can be read ({_reason(e)})", self.path
-            ) from e
+                f"not a video that can be read ({_reason(error)})", self.path
+            ) from error
 
     def _stream(self, container: Any) -> Any:
         if not container.streams.video:
@@ -138,14 +138,14 @@ class VideoSource:
                 frames = packet.decode()
             except (av.error.EOFError, StopIteration):
                 return
-            except (av.error.FFmpegError, ValueError) as e:
+            except (av.error.FFmpegError, ValueError) as error:
                 check_size(
                     stream.codec_context.width,
                     stream.codec_context.height,
                     self.path,
                     self._limits,
                 )
-                if not trouble.packet(_reason(e)):
+                if not trouble.packet(_reason(error)):
                     return
                 continue
             for frame in frames:
@@ -315,7 +315,7 @@ def _has_times(container: Any, stream: Any) -> bool:
             stamps.append(packet.pts)
         if len(stamps) == _PROBED_PACKETS:
             break
-    if not stamps or any(s is None for s in stamps):
+    if not stamps or any(stamp is None for stamp in stamps):
         return False
     growing = all(a <= b for a, b in itertools.pairwise(stamps))
     return not (growing and stream.codec_context.has_b_frames)

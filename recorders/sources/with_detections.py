@@ -68,7 +68,7 @@ class WithDetections:
             mine: FrameRows | None = None
             if ahead is not None and ahead.number == frame.index + 1:
                 mine, ahead = ahead, next(rows, None)
-            boxes = [self._scaled(b) for b in mine.boxes] if mine else []
+            boxes = [self._scaled(box) for box in mine.boxes] if mine else []
             frame.detections = detections_of(
                 frame.index, self.width, self.height, boxes, mine.scores if mine else []
             )

@@ -108,13 +108,13 @@ def main(  # noqa: PLR0911
         code: int = args.run(args)
         sys.stdout.flush()
         return code  # noqa: TRY300
-    except UsageError as e:
-        say(f"scenetrace: error: {e.headline}")
-        for line in e.below:
+    except UsageError as error:
+        say(f"scenetrace: error: {error.headline}")
+        for line in error.below:
             say(line)
         return Exit.WRONG_USAGE
-    except SceneTraceError as e:
-        say(f"scenetrace: error: {e}")
+    except SceneTraceError as error:
+        say(f"scenetrace: error: {error}")
         return Exit.FAILED
     except KeyboardInterrupt:
         print(
@@ -127,8 +127,10 @@ def main(  # noqa: PLR0911
         # say to it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
-    except OSError as e:
-        say(f"scenetrace: error: {e.filename or _written(words)}: {e.strerror or e}")
+    except OSError as error:
+        say(
+            f"scenetrace: error: {error.filename or _written(words)}: {error.strerror or error}"
+        )
         return Exit.FAILED
 
 

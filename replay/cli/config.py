@@ -10,7 +10,7 @@ from replay.cli.exit_codes import Exit
 
 def add(commands: common.Commands) -> None:
     """Declare the command."""
-    p = common.command(
+    parser = common.command(
         commands,
         "config",
         "every parameter with unit, range and source, as TOML",
@@ -20,9 +20,9 @@ def add(commands: common.Commands) -> None:
         "scenetrace config --tracker shells > s.toml\nscenetrace replay scene.mcap -o"
         " out.mcap --config s.toml",
     )
-    common.add_tracker(p, "what a replay with it reads; default: all of scenetrace's")
-    common.add_configuration(p)
-    p.set_defaults(run=run)
+    common.add_tracker(parser, "what a replay with it reads; default: all of scenetrace's")
+    common.add_configuration(parser)
+    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -29,7 +29,7 @@ FILES = (
 
 def add(commands: common.Commands) -> None:
     """Declare the command."""
-    p = common.command(
+    parser = common.command(
         commands,
         "demo",
         "a synthetic scene, recorded, replayed, questioned and reported; no input needed",
@@ -38,7 +38,7 @@ def add(commands: common.Commands) -> None:
         " record, replay, verify, query, eval, export, report.",
         "scenetrace demo -o demo-out",
     )
-    p.add_argument(
+    parser.add_argument(
         "-o",
         "--output",
         type=Path,
@@ -46,17 +46,17 @@ def add(commands: common.Commands) -> None:
         metavar="DIR",
         help="default: demo-out",
     )
-    common.add_tracker(p, "default events")
-    p.add_argument(
+    common.add_tracker(parser, "default events")
+    parser.add_argument(
         "--seed",
         type=int,
         default=0,
         help="another seed moves courses, gaits, ground and noise",
     )
-    p.add_argument(
+    parser.add_argument(
         "--force", action="store_true", help="overwrite an earlier demo in the same folder"
     )
-    p.set_defaults(run=run)
+    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -19,7 +19,7 @@ _SHOWN = 40
 
 def add(commands: common.Commands) -> None:
     """Declare the command."""
-    p = common.command(
+    parser = common.command(
         commands,
         "diff",
         "what happens in one annotated log and not in another",
@@ -30,27 +30,29 @@ def add(commands: common.Commands) -> None:
         "scenetrace diff before.mcap after.mcap\nscenetrace diff before.mcap after.mcap"
         " --tolerance 2 --html diff.html",
     )
-    p.add_argument("a", type=Path, metavar="A", help="an annotated log")
-    p.add_argument("b", type=Path, metavar="B", help="the one that is compared with it")
-    add_options(p)
-    p.add_argument(
+    parser.add_argument("a", type=Path, metavar="A", help="an annotated log")
+    parser.add_argument(
+        "b", type=Path, metavar="B", help="the one that is compared with it"
+    )
+    add_options(parser)
+    parser.add_argument(
         "--all", action="store_true", help=f"print every difference, not the first {_SHOWN}"
     )
-    p.add_argument("--json", action="store_true", help="everything as JSON")
-    p.add_argument(
+    parser.add_argument("--json", action="store_true", help="everything as JSON")
+    parser.add_argument(
         "--html",
         type=Path,
         metavar="OUT",
         help="a page with pictures of the first differences",
     )
-    p.add_argument(
+    parser.add_argument(
         "--scene",
         type=Path,
         metavar="FILE",
         help="where the pictures are, if in neither A nor B",
     )
-    p.add_argument("--force", action="store_true", help="overwrite an existing page")
-    p.set_defaults(run=run)
+    parser.add_argument("--force", action="store_true", help="overwrite an existing page")
+    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -13,7 +13,7 @@ from replay.cli.exit_codes import Exit
 
 def add(commands: common.Commands) -> None:
     """Declare the command."""
-    p = common.command(
+    parser = common.command(
         commands,
         "doctor",
         "check a log's structure and checksums",
@@ -22,9 +22,9 @@ def add(commands: common.Commands) -> None:
         " code 0.",
         "scenetrace doctor scene.mcap",
     )
-    p.add_argument("log", type=Path, metavar="LOG", help="any MCAP file")
-    p.add_argument("--json", action="store_true", help="the findings as JSON")
-    p.set_defaults(run=run)
+    parser.add_argument("log", type=Path, metavar="LOG", help="any MCAP file")
+    parser.add_argument("--json", action="store_true", help="the findings as JSON")
+    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -32,12 +32,16 @@ def run(args: argparse.Namespace) -> int:
     from recorders.log.info import examine
 
     findings = examine(args.log)
-    errors = sum(f.severity == "error" for f in findings)
+    errors = sum(finding.severity == "error" for finding in findings)
     if args.json:
-        print(json.dumps([asdict(f) for f in findings], indent=2))
+        print(json.dumps([asdict(finding) for finding in findings], indent=2))
     else:
-        for f in findings:
-            print(common.shown(f"{f.severity:<7} byte {f.offset:>10} {f.record}: {f.text}"))
+        for finding in findings:
+            print(
+                common.shown(
+                    f"{finding.severity:<7} byte {finding.offset:>10} {finding.record}: {finding.text}"
+                )
+            )
         if not findings:
             print(f"{args.log}: sound")
     if errors:

@@ -235,10 +235,12 @@ def read_result(path: Path, camera: str | None) -> Result:
     from replay.evaluate.track_table import read_tracks
 
     try:
-        with path.open("rb") as f:
-            is_log = f.read(len(MCAP_MAGIC)) == MCAP_MAGIC or path.suffix.lower() == ".mcap"
-    except OSError as e:
-        raise SceneTraceError(f"{path}: cannot be read: {e.strerror}") from e
+        with path.open("rb") as file:
+            is_log = (
+                file.read(len(MCAP_MAGIC)) == MCAP_MAGIC or path.suffix.lower() == ".mcap"
+            )
+    except OSError as error:
+        raise SceneTraceError(f"{path}: cannot be read: {error.strerror}") from error
     if not is_log:
         return Result(read_mot(path))
     with AnnotatedLog(path, camera) as log:
@@ -280,8 +282,8 @@ def _table(title: str, *columns: str) -> Table:
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    for k, column in enumerate(columns):
-        table.add_column(column, justify="left" if k == 0 else "right")
+    for index, column in enumerate(columns):
+        table.add_column(column, justify="left" if index == 0 else "right")
     return table
 
 
@@ -326,26 +328,26 @@ def _headline(s: Scores, name: str) -> Table:
 
 
 def _criteria(s: Scores) -> Table:
-    t = s.trajectories
+    trajectories = s.trajectories
     table = _table("Trajectories (PARTS 5.2)", "criterion", "")
     for what, value in (
-        ("trajectories", f"{t.count}"),
-        ("mostly tracked (over 80 % of frames)", f"{t.mostly_tracked}"),
-        ("mostly tracked under a single id", f"{t.mostly_tracked_single_id}"),
-        ("mostly lost (under 40 %)", f"{t.mostly_lost}"),
-        ("missed", f"{t.missed}"),
-        ("under-segmented (taken for another)", f"{t.under_segmented}"),
-        ("over-segmented (several ids)", f"{t.over_segmented}"),
-        ("ids swapped, per trajectory", f"{t.swaps_per_trajectory:.2f}"),
-        ("ids per trajectory", f"{t.ids_per_trajectory:.2f}"),
-        ("ids per frame", f"{t.ids_per_frame:.2f}"),
+        ("trajectories", f"{trajectories.count}"),
+        ("mostly tracked (over 80 % of frames)", f"{trajectories.mostly_tracked}"),
+        ("mostly tracked under a single id", f"{trajectories.mostly_tracked_single_id}"),
+        ("mostly lost (under 40 %)", f"{trajectories.mostly_lost}"),
+        ("missed", f"{trajectories.missed}"),
+        ("under-segmented (taken for another)", f"{trajectories.under_segmented}"),
+        ("over-segmented (several ids)", f"{trajectories.over_segmented}"),
+        ("ids swapped, per trajectory", f"{trajectories.swaps_per_trajectory:.2f}"),
+        ("ids per trajectory", f"{trajectories.ids_per_trajectory:.2f}"),
+        ("ids per frame", f"{trajectories.ids_per_frame:.2f}"),
     ):
         table.add_row(what, value)
     return table
 
 
 def _errors(s: Scores) -> Table:
-    t = s.trajectories
+    trajectories = s.trajectories
     table = _table(
         "Errors of place and size (PARTS 5.3)",
         "over",
@@ -357,14 +359,14 @@ def _errors(s: Scores) -> Table:
         "of the truth",
     )
     for what, e in (
-        ("matched frames", t.matched),
-        ("all frames of the identity", t.followed),
+        ("matched frames", trajectories.matched),
+        ("all frames of the identity", trajectories.followed),
     ):
-        for k, (how, values, unit) in enumerate(_normalisations(e)):
+        for index, (how, values, unit) in enumerate(_normalisations(e)):
             table.add_row(
-                "" if k else what,
+                "" if index else what,
                 how,
-                *(f"{v:.1f}{unit}" for v in values),
+                *(f"{value:.1f}{unit}" for value in values),
                 f"{e.share:.1f} %",
             )
     return table

@@ -17,29 +17,29 @@ recorded and with overlays, the facts as JSON, the configuration, digests, and o
 
 def add(commands: Commands) -> None:
     """Declare the command."""
-    p = command(
+    parser = command(
         commands,
         "evidence",
         "a folder with clip, frames and facts of chosen events",
         DESCRIPTION,
         EXAMPLE,
     )
-    p.add_argument("annotated", type=Path, metavar="LOG", help="annotated log")
-    p.add_argument("--events", nargs="+", action="extend", required=True, metavar="EVENT",
+    parser.add_argument("annotated", type=Path, metavar="LOG", help="annotated log")
+    parser.add_argument("--events", nargs="+", action="extend", required=True, metavar="EVENT",
                    help="event numbers, or ids of a column `explain`; 12,13 works too")  # fmt: skip
-    p.add_argument(
+    parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DIR", help="the folder"
     )
-    p.add_argument(
+    parser.add_argument(
         "--camera", metavar="NAME", help="which camera, where the log has several"
     )
-    p.add_argument(
+    parser.add_argument(
         "--force",
         action="store_true",
         help="replace what an older evidence folder lists in its manifest",
     )
-    add_configuration(p)
-    p.set_defaults(run=run)
+    add_configuration(parser)
+    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -25,42 +25,42 @@ states that led there; with -o also the frames before, during and after with eve
 
 def add(commands: Commands) -> None:
     """Declare the command."""
-    p = command(
+    parser = command(
         commands,
         "explain",
         "why an event was reported: rule, values, frames, pictures",
         DESCRIPTION,
         EXAMPLE,
     )
-    p.add_argument(
+    parser.add_argument(
         "annotated",
         type=Path,
         metavar="ANNOTATED",
         help="annotated log (or an index, without -o)",
     )
-    p.add_argument(
+    parser.add_argument(
         "references",
         nargs="+",
         metavar="EVENT",
         help="event number, or an id of a column `explain`",
     )
-    p.add_argument(
+    parser.add_argument(
         "-o",
         "--output",
         type=Path,
         metavar="DIR",
         help="write pictures, explanation.txt and .json there",
     )
-    p.add_argument("--recording", metavar="NAME", help="which recording of an index")
-    p.add_argument(
+    parser.add_argument("--recording", metavar="NAME", help="which recording of an index")
+    parser.add_argument(
         "--camera", metavar="NAME", help="which camera, where the log has several"
     )
-    p.add_argument("--json", action="store_true", help="as JSON")
-    p.add_argument(
+    parser.add_argument("--json", action="store_true", help="as JSON")
+    parser.add_argument(
         "--force", action="store_true", help="write into an older explanation's folder"
     )
-    add_configuration(p)
-    p.set_defaults(run=run)
+    add_configuration(parser)
+    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
             else _of_camera(case, args.camera, args.recording)
         )
         references = [r for word in args.references for r in word.split()]
-        found = [explain(case, r, recording) for r in references]
+        found = [explain(case, reference, recording) for reference in references]
     if args.output is not None:
         from replay.report.evidence import write_explanations
 

@@ -35,18 +35,18 @@ video    the pictures with boxes, shells, relations, groups, regions and events 
 
 def add(commands: common.Commands) -> None:
     """Declare the command."""
-    p = common.command(
+    parser = common.command(
         commands,
         "export",
         "tracks, tables, graph or an overlaid video",
         DESCRIPTION,
         EXAMPLE,
     )
-    p.add_argument("annotated", type=Path, metavar="ANNOTATED", help="annotated log")
-    p.add_argument(
+    parser.add_argument("annotated", type=Path, metavar="ANNOTATED", help="annotated log")
+    parser.add_argument(
         "--to", choices=FORMATS, required=True, metavar="FORMAT", help=", ".join(FORMATS)
     )
-    p.add_argument(
+    parser.add_argument(
         "-o",
         "--output",
         type=Path,
@@ -54,41 +54,43 @@ def add(commands: common.Commands) -> None:
         metavar="OUT",
         help="file, or folder for parquet",
     )
-    p.add_argument(
+    parser.add_argument(
         "--camera", metavar="NAME", help="which camera, where the log has several"
     )
-    p.add_argument("--force", action="store_true", help="overwrite an existing output")
-    p.add_argument(
+    parser.add_argument("--force", action="store_true", help="overwrite an existing output")
+    parser.add_argument(
         "--table",
         default="tracks",
         metavar="NAME",
         help="parquet: the table of a single file",
     )
-    p.add_argument(
+    parser.add_argument(
         "--from",
         dest="start",
         metavar="T",
         help="video: first time, seconds, frame:N or RFC 3339",
     )
-    p.add_argument("--until", dest="end", metavar="T", help="video: end, excluded")
-    p.add_argument(
+    parser.add_argument("--until", dest="end", metavar="T", help="video: end, excluded")
+    parser.add_argument(
         "--scale",
         type=float,
         default=0.0,
         help="video: enlargement (default: to about 960 pixels wide)",
     )
-    p.add_argument(
+    parser.add_argument(
         "--only", type=ids, metavar="IDS", help="video: draw only these tracks, such as 3,7"
     )
-    p.add_argument(
+    parser.add_argument(
         "--size",
         type=common.picture_size,
         metavar="WxH",
         help="video: the picture's size where the log does not say",
     )
     for what in ("shells", "edges", "groups", "regions", "labels", "gates", "membership"):
-        p.add_argument(f"--no-{what}", action="store_true", help=f"video: draw no {what}")
-    p.set_defaults(run=run)
+        parser.add_argument(
+            f"--no-{what}", action="store_true", help=f"video: draw no {what}"
+        )
+    parser.set_defaults(run=run)
 
 
 def ids(text: str) -> frozenset[int]:

@@ -19,7 +19,7 @@ FEW = 50
 
 def add(commands: common.Commands) -> None:
     """Declare the command."""
-    p = common.command(
+    parser = common.command(
         commands,
         "fit",
         "fit the part features' models to annotated recordings",
@@ -33,26 +33,26 @@ def add(commands: common.Commands) -> None:
         " features.png\nscenetrace replay other.mcap -o annotated.mcap --tracker parts"
         " --config features.toml",
     )
-    p.add_argument(
+    parser.add_argument(
         "scenes",
         type=Path,
         nargs="+",
         metavar="SCENE",
         help="scene logs with pictures and masks",
     )
-    p.add_argument(
+    parser.add_argument(
         "--truth", type=Path, action="append", required=True, metavar="FILE",
         help="gt.txt or CAVIAR .xml, one for each scene, in their order",
     )  # fmt: skip
-    p.add_argument(
+    parser.add_argument(
         "--truth-size", type=_size, action="append", metavar="WxH",
         help="picture that the truth was labelled in; of several scenes one for each, in their order, `same` for the "
         "scene's own",
     )  # fmt: skip
-    p.add_argument(
+    parser.add_argument(
         "--camera", metavar="NAME", help="which camera, where the scenes have several"
     )
-    p.add_argument(
+    parser.add_argument(
         "-o",
         "--output",
         type=Path,
@@ -60,14 +60,14 @@ def add(commands: common.Commands) -> None:
         metavar="FILE",
         help="the configuration, TOML",
     )
-    p.add_argument(
+    parser.add_argument(
         "--plot",
         type=Path,
         metavar="FILE",
         help="histograms with the models (.png .pdf .svg)",
     )
-    p.add_argument("--force", action="store_true", help="overwrite existing outputs")
-    p.set_defaults(run=run)
+    parser.add_argument("--force", action="store_true", help="overwrite existing outputs")
+    parser.set_defaults(run=run)
 
 
 def _size(text: str) -> tuple[int, int] | None:

@@ -21,17 +21,17 @@ the rest. No picture is decoded."""
 
 def add(commands: Commands) -> None:
     """Declare the command."""
-    p = command(
+    parser = command(
         commands, "index", "many annotated logs into one database", DESCRIPTION, EXAMPLE
     )
-    p.add_argument(
+    parser.add_argument(
         "logs",
         nargs="+",
         type=Path,
         metavar="LOG",
         help="annotated logs, or folders of them",
     )
-    p.add_argument(
+    parser.add_argument(
         "-o",
         "--output",
         type=Path,
@@ -39,14 +39,14 @@ def add(commands: Commands) -> None:
         metavar="INDEX",
         help="NAME.duckdb, or a folder for Parquet",
     )
-    p.add_argument(
+    parser.add_argument(
         "--keep-going",
         action="store_true",
         help="leave out logs that cannot be read (exit code 3)",
     )
-    p.add_argument("--json", action="store_true", help="what was done, as JSON")
-    add_configuration(p)
-    p.set_defaults(run=run)
+    parser.add_argument("--json", action="store_true", help="what was done, as JSON")
+    add_configuration(parser)
+    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -98,7 +98,7 @@ def _found_otherwise(index: Path, chosen: dict[str, float]) -> bool:
     with Case([index]) as case:
         try:
             check_thresholds(case, chosen)
-        except UsageError as e:
-            say(str(e))
+        except UsageError as error:
+            say(str(error))
             return True
     return False

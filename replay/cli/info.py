@@ -22,7 +22,7 @@ _OURS = ("scenetrace", "scenetrace.recording")
 
 def add(commands: common.Commands) -> None:
     """Declare the command."""
-    p = common.command(
+    parser = common.command(
         commands,
         "info",
         "what a log holds",
@@ -31,9 +31,9 @@ def add(commands: common.Commands) -> None:
         " tracker, configuration, package versions, digests.",
         "scenetrace info annotated.mcap\nscenetrace info annotated.mcap --json",
     )
-    p.add_argument("log", type=Path, metavar="LOG", help="any MCAP file")
-    p.add_argument("--json", action="store_true", help="as JSON")
-    p.set_defaults(run=run)
+    parser.add_argument("log", type=Path, metavar="LOG", help="any MCAP file")
+    parser.add_argument("--json", action="store_true", help="as JSON")
+    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -51,12 +51,12 @@ def run(args: argparse.Namespace) -> int:
 def _plain(info: LogInfo) -> dict[str, Any]:
     channels = [
         {
-            "topic": c.topic,
-            "schema": None if c.schema is None else c.schema.name,
-            "message_encoding": c.message_encoding,
-            "messages": c.message_count,
+            "topic": channel.topic,
+            "schema": None if channel.schema is None else channel.schema.name,
+            "message_encoding": channel.message_encoding,
+            "messages": channel.message_count,
         }
-        for c in info.channels
+        for channel in info.channels
     ]
     return {
         "file": str(info.path),
@@ -68,7 +68,7 @@ def _plain(info: LogInfo) -> dict[str, Any]:
         "end_ns": info.end_ns,
         "indexed": info.is_indexed,
         "channels": channels,
-        "attachments": [asdict(a) for a in info.attachments],
+        "attachments": [asdict(attachment) for attachment in info.attachments],
         "metadata": [
             {"name": name, "values": dict(values)} for name, values in info.metadata
         ],
@@ -109,18 +109,20 @@ def _print(info: LogInfo) -> None:
         f"messages  {info.message_count:,}"
         + (f" over {span}" if info.message_count else "")
     )
-    width = max((len(c.topic) for c in info.channels), default=0)
-    for c in info.channels:
+    width = max((len(channel.topic) for channel in info.channels), default=0)
+    for channel in info.channels:
         schema = (
-            "no schema" if c.schema is None else f"{c.schema.name} [{c.schema.encoding}]"
+            "no schema"
+            if channel.schema is None
+            else f"{channel.schema.name} [{channel.schema.encoding}]"
         )
-        count = c.message_count if c.message_count is not None else "?"
-        print(common.shown(f"  {c.topic:<{width}}  {count:>7}  {schema}"))
-    for a in info.attachments:
+        count = channel.message_count if channel.message_count is not None else "?"
+        print(common.shown(f"  {channel.topic:<{width}}  {count:>7}  {schema}"))
+    for attachment in info.attachments:
         print(
             common.shown(
-                f"attached  {a.name}, {a.size_bytes:,} bytes, {a.media_type}, at"
-                f" {when(a.log_time_ns)}"
+                f"attached  {attachment.name}, {attachment.size_bytes:,} bytes, {attachment.media_type}, at"
+                f" {when(attachment.log_time_ns)}"
             )
         )
     for name, values in info.metadata:

@@ -36,44 +36,44 @@ A query only reads: no files, no settings, no extensions, within --time-limit an
 
 def add(commands: Commands) -> None:
     """Declare the command."""
-    p = command(
+    parser = command(
         commands,
         "query",
         "ask annotated logs: SQL or a ready question",
         DESCRIPTION,
         EXAMPLE,
     )
-    p.add_argument(
+    parser.add_argument(
         "words",
         nargs="*",
         metavar='ANNOTATED... "SQL"',
         help="logs, indexes, Parquet folders; then the SQL",
     )
-    p.add_argument(
+    parser.add_argument(
         "--ask",
         nargs="+",
         metavar=("NAME", "ARG"),
         help="a ready question; `--ask list` shows them",
     )
-    p.add_argument(
+    parser.add_argument(
         "--pattern",
         metavar="PATTERN",
         help="a pattern over time, or the name of a shipped one; `list` shows them",
     )
-    p.add_argument(
+    parser.add_argument(
         "--format", choices=("table", "json", "csv", "parquet"), help="default: table"
     )
-    p.add_argument("--json", action="store_true", help="the same as --format json")
-    p.add_argument(
+    parser.add_argument("--json", action="store_true", help="the same as --format json")
+    parser.add_argument(
         "-o", "--output", type=Path, metavar="OUT", help="write there instead of to stdout"
     )
-    p.add_argument("--force", action="store_true", help="overwrite OUT")
-    p.add_argument(
+    parser.add_argument("--force", action="store_true", help="overwrite OUT")
+    parser.add_argument(
         "--show-sql",
         action="store_true",
         help="print a question's or pattern's SQL instead of its answer",
     )
-    asking = p.add_argument_group("options of questions")
+    asking = parser.add_argument_group("options of questions")
     asking.add_argument("--recording", metavar="NAME", help="only this recording")
     asking.add_argument("--at", metavar="T", help="a moment: seconds, frame:N, or RFC 3339")
     asking.add_argument(
@@ -91,8 +91,8 @@ def add(commands: Commands) -> None:
         metavar="WHAT",
         help="a contact is: relations (default), joint, encounters, groups",
     )
-    add_configuration(p)
-    limits = p.add_argument_group("limits")
+    add_configuration(parser)
+    limits = parser.add_argument_group("limits")
     limits.add_argument(
         "--time-limit", type=float, default=60.0, metavar="S", help="seconds (default 60)"
     )
@@ -103,8 +103,8 @@ def add(commands: Commands) -> None:
         metavar="MIB",
         help="memory in MiB (default 2048)",
     )
-    p.set_defaults(run=run)
-    take_words_anywhere(p)
+    parser.set_defaults(run=run)
+    take_words_anywhere(parser)
 
 
 def run(args: argparse.Namespace) -> int:

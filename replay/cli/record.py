@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def add(commands: common.Commands) -> None:
     """Declare the command."""
-    p = common.command(
+    parser = common.command(
         commands,
         "record",
         "a video, pictures or detections into a scene log",
@@ -32,20 +32,20 @@ def add(commands: common.Commands) -> None:
         "scenetrace record det.txt --fps 25 --size 640x480 -o scene.mcap\n"
         "scenetrace record Walk1.xml -o walk.mcap",
     )
-    p.add_argument(
+    parser.add_argument(
         "source",
         type=Path,
         metavar="SOURCE",
         help="video | folder of pictures | MOTChallenge .txt | CAVIAR .xml",
     )
-    p.add_argument(
+    parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="FILE", help="the scene log"
     )
-    p.add_argument(
+    parser.add_argument(
         "--detections", type=Path, metavar="DET.TXT",
         help="MOTChallenge detections beside the pictures, its frame 1 with the first picture",
     )  # fmt: skip
-    p.add_argument(
+    parser.add_argument(
         "--detect", metavar="METHOD", action="append",
         help="motion, density, threshold, onnx, module:Class or none: how to find what is in the pictures; default "
         "motion, with --detections none. Masks and a detector go together (--detect motion,onnx), as masks and "
@@ -54,58 +54,58 @@ def add(commands: common.Commands) -> None:
         "twice the time. onnx is a network of yours (--model), module:Class a detector of yours in Python, with one "
         "method: detect(image) -> ((x, y, w, h), score, label) for each thing",
     )  # fmt: skip
-    p.add_argument(
+    parser.add_argument(
         "--model", type=Path, metavar="FILE.onnx",
         help="the network of --detect onnx: YOLO of any version, YOLOX, RT-DETR, D-FINE, RF-DETR, SSD, torchvision, "
         "FastestDet or NanoDet",
     )  # fmt: skip
-    p.add_argument(
+    parser.add_argument(
         "--model-format", metavar="FORMAT",
         help="the network's family, where its outputs do not tell: yolov5, yolov8, end2end, yolox, detr, rfdetr, ssd, "
         "fastestdet or nanodet",
     )  # fmt: skip
-    p.add_argument(
+    parser.add_argument(
         "--labels",
         metavar="A,B",
         help="keep these classes of the network, by name; default all",
     )
-    p.add_argument(
+    parser.add_argument(
         "--min-score",
         metavar="S",
         help="smallest score that the network's detections are recorded from (detector.min_score)",
     )
-    p.add_argument(
+    parser.add_argument(
         "--fps", metavar="F",
         help="frames per second: 7, 29.97 or 30000/1001; default a video's own times, CAVIAR 25, else 25 is assumed",
     )  # fmt: skip
-    p.add_argument(
+    parser.add_argument(
         "--start",
         metavar="RFC3339",
         help="when the first frame was taken; default: times start at 0",
     )
-    p.add_argument(
+    parser.add_argument(
         "--camera",
         default="camera",
         metavar="NAME",
         help="the camera's name in the topics; default camera",
     )
-    p.add_argument(
+    parser.add_argument(
         "--regions",
         type=Path,
         metavar="FILE",
         help='JSON: {"roi": [[x, y], ...], "border": ..., "zones": {name: ...}}',
     )
-    p.add_argument(
+    parser.add_argument(
         "--size", type=common.picture_size, metavar="WxH",
         help="the picture size that the detections were made for: beside pictures boxes are scaled from it",
     )  # fmt: skip
-    p.add_argument(
+    parser.add_argument(
         "--codec", metavar="CODEC",
         help="jpeg, png, h264 or none: how pictures are stored; default: pictures as they are, video as jpeg",
     )  # fmt: skip
-    common.add_configuration(p)
-    p.add_argument("--force", action="store_true", help="overwrite an existing output")
-    p.set_defaults(run=run)
+    common.add_configuration(parser)
+    parser.add_argument("--force", action="store_true", help="overwrite an existing output")
+    parser.set_defaults(run=run)
 
 
 def _model(args: argparse.Namespace) -> ModelOptions | None:

@@ -11,7 +11,7 @@ from replay.cli.exit_codes import Exit
 
 def add(commands: common.Commands) -> None:
     """Declare the command."""
-    p = common.command(
+    parser = common.command(
         commands,
         "recover",
         "what is whole of a damaged log into a new one",
@@ -20,17 +20,17 @@ def add(commands: common.Commands) -> None:
         " on. Says what was lost; exit code 3 if anything.",
         "scenetrace recover scene.mcap.part -o scene.mcap",
     )
-    p.add_argument(
+    parser.add_argument(
         "log",
         type=Path,
         metavar="LOG",
         help="a damaged log, or the part file of a stopped recording",
     )
-    p.add_argument(
+    parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="FILE", help="the new log"
     )
-    p.add_argument("--force", action="store_true", help="overwrite an existing output")
-    p.set_defaults(run=run)
+    parser.add_argument("--force", action="store_true", help="overwrite an existing output")
+    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def add(commands: common.Commands) -> None:
     """Declare the command."""
-    p = common.command(
+    parser = common.command(
         commands,
         "replay",
         "a scene log through a tracker into an annotated log",
@@ -33,58 +33,62 @@ def add(commands: common.Commands) -> None:
         " scene.mcap -o minute.mcap --from 60 --to 120 --annotations-only\nscenetrace"
         " replay scene.mcap --against annotated.mcap --set interactions.safety_margin=0.5",
     )
-    p.add_argument(
+    parser.add_argument(
         "scene", type=Path, help="a scene log, or an annotated log to be replayed anew"
     )
-    p.add_argument("-o", "--output", type=Path, metavar="FILE", help="the annotated log")
-    common.add_tracker(p, "default events")
-    common.add_configuration(p)
-    p.add_argument(
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="the annotated log"
+    )
+    common.add_tracker(parser, "default events")
+    common.add_configuration(parser)
+    parser.add_argument(
         "--init", action="append", default=[], metavar="frame:N:x,y,w,h",
         help="parts: start a target by hand, and none by itself; may be repeated (same as --set parts.init=...)",
     )  # fmt: skip
-    p.add_argument(
+    parser.add_argument(
         "--from",
         dest="start",
         metavar="T",
         help="first time to write: seconds, frame:N or RFC 3339",
     )
-    p.add_argument("--to", dest="end", metavar="T", help="end of what is written, excluded")
-    p.add_argument(
+    parser.add_argument(
+        "--to", dest="end", metavar="T", help="end of what is written, excluded"
+    )
+    parser.add_argument(
         "--annotations-only", action="store_true", help="leave the recorded messages out"
     )
-    p.add_argument(
+    parser.add_argument(
         "--checkpoint",
         type=float,
         metavar="SECONDS",
         help="store the whole state every so often",
     )
-    p.add_argument(
+    parser.add_argument(
         "--checkpoints",
         type=Path,
         metavar="LOG",
         help="an annotated log whose checkpoints make --from faster",
     )
-    p.add_argument(
+    parser.add_argument(
         "--camera", metavar="NAME", help="which camera, where the log has several"
     )
-    p.add_argument("--force", action="store_true", help="overwrite an existing output")
-    p.add_argument(
+    parser.add_argument("--force", action="store_true", help="overwrite an existing output")
+    parser.add_argument(
         "--against", type=Path, metavar="LOG",
         help="print what happens otherwise than in this annotated log, whose tracker and parameters are taken where "
         "none are given; exit code 4 where it differs; -o may be left out",
     )  # fmt: skip
-    diff.add_options(p)
-    p.add_argument(
+    diff.add_options(parser)
+    parser.add_argument(
         "--json", action="store_true", help="with --against: the differences as JSON"
     )
-    p.add_argument(
+    parser.add_argument(
         "--html",
         type=Path,
         metavar="OUT",
         help="with --against: a page with pictures of the first ones",
     )
-    p.set_defaults(run=run)
+    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

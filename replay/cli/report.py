@@ -11,7 +11,7 @@ from replay.cli.exit_codes import Exit
 
 def add(commands: Commands) -> None:
     """Declare the command."""
-    p = command(
+    parser = command(
         commands,
         "report",
         "one HTML file that opens offline",
@@ -20,22 +20,22 @@ def add(commands: Commands) -> None:
         " browser.",
         "scenetrace report annotated.mcap -o report.html",
     )
-    p.add_argument("annotated", type=Path, metavar="ANNOTATED", help="annotated log")
-    p.add_argument(
+    parser.add_argument("annotated", type=Path, metavar="ANNOTATED", help="annotated log")
+    parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="OUT", help="the HTML file"
     )
-    p.add_argument(
+    parser.add_argument(
         "--thumbnails",
         type=int,
         default=160,
         metavar="N",
         help="most frames shown as pictures (160)",
     )
-    p.add_argument(
+    parser.add_argument(
         "--camera", metavar="NAME", help="which camera, where the log has several"
     )
-    p.add_argument("--force", action="store_true", help="overwrite OUT")
-    p.set_defaults(run=run)
+    parser.add_argument("--force", action="store_true", help="overwrite OUT")
+    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

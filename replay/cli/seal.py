@@ -12,7 +12,7 @@ from replay.cli.exit_codes import Exit
 
 def add(commands: common.Commands) -> None:
     """Declare the command."""
-    p = common.command(
+    parser = common.command(
         commands,
         "seal",
         "a manifest of digests over a case's files",
@@ -23,25 +23,27 @@ def add(commands: common.Commands) -> None:
         "scenetrace seal --new-key lab.key\n"
         "scenetrace seal scene.mcap annotated.mcap -o case.json --key lab.key",
     )
-    p.add_argument(
+    parser.add_argument(
         "files",
         nargs="*",
         type=Path,
         metavar="FILE",
         help="the case's files; a folder means all in it",
     )
-    p.add_argument("-o", "--output", type=Path, metavar="FILE", help="the manifest")
-    p.add_argument(
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="the manifest")
+    parser.add_argument(
         "--note", default="", metavar="TEXT", help="a text that is sealed with the files"
     )
-    p.add_argument(
+    parser.add_argument(
         "--key", type=Path, metavar="FILE", help="sign with this private key (Ed25519, PEM)"
     )
-    p.add_argument(
+    parser.add_argument(
         "--new-key", type=Path, metavar="FILE", help="make a key pair: FILE and FILE.pub"
     )
-    p.add_argument("--force", action="store_true", help="overwrite an existing manifest")
-    p.set_defaults(run=run)
+    parser.add_argument(
+        "--force", action="store_true", help="overwrite an existing manifest"
+    )
+    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def add(commands: common.Commands) -> None:
     """Declare the command."""
-    p = common.command(
+    parser = common.command(
         commands,
         "verify",
         "replay again and compare digests",
@@ -33,33 +33,33 @@ def add(commands: common.Commands) -> None:
         "scenetrace verify annotated.mcap --quick\n"
         "scenetrace verify --manifest case.json --public-key lab.key.pub",
     )
-    p.add_argument("annotated", type=Path, nargs="?", help="an annotated log")
-    p.add_argument(
+    parser.add_argument("annotated", type=Path, nargs="?", help="an annotated log")
+    parser.add_argument(
         "--scene",
         type=Path,
         metavar="FILE",
         help="the scene log, where the annotated log lacks it",
     )
-    common.add_tracker(p, "default: the one that the log names, if it is installed")
-    p.add_argument(
+    common.add_tracker(parser, "default: the one that the log names, if it is installed")
+    parser.add_argument(
         "--quick",
         action="store_true",
         help="check the digest chain alone, without replaying",
     )
-    p.add_argument(
+    parser.add_argument(
         "--manifest",
         type=Path,
         metavar="FILE",
         help="check the files of a manifest of `scenetrace seal`",
     )
-    p.add_argument(
+    parser.add_argument(
         "--public-key",
         type=Path,
         metavar="FILE",
         help="the key that must have signed the manifest",
     )
-    p.add_argument("--json", action="store_true", help="the verdict as JSON")
-    p.set_defaults(run=run)
+    parser.add_argument("--json", action="store_true", help="the verdict as JSON")
+    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

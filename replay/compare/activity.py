@@ -73,8 +73,8 @@ class Happenings:
         """Tracks of A by their numbers; those that A has not, as `Matching.translated` gives
         them, as B's.
         """
-        return [str(t) for t in tracks if t >= 0] + [
-            f"B's {-1 - t}" for t in reversed(tracks) if t < 0
+        return [str(track) for track in tracks if track >= 0] + [
+            f"B's {-1 - track}" for track in reversed(tracks) if track < 0
         ]
 
     # -- events
@@ -84,10 +84,12 @@ class Happenings:
         """Events by kind and subjects, each matched to the nearest in time."""
         left: dict[Key, list[Happening]] = {}
         right: dict[Key, list[Happening]] = {}
-        for e in self.a.events:
-            left.setdefault((e.kind, tuple(sorted(e.subjects))), []).append(e)
-        for e in self.b.events:
-            right.setdefault((e.kind, self._in_a(e.subjects, e.frame)), []).append(e)
+        for event in self.a.events:
+            left.setdefault((event.kind, tuple(sorted(event.subjects))), []).append(event)
+        for event in self.b.events:
+            right.setdefault(
+                (event.kind, self._in_a(event.subjects, event.frame)), []
+            ).append(event)
         for key in [*left, *(k for k in right if k not in left)]:
             yield from self._events(key, left.get(key, []), right.get(key, []))
 
@@ -107,7 +109,9 @@ class Happenings:
                 yield from self._pair(kind, subjects, ours[i], theirs[j])
         for i in (i for i in lost if self._known(self.a, ours[i].frame)):
             a, t = ours[i], self.a.seconds(ours[i].frame)
-            who, one = words.subject(self.names(subjects), [str(g) for g in a.groups])
+            who, one = words.subject(
+                self.names(subjects), [str(group) for group in a.groups]
+            )
             text = f"{who} {words.verb(kind, one, 'no longer')} at {t:.1f} s"
             details = {"kind": kind, "event_a": a.id, "groups_a": list(a.groups)}
             yield Difference(
@@ -115,7 +119,9 @@ class Happenings:
             )
         for j in (j for j in new if self._known(self.b, theirs[j].frame)):
             b, t = theirs[j], self.b.seconds(theirs[j].frame)
-            who, one = words.subject(self.names(subjects), [f"{g} of B" for g in b.groups])
+            who, one = words.subject(
+                self.names(subjects), [f"{group} of B" for group in b.groups]
+            )
             text = f"{who} {words.verb(kind, one, 'now')} at {t:.1f} s"
             details = {
                 "kind": kind,
@@ -129,12 +135,12 @@ class Happenings:
 
     @staticmethod
     def _shown(subjects: Sequence[int]) -> list[int]:
-        return [t if t >= 0 else -1 - t for t in subjects]
+        return [subject if subject >= 0 else -1 - subject for subject in subjects]
 
     def _pair(
         self, kind: str, subjects: tuple[int, ...], a: Happening, b: Happening
     ) -> Iterator[Difference]:
-        who, one = words.subject(self.names(subjects), [str(g) for g in a.groups])
+        who, one = words.subject(self.names(subjects), [str(group) for group in a.groups])
         ta, tb = self.a.seconds(a.frame), self.b.seconds(b.frame)
         details: dict[str, Any] = {"kind": kind, "event_a": a.id, "event_b": b.id}
         if a.frame != b.frame:
@@ -268,7 +274,7 @@ class Happenings:
         theirs: list[Lasting],
     ) -> Iterator[Difference]:
         left, right = (
-            [self._time_ns(c, s.first) for s in spans]
+            [self._time_ns(c, span.first) for span in spans]
             for c, spans in ((self.a, ours), (self.b, theirs))
         )
         pairs, lost, new = nearest(left, right, self._tolerance_ns)
@@ -343,8 +349,8 @@ def _leaves(x: Any, y: Any, place: str) -> Iterator[tuple[str, Any, Any]]:
         and len(x) == len(y)
         and not all(type(v) is int for v in x + y)
     ):
-        for k, (p, q) in enumerate(zip(x, y, strict=True)):
-            yield from _leaves(p, q, f"{place}[{k}]")
+        for index, (p, q) in enumerate(zip(x, y, strict=True)):
+            yield from _leaves(p, q, f"{place}[{index}]")
     elif x != y or type(x) is not type(y):
         yield place, x, y
 
@@ -359,9 +365,9 @@ def nearest(
     ([(1, 0)], [0], [1])
     """
     near = sorted(
-        (abs(a - theirs[j]), i, j)
-        for i, a in enumerate(ours)
-        for j in range(bisect_left(theirs, a - limit), bisect_right(theirs, a + limit))
+        (abs(our - theirs[j]), index, j)
+        for index, our in enumerate(ours)
+        for j in range(bisect_left(theirs, our - limit), bisect_right(theirs, our + limit))
     )
     taken_a: set[int] = set()
     taken_b: set[int] = set()
@@ -371,5 +377,9 @@ def nearest(
             taken_a.add(i)
             taken_b.add(j)
             pairs.append((i, j))
-    lost = [i for i in range(len(ours)) if i not in taken_a]
-    return sorted(pairs), lost, [j for j in range(len(theirs)) if j not in taken_b]
+    lost = [index for index in range(len(ours)) if index not in taken_a]
+    return (
+        sorted(pairs),
+        lost,
+        [index for index in range(len(theirs)) if index not in taken_b],
+    )

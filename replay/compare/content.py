@@ -96,7 +96,7 @@ class Content:
         if not self._places or not self._places[0] <= frame <= self._places[-1]:
             return -1
         at = self._at(frame)
-        return min(abs(t - time_ns) for t in self._times[max(at - 1, 0) : at + 1])
+        return min(abs(time - time_ns) for time in self._times[max(at - 1, 0) : at + 1])
 
     def seconds(self, frame: int) -> float:
         """A frame's time in seconds from the recording's start."""
@@ -113,14 +113,14 @@ class Content:
         for track in frame.tracks:
             if track.present:
                 extend(self.tracks.setdefault(track.id, []), k, gap)
-        for e in frame.events:
-            whole = msgspec.json.encode(e)
+        for event in frame.events:
+            whole = msgspec.json.encode(event)
             self.events.append(
                 Happening(
-                    e.id,
-                    e.kind,
-                    tuple(e.subjects),
-                    tuple(e.groups),
+                    event.id,
+                    event.kind,
+                    tuple(event.subjects),
+                    tuple(event.groups),
                     k,
                     frame.time_ns,
                     whole,

@@ -75,8 +75,8 @@ class Comparison:
     def counts(self) -> dict[str, int]:
         """How many differences of each kind, as ``event vanished``, most first."""
         found: dict[str, int] = {}
-        for d in self.differences:
-            key = f"{d.what} {d.change}"
+        for difference in self.differences:
+            key = f"{difference.what} {difference.change}"
             found[key] = found.get(key, 0) + 1
         return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
 

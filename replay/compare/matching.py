@@ -114,8 +114,8 @@ class Matching:
 
     def add(self, k: int, a: AnnotatedFrame, b: AnnotatedFrame) -> None:
         """Compare one frame that both logs have, the k-th of both together."""
-        left = [t for t in a.tracks if t.present]
-        right = [t for t in b.tracks if t.present]
+        left = [track for track in a.tracks if track.present]
+        right = [track for track in b.tracks if track.present]
         now: dict[int, int] = {}
         for i, j in self._frame_pairs(left, right):
             now[left[i].id] = right[j].id
@@ -132,24 +132,30 @@ class Matching:
         self, left: Sequence[Track], right: Sequence[Track]
     ) -> list[tuple[int, int]]:
         places: dict[Any, list[int]] = {}
-        for j, track in enumerate(right):
-            places.setdefault(track.box, []).append(j)
+        for index, track in enumerate(right):
+            places.setdefault(track.box, []).append(index)
         ours: dict[Any, int] = {}
         for track in left:
             ours[track.box] = ours.get(track.box, 0) + 1
         same = [
-            (i, places[t.box][0])
-            for i, t in enumerate(left)
+            (index, places[t.box][0])
+            for index, t in enumerate(left)
             if ours[t.box] == 1 == len(places.get(t.box, ()))
         ]
         taken_a, taken_b = {i for i, _ in same}, {j for _, j in same}
-        rows = [i for i in range(len(left)) if i not in taken_a]
-        columns = [j for j in range(len(right)) if j not in taken_b]
+        rows = [index for index in range(len(left)) if index not in taken_a]
+        columns = [index for index in range(len(right)) if index not in taken_b]
         if not rows or not columns:
             return same
-        overlap = iou(_boxes([left[i] for i in rows]), _boxes([right[j] for j in columns]))
+        overlap = iou(
+            _boxes([left[row] for row in rows]),
+            _boxes([right[column] for column in columns]),
+        )
         habit = np.array(
-            [[(left[i].id, right[j].id) in self._before for j in columns] for i in rows]
+            [
+                [(left[row].id, right[column].id) in self._before for column in columns]
+                for row in rows
+            ]
         )
         found = assign(1.0 - overlap - _HABIT * habit, overlap >= MATCH_IOU)
         return sorted([*same, *((rows[i], columns[j]) for i, j in found)])
@@ -277,7 +283,7 @@ def _joined(runs: Sequence[Run], gap: float = float("inf")) -> list[Run]:
 
 
 def _boxes(tracks: Sequence[Track]) -> np.ndarray:
-    return np.array([t.box for t in tracks], np.float64).reshape(-1, 4)
+    return np.array([track.box for track in tracks], np.float64).reshape(-1, 4)
 
 
 def _note(

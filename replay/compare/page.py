@@ -73,7 +73,7 @@ def _chosen(found: Comparison, frames: int) -> dict[int, list[Difference]]:
     """The first frames in which something is to be seen; what appears, vanishes or is someone
     else before values.
     """
-    seen = [d for d in found.differences if d.what in _SEEN]
+    seen = [difference for difference in found.differences if difference.what in _SEEN]
     weighty = [d for d in seen if d.change != "changed" or d.what == "identity"] or seen
     first = sorted({d.frame for d in weighty})[:frames]
     return {frame: [d for d in seen if d.frame == frame] for frame in first}
@@ -82,7 +82,7 @@ def _chosen(found: Comparison, frames: int) -> dict[int, list[Difference]]:
 def _moments(found: Comparison, scene: str | Path | None, frames: int) -> Iterator[_Moment]:
     chosen = _chosen(found, frames)
     with _log(found.a) as a, _log(found.b) as b:
-        sides = [{f.index: f for f in _frames(log, chosen)} for log in (a, b)]
+        sides = [{frame.index: frame for frame in _frames(log, chosen)} for log in (a, b)]
         times = {k: side[k].time_ns for side in sides for k in side}
         backgrounds = _Backgrounds([a, b], None if scene is None else Path(scene))
         for k in sorted(chosen):
@@ -243,8 +243,9 @@ def _verdict(found: Comparison) -> str:
 
 def _moment(moment: _Moment, a: str, b: str) -> str:
     texts = "".join(
-        f'<li><span class="{d.change}">{d.what} {d.change}</span>: {escape(d.text)}</li>'
-        for d in moment.differences
+        f'<li><span class="{difference.change}">{difference.what} {difference.change}</span>'
+        f": {escape(difference.text)}</li>"
+        for difference in moment.differences
     )
     sides = "".join(
         f"<figure><figcaption>{side}: {escape(name)}</figcaption>"
@@ -265,9 +266,10 @@ def _moment(moment: _Moment, a: str, b: str) -> str:
 
 def _table(differences: Sequence[Difference]) -> str:
     rows = "".join(
-        f'<tr><td class="number">{d.t:.2f}</td><td class="number narrow">{d.frame}</td>'
-        f'<td class="{d.change}">{d.what} {d.change}</td><td>{escape(d.text)}</td></tr>'
-        for d in differences
+        f'<tr><td class="number">{difference.t:.2f}</td><td class="number narrow">{difference.frame}</td>'
+        f'<td class="{difference.change}">{difference.what} {difference.change}</td>'
+        f"<td>{escape(difference.text)}</td></tr>"
+        for difference in differences
     )
     head = '<tr><th>s</th><th class="narrow">frame</th><th>what</th><th></th></tr>'
     return (

@@ -73,8 +73,8 @@ def compare(
         facts = facts_of(left), facts_of(right)
         # Golden files and annotations alone have no recording; of spans, each has a part of its
         # own.
-        alike = all(f.whole and not any(name == GOLDEN for name, _ in log.metadata())
-                    for f, log in zip(facts, (left, right), strict=True))  # fmt: skip
+        alike = all(fact.whole and not any(name == GOLDEN for name, _ in log.metadata())
+                    for fact, log in zip(facts, (left, right), strict=True))  # fmt: skip
         everything = (
             alike
             and options.tolerance_px == 0
@@ -195,12 +195,20 @@ class _Comparer:
         found.sort(key=lambda d: (d.frame, d.what, d.change, d.subjects, d.text))
         return [replace(d, frame=self._number(d)) for d in found]
 
-    def _number(self, d: Difference) -> int:
+    def _number(self, difference: Difference) -> int:
         """A difference's frame as the log counts it in which it is to be seen: B for what is only
         there.
         """
-        content = self.b if d.what == "frames" and d.change == "appeared" else self.a
-        return content.number(d.frame) if content.frames else self.b.number(d.frame)
+        content = (
+            self.b
+            if difference.what == "frames" and difference.change == "appeared"
+            else self.a
+        )
+        return (
+            content.number(difference.frame)
+            if content.frames
+            else self.b.number(difference.frame)
+        )
 
     # -- frames and tracks
     # -----------------------------------------------------------------------------------------
@@ -393,13 +401,13 @@ class _Comparer:
     def _recording(self) -> Iterator[Difference]:
         first = self.raw.channels.get(RECORDING)
         if first is not None:
-            n = first.frames
-            where = f"the recorded messages differ in {number(n, 'frame')}"
+            frames = first.frames
+            where = f"the recorded messages differ in {number(frames, 'frame')}"
             text = (
                 f"{where}: another recording, or an altered one ({first.field}: {first.b},"
                 f" not {first.a})"
             )
-            details = {"frames": n, "a": first.a, "b": first.b}
+            details = {"frames": frames, "a": first.a, "b": first.b}
             place = self.a.place(first.frame)
             yield Difference(
                 "recording", "changed", place, self.a.seconds(place), [], text, details

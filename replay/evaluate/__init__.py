@@ -50,11 +50,11 @@ class Scores:
     result_ids: int
 
     def __str__(self) -> str:
-        c = self.clear
+        clear = self.clear
         return (
-            f"HOTA {self.hota.hota:.1f}  MOTA {c.mota:.1f}  IDF1 {self.identity.idf1:.1f} "
-            f" switches {c.switches}  fragments {c.fragments}  MT {c.mostly_tracked}  ML"
-            f" {c.mostly_lost}  P {c.precision:.1f}  R {c.recall:.1f}  DetA"
+            f"HOTA {self.hota.hota:.1f}  MOTA {clear.mota:.1f}  IDF1 {self.identity.idf1:.1f} "
+            f" switches {clear.switches}  fragments {clear.fragments}  MT {clear.mostly_tracked}  ML"
+            f" {clear.mostly_lost}  P {clear.precision:.1f}  R {clear.recall:.1f}  DetA"
             f" {self.hota.det_a:.1f}  AssA {self.hota.ass_a:.1f}"
         )
 

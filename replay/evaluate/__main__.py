@@ -27,8 +27,8 @@ def main() -> int:
     try:
         truth = read_truth(args.truth).scaled(args.scale, args.scale)
         sys.stdout.write(f"{evaluate(truth, read_mot(args.result), args.iou)}\n")
-    except SceneTraceError as e:
-        sys.stderr.write(f"scenetrace: error: {e}\n")
+    except SceneTraceError as error:
+        sys.stderr.write(f"scenetrace: error: {error}\n")
         return 1
     return 0
 

@@ -49,11 +49,11 @@ def _colour(side: int) -> str:
 def _matplotlib() -> Any:
     try:
         import matplotlib as mpl
-    except ImportError as e:
+    except ImportError as error:
         raise SceneTraceError(
             "--plot needs matplotlib, which is not installed: pip install"
             " 'scenetrace[plot]', or matplotlib alone"
-        ) from e
+        ) from error
     return mpl
 
 
@@ -139,15 +139,15 @@ def plot(
         ratios = [*[1.3] * above, 0.9, *[1.1] * rows]
         grid = figure.add_gridspec(above + 1 + rows, 3, height_ratios=ratios)
         step, unit = (frame_s, "s") if frame_s > 0 else (1.0, "frame")
-        for k, side in enumerate(sides):
-            _distances(figure.add_subplot(grid[k, :]), side, shown, step, unit)
+        for index, side in enumerate(sides):
+            _distances(figure.add_subplot(grid[index, :]), side, shown, step, unit)
         _mota(figure.add_subplot(grid[above, :]), sides, step, unit)
-        for k, i in enumerate(shown):
-            _path(figure.add_subplot(grid[above + 1 + k // 3, k % 3]), sides, i)
+        for index, i in enumerate(shown):
+            _path(figure.add_subplot(grid[above + 1 + index // 3, index % 3]), sides, i)
         try:
             figure.savefig(path, metadata=_metadata(path))
-        except (ValueError, OSError) as e:
-            raise SceneTraceError(f"{path}: the plot cannot be written: {e}") from e
+        except (ValueError, OSError) as error:
+            raise SceneTraceError(f"{path}: the plot cannot be written: {error}") from error
 
 
 def _metadata(path: str | Path) -> dict[str, Any]:
@@ -167,13 +167,17 @@ def _distances(axes: Any, side: _Side, shown: list[int], step: float, unit: str)
     both, true_row = side.both, side.both.true_row[side.own]
     distance = centre_distance(both, side.own)
     switched = side.matches.pairs[side.matches.switched]
-    for k, i in enumerate(shown):
+    for index, i in enumerate(shown):
         mine = both.true_ids[true_row] == i
         frames = both.truth.frames[true_row[mine]]
         x, y = _broken(frames, frames * step, distance[mine])
         if len(x):
             (line,) = axes.plot(
-                x, y, "-" if k < COLOURS else ":", lw=1, label=str(int(both.true_names[i]))
+                x,
+                y,
+                "-" if index < COLOURS else ":",
+                lw=1,
+                label=str(int(both.true_names[i])),
             )
             at = both.truth.frames[
                 both.true_row[switched[both.true_ids[both.true_row[switched]] == i]]
@@ -197,22 +201,26 @@ def _distances(axes: Any, side: _Side, shown: list[int], step: float, unit: str)
 
 
 def _mota(axes: Any, sides: Sequence[_Side], step: float, unit: str) -> None:
-    for k, side in enumerate(sides):
+    for index, side in enumerate(sides):
         both, matches = side.both, side.matches
         label = side.name or "MOTA so far"
         axes.plot(
             both.frames * step,
             mota_over_time(both, matches),
             lw=1.4,
-            color=_colour(k),
+            color=_colour(index),
             label=label,
         )
     both, matches = sides[0].both, sides[0].matches
     at = both.truth.frames[both.true_row[matches.pairs[matches.switched]]] * step
     of = f" of {sides[0].name}" if sides[0].name else ""
-    for k, x in enumerate(at.tolist()):
+    for index, x in enumerate(at.tolist()):
         axes.axvline(
-            x, color="0.3", ls=":", lw=0.8, label=f"identity switch{of}" if k == 0 else None
+            x,
+            color="0.3",
+            ls=":",
+            lw=0.8,
+            label=f"identity switch{of}" if index == 0 else None,
         )
     axes.set(title="MOTA over all frames so far", xlabel=unit, ylabel="%", ylim=(None, 102))
     axes.legend(**_BESIDE)
@@ -235,23 +243,25 @@ def _path(axes: Any, sides: Sequence[_Side], i: int) -> None:
     axes.plot(x, y, color="black", lw=2.2, alpha=0.35, label="truth")
     rows = both.result_row[mine]
     by = both.result_ids[rows]
-    for k, r in enumerate(dict.fromkeys(by.tolist())):
-        part = rows[by == r]
+    for index, fromkey in enumerate(dict.fromkeys(by.tolist())):
+        part = rows[by == fromkey]
         centres = both.result.centres[part]
         x, y = _broken(both.result.frames[part], centres[:, 0], centres[:, 1])
         label = (
-            f"{sides[0].name} {int(both.result_names[r])}"
+            f"{sides[0].name} {int(both.result_names[fromkey])}"
             if sides[0].name
-            else f"track {int(both.result_names[r])}"
+            else f"track {int(both.result_names[fromkey])}"
         )
-        axes.plot(x, y, ls=_DASHES[k % len(_DASHES)], lw=1.1, color=_colour(0), label=label)
-    for k, side in enumerate(sides[1:], 1):
+        axes.plot(
+            x, y, ls=_DASHES[index % len(_DASHES)], lw=1.1, color=_colour(0), label=label
+        )
+    for index, side in enumerate(sides[1:], 1):
         theirs = side.both.result_row[
             side.own[side.both.true_ids[side.both.true_row[side.own]] == i]
         ]
         centres = side.both.result.centres[theirs]
         x, y = _broken(side.both.result.frames[theirs], centres[:, 0], centres[:, 1])
-        axes.plot(x, y, "-", lw=0.9, color=_colour(k), label=side.name)
+        axes.plot(x, y, "-", lw=0.9, color=_colour(index), label=side.name)
     axes.set_title(
         f"Truth {int(both.true_names[i])}: {100 * len(mine) / max(1, len(truth)):.0f} %"
         " tracked",

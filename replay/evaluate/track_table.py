@@ -47,10 +47,10 @@ def read_tracks(log: AnnotatedLog) -> TrackTable:
             )
         frames.append(frame.index)
         times.append(frame.time_ns)
-        for t in frame.tracks:
-            if t.present:
-                whole.extend((frame.index, t.id))
-                numbers.extend((*t.box, t.confidence))
+        for track in frame.tracks:
+            if track.present:
+                whole.extend((frame.index, track.id))
+                numbers.extend((*track.box, track.confidence))
     who = np.array(whole, np.int64).reshape(-1, 2)
     where = np.array(numbers, np.float64).reshape(-1, 5)
     table = MotTable(

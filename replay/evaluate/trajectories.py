@@ -167,11 +167,11 @@ def _each(both: Overlap, matches: Matches) -> list[Trajectory]:
     ) / np.maximum(tracked, 1)
     return [
         Trajectory(
-            int(both.true_names[i]), int(first[i]), int(last[i]), int(rows[i]), int(tracked[i]),
-            100 * float(tracked[i] / rows[i]), tuple(ids[i]), switches[i], swaps[i],
-            int(matches.fragments[i]), under[i], float(distance[i]),
+            int(both.true_names[index]), int(first[index]), int(last[index]), int(rows[index]), int(tracked[index]),
+            100 * float(tracked[index] / rows[index]), tuple(ids[index]), switches[index], swaps[index],
+            int(matches.fragments[index]), under[index], float(distance[index]),
         )
-        for i in range(n)
+        for index in range(n)
     ]  # fmt: skip
 
 

@@ -52,10 +52,10 @@ class MotTable:
         Raises:
             SceneTraceError: an identity occurs twice in a frame.
         """
-        frames = np.array([r[0] for r in rows], np.int64)
-        ids = np.array([r[1] for r in rows], np.int64)
-        boxes = np.array([r[2:6] for r in rows], np.float64).reshape(-1, 4)
-        confidences = np.array([r[6] for r in rows], np.float64)
+        frames = np.array([row[0] for row in rows], np.int64)
+        ids = np.array([row[1] for row in rows], np.int64)
+        boxes = np.array([row[2:6] for row in rows], np.float64).reshape(-1, 4)
+        confidences = np.array([row[6] for row in rows], np.float64)
         order = np.argsort(frames, kind="stable")
         table = cls(frames[order], ids[order], boxes[order], confidences[order])
         twice = table.first_duplicate()
@@ -132,8 +132,8 @@ def read_caviar(path: str | Path) -> MotTable:
         raise SourceError("not CAVIAR XML: no frame holds an object with a box", path)
     try:
         return MotTable.from_rows(rows)
-    except SceneTraceError as e:
-        raise SourceError(str(e), path) from e
+    except SceneTraceError as error:
+        raise SourceError(str(error), path) from error
 
 
 def read_truth(path: str | Path) -> MotTable:

@@ -25,9 +25,9 @@ def write_mot(log: AnnotatedLog, out: str | Path, *, force: bool = False) -> int
     with whole(out, force=force) as file:
         for frame in log.frames(("tracks",)):
             lines = [
-                mot_row(frame.index, t)
-                for t in sorted(frame.tracks, key=lambda t: t.id)
-                if t.present
+                mot_row(frame.index, track)
+                for track in sorted(frame.tracks, key=lambda t: t.id)
+                if track.present
             ]
             rows += len(lines)
             file.write("".join(lines).encode())

@@ -72,8 +72,8 @@ class Spool:
 
     def lines(self, table: str) -> Iterator[bytes]:
         """A table's rows, each a JSON object."""
-        with self.path(table).open("rb") as f:
-            for line in f:
+        with self.path(table).open("rb") as file:
+            for line in file:
                 yield line.rstrip(b"\n")
 
     def _take(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
@@ -118,9 +118,9 @@ def write_json(
         RecordingError: ``log`` is no annotated log, or damaged.
     """
     with whole(out, force=force) as file, Spool(log, camera) as spool:
-        for k, table in enumerate(TABLES):
+        for index, table in enumerate(TABLES):
             file.write(
-                f"{',' if k else '{'}\n{msgspec.json.encode(table).decode()}: [".encode()
+                f"{',' if index else '{'}\n{msgspec.json.encode(table).decode()}: [".encode()
             )
             pending = b""
             for n, line in enumerate(spool.lines(table)):
@@ -186,5 +186,5 @@ def _copy(spool: Spool, table: str, out: Path) -> None:
                 " USE_TMP_FILE false)",
                 {"rows": str(spool.path(table)), "out": str(out)},
             )
-        except duckdb.Error as e:
-            raise SceneTraceError(f"{out}: cannot be written: {reason(e)}") from e
+        except duckdb.Error as error:
+            raise SceneTraceError(f"{out}: cannot be written: {reason(error)}") from error

@@ -95,7 +95,9 @@ def overlaid(log: AnnotatedLog, options: VideoOptions) -> Iterator[tuple[int, Im
         if options.to_ns is not None and frame.time_ns >= options.to_ns:
             return
         recent.extend(
-            e for e in frame.events if e.kind not in options.quiet and options.draw.tells(e)
+            event
+            for event in frame.events
+            if event.kind not in options.quiet and options.draw.tells(event)
         )
         while recent and frame.time_ns - recent[0].time_ns > options.events_s * NANOS:
             recent.popleft()

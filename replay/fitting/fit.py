@@ -23,7 +23,7 @@ BUCKETS = 32
 """Of the histogram that is asked for its modes."""
 PROMINENCE = 0.08
 """A second peak this high over the valley before it, of the highest peak, is a second mode."""
-GRID = tuple(k / 10 for k in range(11))
+GRID = tuple(index / 10 for index in range(11))
 """Weights that are tried: the interval [0, 1] in tenths."""
 PASSES = 4
 _EM_STEPS = 60
@@ -73,7 +73,8 @@ def mixture(d: Floats) -> str:
             _LEAST_SIGMA
         )
     return "mixture " + " ".join(
-        f"{w:.4f} {m:.4f} {s:.4f}" for w, m, s in zip(weights, means, sigmas, strict=True)
+        f"{w:.4f} {mean:.4f} {sigma:.4f}"
+        for w, mean, sigma in zip(weights, means, sigmas, strict=True)
     )
 
 
@@ -97,8 +98,8 @@ def models(differences: Ints) -> dict[str, str]:
     """Every feature's models by part, from the steps' differences (N, 5, 6)."""
     d = differences / ONE
     return {
-        f: "; ".join(model_of(d[:, j, i]) for j in range(len(PARTS)))
-        for i, f in enumerate(FEATURES)
+        f: "; ".join(model_of(d[:, j, index]) for j in range(len(PARTS)))
+        for index, f in enumerate(FEATURES)
     }
 
 
@@ -190,9 +191,9 @@ def _tabulated(differences: Ints, words: dict[str, str]) -> Floats:
     """p(d | theta) over its highest value, (N, 5, 6)."""
     at = np.arange(ONE) / ONE
     out = np.empty(differences.shape, np.float64)
-    for i, f in enumerate(FEATURES):
+    for index, f in enumerate(FEATURES):
         for j, model in enumerate(words[f].split("; ")):
-            out[:, j, i] = tabulated(model, at)[differences[:, j, i]] / FULL
+            out[:, j, index] = tabulated(model, at)[differences[:, j, index]] / FULL
     return out
 
 
@@ -202,16 +203,16 @@ def _climb(
     """Improve one set of weights, one weight at a time; ``weights`` is ``omega`` or ``gamma``
     itself.
     """
-    for k in range(len(weights)):
-        now = float(weights[k])
+    for index in range(len(weights)):
+        now = float(weights[index])
         best = (*_accuracy(scores, omega, gamma, firsts), now)
         for value in GRID:
-            weights[k] = value
+            weights[index] = value
             if weights.sum() > 0:
                 found = (*_accuracy(scores, omega, gamma, firsts), value)
                 # Of equals the one that was there, then the lowest.
                 best = max(best, found, key=lambda t: t[:2])
-        weights[k] = best[2]
+        weights[index] = best[2]
 
 
 def _accuracy(

@@ -32,21 +32,21 @@ def plot(
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
-    except ImportError as e:
+    except ImportError as error:
         raise SceneTraceError(
             "--plot needs matplotlib, which is not installed: pip install"
             " 'scenetrace[plot]', or matplotlib alone"
-        ) from e
+        ) from error
     figure = Figure(figsize=(14, 14), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(FEATURES), len(PARTS), squeeze=False)
     steps, others = samples.steps / ONE, samples.differences[~samples.matching] / ONE
     at = np.arange(0, ONE) / ONE
-    for i, feature in enumerate(FEATURES):
+    for index, feature in enumerate(FEATURES):
         for j, words in enumerate(split_models(getattr(features, feature), feature)):
-            ax, model = axes[i][j], density(words, at)
+            ax, model = axes[index][j], density(words, at)
             ax.hist(
-                others[:, j, i],
+                others[:, j, index],
                 bins=BINS,
                 range=(0, 1),
                 density=True,
@@ -54,7 +54,7 @@ def plot(
                 label=OTHERS,
             )
             tall, _, _ = ax.hist(
-                steps[:, j, i], bins=BINS, range=(0, 1), density=True, color="tab:blue", alpha=0.7,
+                steps[:, j, index], bins=BINS, range=(0, 1), density=True, color="tab:blue", alpha=0.7,
                 label="the same target from frame to frame",
             )  # fmt: skip
             ax.plot(at, model, color="tab:red", lw=1.5, label="its model")

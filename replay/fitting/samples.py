@@ -138,7 +138,7 @@ def collect(
         names.append(
             f"{scene.name} with {truth.name} ({len(found[::every])} pairs of frames)"
         )
-    groups = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
+    groups = np.repeat(np.arange(len(rows)), [len(row) for row in rows])
     return Samples(
         np.stack(steps), np.array(step_folds, np.int64), np.concatenate(rows), groups, np.array(folds, np.int64),
         tuple(names),
@@ -209,8 +209,8 @@ def _look(frame: Frame, table: MotTable, frame_s: float, span: tuple[int, int]) 
     last_ids = table.ids[earlier_low:earlier_high].tolist()
     earlier = dict(zip(last_ids, table.centres[earlier_low:earlier_high], strict=True))
     speed = np.array(
-        [0.0 if i not in earlier else float(np.hypot(*(c - earlier[i]))) / frame_s
-         for i, c in zip(ids, table.centres[low:high], strict=True)]
+        [0.0 if i not in earlier else float(np.hypot(*(centre - earlier[i]))) / frame_s
+         for i, centre in zip(ids, table.centres[low:high], strict=True)]
     )  # fmt: skip
     p = PartsParameters()
     gates = np.minimum(
@@ -232,21 +232,21 @@ def _of_frame(window: list[_Seen]) -> Iterator[tuple[Ints, Ints]]:
     candidates.
     """
     now, before = window[-1], window[-2]
-    for k, identity in enumerate(now.ids):
-        if not now.free[k] or not before.is_free(identity):
+    for index, identity in enumerate(now.ids):
+        if not now.free[index] or not before.is_free(identity):
             continue
         box, old, gate = (
-            _off(now.boxes[k], now.index + identity),
+            _off(now.boxes[index], now.index + identity),
             before.box(identity),
             before.gate(identity),
         )
         one = np.zeros(1, np.intp)
         step = _measured(now.pixels, box[None], old[None], old[None], np.array([gate]))
         recent = _learnt(before, window[-3] if len(window) > 2 else before, identity)
-        oldest = next(j for j, seen in enumerate(window) if seen.is_free(identity))
+        oldest = next(index for index, seen in enumerate(window) if seen.is_free(identity))
         learnt = _learnt(window[oldest], window[max(oldest - 1, 0)], identity)
         away = np.abs(now.boxes[:, :2] - box[:2]).max(axis=1)
-        others = [j for j in range(len(now.ids)) if j != k and away[j] <= NEAR * box[3]]
+        others = [j for j in range(len(now.ids)) if j != index and away[j] <= NEAR * box[3]]
         shifted = [
             box + np.array([dx * box[2], dy * box[3], 0.0, 0.0]) for dx, dy in SHIFTS
         ]

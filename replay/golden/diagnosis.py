@@ -92,11 +92,9 @@ def same_process(
     try:
         one, seen = job.elsewhere(folder / "one.mcap", 1, watched=True)
         two, _ = job.elsewhere(folder / "two.mcap", 1)
-    except SceneTraceError as e:
+    except SceneTraceError as error:
         one, two, seen = "", "", {"clock": {}, "calendar": {}, "chance": {}}
-        head += (
-            f"\n  (In a process of its own it could not be tried: {str(e).splitlines()[0]})"
-        )
+        head += f"\n  (In a process of its own it could not be tried: {str(error).splitlines()[0]})"
     if one != two or seen["clock"] or seen["chance"]:
         return f"{head}\n{_asked(seen)}"
     words = (

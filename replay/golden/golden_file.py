@@ -29,13 +29,22 @@ def write_story(annotated: str | Path, out: str | Path) -> None:
             out, force=True, flush_interval_ns=1 << 62, chunk_bytes=4 << 20
         ) as writer:
             ids = {
-                c.id: writer.channel(c.topic, c.schema, c.message_encoding, c.metadata)
-                for c in log.channels
-                if c.topic in topics
+                channel.id: writer.channel(
+                    channel.topic,
+                    channel.schema,
+                    channel.message_encoding,
+                    channel.metadata,
+                )
+                for channel in log.channels
+                if channel.topic in topics
             }
-            for m in log.messages(topics):
+            for message in log.messages(topics):
                 writer.write(
-                    ids[m.channel.id], m.data, m.log_time_ns, m.publish_time_ns, m.sequence
+                    ids[message.channel.id],
+                    message.data,
+                    message.log_time_ns,
+                    message.publish_time_ns,
+                    message.sequence,
                 )
             writer.metadata(METADATA, facts.values)
             writer.metadata(GOLDEN, {"channels": ",".join(STORY)})

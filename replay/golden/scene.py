@@ -172,10 +172,10 @@ class GoldenScene:
             part = scratch / "part.mcap"
             try:
                 again = job.run(part, checkpoints=first, from_ns=middle[0])
-            except SceneTraceError as e:
+            except SceneTraceError as error:
                 raise GoldenError(
-                    f"{job.name}: a replay from the middle of {job.scene.name} fails: {e}"
-                ) from e
+                    f"{job.name}: a replay from the middle of {job.scene.name} fails: {error}"
+                ) from error
             if again != digest:
                 raise GoldenError(diagnosis.restored(job, first, part))
         return first

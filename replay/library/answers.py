@@ -70,10 +70,10 @@ class Rows(Sequence[Row]):
 
         try:
             __import__(package)
-        except ImportError as e:
+        except ImportError as error:
             raise SceneTraceError(
                 f"{package} is not installed: pip install {package}"
-            ) from e
+            ) from error
         with duckdb.connect(":memory:", config={"threads": 1}) as db:
             load_answer(db, Answer(self.columns, self.types, iter(self._rows)))
             return getattr(db.sql("SELECT * FROM answer"), method)()

@@ -238,7 +238,7 @@ class OpenLog:
     def _places(self) -> dict[int, int]:
         """Number and log time of each frame, in order."""
         if self._log is not None:
-            return {f.index: f.time_ns for f in self._log.frames(("tracks",))}
+            return {frame.index: frame.time_ns for frame in self._log.frames(("tracks",))}
         assert self._scene is not None
         return dict(enumerate(self._scene.frame_times()))
 
@@ -379,7 +379,7 @@ def _opened(kind: Any, path: Path, camera: str | None, limits: Limits) -> Any:
     """A reader of the log, or None where it holds nothing of that kind."""
     try:
         return kind(path, camera, limits)
-    except RecordingError as e:
-        if e.offset is not None or not path.is_file():
+    except RecordingError as error:
+        if error.offset is not None or not path.is_file():
             raise
         return None

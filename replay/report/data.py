@@ -94,7 +94,7 @@ def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, 
         "seconds": facts["seconds"],
         "tracks": _tracks(case, name, options),
         **{table: _intervals(case, name, table, options) for table in _INTERVALS},
-        "events": [list(e) for e in events[: options.events]],
+        "events": [list(event) for event in events[: options.events]],
         "events_left_out": max(0, len(events) - options.events),
         "in_all": {
             t: case.rows(f"SELECT count(*) FROM {t} WHERE recording = {name}")[0][0]  # noqa: S608
@@ -105,7 +105,7 @@ def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, 
     }
     wanted = _thumbnail_frames(
         [f for f, _ in frames],
-        [e[2] for e in events if e[1] != "mode_changed"],
+        [event[2] for event in events if event[1] != "mode_changed"],
         data,
         options,
     )
@@ -232,7 +232,10 @@ def _spread(values: Sequence[int] | range, most: int) -> list[int]:
     if len(values) <= most:
         return list(values)
     last = len(values) - 1
-    return [values[k] for k in sorted({round(i * last / (most - 1)) for i in range(most)})]
+    return [
+        values[k]
+        for k in sorted({round(index * last / (most - 1)) for index in range(most)})
+    ]
 
 
 def _thumbnail_frames(

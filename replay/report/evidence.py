@@ -84,7 +84,8 @@ def write_evidence(
         # Two frames of one interval name the same thing: it is told once.
         found = list(
             {
-                e.reference: e for e in (explain(case, r, recording) for r in references)
+                e.reference: e
+                for e in (explain(case, reference, recording) for reference in references)
             }.values()
         )
         facts = _facts(case, log, found)
@@ -98,7 +99,7 @@ def write_evidence(
                 pages.append(
                     (
                         e,
-                        [p.relative_to(part).as_posix() for p in pictures],
+                        [picture.relative_to(part).as_posix() for picture in pictures],
                         clip.relative_to(part).as_posix(),
                     )
                 )
@@ -181,7 +182,7 @@ def _facts(case: Case, log: AnnotatedLog, found: Sequence[Explanation]) -> dict[
     configuration = json.loads(stated.pop("configuration", "{}") or "{}")
     row = case.sql("SELECT * FROM recordings")
     recordings = [dict(zip(row.columns, r, strict=True)) for r in row.rows]
-    wall = {e.reference: [str(v) for v in case.rows(
+    wall = {e.reference: [str(row) for row in case.rows(
         "SELECT wall_time(?, ?), wall_time(?, ?)", [e.recording, e.start_t, e.recording, e.end_t])[0]]
         for e in found}  # fmt: skip
     return {
@@ -199,8 +200,8 @@ def _sums(folder: Path) -> None:
     """SHA256SUMS over every file, as `sha256sum -c` reads it."""
     files = sorted(p for p in folder.rglob("*") if p.is_file())
     lines = [
-        f"{hashlib.sha256(p.read_bytes()).hexdigest()}  {p.relative_to(folder).as_posix()}"
-        for p in files
+        f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.relative_to(folder).as_posix()}"
+        for file in files
     ]
     (folder / "SHA256SUMS").write_text("\n".join(lines) + "\n", encoding="ascii")
 
@@ -288,7 +289,9 @@ def _section(
         f" {escape(e.kind)}</h2><p>{escape(e.text)}</p>{_table(rows)}"
     )
     if e.measures:
-        yield "<h3>Measured</h3>" + _table([_measured(measure_line(m)) for m in e.measures])
+        yield "<h3>Measured</h3>" + _table(
+            [_measured(measure_line(measure)) for measure in e.measures]
+        )
     if e.chain:
         yield (
             "<h3>What led there</h3><ul>"
@@ -310,7 +313,12 @@ def _section(
 
 def _wall(facts: Mapping[str, Any], e: Explanation) -> str:
     start = next(
-        (r["start_ns"] for r in facts["recordings"] if r["recording"] == e.recording), 0
+        (
+            fact["start_ns"]
+            for fact in facts["recordings"]
+            if fact["recording"] == e.recording
+        ),
+        0,
     )
     if start < _YEAR_NS:
         return (

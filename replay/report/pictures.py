@@ -86,7 +86,10 @@ def drawn(
         if options.only is not None:
             keep = options.only
             shown = replace(
-                frame, events=[e for e in frame.events if keep.intersection(e.subjects)]
+                frame,
+                events=[
+                    event for event in frame.events if keep.intersection(event.subjects)
+                ],
             )
         yield frame, draw_frame(image, frame_overlay(log, shown), options)
 

@@ -46,9 +46,9 @@ class CaseVerdict:
 
     def lines(self) -> list[str]:
         """The verdict for a person."""
-        bad = [f for f in self.files if f.state != "unaltered"]
+        bad = [file for file in self.files if file.state != "unaltered"]
         out = [f"{f.state}: {f.name}" + (f" ({f.text})" if f.text else "") for f in bad]
-        sealed = sum(f.state != "added" for f in self.files)
+        sealed = sum(file.state != "added" for file in self.files)
         out.append(
             f"{len(self.files) - len(bad)} of {sealed} files are as they were sealed"
         )
@@ -84,10 +84,10 @@ def check_manifest(
     manifest = read_manifest(path)
     wanted = None if key is None else public_key(key)
     files = []
-    for k, entry in enumerate(manifest.files):
+    for index, entry in enumerate(manifest.files):
         files.append(_checked(entry, Path(path).parent))
         if progress is not None:
-            progress("checking", k)
+            progress("checking", index)
     files += [
         Finding(name, "added", "not there when it was sealed")
         for name in added_files(manifest, path)
@@ -99,7 +99,7 @@ def check_manifest(
             signed.public_key, wanted, lambda: signature_holds(manifest)
         )
     good = state in ("valid",) or (wanted is None and state in ("none", "unchecked"))
-    intact = good and all(f.state == "unaltered" for f in files)
+    intact = good and all(file.state == "unaltered" for file in files)
     return CaseVerdict(
         intact, files, state, "" if signed is None else signed.public_key, manifest.note
     )
@@ -122,8 +122,8 @@ def _checked(entry: Entry, folder: Path) -> Finding:
         return Finding(entry.name, "missing")
     try:
         size, digest = file_digest(file)
-    except SceneTraceError as e:
-        return Finding(entry.name, "unreadable", str(e))
+    except SceneTraceError as error:
+        return Finding(entry.name, "unreadable", str(error))
     if digest == entry.sha256:
         return Finding(entry.name, "unaltered")
     sizes = f"{entry.bytes} bytes, now {size}; " if size != entry.bytes else ""

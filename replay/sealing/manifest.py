@@ -108,7 +108,7 @@ def seal(paths: Iterable[str | Path], out: str | Path, *, note: str = "") -> Man
         RecordingError: a log is damaged: it is not sealed as if it were whole; a pipe or a device.
     """
     out = Path(out)
-    given = [Path(p) for p in paths]
+    given = [Path(path) for path in paths]
     files = sorted(_files(given, out))
     if not files:
         raise UsageError("nothing to seal: give the case's files")
@@ -152,10 +152,10 @@ def added_files(manifest: Manifest, path: str | Path) -> list[str]:
         try:
             for file in _inside(path.parent / folder, 2 * len(listed) + MOST_ADDED):
                 found[_relative(file, here)] = file
-        except (OSError, ValueError) as e:
+        except (OSError, ValueError) as error:
             raise RecordingError(
                 f"lists a folder that cannot be looked into: {folder[:80]!r}", path
-            ) from e
+            ) from error
     new = found.keys() - listed - {path.name}
     return sorted(name for name in new if "/" in name or not _is_manifest(found[name]))
 
@@ -165,7 +165,7 @@ def manifests_beside(paths: Iterable[str | Path], out: str | Path) -> list[Path]
     they were not.
     """
     out = Path(out)
-    here, given = out.parent.resolve(), [Path(p) for p in paths]
+    here, given = out.parent.resolve(), [Path(path) for path in paths]
     named = {_own(path) for path in given}
     if not any(path.is_dir() and here.is_relative_to(path.resolve()) for path in given):
         return []
@@ -211,12 +211,14 @@ def read_manifest(path: str | Path) -> Manifest:
         if path.stat().st_size > _MOST_BYTES:
             raise RecordingError(f"over {_MOST_BYTES} bytes: not a manifest", path)
         data = path.read_bytes()
-    except OSError as e:
-        raise RecordingError(f"cannot be read: {e.strerror}", path) from e
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}", path) from error
     try:
         found = msgspec.json.decode(data, type=Manifest)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as e:
-        raise RecordingError(f"not a manifest of `scenetrace seal`: {e}", path) from e
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+        raise RecordingError(
+            f"not a manifest of `scenetrace seal`: {error}", path
+        ) from error
     names = [entry.name for entry in found.files]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
@@ -243,8 +245,8 @@ def file_digest(path: Path) -> tuple[int, str]:
             while block := file.read(_BLOCK):
                 digest.update(block)
                 size += len(block)
-    except OSError as e:
-        raise RecordingError(f"cannot be read: {e.strerror}", path) from e
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}", path) from error
     return size, digest.hexdigest()
 
 
@@ -321,11 +323,15 @@ def _log_facts(file: Path, limits: Limits) -> tuple[Role, dict[str, str], Sequen
     try:
         with LogReader(file, limits) as log:
             records = dict(log.metadata())
-            lists = [a.data for a in log.attachments() if a.media_type == "text/plain"]
-    except SceneTraceError as e:
+            lists = [
+                attachment.data
+                for attachment in log.attachments()
+                if attachment.media_type == "text/plain"
+            ]
+    except SceneTraceError as error:
         raise RecordingError(
-            f"a damaged log is not sealed (see `scenetrace doctor`): {e}", file
-        ) from e
+            f"a damaged log is not sealed (see `scenetrace doctor`): {error}", file
+        ) from error
     own = records.get(METADATA, {})
     recording = records.get(_RECORDING, own)
     names = (

@@ -19,11 +19,11 @@ def _library() -> Any:
         import cryptography.exceptions
         import cryptography.hazmat.primitives.asymmetric.ed25519
         import cryptography.hazmat.primitives.serialization
-    except ImportError as e:
+    except ImportError as error:
         raise UsageError(
             "signatures need the package `cryptography`: pip install 'scenetrace[sign]'"
             " (everything else works without)"
-        ) from e
+        ) from error
     return cryptography
 
 
@@ -57,8 +57,8 @@ def new_key(path: str | Path) -> Path:
     for file, data, mode in ((private, secret, 0o600), (public, shown, 0o644)):
         try:
             descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
-        except OSError as e:
-            raise RecordingError(f"cannot be written: {e.strerror}", file) from e
+        except OSError as error:
+            raise RecordingError(f"cannot be written: {error.strerror}", file) from error
         with os.fdopen(descriptor, "wb") as out:
             out.write(data)
     return public
@@ -103,14 +103,16 @@ def public_key(path: str | Path) -> str:
 def _key(path: str | Path, library: Any, load: Any, kind: str) -> Any:
     try:
         found = load(Path(path).read_bytes())
-    except OSError as e:
-        raise UsageError(f"{path}: cannot be read: {e.strerror}") from e
-    except (ValueError, TypeError, library.exceptions.UnsupportedAlgorithm) as e:
-        reason = "it is encrypted" if isinstance(e, TypeError) else "it is something else"
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read: {error.strerror}") from error
+    except (ValueError, TypeError, library.exceptions.UnsupportedAlgorithm) as error:
+        reason = (
+            "it is encrypted" if isinstance(error, TypeError) else "it is something else"
+        )
         raise UsageError(
             f"{path}: must be a {kind} Ed25519 key in PEM ({reason}); `scenetrace seal"
             " --new-key`"
-        ) from e
+        ) from error
     ed25519 = library.hazmat.primitives.asymmetric.ed25519
     wanted = ed25519.Ed25519PrivateKey if kind == "private" else ed25519.Ed25519PublicKey
     if not isinstance(found, wanted):

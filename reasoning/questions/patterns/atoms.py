@@ -100,16 +100,16 @@ def _spread(rows: str, column: str, count: int) -> str:
     """Spread a list's different members over x0, x1, ... of rows; an UNNEST in a SELECT needs no
     join.
     """
-    for k in range(count):
-        rows = f"SELECT *, unnest({column}) AS x{k} FROM ({rows})"
-        if k:
-            different = " AND ".join(f"x{j} <> x{k}" for j in range(k))
+    for index in range(count):
+        rows = f"SELECT *, unnest({column}) AS x{index} FROM ({rows})"
+        if index:
+            different = " AND ".join(f"x{j} <> x{index}" for j in range(index))
             rows = f"SELECT * FROM ({rows}) WHERE {different}"
     return rows
 
 
 def _targets(count: int) -> str:
-    return "".join(f", x{k}" for k in range(count))
+    return "".join(f", x{index}" for index in range(count))
 
 
 def _event(kind: str) -> Callable[[int, str | None], str]:

@@ -128,7 +128,11 @@ class Pattern:
             for item in step:
                 if not item.negated:
                     seen.update(
-                        {t.variable: None for t in item.terms if t.variable is not None}
+                        {
+                            term.variable: None
+                            for term in item.terms
+                            if term.variable is not None
+                        }
                     )
         return list(seen)
 
@@ -366,8 +370,8 @@ class _Parser:
             unit = self._take().value.lower()
         try:
             return duration(f"{token.value}{unit}")
-        except UsageError as e:
-            self._fail(str(e), token.position)
+        except UsageError as error:
+            self._fail(str(error), token.position)
 
     def _check(self, pattern: Pattern) -> None:
         items = [item for step in pattern.steps for item in step]
@@ -380,9 +384,9 @@ class _Parser:
                 self._fail("put what happens first in a step: A & !B", step[0].position)
         for item in items:
             named = [
-                t.variable or t.number
-                for t in item.terms
-                if t.variable is not None or t.number is not None
+                term.variable or term.number
+                for term in item.terms
+                if term.variable is not None or term.number is not None
             ]
             if len(set(named)) < len(named):
                 self._fail("the same target stands twice in one item", item.position)
@@ -396,21 +400,21 @@ class _Parser:
 
     def _check_gaps(self, pattern: Pattern) -> None:
         """That every gap is one between two things."""
-        for k, step in enumerate(pattern.steps):
+        for index, step in enumerate(pattern.steps):
             for item in step:
-                gap = next((b for b in item.bounds if b.what == "gap"), None)
+                gap = next((bound for bound in item.bounds if bound.what == "gap"), None)
                 if gap is None or item.repeated:
                     continue
                 if item.negated and len(step) > 1:
                     self._fail(
                         "what must not happen during a step has no gap to it", gap.position
                     )
-                if not item.negated and k == 0:
+                if not item.negated and index == 0:
                     self._fail(
                         f"nothing comes before {item.name}, so there is no gap to bound",
                         gap.position,
                     )
-                if not item.negated and k == 1 and pattern.steps[0][0].negated:
+                if not item.negated and index == 1 and pattern.steps[0][0].negated:
                     self._fail(
                         f"nothing that happens comes before {item.name}: there is no gap to bound",
                         gap.position,
@@ -420,5 +424,10 @@ class _Parser:
 def variables_of(items: Sequence[Item]) -> list[str]:
     """Variables in these items, in order, without repeats."""
     return list(
-        dict.fromkeys(t.variable for i in items for t in i.terms if t.variable is not None)
+        dict.fromkeys(
+            term.variable
+            for item in items
+            for term in item.terms
+            if term.variable is not None
+        )
     )

@@ -25,9 +25,9 @@ def one_way_groups(pattern: Pattern) -> list[list[Item]]:
     for one, other in _ties(pattern):
         if _pair(one) is None or _pair(one) != _pair(other):
             continue
-        held = [g for g in groups if any(i is one or i is other for i in g)]
+        held = [group for group in groups if any(i is one or i is other for i in group)]
         whole = {id(i): i for g in held for i in g} | {id(i): i for i in (one, other)}
-        groups = [g for g in groups if all(g is not h for h in held)] + [
+        groups = [group for group in groups if all(group is not h for h in held)] + [
             list(whole.values())
         ]
     return groups
@@ -35,7 +35,7 @@ def one_way_groups(pattern: Pattern) -> list[list[Item]]:
 
 def _pair(item: Item) -> frozenset[str] | None:
     """The two variables of an item of a pair."""
-    names = frozenset(t.variable for t in item.terms if t.variable is not None)
+    names = frozenset(term.variable for term in item.terms if term.variable is not None)
     return names if ATOMS[item.name].one_way is not None and len(names) == 2 else None
 
 
@@ -47,12 +47,15 @@ def _ties(pattern: Pattern) -> list[tuple[Item, Item]]:
         items = [i for i in step if not i.negated]
         if not items:
             continue
-        for k, item in enumerate(items[1:], 1):
+        for index, item in enumerate(items[1:], 1):
             if item.link == ("&",):
-                ties += [(other, item) for other in items[:k]]
+                ties += [(other, item) for other in items[:index]]
             elif not set(item.link) & set(_APART):
-                ties.append((items[k - 1], item))
-        soon = any(b.what == "gap" and b.compare in ("<", "<=") for b in items[0].bounds)
+                ties.append((items[index - 1], item))
+        soon = any(
+            bound.what == "gap" and bound.compare in ("<", "<=")
+            for bound in items[0].bounds
+        )
         if len(items) == len(previous) == 1 and soon and not items[0].repeated:
             ties.append((previous[0], items[0]))
         previous = items

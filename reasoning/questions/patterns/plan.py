@@ -49,9 +49,11 @@ class _Plan:
         self._tables: list[str] = []
         self._conditions: list[str] = []
         self._groups = {
-            id(item): k for k, group in enumerate(one_way_groups(pattern)) for item in group
+            id(item): index
+            for index, group in enumerate(one_way_groups(pattern))
+            for item in group
         }
-        self._joined: dict[int, list[str]] = {k: [] for k in self._groups.values()}
+        self._joined: dict[int, list[str]] = {group: [] for group in self._groups.values()}
         self._from: list[str] = []
         self._names: dict[int, str] = {}
         self._references: list[str] = []
@@ -78,24 +80,24 @@ class _Plan:
         self._from.append(table)
         if table != self._from[0]:
             self._conditions.append(f"{table}.recording = {self._from[0]}.recording")
-        for k, term in enumerate(item.terms):
+        for index, term in enumerate(item.terms):
             if term.variable is None:
                 continue
-            column = f"{table}.x{k}"
+            column = f"{table}.x{index}"
             if term.variable in self._bound:
                 self._conditions.append(f"{column} = {self._bound[term.variable]}")
             else:
                 self._conditions += [
                     f"{column} <> {other}" for other in self._bound.values()
                 ]
-                self._conditions += [f"{column} <> {n}" for n in self._numbers()]
+                self._conditions += [f"{column} <> {number}" for number in self._numbers()]
                 self._bound[term.variable] = column
 
     def _require(self, condition: str, *items: Item) -> None:
         """A condition on the times of some items: if they are all of one pair's, it is met where
         those are joined.
         """
-        groups = {self._groups.get(id(i)) for i in items}
+        groups = {self._groups.get(id(item)) for item in items}
         group = groups.pop()
         if groups or group is None:
             self._conditions.append(condition)
@@ -105,9 +107,15 @@ class _Plan:
     def _pair(self, group: int) -> str:
         """The table of a pair's items: both ways round, a column for each item."""
         first, *others = names = [
-            n.partition(".")[2] for n in self._names.values() if n.startswith(f"p{group}.")
+            name.partition(".")[2]
+            for name in self._names.values()
+            if name.startswith(f"p{group}.")
         ]
-        same = [f"{n}.{c} = {first}.{c}" for n in others for c in ("recording", "x0", "x1")]
+        same = [
+            f"{other}.{c} = {first}.{c}"
+            for other in others
+            for c in ("recording", "x0", "x1")
+        ]
         return (
             f"p{group} AS (\n  SELECT {first}.recording, unnest([{first}.x0, {first}.x1]) AS x0, "
             f"unnest([{first}.x1, {first}.x0]) AS x1, {', '.join(names)}\n  FROM"
@@ -119,21 +127,29 @@ class _Plan:
         """Ids that the pattern names: no variable stands for them."""
         return sorted(
             {
-                t.number
-                for s in self._pattern.steps
-                for i in s
-                for t in i.terms
-                if t.number is not None
+                term.number
+                for step in self._pattern.steps
+                for i in step
+                for term in i.terms
+                if term.number is not None
             }
         )
 
     def _source(self, item: Item) -> str:
-        targets = [t for t in item.terms if t.text is None and not self._is_zone(item, t)]
-        zone = next((t.text for t in item.terms if t.text is not None), None)
-        wanted = [
-            f"x{k} = {t.number}" for k, t in enumerate(targets) if t.number is not None
+        targets = [
+            term
+            for term in item.terms
+            if term.text is None and not self._is_zone(item, term)
         ]
-        wanted += [_compared("et - st", b) for b in item.bounds if b.what == "lasts"]
+        zone = next((term.text for term in item.terms if term.text is not None), None)
+        wanted = [
+            f"x{index} = {target.number}"
+            for index, target in enumerate(targets)
+            if target.number is not None
+        ]
+        wanted += [
+            _compared("et - st", bound) for bound in item.bounds if bound.what == "lasts"
+        ]
         if self._recordings is not None:
             wanted.append(self._recordings.sql())
         atom = ATOMS[item.name]
@@ -144,7 +160,7 @@ class _Plan:
         if not item.repeated:
             return rows
         rows = f"SELECT *, {atom.reference.replace('$n', 'r')} AS ref FROM ({rows}) r"
-        return _in_a_row(rows, [f"x{k}" for k in range(len(targets))], item)
+        return _in_a_row(rows, [f"x{index}" for index in range(len(targets))], item)
 
     @staticmethod
     def _is_zone(item: Item, term: Term) -> bool:
@@ -203,15 +219,15 @@ class _Plan:
                 spans.append(None)
                 continue
             self._within_step(items)
-            names = [self._names[id(i)] for i in items]
+            names = [self._names[id(item)] for item in items]
             span = (
-                _least([f"{n}.s" for n in names]), _greatest([f"{n}.e" for n in names]),
-                _least([f"{n}.st" for n in names]), _greatest([f"{n}.et" for n in names]),
+                _least([f"{name}.s" for name in names]), _greatest([f"{name}.e" for name in names]),
+                _least([f"{name}.st" for name in names]), _greatest([f"{name}.et" for name in names]),
             )  # fmt: skip
             if previous is not None:
                 self._require(f"{span[0]} > {previous[1]}", *before, *items)
-                for i in (i for i in items if not i.repeated):
-                    for b in (b for b in i.bounds if b.what == "gap"):
+                for i in (item for item in items if not item.repeated):
+                    for b in (bound for bound in i.bounds if bound.what == "gap"):
                         self._require(
                             _compared(f"{self._names[id(i)]}.st - {previous[3]}", b),
                             *before,
@@ -222,27 +238,27 @@ class _Plan:
         return spans
 
     def _within_step(self, items: list[Item]) -> None:
-        for k, item in enumerate(items[1:], 1):
+        for index, item in enumerate(items[1:], 1):
             name = self._names[id(item)]
             if item.link == ("&",):
-                for other in items[:k]:
+                for other in items[:index]:
                     n = self._names[id(other)]
                     self._require(f"{n}.s <= {name}.e AND {name}.s <= {n}.e", other, item)
             else:
-                n = self._names[id(items[k - 1])]
+                n = self._names[id(items[index - 1])]
                 either = " OR ".join(
                     f"allen_{r}({n}.s, {n}.e, {name}.s, {name}.e)" for r in item.link
                 )
-                self._require(f"({either})", items[k - 1], item)
+                self._require(f"({either})", items[index - 1], item)
 
     def _absences(self, spans: list[tuple[str, str, str, str] | None]) -> None:
-        for k, step in enumerate(self._pattern.steps):
-            span = spans[k]
+        for index, step in enumerate(self._pattern.steps):
+            span = spans[index]
             for item in (i for i in step if i.negated):
                 if span is not None:
                     window = [f"n.s <= {span[1]}", f"n.e >= {span[0]}"]
                 else:
-                    window = self._between(spans, k, item)
+                    window = self._between(spans, index, item)
                 self._conditions.append(self._none(item, window))
 
     @staticmethod
@@ -252,29 +268,29 @@ class _Plan:
         """What makes an interval ``n`` touch the time between the steps beside a negated one."""
         before = spans[k - 1] if k > 0 else None
         after = spans[k + 1] if k + 1 < len(spans) else None
-        gaps = [b for b in item.bounds if b.what == "gap"]
+        gaps = [bound for bound in item.bounds if bound.what == "gap"]
         window = []
         if before is not None:
             window.append(f"n.e > {before[1]}")
-            window += [_compared(f"n.st - {before[3]}", b) for b in gaps]
+            window += [_compared(f"n.st - {before[3]}", gap) for gap in gaps]
         if after is not None:
             window.append(f"n.s < {after[0]}")
             if before is None:
-                window += [_compared(f"{after[2]} - n.et", b) for b in gaps]
+                window += [_compared(f"{after[2]} - n.et", gap) for gap in gaps]
         return window
 
     def _none(self, item: Item, window: list[str]) -> str:
         conditions = [f"n.recording = {self._from[0]}.recording", *window]
         free: dict[str, str] = {}
-        for k, term in enumerate(item.terms):
+        for index, term in enumerate(item.terms):
             if term.variable is None:
                 continue
             if term.variable in self._bound:
-                conditions.append(f"n.x{k} = {self._bound[term.variable]}")
+                conditions.append(f"n.x{index} = {self._bound[term.variable]}")
             else:
                 others = [*self._bound.values(), *free.values(), *map(str, self._numbers())]
-                conditions += [f"n.x{k} <> {other}" for other in others]
-                free[term.variable] = f"n.x{k}"
+                conditions += [f"n.x{index} <> {other}" for other in others]
+                free[term.variable] = f"n.x{index}"
         return f"NOT EXISTS (SELECT 1 FROM ({self._source(item)}) n WHERE {' AND '.join(conditions)})"
 
     def _symmetry(self) -> None:
@@ -294,12 +310,12 @@ def _in_a_row(rows: str, keys: list[str], item: Item) -> str:
     """``count`` (or more) of one item for the same targets: each starts after the one before has
     ended.
     """
-    gaps = [b for b in item.bounds if b.what == "gap"]
+    gaps = [bound for bound in item.bounds if bound.what == "gap"]
     part = f"PARTITION BY {', '.join(['recording', *keys])} ORDER BY s, e, ref"
     follows = " AND ".join(
-        ["s > lag(e) OVER w", *(_compared("st - lag(et) OVER w", b) for b in gaps)]
+        ["s > lag(e) OVER w", *(_compared("st - lag(et) OVER w", gap) for gap in gaps)]
     )
-    targets = "".join(f", {k}" for k in keys)
+    targets = "".join(f", {key}" for key in keys)
     marked = f"SELECT *, coalesce({follows}, false) AS follows FROM ({rows}) WINDOW w AS ({part})"
     if item.open_ended:
         runs = f"SELECT *, sum((NOT follows)::INTEGER) OVER ({part}) AS run FROM ({marked})"

@@ -34,7 +34,7 @@ def symmetries(pattern: Pattern) -> list[dict[str, str]]:
 def _renamings(names: list[str]) -> Iterator[dict[str, str]]:
     if len(names) > _ALL_UP_TO:
         for u, v in combinations(names, 2):
-            yield {**{n: n for n in names}, u: v, v: u}
+            yield {**{name: name for name in names}, u: v, v: u}
         return
     for order in permutations(names):
         if list(order) != names:
@@ -44,7 +44,8 @@ def _renamings(names: list[str]) -> Iterator[dict[str, str]]:
 def _canonical(pattern: Pattern, renamed: Mapping[str, str]) -> object:
     """The same object for two patterns that differ in the order of what has none."""
     free = {
-        v: renamed.get(v, v) for v in variables_of([i for s in pattern.steps for i in s])
+        v: renamed.get(v, v)
+        for v in variables_of([i for step in pattern.steps for i in step])
     }
     return tuple(
         _canonical_step([_canonical_item(i, free) for i in step]) for step in pattern.steps
@@ -57,19 +58,23 @@ def _canonical_step(items: list[Item]) -> tuple[object, ...]:
     if len(items) == 2:
         there = tuple(sorted(items[1].link))
         back = tuple(sorted(INVERSE[r] for r in items[1].link))
-        plain = tuple(repr(replace(i, link=())) for i in items)
+        plain = tuple(repr(replace(item, link=())) for item in items)
         return min((plain[0], there, plain[1]), (plain[1], back, plain[0]))
     return tuple(map(repr, items))
 
 
 def _canonical_item(item: Item, renamed: Mapping[str, str]) -> Item:
     terms = [
-        replace(t, variable=None if t.variable is None else renamed[t.variable], position=0)
-        for t in item.terms
+        replace(
+            term,
+            variable=None if term.variable is None else renamed[term.variable],
+            position=0,
+        )
+        for term in item.terms
     ]
     if ATOMS[item.name].symmetric and not ATOMS[item.name].zone:
         terms.sort(key=_order)
-    bounds = tuple(sorted((replace(b, position=0) for b in item.bounds), key=repr))
+    bounds = tuple(sorted((replace(bound, position=0) for bound in item.bounds), key=repr))
     return replace(item, terms=tuple(terms), bounds=bounds, position=0)
 
 
