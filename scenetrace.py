@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
+    from reasoning.questions.ready_questions import Question
     from recorders.detectors.detector import Detector, Sighting
     from recorders.errors import (
         ConfigError,
@@ -83,6 +84,7 @@ __all__ = [
     "OpenLog",
     "OutputExistsError",
     "Parameters",
+    "Question",
     "RecordingError",
     "Regions",
     "Relation",
@@ -117,6 +119,7 @@ __all__ = [
 _ROOMS = ("recorders", "reasoning", "replay", "fixtures")
 _HOME = os.path.dirname(os.path.realpath(__file__))
 _PLACES = {
+    "reasoning.questions.ready_questions": "Question",
     "recorders.detectors.detector": "Detector Sighting",
     "recorders.errors": "ConfigError OutputExistsError RecordingError SceneTraceError"
     " SourceError UsageError",

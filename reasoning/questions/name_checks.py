@@ -81,7 +81,7 @@ def check_words(
         UsageError: it is in none; says which there are.
     """
     for kind, word in zip(question.kinds(), words, strict=False):
-        if kind == "zone" and word == _EVERYWHERE:
+        if not kind or (kind == "zone" and word == _EVERYWHERE):
             continue
         _check(case, kind, word, options.recordings)
     check_moment(case, options.at, options.recordings)

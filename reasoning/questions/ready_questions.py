@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from string import Template
 
 from reasoning.questions import statements as sql
 from reasoning.questions.literals import Moment, Recordings, identity, literal, zone_word
-from recorders.errors import UsageError
+from recorders import plugins
+from recorders.errors import SceneTraceError, UsageError
 
 SOURCES: Mapping[str, str] = {
     "relations": sql.BY_RELATIONS,
@@ -104,8 +105,8 @@ class Question:
         return text
 
     def kinds(self) -> list[str]:
-        """What each argument is: track, zone, group or event."""
-        return [_KINDS[w.strip("[]")] for w in self._words()]
+        """What each argument is: track, zone, group or event; empty for anything else."""
+        return [_KINDS.get(w.strip("[]"), "") for w in self._words()]
 
     def keeps_few(self, words: Sequence[str]) -> bool:
         """Whether the question to all recordings is best asked of all at once
@@ -133,8 +134,14 @@ class Question:
             ):
                 taken = ", ".join(FLAGS[take] for take in (*self.takes, "recordings"))
                 raise UsageError(f"--ask {self.name} takes no {flag}; it takes: {taken}")
-        values = {"only": _only(options), **self.build(words, options)}
-        return Template(self.template).substitute(values).strip()
+        try:
+            values = {"only": _only(options), **self.build(words, options)}
+            return Template(self.template).substitute(values).strip()
+        except (ValueError, KeyError) as e:
+            # A question of the user's own need not know our errors.
+            raise UsageError(
+                f"--ask {self.name} {self.arguments}: {type(e).__name__}: {e}"
+            ) from e
 
 
 def _only(options: Options) -> str:
@@ -272,13 +279,38 @@ QUESTIONS: Mapping[str, Question] = {
 
 
 def question(name: str) -> Question:
-    """The ready question of that name.
+    """The ready question of that name, or that of an installed plug-in (entry points of
+    ``scenetrace.questions``), or of ``module:name``.
 
     Raises:
         UsageError: there is none; names those that there are.
+        SceneTraceError: a plug-in cannot be imported.
     """
-    if name not in QUESTIONS:
+    if name in QUESTIONS:
+        return QUESTIONS[name]
+    installed = plugins.names(plugins.QUESTIONS)
+    if ":" not in name and name not in installed:
         raise UsageError(
-            f"no ready question {name!r}; there are: {', '.join(QUESTIONS)} (--ask list)"
+            f"no ready question {name!r}; there are: {', '.join([*QUESTIONS, *installed])}"
+            " (--ask list)"
         )
-    return QUESTIONS[name]
+    found = plugins.load(plugins.QUESTIONS, name, QUESTIONS).value
+    if not isinstance(found, Question):
+        raise UsageError(
+            f"the question {name} is {type(found).__name__}, must be a scenetrace.Question"
+        )
+    return found
+
+
+def all_questions() -> list[Question]:
+    """The ready questions, then those of installed plug-ins by name; of one that cannot be used,
+    the line says why.
+    """
+    found = list(QUESTIONS.values())
+    for name in plugins.names(plugins.QUESTIONS):
+        if name not in QUESTIONS:
+            try:
+                found.append(replace(question(name), name=name))
+            except SceneTraceError as e:
+                found.append(Question(name, "", f"cannot be used: {e}", "", _nothing))
+    return found

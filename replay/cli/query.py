@@ -232,9 +232,9 @@ def _listed(args: argparse.Namespace) -> bool:
     if args.ask is not None and args.pattern is not None:
         raise UsageError("--ask and --pattern: give one of them")
     if args.ask == ["list"]:
-        from reasoning.questions.ready_questions import QUESTIONS
+        from reasoning.questions.ready_questions import all_questions
 
-        for q in QUESTIONS.values():
+        for q in all_questions():
             print(f"{q.name + ' ' + q.arguments:34s} {q.about}")
         return True
     if args.pattern == "list":

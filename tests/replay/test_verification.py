@@ -181,7 +181,8 @@ def test_a_tracker_that_is_not_ours_is_said(folder: Path, tmp_path: Path) -> Non
         folder / "a.mcap", tmp_path / "b.mcap", lambda v: {**v, "tracker": "mine"}
     )
     with pytest.raises(
-        UsageError, match=r"made with the tracker 'mine', which is not one of scenetrace's"
+        UsageError,
+        match=r"made with the tracker 'mine', which is not installed here .unknown tracker 'mine'; there are: events, parts, shells",
     ):
         verify(other)
 
