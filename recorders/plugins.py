@@ -2,12 +2,12 @@
 
 Each group has a Protocol of its own, which whoever uses the plug-in holds it to:
 
-=========================  ========================================
+=========================  ============================================
 ``scenetrace.trackers``    `replay.trackers.tracker.Tracker`
-``scenetrace.detectors``   what `record` runs over pictures
+``scenetrace.detectors``   `recorders.detectors.detector.Detector`
 ``scenetrace.sources``     `recorders.sources.Source`
-``scenetrace.questions``   ready questions of `query --ask`
-=========================  ========================================
+``scenetrace.questions``   a `reasoning.questions.ready_questions.Question`
+=========================  ============================================
 
 A name of scenetrace's own never reaches this module, so no package can take one over.
 """
