@@ -76,21 +76,33 @@ _CAMERA = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 
 
 def topic(camera: str, name: str) -> str:
-    """The topic of a camera's channel: ``/camera/tracks``.
+    """The topic of a camera's channel: ``/camera/tracks``, ``/robot/left camera/tracks``.
 
     Raises:
-        UsageError: the camera's name is not letters, digits, ``_``, ``-`` and ``.``.
+        UsageError: the camera's name has an empty part, or something that cannot be printed.
+    """
+    if not camera.isprintable() or not all(camera.split("/")):
+        raise UsageError(f"camera name {camera!r}: its parts between '/' must be words")
+    return f"/{camera}/{name}"
+
+
+def check_camera(camera: str) -> None:
+    """Hold a new recording's camera to a name that every tool takes.
+
+    Raises:
+        UsageError: the name is not letters, digits, ``_``, ``-`` and ``.``.
     """
     if not _CAMERA.fullmatch(camera):
         raise UsageError(f"camera name {camera!r}: must be letters, digits, '_', '-', '.'")
-    return f"/{camera}/{name}"
 
 
 def split(full: str) -> tuple[str, str]:
     """Camera and channel name of a topic; an empty camera for a topic that is none of ours."""
-    parts = full.split("/")
-    if len(parts) == 3 and parts[0] == "" and parts[2] in (*RECORDED, *ANNOTATED):
-        return parts[1], parts[2]
+    start, _, name = full.rpartition("/")
+    camera = start[1:]
+    known = name in RECORDED or name in ANNOTATED
+    if known and start[:1] == "/" and all(camera.split("/")) and camera.isprintable():
+        return camera, name
     return "", full
 
 

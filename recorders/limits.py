@@ -26,6 +26,7 @@ class Limits:
         max_messages_per_chunk: messages in one chunk.
         max_open_bytes: decoded chunks held at once while chunks that overlap in time are merged;
             beyond it they are decoded again when their turn comes.
+        max_unpacked_bytes: what a whole file that is compressed unpacks to.
     """
 
     max_record_bytes: int = 256 * MIB
@@ -41,6 +42,7 @@ class Limits:
     max_summary_bytes: int = 64 * MIB
     max_messages_per_chunk: int = 2_000_000
     max_open_bytes: int = 256 * MIB
+    max_unpacked_bytes: int = 64 * 1024 * MIB
 
 
 DEFAULT_LIMITS = Limits()

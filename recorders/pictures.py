@@ -34,6 +34,7 @@ _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _JPEG_START = b"\xff\xd8"
 # Start-of-frame markers; C4, C8 and CC in their midst are tables and an extension.
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_BT709, _FULL_RANGE = 1, 2
 _JPEG_ALONE = frozenset({0x01, *range(0xD0, 0xD8)})
 
 
@@ -247,6 +248,32 @@ def from_i420(planes: Image) -> Image:
     return np.asarray(cv2.cvtColor(planes, cv2.COLOR_YUV2BGR_I420), np.uint8)
 
 
+class FrameConverter:
+    """Decoded frames to (height, width, 3) BGR, turned by quarter turns."""
+
+    def __init__(self, quarter_turns: int = 0) -> None:
+        from av.video.reformatter import VideoReformatter
+
+        self._reformatter = VideoReformatter()
+        self._turns = quarter_turns
+
+    def __call__(self, frame: Any) -> Image:
+        """The frame's picture."""
+        usual = int(frame.color_range) != _FULL_RANGE and int(frame.colorspace) != _BT709
+        if (
+            usual
+            and frame.format.name == "yuv420p"
+            and frame.width % 2 == 0
+            and frame.height % 2 == 0
+        ):
+            image = from_i420(np.asarray(frame.to_ndarray(), np.uint8))
+        else:
+            image = np.asarray(
+                self._reformatter.reformat(frame, format="bgr24").to_ndarray(), np.uint8
+            )
+        return np.ascontiguousarray(np.rot90(image, self._turns)) if self._turns else image
+
+
 class VideoEncoder:
     """H.264 as foxglove.CompressedVideo wants it: Annex B, one frame in, one frame out, SPS and
     PPS with every IDR.
@@ -306,6 +333,7 @@ class VideoDecoder:
         self._path = path
         self._limits = limits
         self._context: Any = None
+        self._converter = FrameConverter()
 
     @staticmethod
     def is_key(data: bytes) -> bool:
@@ -360,9 +388,4 @@ class VideoDecoder:
         if frame.is_corrupt:
             raise RecordingError("a damaged H.264 frame", self._path)
         check_size(frame.width, frame.height, self._path, self._limits)
-        if frame.format.name != "yuv420p" or frame.width % 2 or frame.height % 2:
-            kind = f"{frame.format.name} {frame.width} x {frame.height}"
-            raise RecordingError(
-                f"H.264 pictures must be yuv420p of even size, these are {kind}", self._path
-            )
-        return from_i420(np.asarray(frame.to_ndarray(), np.uint8))
+        return self._converter(frame)

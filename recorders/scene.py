@@ -4,14 +4,13 @@ asks for them.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cached_property, partial
-from itertools import islice, pairwise
+from itertools import islice
 from pathlib import Path
-from statistics import median_low
-from threading import Lock
 from types import TracebackType
 from typing import Any
 
@@ -19,13 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders import channels
-from recorders.errors import LimitError, RecordingError, UsageError
+from recorders.clock import nominal_ns
+from recorders.errors import RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import ChannelInfo, LogReader, Message
 from recorders.log.moments import by_time
 from recorders.masks import Labels, RecordedMask, label_blobs
 from recorders.messages import NO_BLOB, Detections, Regions
-from recorders.pictures import VideoDecoder, decode_picture
+from recorders.pictures import decode_picture
+from recorders.scene_pictures import (
+    ScenePictures,
+    Unreadable,
+    check_group,
+    is_video,
+    stamp_of,
+    starts_group,
+)
 
 Image = NDArray[np.uint8]
 _SAMPLED_FRAMES = 64
@@ -72,7 +80,7 @@ class Frame:
         time_ns: int,
         detections: Detections | Callable[[], Detections],
         regions: Regions | None = None,
-        load_image: Callable[[], Image] | None = None,
+        load_image: Callable[[], Image | None] | None = None,
         load_mask: Callable[[], Image] | None = None,
         messages: tuple[Message, ...] = (),
         load_labels: Callable[[], Labels] | None = None,
@@ -83,6 +91,7 @@ class Frame:
         self.regions = regions
         self.messages = messages
         self._load_image = load_image
+        self._picture: Message | None = None
         self._load_mask = load_mask
         self._load_labels = load_labels
         self._ahead: list[str] = []
@@ -103,6 +112,17 @@ class Frame:
             ):
                 setattr(self, name, submit(load).result)
                 self._ahead.append(name)
+
+    def give_picture(self, message: Message, load: Callable[[], Image | None]) -> None:
+        """The picture that belongs to this frame: its message, and what decodes it."""
+        self._picture, self._load_image = message, load
+
+    @cached_property
+    def stamp_ns(self) -> int:
+        """When the picture says that it was taken, which is what viewers match drawings by; the
+        frame's time without a picture.
+        """
+        return self.time_ns if self._picture is None else stamp_of(self._picture)
 
     @cached_property
     def detections(self) -> Detections:
@@ -150,6 +170,7 @@ class SceneLog:
         camera: the camera that is read.
         info: size, frame time, what there is.
         recorded: the channels that belong to the recording, not to an annotation.
+        unreadable: the pictures that could not be decoded so far.
 
     Raises:
         RecordingError: no detections, or none of that camera; the text says what the log holds
@@ -162,6 +183,7 @@ class SceneLog:
         self.path = Path(path)
         self.limits = limits
         self.trailing: tuple[Message, ...] = ()
+        self.unreadable = Unreadable("")
         self._log = LogReader(path, limits)
         try:
             self.camera = _choose_camera(self._log, camera)
@@ -173,7 +195,8 @@ class SceneLog:
             self._topics = {
                 name: channels.topic(self.camera, name) for name in channels.RECORDED
             }
-            present = {channel.topic for channel in self._log.channels}
+            self.unreadable.topic = self._topics["image"]
+            present = {c.topic for c in self._log.channels}
             self.info = self._describe(present)
         except BaseException:
             self._log.close()
@@ -219,12 +242,11 @@ class SceneLog:
             raise RecordingError(
                 "the detections channel is empty: nothing to replay", self.path
             )
-        steps = [b[0] - a[0] for a, b in pairwise(sample)]
         first = sample[0][1]
         return SceneInfo(
             first.width,
             first.height,
-            median_low(steps) if steps else channels.NANOS // 25,
+            nominal_ns([t for t, _ in sample]) or channels.NANOS // 25,
             self._topics["image"] in present,
             self._topics["foreground"] in present,
         )
@@ -256,7 +278,9 @@ class SceneLog:
             else None
         )
         regions = None if latched is None else self._decode("regions", latched)
-        video = self._video_at(start_ns)
+        pictures, last = self._pictures_at(start_ns)
+        waiting = _Waiting(self.info.frame_ns // 2, self.info.has_images)
+        order = FrameOrder()
         pending: list[Message] = []
         index = first_index
         topics = [c.topic for c in self.recorded]
@@ -264,8 +288,8 @@ class SceneLog:
             self._log.messages(topics, start_ns), self.limits, self.path
         ):
             pending += group
+            yield from waiting.ready(now)
             detections: Detections | Callable[[], Detections] | None = None
-            image: Callable[[], Image] | None = None
             masked: Message | None = None
             for message in group:
                 if message.topic == self._topics["detections"]:
@@ -283,36 +307,53 @@ class SceneLog:
                 elif message.topic == self._topics["regions"]:
                     regions = self._decode("regions", message)
                 elif message.topic == self._topics["image"]:
-                    image = video.loader(message)
+                    last = _Picture(message, pictures.loader(message))
+                    yield from waiting.picture(last)
                 elif message.topic == self._topics["foreground"]:
                     masked = message
             if detections is None:
                 continue
             if isinstance(detections, Detections):
                 self._check(detections, now, masked is not None)
+                self._check_order(order, detections.frame, now)
             mask = None if masked is None else self._mask(masked, detections)
             load_mask, load_labels = (
                 (None, None) if mask is None else (mask.load, mask.labels)
             )
-            yield Frame(
+            frame = Frame(
                 index,
                 now,
                 detections,
                 regions,
-                image,
+                None,
                 load_mask,
                 tuple(pending),
                 load_labels,
             )
+            yield from waiting.frame(frame, last)
             pending = []
             index += 1
+        yield from waiting.rest()
         self.trailing = tuple(pending)
+
+    def _check_order(self, order: FrameOrder, number: int, now: int) -> None:
+        if order.interleaves(number):
+            raise RecordingError(
+                f"frame {number} at {now} ns comes after frame {order.highest}, and frames"
+                " before both came earlier still: the recorder's clock was set back, and"
+                " frames of two moments alternate; `scenetrace record LOG -o OUT --time"
+                " file` follows the file's order",
+                self.path,
+                record=self._topics["detections"],
+            )
 
     def _time(self, message: Message) -> int:
         if message.log_time_ns > LAST_NS:
             raise RecordingError(
                 f"a frame at {message.log_time_ns} ns: the latest time that a frame may"
-                f" have is {LAST_NS} ns",
+                f" have is {LAST_NS} ns, and as a signed number this is"
+                f" {message.log_time_ns - 2**64} ns; `scenetrace record LOG -o OUT` leaves"
+                " such frames out",
                 self.path,
                 record=message.topic,
             )
@@ -364,29 +405,29 @@ class SceneLog:
 
         return RecordedMask(picture, count, message, self.path)
 
-    def _video_at(self, start_ns: int | None) -> _Video:
-        """A decoder that has, where the reading starts inside a group of pictures, that group's
-        packets.
+    def _pictures_at(self, start_ns: int | None) -> tuple[ScenePictures, _Picture | None]:
+        """The pictures from there on, which have, where the reading starts inside a group of a
+        video, that group's packets; and the last picture before.
         """
-        video = _Video(self)
+        pictures = ScenePictures(self.path, self.limits, self.sized, self.unreadable)
+        last: _Picture | None = None
         if start_ns is None:
-            return video
+            return pictures, last
         before: list[Message] = []
         held = 0
         for message in self._log.messages(
             [self._topics["image"]], end_ns=start_ns, reverse=True
         ):
-            if not _is_video(message):
-                break
             before.append(message)
+            if not is_video(message):
+                break
             held += len(message.data)
-            _check_group(held, self, message)
-            packet = self._decode("video", message).data
-            if VideoDecoder.is_key(packet):
+            check_group(held, self.limits, message, self.path)
+            if starts_group(message):
                 break
         for message in reversed(before):
-            video.append(message)
-        return video
+            last = _Picture(message, pictures.loader(message))
+        return pictures, last
 
     def sized(self, picture: Image, name: str, message: Message) -> Image:
         """The picture itself, if it has the size that the detections say.
@@ -405,95 +446,111 @@ class SceneLog:
         return picture
 
 
-class _Video:
-    """Pictures of one reading: JPEG and PNG stand alone, H.264 needs every packet since the last
-    key frame.
+@dataclass(frozen=True)
+class _Picture:
+    """A picture's message and what decodes it."""
+
+    message: Message
+    load: Callable[[], Image | None]
+
+
+class _Waiting:
+    """Frames until it is known which picture is theirs: that of their own time, else the nearest
+    within the tolerance, the earlier one of two that are as near.
     """
 
-    def __init__(self, scene: SceneLog) -> None:
-        self._scene = scene
-        self._group: list[bytes] = []
-        self._group_bytes = 0
-        self._decoder: VideoDecoder | None = None
-        self._decoding: list[bytes] = []
-        self._decoded = 0
-        self._lock = Lock()
+    def __init__(self, tolerance_ns: int, has_images: bool) -> None:
+        self._tolerance_ns = tolerance_ns
+        self._has_images = has_images
+        self._frames: deque[tuple[Frame, _Picture | None]] = deque()
 
-    def loader(self, message: Message) -> Callable[[], Image]:
-        """What decodes this message's picture when called."""
-        scene = self._scene
-        if not _is_video(message):
+    def frame(self, frame: Frame, last: _Picture | None) -> Iterator[Frame]:
+        """A frame came, the last picture before it or with it."""
+        if last is not None:
+            apart = frame.time_ns - last.message.log_time_ns
+            if apart == 0 and not self._frames:
+                yield _given(frame, last)
+                return
+            last = last if apart <= self._tolerance_ns else None
+        if not self._has_images:
+            yield frame
+            return
+        self._frames.append((frame, last))
 
-            def load_still() -> Image:
-                picture = channels.decode(
-                    "image", message.data, path=str(scene.path), limits=scene.limits
-                )
-                image = decode_picture(picture.data, path=scene.path, limits=scene.limits)
-                return scene.sized(image, "image", message)
+    def picture(self, found: _Picture) -> Iterator[Frame]:
+        """A picture came: the frames that it decides for."""
+        now = found.message.log_time_ns
+        while self._frames:
+            frame, before = self._frames[0]
+            apart = now - frame.time_ns
+            nearer = before is None or apart < frame.time_ns - before.message.log_time_ns
+            chosen = found if apart <= self._tolerance_ns and nearer else before
+            self._frames.popleft()
+            yield _given(frame, chosen)
 
-            return load_still
-        group, position = self.append(message)
-        return lambda: scene.sized(self._load(group, position, message), "image", message)
+    def ready(self, now: int) -> Iterator[Frame]:
+        """The frames that no picture from ``now`` on can belong to."""
+        while self._frames and now > self._frames[0][0].time_ns + self._tolerance_ns:
+            yield _given(*self._frames.popleft())
 
-    def append(self, message: Message) -> tuple[list[bytes], int]:
-        """Take a packet into its group of pictures; the group and the packet's place in it."""
-        packet = channels.decode(
-            "video", message.data, path=str(self._scene.path), limits=self._scene.limits
-        ).data
-        if VideoDecoder.is_key(packet):
-            self._group, self._group_bytes = [], 0
-        self._group.append(packet)
-        self._group_bytes += len(packet)
-        _check_group(self._group_bytes, self._scene, message)
-        return self._group, len(self._group) - 1
-
-    def _load(self, group: list[bytes], position: int, message: Message) -> Image:
-        with self._lock:
-            if (
-                self._decoder is None
-                or self._decoding is not group
-                or self._decoded > position
-            ):
-                self._decoder = VideoDecoder(
-                    path=self._scene.path, limits=self._scene.limits
-                )
-                self._decoding, self._decoded = group, 0
-            image: Image | None = None
-            while self._decoded <= position:
-                image = self._decoder.decode(group[self._decoded])
-                self._decoded += 1
-        if image is None:
-            raise RecordingError(
-                f"no picture in the video packet at {message.log_time_ns} ns",
-                self._scene.path,
-                record=message.topic,
-            )
-        return image
+    def rest(self) -> Iterator[Frame]:
+        """All that still wait."""
+        while self._frames:
+            yield _given(*self._frames.popleft())
 
 
-def _check_group(held: int, scene: SceneLog, message: Message) -> None:
-    """Packets are kept until the next key frame, since any of them may be asked for."""
-    if held > scene.limits.max_open_bytes:
-        raise LimitError(
-            f"{held} bytes of video up to {message.log_time_ns} ns without a key frame,"
-            f" over the limit max_open_bytes = {scene.limits.max_open_bytes}",
-            scene.path,
-            record=message.topic,
-        )
+def _given(frame: Frame, picture: _Picture | None) -> Frame:
+    if picture is not None:
+        frame.give_picture(picture.message, picture.load)
+    return frame
 
 
-def _is_video(message: Message) -> bool:
-    return (
-        message.channel.schema is not None
-        and message.channel.schema.name == "foxglove.CompressedVideo"
-    )
+class FrameOrder:
+    """Frame numbers as they follow one another in time, to find where those of two moments
+    alternate: numbers fall back into a gap that they jumped over.
+
+    A count that begins anew is none.
+
+    Attributes:
+        highest: the number before.
+    """
+
+    def __init__(self) -> None:
+        self.highest = -1
+        self._below = -1
+        self._above = -1
+
+    def interleaves(self, number: int) -> bool:
+        """Whether this number was jumped over before.
+
+        >>> order = FrameOrder()
+        >>> [order.interleaves(n) for n in (0, 1, 2, 7, 8, 3)]
+        [False, False, False, False, False, True]
+        >>> order = FrameOrder()
+        >>> [order.interleaves(n) for n in (0, 1, 5, 6, 0, 1)]
+        [False, False, False, False, False, False]
+        """
+        fell_back = number < self.highest and self._below < number < self._above
+        if number > self.highest + 1:
+            self._below, self._above = self.highest, number
+        elif number < self.highest:
+            self._below = self._above = -1
+        if not fell_back:
+            self.highest = number
+        return fell_back
+
+
+def _may_be_ours(channel: ChannelInfo) -> bool:
+    return channel.message_encoding in ("json", "")
 
 
 def _choose_camera(log: LogReader, wanted: str | None) -> str:
     cameras = sorted(
         {
             c
-            for c, name in (channels.split(channel.topic) for channel in log.channels)
+            for c, name in (
+                channels.split(i.topic) for i in log.channels if _may_be_ours(i)
+            )
             if c and name == "detections"
         }
     )
@@ -504,12 +561,11 @@ def _choose_camera(log: LogReader, wanted: str | None) -> str:
             )
         return wanted
     if not cameras:
-        topics = (
-            ", ".join(channel.topic for channel in log.channels[:6]) or "no channels at all"
-        )
+        topics = ", ".join(c.topic[:60] for c in log.channels[:6]) or "no channels at all"
         raise RecordingError(
-            f"no detections to replay (a channel /<camera>/detections); it holds {topics}. "
-            "Make a scene log with `scenetrace record SOURCE -o scene.mcap`",
+            "no detections to replay (a channel /<camera>/detections in JSON); it holds"
+            f" {topics}. Make a scene log of a video, or of another log's pictures and"
+            " detections, with `scenetrace record SOURCE -o scene.mcap`",
             log.path,
         )
     if len(cameras) > 1:

@@ -47,6 +47,7 @@ class ReplaySummary:
         output_digest: the output chain's last link.
         found: different tracks that were observed in more than one frame, written or not.
         resumed: the checkpoint's frame that the replay started after, None from the start.
+        unreadable: pictures that could not be decoded: a line for each reason.
     """
 
     frames: int
@@ -57,6 +58,7 @@ class ReplaySummary:
     output_digest: str
     found: int = 0
     resumed: int | None = None
+    unreadable: tuple[str, ...] = ()
 
 
 def replay(
@@ -269,4 +271,7 @@ class AnnotatedWriter:
         self._log.metadata(METADATA, sealed(facts))
         done = self._frames, run.computed, len(self._tracks), self._events
         found = sum(frames > 1 for frames in run.sightings.values())
-        return ReplaySummary(*done, run.input_link, self._link, found, run.resumed)
+        unreadable = tuple(self._scene.unreadable.lines())
+        return ReplaySummary(
+            *done, run.input_link, self._link, found, run.resumed, unreadable
+        )

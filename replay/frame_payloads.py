@@ -13,6 +13,7 @@ def payloads(
     scene: SceneAnnotation,
     regions: Regions,
     time_ns: int,
+    stamp_ns: int,
     extra: tuple[tuple[str, bytes], ...],
 ) -> list[tuple[str, bytes]]:
     """Channel names and payloads of one frame.
@@ -23,6 +24,7 @@ def payloads(
         regions: in force; drawn into the picture where they were recorded, said in the log where
             they are a default.
         time_ns: the frame's log time.
+        stamp_ns: of the picture that the drawings belong to.
         extra: further payloads of the tracker (a membership image).
     """
     drawn = None if regions.source == "default" else regions
@@ -36,7 +38,7 @@ def payloads(
     if scene.graph is not None:
         out.append(("graph", channels.encode("graph", scene.graph)))
     out += extra
-    out.append(("annotations", drawing(scene.tracks, scene.relations, drawn, time_ns)))
+    out.append(("annotations", drawing(scene.tracks, scene.relations, drawn, stamp_ns)))
     if forward.frame == 0 and regions.source == "default":
         out.append(
             ("log", channels.log_line(_default_regions(regions), time_ns, "regions"))

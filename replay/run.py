@@ -386,7 +386,9 @@ class Run:
             frame.index, frame.time_ns, step.targets, frame.regions, frame.detections
         )
         forward = step.targets if step.forward is None else step.forward
-        content = payloads(forward, scene, reasoner.regions, frame.time_ns, step.extra)
+        content = payloads(
+            forward, scene, reasoner.regions, frame.time_ns, frame.stamp_ns, step.extra
+        )
         made = digest.digest(self.link, frame.index, frame.time_ns, step.recorded, content)
         self.link = made.link
         ids = [track.id for track in scene.tracks.tracks]

@@ -23,10 +23,13 @@ from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
 from recorders.messages import Event, Graph, Group, Regions, Relation, Track
 from recorders.scene import Frame, SceneLog
+from recorders.vision import cv2
 
 Image = NDArray[np.uint8]
 SCENE = ("tracks", "relations", "groups", "events", "graph", "regions", "membership")
 SAMPLED_FRAMES = 65
+_GROUND, _WORDS = 96, (255, 255, 255)
+_NO_PICTURE = "no picture at this time"
 
 
 @dataclass(frozen=True)
@@ -257,7 +260,10 @@ class AnnotatedLog:
         with SceneLog(self.path, self.camera, self.limits) as scene:
             for frame in scene.frames():
                 if scene.info.has_images:
-                    yield frame.time_ns, partial(_loaded, frame, self.path)
+                    yield (
+                        frame.time_ns,
+                        partial(_loaded, frame, (scene.info.width, scene.info.height)),
+                    )
 
     def membership(self, frame: AnnotatedFrame) -> Labels | None:
         """Which pixel belongs to whom: (height, width) uint16 of `recorders.annotated.membership.value_of`
@@ -270,11 +276,20 @@ class AnnotatedLog:
         )
 
 
-def _loaded(frame: Frame, path: Path) -> Image:
+def _loaded(frame: Frame, size: tuple[int, int]) -> Image:
     image = frame.image
-    if image is None:
-        raise RecordingError(f"no picture for the frame at {frame.time_ns} ns", path)
-    return image
+    return without_picture(*size) if image is None else image
+
+
+def without_picture(width: int, height: int) -> Image:
+    """A plain ground that says that there is no picture, (height, width, 3) BGR."""
+    ground = np.full((height, width, 3), _GROUND, np.uint8)
+    scale = max(0.3, width / 800)
+    place = (round(8 * scale), round(height - 10 * scale))
+    cv2.putText(
+        ground, _NO_PICTURE, place, cv2.FONT_HERSHEY_SIMPLEX, scale, _WORDS, 1, cv2.LINE_8
+    )
+    return ground
 
 
 def _frame(

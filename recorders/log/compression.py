@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import Iterator
+from typing import IO, cast
+
 import lz4.frame
 import zstandard
 
@@ -50,6 +54,72 @@ def decompress(compression: str, data: bytes, declared: int) -> bytes:
     if len(result) < declared:
         raise WireError(f"it declares {declared} bytes and unpacks to {len(result)}")
     return result
+
+
+def unpacked(compression: str, packed: Iterator[bytes]) -> Iterator[bytes]:
+    """The unpacked data, piece by piece, of packed data that come in pieces.
+
+    Raises:
+        WireError: the data is damaged, or the compression is unknown.
+    """
+    if compression == "":
+        yield from packed
+    elif compression == "zstd":
+        yield from _zstd_pieces(packed)
+    elif compression == "lz4":
+        yield from _lz4_pieces(packed)
+    else:
+        raise WireError(f"compression {compression!r} is unknown")
+
+
+def _zstd_pieces(packed: Iterator[bytes]) -> Iterator[bytes]:
+    reader = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW_BYTES).stream_reader(
+        cast(IO[bytes], _Joined(packed)), read_across_frames=True
+    )
+    try:
+        while piece := reader.read(_STEP):
+            yield piece
+    except zstandard.ZstdError as error:
+        raise WireError(f"zstd cannot unpack it: {error}") from error
+
+
+def _lz4_pieces(packed: Iterator[bytes]) -> Iterator[bytes]:
+    frame = lz4.frame.LZ4FrameDecompressor()
+    try:
+        for data in packed:
+            rest = data
+            while True:
+                piece = frame.decompress(rest, max_length=_STEP)
+                rest = b""
+                if piece:
+                    yield piece
+                if frame.eof:
+                    rest = frame.unused_data or b""
+                    frame = lz4.frame.LZ4FrameDecompressor()
+                    if not rest:
+                        break
+                elif not piece or frame.needs_input:
+                    break
+    except RuntimeError as error:
+        raise WireError(f"lz4 cannot unpack it: {error}") from error
+
+
+class _Joined(io.RawIOBase):
+    """Pieces as a file to read."""
+
+    def __init__(self, pieces: Iterator[bytes]) -> None:
+        self._pieces = pieces
+        self._rest = b""
+
+    def readable(self) -> bool:
+        return True
+
+    def read(self, size: int = -1) -> bytes:
+        if not self._rest:
+            self._rest = next(self._pieces, b"")
+        size = len(self._rest) if size < 0 else size
+        found, self._rest = self._rest[:size], self._rest[size:]
+        return found
 
 
 def _zstd(data: bytes, declared: int) -> bytes:

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from recorders.errors import RecordingError
+from recorders.errors import LimitError, RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import records, wire
 from recorders.log.blocks import walk_records
 from recorders.log.layout import Definitions, Summary
 from recorders.log.reader import read_attachment
-from recorders.log.salvage import Damage, read_ending, walk
+from recorders.log.salvage import Damage, Joint, read_ending, walk
 from recorders.log.storage import RawRecord, RecordFile
 from recorders.log.writer import LIBRARY
 
@@ -71,6 +71,7 @@ class _Examination:
         self.pending: dict[int, list[tuple[int, int]]] = {}
         self.pending_chunk: RawRecord | None = None
         self.damaged = False
+        self.unread_chunk = False
         self.ours = False
         self.times: tuple[int, int] | None = None
 
@@ -98,7 +99,12 @@ class _Examination:
             self.chunks = {entry.offset: entry for entry in ending.summary.chunks}
         ended = False
         for found in walk(self.file, start, ending):
+            if isinstance(found, Joint):
+                self._join(found)
+                continue
             if isinstance(found, Damage):
+                if ended and ending.problem is not None and found.end >= self.file.size:
+                    continue  # the rest of a damaged summary, which was told
                 self.damaged = True
                 self._error(
                     found.offset,
@@ -164,11 +170,37 @@ class _Examination:
             return size
         return raw.end
 
+    def _join(self, found: Joint) -> None:
+        self.damaged = True
+        self._error(
+            found.offset,
+            "magic bytes",
+            "another log begins here: logs were joined without rewriting them;"
+            " `scenetrace recover` makes one of them",
+        )
+        self.definitions = Definitions(self.file)
+        self.latest = {}
+
     def _guarded(self, raw: RawRecord) -> None:
+        if raw.opcode == wire.MESSAGE_INDEX and self.unread_chunk:
+            return  # of a chunk that could not be read, which was told
+        self.unread_chunk = False
         try:
             self._record(raw)
+        except LimitError as error:
+            self.damaged = True
+            self.unread_chunk = raw.opcode == wire.CHUNK
+            if self.unread_chunk and not self.file.holds_sound_chunk(raw):
+                self._error(raw.offset, raw.name, error.reason)
+            else:
+                text = (
+                    f"not damaged, but larger than what is read by default: {error.reason}"
+                )
+                self._warn(raw.offset, error.record or raw.name, text)
+            self.chunks.pop(raw.offset, None)
         except RecordingError as error:
             self.damaged = True
+            self.unread_chunk = raw.opcode == wire.CHUNK
             self._error(raw.offset, error.record or raw.name, error.reason)
 
     def _record(self, raw: RawRecord) -> None:

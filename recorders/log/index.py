@@ -100,6 +100,7 @@ def _from_summary(
         for chunk in summary.chunks
     ]
     some = statistics.message_count > 0
+    start_ns, end_ns = _span(blocks)
     return LogIndex(
         header=header,
         header_record=header_record,
@@ -115,12 +116,23 @@ def _from_summary(
         ],
         metadata=[_placed(wire.METADATA, m.offset, m.length) for m in summary.metadata],
         message_count=statistics.message_count,
-        start_ns=statistics.start_ns if some else None,
-        end_ns=statistics.end_ns if some else None,
+        start_ns=start_ns if some else None,
+        end_ns=end_ns if some else None,
         checksums=summary.checksums,
         data_checked=False,
         scanned=False,
         attachment_indexes=summary.attachments,
+    )
+
+
+def _span(blocks: list[Block]) -> tuple[int | None, int | None]:
+    """The earliest and the latest log time, by the chunks: statistics may say anything. A chunk
+    without messages says 0 of both.
+    """
+    filled = [b for b in blocks if b.channels or b.end_ns] or blocks
+    return (
+        min((b.start_ns for b in filled), default=None),
+        max((b.end_ns for b in filled), default=None),
     )
 
 

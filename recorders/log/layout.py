@@ -134,13 +134,30 @@ def check_start(file: RecordFile) -> RawRecord:
     if file.size == 0:
         raise file.error("the file is empty")
     if file.read(0, min(8, file.size)) != wire.MAGIC:
-        raise file.error("this is not an MCAP file (its first bytes are not MCAP's)", 0)
+        raise file.error(f"this is not an MCAP file{_what_else(file)}", 0)
     raw = file.record_at(len(wire.MAGIC))
     if raw.opcode != wire.HEADER:
         raise file.error(
             "the file does not start with a Header record", raw.offset, raw.name
         )
     return raw
+
+
+_OTHERS = (
+    (b"\x28\xb5\x2f\xfd", "it is compressed as a whole with zstd: `zstd -d` unpacks it"),
+    (b"\x1f\x8b", "it is compressed as a whole with gzip: `gunzip` unpacks it"),
+    (
+        b"SQLite format 3",
+        "it is SQLite, as ROS 2 bags are: `scenetrace record` reads those",
+    ),
+    (b"#ROSBAG", "it is a ROS 1 bag: `scenetrace record` reads those"),
+)
+
+
+def _what_else(file: RecordFile) -> str:
+    start = file.read(0, min(16, file.size))
+    named = next((name for magic, name in _OTHERS if start.startswith(magic)), None)
+    return f": {named}" if named else " (its first bytes are not MCAP's)"
 
 
 def _end_before(file: RecordFile) -> int | None:
@@ -196,7 +213,10 @@ def read_summary(
         crc = file.crc(start, footer_offset + wire.FOOTER_BYTES - 4)
         if crc != footer.summary_crc:
             raise file.error(
-                f"the summary's CRC differs: it is damaged; {_RECOVER}", start, "Footer"
+                "the summary's CRC differs: it is damaged, or logs were joined without"
+                f" rewriting them; {_RECOVER}",
+                start,
+                "Footer",
             )
     for raw in file.walk(start, footer_offset):
         _take_summary_record(file, summary, raw)

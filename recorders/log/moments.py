@@ -26,8 +26,9 @@ def by_time(
         group.append(message)
         if len(group) > limits.max_messages_per_frame:
             raise LimitError(
-                f"over {limits.max_messages_per_frame} messages at {message.log_time_ns} ns"
-                " (max_messages_per_frame)",
+                f"over {limits.max_messages_per_frame} messages at {message.log_time_ns} ns;"
+                f" --limit max_messages_per_frame={10 * limits.max_messages_per_frame}"
+                " allows more",
                 path,
             )
     if group:

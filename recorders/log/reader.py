@@ -139,6 +139,21 @@ class LogReader:
                 "Statistics",
             )
 
+    def stored(self, topics: Collection[str] | None = None) -> Iterator[Message]:
+        """The messages in the order in which they are stored, whatever their times.
+
+        Where the recorder's clock was set back, this order is what is left of the truth.
+        """
+        chosen = None if topics is None else frozenset(topics)
+        wanted = {
+            identity: channel if chosen is None or channel.topic in chosen else None
+            for identity, channel in self._index.channels.items()
+        }
+        blocks = self._blocks(wanted, 0, FOREVER_NS)
+        for block in sorted(blocks, key=lambda b: b.offset):
+            found = read_messages(self._file, block, wanted, 0, FOREVER_NS)
+            yield from sorted(found, key=lambda m: m.order[1:])
+
     def latched(self, topic: str, time_ns: int) -> Message | None:
         """The topic's last message at or before ``time_ns``, None if there is none."""
         return next(self.messages([topic], end_ns=time_ns + 1, reverse=True), None)

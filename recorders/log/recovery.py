@@ -7,20 +7,21 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from recorders.errors import RecordingError
+from recorders.errors import LimitError, RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import records, wire
 from recorders.log.blocks import walk_records
 from recorders.log.layout import Definitions
 from recorders.log.model import Schema
 from recorders.log.reader import read_attachment
-from recorders.log.salvage import Damage, Ending, read_ending, walk
+from recorders.log.salvage import Damage, Ending, Joint, read_ending, walk
 from recorders.log.storage import RawRecord, RecordFile
 from recorders.log.writer import LogWriter
 
 # Not the suffix that writers use: `x.mcap.part` is recovered to `x.mcap`, and must not be written
 # over meanwhile.
 _PART_SUFFIX = ".recovering.part"
+_DATA = frozenset({wire.CHUNK, wire.MESSAGE, wire.ATTACHMENT, wire.METADATA})
 PICTURE_SCHEMAS = frozenset(
     {
         "foxglove.CompressedImage",
@@ -47,7 +48,8 @@ class Loss:
 class RecoveryReport:
     """What a recovery kept and what it could not.
 
-    ``messages_expected`` is what the damaged file's statistics count, None where they are lost.
+    ``messages_expected`` is what the damaged file's statistics count, None where they are lost;
+    ``notes`` what a reader should know though nothing was lost by it.
     """
 
     path: Path
@@ -58,6 +60,7 @@ class RecoveryReport:
     attachments: int = 0
     messages_expected: int | None = None
     losses: list[Loss] = field(default_factory=list)
+    notes: list[Loss] = field(default_factory=list)
 
     @property
     def is_complete(self) -> bool:
@@ -128,20 +131,22 @@ class _Recovery:
         self.checksums: dict[tuple[int, int], int] = {}
         self.proven = True
         self.orphans: dict[int, tuple[int, int]] = {}
+        self.by_definition: dict[str, int] = {}
+        self.ends = self.joints = self.part_start = 0
+        self.behind_end = False
+        self.counted: int | None = None
 
     def run(self, start: int) -> None:
         """Keep what is whole from byte ``start`` on."""
-        if self.ending.problem is not None:
-            problem = self.ending.problem
-            self._lose(
-                self.file.size if problem.offset is None else problem.offset,
-                "Footer",
-                _plain(problem),
-            )
         if self.ending.summary is not None:
             self._learn_from_summary()
         for found in walk(self.file, start, self.ending):
+            if isinstance(found, Joint):
+                self._join(found)
+                continue
             if isinstance(found, Damage):
+                if self.behind_end and found.end >= self.file.size:
+                    continue  # what is left of a summary: it is made anew
                 what = (
                     f"{found.end - found.offset} bytes up to byte {found.end} hold no whole"
                     f" record: {found.reason}"
@@ -151,8 +156,8 @@ class _Recovery:
             try:
                 self._keep(found)
             except RecordingError as error:
-                if error.path != self.file.path:
-                    raise  # about the output
+                if error.path != self.file.path or self._is_sound(found, error):
+                    raise  # about the output, or about a limit that a user can raise
                 self._lose(found.offset, found.name, _plain(error))
         for channel, (offset, count) in sorted(self.orphans.items()):
             self._lose(
@@ -160,7 +165,37 @@ class _Recovery:
                 "Message",
                 f"{count} messages of channel {channel}, whose Channel record is lost",
             )
+        self._tell_of_end()
         self._compare_counts()
+
+    def _is_sound(self, raw: RawRecord, error: RecordingError) -> bool:
+        """Whether only a limit stands against a record; damage may claim any size, too."""
+        if not isinstance(error, LimitError):
+            return False
+        return raw.opcode != wire.CHUNK or self.file.holds_sound_chunk(raw)
+
+    def _join(self, found: Joint) -> None:
+        """Another log begins: its ids are its own."""
+        self.report.notes.append(
+            Loss(found.offset, "magic bytes", "another log begins here; it was joined on")
+        )
+        self.joints += 1
+        self.part_start = found.offset
+        self.definitions = Definitions(self.file)
+        self.ids = {}
+        self.behind_end = False
+        self.proven = True
+
+    def _tell_of_end(self) -> None:
+        """A damaged end is a loss where the data may go on in what is missing."""
+        problem = self.ending.problem
+        if self.joints and self.ends == self.joints + 1:
+            self.report.messages_expected = self.counted
+            return
+        if problem is None:
+            return
+        place = self.file.size if problem.offset is None else problem.offset
+        self.report.losses.insert(0, Loss(place, "Footer", _plain(problem)))
 
     def _lose(self, offset: int, record: str, reason: str) -> None:
         self.report.losses.append(Loss(offset, record, reason))
@@ -180,6 +215,10 @@ class _Recovery:
             self._channel(channel, 0)
 
     def _keep(self, raw: RawRecord) -> None:
+        if raw.opcode in _DATA and self.behind_end:
+            # What was taken for the end was another record, damaged.
+            self._lose(raw.offset, "DataEnd", "the data go on behind a damaged record")
+            self.behind_end = False
         checksum = self.checksums.get((raw.offset, raw.end - raw.offset))
         if checksum is not None and self.file.crc(raw.offset, raw.end) != checksum:
             raise self.file.error(
@@ -209,7 +248,13 @@ class _Recovery:
         elif raw.opcode == wire.METADATA:
             self.log.metadata(*self.file.parse(records.parse_metadata, raw))
             self.report.metadata += 1
+        elif raw.opcode == wire.STATISTICS and self.behind_end:
+            stated = self.file.parse(records.parse_statistics, raw).message_count
+            self.counted = (self.counted or 0) + stated
+        elif raw.opcode == wire.FOOTER:
+            self.ends += 1
         elif raw.opcode == wire.DATA_END:
+            self.behind_end = True
             self._data_end(raw)
 
     def _chunk(self, raw: RawRecord) -> None:
@@ -230,7 +275,7 @@ class _Recovery:
     def _record(self, opcode: int, content: bytes | memoryview, offset: int) -> None:
         try:
             if opcode == wire.SCHEMA:
-                self.definitions.schema(records.parse_schema(content), offset)
+                self._schema(records.parse_schema(content), offset)
             elif opcode == wire.CHANNEL:
                 self._channel(records.parse_channel(content), offset)
             else:
@@ -238,19 +283,48 @@ class _Recovery:
         except wire.WireError as error:
             raise self.file.error(str(error), offset, wire.opcode_name(opcode)) from error
 
+    def _schema(self, found: records.SchemaRecord, offset: int) -> None:
+        before = self.definitions.schemas.get(found.id)
+        if before is not None and before != found:
+            note = (
+                f"schema {found.id} means {found.name} from here on, {before.name} before"
+            )
+            self.report.notes.append(Loss(offset, "Schema", note))
+            del self.definitions.schemas[found.id]
+            for channel in list(self.definitions.channels.values()):
+                if channel.schema_id == found.id:
+                    # Its messages wait for a Channel record that names the new schema.
+                    del self.definitions.channels[channel.id]
+                    self.ids.pop(channel.id, None)
+        self.definitions.schema(found, offset)
+
     def _channel(self, found: records.ChannelRecord, offset: int) -> None:
+        before = self.definitions.channels.get(found.id)
+        if before is not None and before != found:
+            # The id means another channel from here on.
+            note = f"channel {found.id} means {found.topic} from here on, {before.topic} before"
+            self.report.notes.append(Loss(offset, "Channel", note))
+            del self.definitions.channels[found.id]
+            self.ids.pop(found.id, None)
         self.definitions.channel(found, offset)
         if found.id in self.ids:
             return
         schema = self.definitions.schemas.get(found.schema_id)
-        self.ids[found.id] = self.log.channel(
-            found.topic,
-            None if schema is None else Schema(schema.name, schema.encoding, schema.data),
-            found.message_encoding,
-            found.metadata,
-            picture=schema is not None and schema.name in PICTURE_SCHEMAS,
+        key = repr(
+            (found.topic, found.message_encoding, sorted(found.metadata.items()), schema)
         )
-        self.report.channels += 1
+        if key not in self.by_definition:
+            self.by_definition[key] = self.log.channel(
+                found.topic,
+                None
+                if schema is None
+                else Schema(schema.name, schema.encoding, schema.data),
+                found.message_encoding,
+                found.metadata,
+                picture=schema is not None and schema.name in PICTURE_SCHEMAS,
+            )
+            self.report.channels += 1
+        self.ids[found.id] = self.by_definition[key]
 
     def _message(self, content: bytes | memoryview, offset: int) -> None:
         head = records.parse_message_head(content)
@@ -279,7 +353,7 @@ class _Recovery:
             crc
             and not self.proven
             and not self.report.losses
-            and self.file.crc(0, raw.offset) != crc
+            and self.file.crc(self.part_start, raw.offset) != crc
         ):
             self._lose(
                 raw.offset,

@@ -39,6 +39,13 @@ class Damage:
     reason: str
 
 
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """Another log begins here: its magic bytes stand behind the end of the one before."""
+
+    offset: int
+
+
 @dataclass(slots=True)
 class Ending:
     """What a file's end says: its summary, where that is whole, and where the data section must
@@ -49,6 +56,11 @@ class Ending:
     footer: records.FooterRecord | None
     data_limit: int
     problem: RecordingError | None
+
+    @property
+    def is_known(self) -> bool:
+        """Whether a summary says where the data end."""
+        return self.summary is not None and bool(self.footer and self.footer.summary_start)
 
     def known_offsets(self) -> list[int]:
         """Where records stand, according to the summary."""
@@ -74,8 +86,14 @@ def read_ending(file: RecordFile) -> Ending:
     return Ending(summary, footer, footer.summary_start or footer_offset, None)
 
 
-def walk(file: RecordFile, start: int, ending: Ending) -> Iterator[RawRecord | Damage]:
+def walk(
+    file: RecordFile, start: int, ending: Ending
+) -> Iterator[RawRecord | Damage | Joint]:
     """The records of the data section from ``start`` to its DataEnd, and the damage between them.
+
+    Where no whole summary says that the data end there, a DataEnd may be a damaged record of
+    another kind, or other logs may follow: then it goes on to the end of the file, and gives the
+    summary's records, too.
 
     After a place where no record can be made out, it goes on at the next record that the summary
     places, or else at the next bytes that look like a chunk, or, in a file without chunks, like a
@@ -85,6 +103,11 @@ def walk(file: RecordFile, start: int, ending: Ending) -> Iterator[RawRecord | D
     position, limit, chunked = start, ending.data_limit, False
     while position < limit:
         reason = ""
+        if not ending.is_known and _is_magic(file, position, limit):
+            position += len(wire.MAGIC)
+            if position < limit and _is_header(file, position, limit):
+                yield Joint(position - len(wire.MAGIC))
+            continue
         try:
             raw = file.record_at(position, limit)
             if raw.opcode not in _PLAUSIBLE or not _ends_well(raw, ending, limit):
@@ -99,7 +122,7 @@ def walk(file: RecordFile, start: int, ending: Ending) -> Iterator[RawRecord | D
         if not reason:
             yield raw
             chunked = chunked or raw.opcode == wire.CHUNK
-            if raw.opcode in (wire.DATA_END, wire.FOOTER):
+            if ending.is_known and raw.opcode in (wire.DATA_END, wire.FOOTER):
                 return
             position = raw.end
             continue
@@ -111,9 +134,7 @@ def walk(file: RecordFile, start: int, ending: Ending) -> Iterator[RawRecord | D
 def _ends_well(raw: RawRecord, ending: Ending, limit: int) -> bool:
     """A DataEnd or Footer in the middle of the data is a damaged opcode."""
     if raw.opcode == wire.DATA_END:
-        return raw.length <= _LONGEST_DATA_END and (
-            ending.summary is None or raw.end == limit
-        )
+        return raw.length <= _LONGEST_DATA_END and (not ending.is_known or raw.end == limit)
     if raw.opcode == wire.FOOTER:
         return raw.length == wire.FOOTER_BODY.size
     return True
@@ -144,6 +165,19 @@ def _search(
                 return start + match.start()
         start += _WINDOW
     return limit
+
+
+def _is_magic(file: RecordFile, offset: int, limit: int) -> bool:
+    size = len(wire.MAGIC)
+    return offset + size <= limit and file.read(offset, size) == wire.MAGIC
+
+
+def _is_header(file: RecordFile, offset: int, limit: int) -> bool:
+    try:
+        raw = file.record_at(offset, limit)
+    except RecordingError:
+        return False
+    return raw.opcode == wire.HEADER
 
 
 def _is_chunk(file: RecordFile, offset: int, limit: int) -> bool:

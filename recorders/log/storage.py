@@ -14,7 +14,7 @@ from typing import Self, TypeVar
 from recorders.errors import LimitError, RecordingError
 from recorders.limits import Limits
 from recorders.log import records, wire
-from recorders.log.compression import KNOWN, TooLargeError, decompress
+from recorders.log.compression import KNOWN, TooLargeError, decompress, unpacked
 
 Parsed = TypeVar("Parsed")
 _STEP = 1 << 20
@@ -59,7 +59,11 @@ class RecordFile:
         self.limits = limits
         try:
             if self.path.is_dir():
-                raise RecordingError("this is a folder, not a log", self.path)
+                raise RecordingError(
+                    "this is a folder, not a log; `scenetrace record` reads the folder of"
+                    " a bag",
+                    self.path,
+                )
             self._file = self.path.open("rb", buffering=_WINDOW)
             self.size = self._file.seek(0, 2)
         except FileNotFoundError as error:
@@ -97,7 +101,8 @@ class RecordFile:
         allowed: int = getattr(self.limits, limit)
         if value > allowed:
             raise LimitError(
-                f"{what} is {value}, over the limit {limit} = {allowed}",
+                f"{what} is {value}, over the limit {limit} = {allowed}; --limit"
+                f" {limit}={value} allows it",
                 self.path,
                 offset,
                 record,
@@ -213,6 +218,29 @@ class RecordFile:
             raw.name,
         )
         return head
+
+    def holds_sound_chunk(self, raw: RawRecord) -> bool:
+        """Whether a chunk that is over a limit is sound: it unpacks to the size and the CRC that
+        it states. Read in pieces, in bounded memory; without a CRC nobody can tell, and it counts
+        as sound.
+        """
+        try:
+            content = self.read(raw.content, min(raw.length, _CHUNK_HEAD_BYTES), raw.name)
+            head = records.parse_chunk_head(content, raw.length)
+            if head.uncompressed_size > self.limits.max_unpacked_bytes:
+                return False
+            size = crc = 0
+            packed = self.pieces(
+                raw.content + head.data_start,
+                raw.content + head.data_start + head.data_size,
+            )
+            for piece in unpacked(head.compression, packed):
+                size, crc = size + len(piece), zlib.crc32(piece, crc)
+                if size > head.uncompressed_size:
+                    return False
+        except (RecordingError, wire.WireError):
+            return False
+        return size == head.uncompressed_size and crc == (head.uncompressed_crc or crc)
 
     def unpack(self, raw: RawRecord, head: records.ChunkHead) -> bytes:
         """A chunk's records, unpacked within their declared size, CRC checked where there is one."""

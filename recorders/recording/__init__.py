@@ -2,7 +2,7 @@
 
 from recorders.recording.finding import with_blobs
 from recorders.recording.options import SECTIONS, RecordOptions
-from recorders.recording.recording import InterruptedRecordingError, record
+from recorders.recording.recording import InterruptedRecordingError, record, record_scenes
 from recorders.recording.scene_writer import RecordSummary, utf8
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "RecordOptions",
     "RecordSummary",
     "record",
+    "record_scenes",
     "utf8",
     "with_blobs",
 ]

@@ -14,6 +14,7 @@ from recorders.parameters import Config, Parameters, configure
 from recorders.recording.methods import NO_DETECTION, methods_of
 from recorders.segmentation import SegmentationParameters
 from recorders.sources import Source
+from recorders.sources.source import LoggedSource
 
 Codec = Literal["jpeg", "png", "h264", "none"]
 CODECS: tuple[str, ...] = get_args(Codec)
@@ -29,7 +30,7 @@ class RecordOptions:
 
     Attributes:
         camera: the camera's name, the first part of every topic.
-        start_ns: the first frame's log time in ns; 0 where the capture's time is not known.
+        start_ns: the first frame's log time in ns; None: as the source says, 0 where it does not.
         codec: how pictures are stored; None keeps JPEG and PNG bytes as they are and stores video
             as JPEG. Pictures that are in the wanted format already are stored byte for byte.
         detect: the words of ``--detect`` with commas, see `recorders.recording.methods`; None:
@@ -42,7 +43,7 @@ class RecordOptions:
     """
 
     camera: str = channels.DEFAULT_CAMERA
-    start_ns: int = 0
+    start_ns: int | None = None
     codec: str | None = None
     detect: str | None = None
     model: ModelOptions | None = None
@@ -58,7 +59,13 @@ def decided(source: Source, options: RecordOptions) -> RecordOptions:
     Raises:
         UsageError: they do not fit the source.
     """
-    channels.topic(options.camera, "image")
+    channels.check_camera(options.camera)
+    if options.start_ns is None:
+        options = replace(
+            options, start_ns=source.start_ns if isinstance(source, LoggedSource) else 0
+        )
+    elif isinstance(source, LoggedSource):
+        raise UsageError(f"--start: {source.path} is a log and has times of its own")
     detect, codec = options.detect, options.codec
     if detect is None and options.model is not None:
         raise UsageError(f"--model {options.model.path} goes with --detect onnx")

@@ -6,8 +6,10 @@ written in order: the log is the same as if one did it all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import closing
+import heapq
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 
 from recorders import channels
@@ -18,8 +20,9 @@ from recorders.pictures import Image
 from recorders.recording.finding import Finder
 from recorders.recording.methods import Methods, methods_of, open_detector
 from recorders.recording.options import RecordOptions, decided
+from recorders.recording.passed_on import Others
 from recorders.recording.scene_writer import RecordSummary, SceneWriter
-from recorders.recording.stages import encoded
+from recorders.recording.stages import Encoded, encoded
 from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmenter
 from recorders.sources import Source, read_regions
 from recorders.sources.source import NANOS
@@ -64,41 +67,101 @@ def record(
         RecordingError: the log cannot be written.
     """
     options = options or RecordOptions()
+    return record_scenes({options.camera: source}, out, options, progress)[0]
+
+
+def record_scenes(
+    sources: Mapping[str, Source],
+    out: str | Path,
+    options: RecordOptions | None = None,
+    progress: Progress | None = None,
+) -> list[RecordSummary]:
+    """Record several cameras into one log, frames in the order of their times.
+
+    ``sources`` holds a source for each camera's name; the options' own camera is not used. What the
+    first source passes on of its log goes into this one.
+
+    Raises:
+        As `record`.
+    """
+    options = options or RecordOptions()
     out = Path(out)
-    settled = decided(source, options)
+    settled = {
+        name: decided(source, replace(options, camera=name))
+        for name, source in sources.items()
+    }
     if out.exists() and not options.force:
         raise OutputExistsError(out)
-    if out.exists() and source.path.exists() and out.samefile(source.path):
-        raise UsageError(f"{out}: is the source itself; record into another file")
-    regions = (
-        None
-        if options.regions is None
-        else read_regions(options.regions, source.width, source.height)
-    )
+    for source in sources.values():
+        if out.exists() and source.path.exists() and out.samefile(source.path):
+            raise UsageError(f"{out}: is the source itself; record into another file")
     report = progress or _silent
-    finder, facts = _finder(source, settled, report)
-    pictures = [channels.topic(options.camera, name) for name in channels.PICTURES]
+    scenes = [_Scene(source, settled[name], report) for name, source in sources.items()]
     log = LogWriter(
         out,
         force=options.force,
         keep_part=True,
-        picture_topics=pictures,
+        picture_topics=[
+            channels.topic(name, kind) for name in sources for kind in channels.PICTURES
+        ],
         limits=options.limits,
     )
-    writer = SceneWriter(log, source, settled, regions, facts)
+    writers = [SceneWriter(log, s.source, s.options, s.regions, s.facts) for s in scenes]
+    others = Others(log, next(iter(sources.values())), list(sources))
+    expected = [s.source.frame_count for s in scenes]
+    total = None if None in expected else sum(n or 0 for n in expected)
+    done = 0
     try:
         # Reading, segmenting and encoding run side by side; OpenCV's own threads would only take
         # turns with them.
-        with opencv_threads(1), closing(encoded(source, finder, settled.codec)) as frames:
-            for frame in frames:
-                writer.write(frame)
-                report("recording", writer.frames, source.frame_count)
-        summary = writer.finish(out)
+        with opencv_threads(1), ExitStack() as stack:
+            streams = [stack.enter_context(closing(s.frames())) for s in scenes]
+            for time_ns, number, frame in _by_time(streams, scenes):
+                others.write_until(time_ns)
+                writers[number].write(frame)
+                done += 1
+                report("recording", done, total)
+            others.write_rest()
+            scenes[0].source.losses.extend(others.losses())
+        summaries = [writer.finish(out) for writer in writers]
         log.close()
     except BaseException as error:
-        _end_early(error, log, out, writer.frames)
+        _end_early(error, log, out, done)
         raise
-    return summary
+    finally:
+        others.close()
+    return summaries
+
+
+class _Scene:
+    """One camera: its source, and how it is segmented and encoded."""
+
+    def __init__(self, source: Source, options: RecordOptions, report: Progress) -> None:
+        self.source = source
+        self.options = options
+        self.regions = (
+            None
+            if options.regions is None
+            else read_regions(options.regions, source.width, source.height)
+        )
+        self._finder, self.facts = _finder(source, options, report)
+
+    def frames(self) -> Generator[Encoded]:
+        """Its frames, encoded."""
+        return encoded(self.source, self._finder, self.options.codec)
+
+
+def _by_time(
+    streams: Sequence[Iterator[Encoded]], scenes: Sequence[_Scene]
+) -> Iterator[tuple[int, int, Encoded]]:
+    """Log time, camera's number and frame, in the order of their times."""
+
+    def timed(number: int) -> Iterator[tuple[int, int, Encoded]]:
+        start = scenes[number].options.start_ns or 0
+        for frame in streams[number]:
+            yield start + frame.time_ns, number, frame
+
+    return heapq.merge(*map(timed, range(len(streams))), key=lambda f: f[:2])
 
 
 def _silent(stage: str, done: int, total: int | None) -> None:

@@ -25,6 +25,10 @@ METADATA = "scenetrace"
 METADATA_AT_START = "scenetrace.started"
 FORMAT_VERSION = "1"
 DIGESTS_ATTACHMENT = "source.sha256"
+OWN_RECORDS = frozenset(
+    {METADATA, METADATA_AT_START, DIGESTS_ATTACHMENT, "scenetrace.recording"}
+)
+"""Attachments and metadata records that say how a log of ours came about."""
 _PACKAGES = ("av", "numpy", "opencv-python-headless", "scenetrace")
 
 
@@ -71,6 +75,7 @@ class SceneWriter:
         self._source = source
         self._options = options
         self._regions = regions
+        self._start_ns = options.start_ns or 0
         self._channels: dict[str, int] = {}
         self.frames = 0
         self._detections = 0
@@ -96,7 +101,7 @@ class SceneWriter:
 
     def write(self, frame: Encoded) -> None:
         """Write one frame: regions before the first, then picture, mask, detections."""
-        now = self._options.start_ns + frame.time_ns
+        now = self._start_ns + frame.time_ns
         self._check(frame.detections)
         camera = self._options.camera
         if not self.frames:
@@ -139,9 +144,7 @@ class SceneWriter:
             "notes": _json([utf8(note) for note in source.notes]),
             "losses": _json([utf8(loss) for loss in source.losses]),
         }
-        self._log.attach(
-            DIGESTS_ATTACHMENT, "text/plain", listing.encode(), options.start_ns
-        )
+        self._log.attach(DIGESTS_ATTACHMENT, "text/plain", listing.encode(), self._start_ns)
         self._log.metadata(METADATA, facts)
         return RecordSummary(
             path=out,
@@ -176,7 +179,7 @@ def _known_at_start(source: Source, options: RecordOptions) -> dict[str, str]:
         "width": str(source.width),
         "height": str(source.height),
         "frame_ns": str(source.frame_ns),
-        "start_ns": str(options.start_ns),
+        "start_ns": str(options.start_ns or 0),
         "codec": codec,
         "detect": str(options.detect),
     }

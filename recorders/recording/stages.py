@@ -5,7 +5,7 @@ side.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
@@ -16,8 +16,9 @@ from recorders.messages import Detections
 from recorders.pictures import Image, VideoEncoder, encode_jpeg, encode_mask, encode_png
 from recorders.recording.finding import Finder
 from recorders.sources import Source, SourceFrame
+from recorders.sources.left_out import LeftOut
 from recorders.sources.prefetch import read_ahead
-from recorders.sources.source import NANOS
+from recorders.sources.source import NANOS, PictureError
 
 _DEPTH = 4
 _DEPTH_WITHOUT_PICTURES = 256
@@ -49,7 +50,7 @@ def encoded(source: Source, finder: Finder, codec: str | None) -> Generator[Enco
     )
     try:
         with closing(ahead) as frames:
-            for frame in frames:
+            for frame in _decodable(frames, source, finder.sees, encoder.decodes):
                 mask, detect = finder.begin(frame)
                 found = detecting.submit(detect).result if finder.sees else detect
                 waiting.append(encoding.submit(encoder.encode, frame, mask, found))
@@ -75,6 +76,27 @@ def _until_failure(
             failures.append(error)
 
 
+def _decodable(
+    frames: Iterator[SourceFrame], source: Source, needed: bool, decode: bool
+) -> Iterator[SourceFrame]:
+    """The frames without those whose picture is bad, where it is needed; they are counted in the
+    source's losses. Where detections were given a frame may do without its picture.
+    """
+    bad = LeftOut()
+    for frame in frames:
+        if decode or needed:
+            try:
+                missing = frame.image is None
+            except PictureError as e:
+                bad.note(e.what, e.where)
+                frame.without_picture()
+                missing = True
+            if missing and (needed or frame.detections is None):
+                continue
+        yield frame
+    source.losses.extend(bad.lines())
+
+
 class _PictureEncoder:
     """Pictures and masks to bytes, one after the other (H.264 builds on the picture before)."""
 
@@ -97,7 +119,7 @@ class _PictureEncoder:
         return Encoded(frame.index, frame.time_ns, self._picture(frame), bits, found())
 
     def _picture(self, frame: SourceFrame) -> tuple[bytes, str] | None:
-        if self._codec == "none":
+        if self._codec == "none" or not frame.has_picture:
             return None
         if (
             frame.encoded is not None

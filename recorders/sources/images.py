@@ -67,7 +67,7 @@ class ImageFolderSource:
             inside = sorted(p.name for p in path.iterdir() if p.is_dir())
             hint = f"; it holds the folders {', '.join(inside[:5])}" if inside else ""
             raise SourceError(f"no JPEG or PNG pictures in this folder{hint}", path)
-        self._names = sorted(names, key=_by_number)
+        self._names = sorted(names, key=by_number)
         header = self._header(self._names[0])
         self.width, self.height = header.width, header.height
         self.frame_count: int | None = len(self._names)
@@ -175,7 +175,8 @@ class ImageFolderSource:
         return list(self._digests)
 
 
-def _by_number(name: str) -> tuple[list[tuple[int, str]], str]:
+def by_number(name: str) -> tuple[list[tuple[int, str]], str]:
+    """A key that orders names by the numbers in them."""
     parts = _DIGITS.split(Path(name).stem)
     return [
         (int(part), "") if index % 2 else (0, part) for index, part in enumerate(parts)

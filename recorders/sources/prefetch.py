@@ -5,10 +5,11 @@ number in advance.
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
+from contextlib import suppress
 from queue import Full, Queue
 from threading import Event, Thread
 
-from recorders.sources.source import SourceFrame
+from recorders.sources.source import PictureError, SourceFrame
 
 _WAIT_S = 0.1
 
@@ -38,7 +39,9 @@ def read_ahead(
         try:
             for frame in frames:
                 if decode:
-                    _ = frame.image
+                    # A bad picture shows where the frame is taken.
+                    with suppress(PictureError):
+                        _ = frame.image
                 put(frame)
                 if stop.is_set():
                     return

@@ -9,13 +9,15 @@ from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.errors import UsageError
+from recorders.errors import SourceError, UsageError
+from recorders.log import Attachment, Message
 from recorders.messages import NO_BLOB, Box, Detections
+from recorders.vision import cv2
 
 Image = NDArray[np.uint8]
 
@@ -23,6 +25,15 @@ NANOS = 1_000_000_000
 ASSUMED_FPS = Fraction(25)
 _MAX_FPS = 100_000
 _MAX_DENOMINATOR = 100_100
+
+
+class PictureError(SourceError):
+    """One picture that cannot be decoded: it can be left out."""
+
+    def __init__(self, reason: str, path: str | Path, where: str) -> None:
+        super().__init__(f"{where}: {reason}", path)
+        self.what = reason
+        self.where = where
 
 
 class SourceFrame:
@@ -51,6 +62,15 @@ class SourceFrame:
         self.format = picture_format
         self.detections = detections
         self._load_image = load_image
+
+    @property
+    def has_picture(self) -> bool:
+        """Whether there is a picture, decoded or not."""
+        return self._load_image is not None
+
+    def without_picture(self) -> None:
+        """Forget the picture: it cannot be decoded."""
+        self._load_image = self.encoded = self.format = None
 
     @cached_property
     def image(self) -> Image | None:
@@ -107,6 +127,29 @@ class Source(Protocol):
         ...
 
 
+@runtime_checkable
+class LoggedSource(Protocol):
+    """A source that is a log: its frames have times of their own, and it holds more than frames.
+
+    Attributes:
+        start_ns: the first frame's log time.
+    """
+
+    start_ns: int
+
+    def others(self) -> Iterator[Message]:
+        """The messages that are passed on as they are, by log time."""
+        ...
+
+    def attachments(self) -> Iterator[Attachment]:
+        """The log's attachments."""
+        ...
+
+    def metadata(self) -> list[tuple[str, dict[str, str]]]:
+        """The log's metadata records."""
+        ...
+
+
 class Rate:
     """A constant frame rate with exact times: frame k is at floor(k / fps) in ns."""
 
@@ -153,20 +196,27 @@ def rate_or_assumed(fps: Fraction | None, notes: list[str]) -> Rate:
 
 
 def detections_of(
-    frame: int, width: int, height: int, boxes: Sequence[Box], scores: Sequence[float]
+    frame: int,
+    width: int,
+    height: int,
+    boxes: Sequence[Box],
+    scores: Sequence[float],
+    labels: Sequence[str] = (),
 ) -> Detections:
     """The detections of a frame that come without pixels."""
-    count = len(boxes)
+    n = len(boxes)
+    named = list(labels) or [""] * n
     return Detections(
-        frame,
-        width,
-        height,
-        list(boxes),
-        list(scores),
-        [""] * count,
-        [None] * count,
-        [NO_BLOB] * count,
+        frame, width, height, list(boxes), list(scores), named, [None] * n, [NO_BLOB] * n
     )
+
+
+def fitted(image: Image, width: int, height: int) -> Image:
+    """A picture in the recording's size: itself, or scaled."""
+    if image.shape[:2] == (height, width):
+        return image
+    scaled = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(scaled, np.uint8)
 
 
 def outside(box: Box, width: float, height: float) -> bool:

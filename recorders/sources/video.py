@@ -10,12 +10,10 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from recorders.errors import LimitError, SourceError
 from recorders.files import existing_file, sha256
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.pictures import check_size, from_i420
+from recorders.pictures import FrameConverter, check_size
 from recorders.sources.source import (
     NANOS,
     Image,
@@ -32,7 +30,6 @@ if TYPE_CHECKING:
 # FFmpeg draws plain text as video where nothing forbids it.
 _CONTAINERS = "avi,mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,mpeg,mpegvideo,mpegts,h264,hevc,m4v,mjpeg,flv,asf,ogg,dv,mxf,gif,nut,ivf"  # noqa: E501
 _PROBED_PACKETS = 64
-_BT709, _FULL_RANGE = 1, 2
 
 
 class VideoSource:
@@ -169,7 +166,7 @@ class VideoSource:
         mended = 0
         with self._open() as container:
             time_base = container.streams.video[0].time_base
-            to_bgr = Converter(self._turns)
+            to_bgr = FrameConverter(self._turns)
             first, last = 0, -1
             for index, frame in enumerate(self._decoded(container, trouble)):
                 if self._rate is not None:
@@ -217,7 +214,7 @@ class VideoSource:
                 total += packet.size > 0
         keys_only = keys >= count
         among = keys if keys_only else total
-        to_bgr = Converter(self._turns)
+        to_bgr = FrameConverter(self._turns)
         with self._open() as container:
             for index, frame in enumerate(self._decoded(container, _Trouble(), keys_only)):
                 if spread(index, count, among):
@@ -273,33 +270,7 @@ class _Trouble:
         return found
 
 
-class Converter:
-    """Decoded frames to (height, width, 3) BGR, turned by quarter turns."""
-
-    def __init__(self, quarter_turns: int = 0) -> None:
-        from av.video.reformatter import VideoReformatter
-
-        self._reformatter = VideoReformatter()
-        self._turns = quarter_turns
-
-    def __call__(self, frame: Any) -> Image:
-        """The frame's picture."""
-        usual = int(frame.color_range) != _FULL_RANGE and int(frame.colorspace) != _BT709
-        if (
-            usual
-            and frame.format.name == "yuv420p"
-            and frame.width % 2 == 0
-            and frame.height % 2 == 0
-        ):
-            image = from_i420(np.asarray(frame.to_ndarray(), np.uint8))
-        else:
-            image = np.asarray(
-                self._reformatter.reformat(frame, format="bgr24").to_ndarray(), np.uint8
-            )
-        return np.ascontiguousarray(np.rot90(image, self._turns)) if self._turns else image
-
-
-def _loader(to_bgr: Converter, frame: Any) -> Callable[[], Image]:
+def _loader(to_bgr: FrameConverter, frame: Any) -> Callable[[], Image]:
     return lambda: to_bgr(frame)
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import difflib
 import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,6 +17,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, ParamSpec, Protocol
 
 from recorders.errors import UsageError
+from recorders.limits import Limits
 
 if TYPE_CHECKING:
     from recorders.scene import SceneLog
@@ -71,6 +74,36 @@ def add_tracker(parser: argparse.ArgumentParser, otherwise: str) -> None:
         help=f"events, shells or parts; an installed plug-in's name; or module:Class of code"
         f" of your own; {otherwise}",
     )
+
+
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """``--limit``."""
+    parser.add_argument(
+        "--limit", action="append", default=[], metavar="NAME=VALUE",
+        help="how much an input may ask for, as max_chunk_bytes=1073741824; may be repeated",
+    )  # fmt: skip
+
+
+def parse_limits(words: Sequence[str]) -> Limits:
+    """The limits that inputs are held to, the named ones changed.
+
+    Raises:
+        UsageError: no such limit, or its value is no whole number over 0.
+    """
+    known = {f.name: f.default for f in dataclasses.fields(Limits)}
+    changed = {}
+    for word in words:
+        name, _, value = word.partition("=")
+        if name not in known:
+            close = difflib.get_close_matches(name, known, 1)
+            hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(known)}"
+            raise UsageError(f"--limit {word}: no such limit; {hint}")
+        if not re.fullmatch(r"[1-9]\d{0,17}", value):
+            raise UsageError(
+                f"--limit {word}: must be a whole number over 0, as {name}={known[name]}"
+            )
+        changed[name] = int(value)
+    return Limits(**changed)
 
 
 _OUTPUTS = {"output": "-o", "plot": "--plot", "html": "--html"}

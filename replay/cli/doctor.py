@@ -24,6 +24,7 @@ def add(commands: common.Commands) -> None:
     )
     parser.add_argument("log", type=Path, metavar="LOG", help="any MCAP file")
     parser.add_argument("--json", action="store_true", help="the findings as JSON")
+    common.add_limits(parser)
     parser.set_defaults(run=run)
 
 
@@ -31,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
     """Examine."""
     from recorders.log.info import examine
 
-    findings = examine(args.log)
+    findings = examine(args.log, common.parse_limits(args.limit))
     errors = sum(finding.severity == "error" for finding in findings)
     if args.json:
         print(json.dumps([asdict(finding) for finding in findings], indent=2))

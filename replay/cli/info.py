@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 # Times before this are seconds from a recording's start, not dates.
 _FIRST_DATE_NS = 365 * 86_400 * common.NANOS
+_COLUMNS = 80
+_MOST_TOPIC, _LEAST_SCHEMA = 40, 20
 _OURS = ("scenetrace", "scenetrace.recording")
 
 
@@ -33,6 +35,7 @@ def add(commands: common.Commands) -> None:
     )
     parser.add_argument("log", type=Path, metavar="LOG", help="any MCAP file")
     parser.add_argument("--json", action="store_true", help="as JSON")
+    common.add_limits(parser)
     parser.set_defaults(run=run)
 
 
@@ -40,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     """Print it."""
     from recorders.log.info import inspect
 
-    info = inspect(args.log)
+    info = inspect(args.log, common.parse_limits(args.limit))
     if args.json:
         print(json.dumps(_plain(info), indent=2, sort_keys=True))
     else:
@@ -86,6 +89,18 @@ def when(time_ns: int | None) -> str:
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{nanos // 1_000_000:03d}Z"
 
 
+def _shortened(text: str, width: int) -> str:
+    """A text of at most ``width``: its start and its end, where it is longer.
+
+    >>> _shortened("/front/camera/image_raw/compressed", 20)
+    '/front/ca…compressed'
+    """
+    if len(text) <= width:
+        return text
+    end = width // 2
+    return f"{text[: width - end - 1]}…{text[-end:]}"
+
+
 def _print(info: LogInfo) -> None:
     packed = (
         ", ".join(
@@ -109,15 +124,20 @@ def _print(info: LogInfo) -> None:
         f"messages  {info.message_count:,}"
         + (f" over {span}" if info.message_count else "")
     )
-    width = max((len(channel.topic) for channel in info.channels), default=0)
-    for channel in info.channels:
+    topics = [common.shown(channel.topic) or '""' for channel in info.channels]
+    width = min(_MOST_TOPIC, max((len(t) for t in topics), default=0))
+    for channel, topic in zip(info.channels, topics, strict=True):
         schema = (
             "no schema"
             if channel.schema is None
             else f"{channel.schema.name} [{channel.schema.encoding}]"
         )
         count = channel.message_count if channel.message_count is not None else "?"
-        print(common.shown(f"  {channel.topic:<{width}}  {count:>7}  {schema}"))
+        room = max(_LEAST_SCHEMA, _COLUMNS - width - 13)
+        print(
+            f"  {_shortened(topic, width):<{width}}  {count:>7} "
+            f" {_shortened(common.shown(schema), room)}"
+        )
     for attachment in info.attachments:
         print(
             common.shown(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +14,8 @@ from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
     from recorders.detectors import ModelOptions
+    from recorders.recording import RecordOptions, RecordSummary
+    from recorders.sources import Source
 
 
 def add(commands: common.Commands) -> None:
@@ -23,20 +27,24 @@ def add(commands: common.Commands) -> None:
         "Record a source into a scene log (MCAP): pictures, foreground masks, detections,"
         " regions.\n\nSOURCE is a video file, a folder of JPEG or PNG pictures (in the"
         " order of their numbers, bytes kept as they\nare), a MOTChallenge text file (.txt)"
-        " or a CAVIAR XML file (.xml; its labelled identities are left out).\nExit code 3:"
+        " or a CAVIAR XML file (.xml; its labelled identities are left out), or a log of others\n"
+        "(MCAP, a ROS 1 or 2 bag): its pictures and detections, everything else passed on.\nExit code 3:"
         " recorded, but something had to be left out; stderr says what.",
         "scenetrace record video.avi --fps 7 -o scene.mcap\n"
         "scenetrace record img1 --fps 7 --detections det.txt -o scene.mcap\n"
         "scenetrace record video.avi --detect onnx --model yolo11n.onnx --labels person,car"
         " -o scene.mcap\n"
         "scenetrace record det.txt --fps 25 --size 640x480 -o scene.mcap\n"
-        "scenetrace record Walk1.xml -o walk.mcap",
+        "scenetrace record Walk1.xml -o walk.mcap\n"
+        "scenetrace record bag.mcap --image-topic /front/image -o scene.mcap",
     )
     parser.add_argument(
         "source",
         type=Path,
+        nargs="+",
         metavar="SOURCE",
-        help="video | folder of pictures | MOTChallenge .txt | CAVIAR .xml",
+        help="video | folder of pictures | MOTChallenge .txt | CAVIAR .xml | MCAP log or ROS bag"
+        " (a file, a folder, or several files of one recording)",
     )
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="FILE", help="the scene log"
@@ -84,11 +92,10 @@ def add(commands: common.Commands) -> None:
         help="when the first frame was taken; default: times start at 0",
     )
     parser.add_argument(
-        "--camera",
-        default="camera",
-        metavar="NAME",
-        help="the camera's name in the topics; default camera",
-    )
+        "--camera", action="append", default=None, metavar="NAME[=TOPIC]",
+        help="the camera's name in the topics; default camera. Of a log NAME=TOPIC, repeated, records several"
+        " cameras into one log",
+    )  # fmt: skip
     parser.add_argument(
         "--regions",
         type=Path,
@@ -103,9 +110,71 @@ def add(commands: common.Commands) -> None:
         "--codec", metavar="CODEC",
         help="jpeg, png, h264 or none: how pictures are stored; default: pictures as they are, video as jpeg",
     )  # fmt: skip
+    _add_log_options(parser)
     common.add_configuration(parser)
+    common.add_limits(parser)
     parser.add_argument("--force", action="store_true", help="overwrite an existing output")
     parser.set_defaults(run=run)
+
+
+def _add_log_options(p: argparse.ArgumentParser) -> None:
+    logs = p.add_argument_group("of logs (MCAP, ROS 1 and 2 bags)")
+    logs.add_argument(
+        "--image-topic", metavar="T",
+        help="the topic of the pictures, or none; default: the only one, else they are listed",
+    )  # fmt: skip
+    logs.add_argument(
+        "--detections-topic", metavar="T",
+        help="the topic of the detections, or none; default: the only one, else they are listed",
+    )  # fmt: skip
+    logs.add_argument(
+        "--time", default="log", metavar="CLOCK",
+        help="log: when a message was recorded; publish; header: the picture's own stamp; file: the file's order,"
+        " where the recorder's clock was set back; default log",
+    )  # fmt: skip
+    logs.add_argument(
+        "--tolerance", metavar="S",
+        help="how far apart in seconds a picture and its detections may be; default half a frame",
+    )  # fmt: skip
+    logs.add_argument(
+        "--topics", action="append", metavar="PATTERN",
+        help="other topics that are passed on, as /tf*; may be repeated; default all",
+    )  # fmt: skip
+    logs.add_argument(
+        "--exclude", action="append", default=[], metavar="PATTERN",
+        help="other topics that are not passed on; may be repeated",
+    )  # fmt: skip
+
+
+def parse_tolerance(text: str) -> int:
+    """A tolerance in seconds as ns.
+
+    Raises:
+        UsageError: it is no number of 0 or more.
+    """
+    try:
+        value = Decimal(text)
+    except InvalidOperation:
+        value = Decimal(-1)
+    if not value.is_finite() or not 0 <= value <= 10**6:
+        raise UsageError(f"--tolerance {text}: must be a number of seconds, as 0.02")
+    return int(value * common.NANOS)
+
+
+def parse_cameras(words: Sequence[str] | None) -> tuple[str, dict[str, str]]:
+    """The camera's name, and the topics of cameras by name where some are given.
+
+    Raises:
+        UsageError: several names without topics, or one twice.
+    """
+    if not words:
+        return "camera", {}
+    topics = dict(word.split("=", 1) for word in words if "=" in word)
+    if len(topics) != len(words) and len(words) > 1:
+        raise UsageError(
+            "--camera: several cameras need a topic each, as --camera left=/left/image"
+        )
+    return ("camera", topics) if topics else (words[0], {})
 
 
 def _model(args: argparse.Namespace) -> ModelOptions | None:
@@ -126,27 +195,46 @@ def run(args: argparse.Namespace) -> int:
     """Record."""
     from recorders.errors import OutputExistsError
     from recorders.parameters import configure
-    from recorders.recording import SECTIONS, RecordOptions, record
-    from recorders.sources import open_source
+    from recorders.recording import SECTIONS, RecordOptions
+    from recorders.sources import LogOptions, open_cameras, open_source
     from replay.configuration import all_sections
 
-    start_ns = 0 if args.start is None else common.parse_rfc3339(args.start)
-    if start_ns < 0:
+    start_ns = None if args.start is None else common.parse_rfc3339(args.start)
+    if start_ns is not None and start_ns < 0:
         raise UsageError(f"--start {args.start}: times before 1970 cannot be recorded")
+    camera, topics = parse_cameras(args.camera)
+    limits = common.parse_limits(args.limit)
     assignments = [*args.assignments]
     if args.min_score is not None:
         assignments.append(f"detector.min_score={args.min_score}")
     config = configure(SECTIONS, args.config, assignments, others=all_sections())
     if args.output.exists() and not args.force:
         raise OutputExistsError(args.output)
-    source = open_source(
-        args.source, detections=args.detections, fps=args.fps, size=args.size
+    log = LogOptions(
+        args.image_topic,
+        args.detections_topic,
+        args.time,
+        None if args.tolerance is None else parse_tolerance(args.tolerance),
+        None if args.topics is None else tuple(args.topics),
+        tuple(args.exclude),
     )
-    for note in source.notes:
-        common.say(f"scenetrace: {note}")
-    said = set(source.notes)
+    if topics:
+        sources = open_cameras(
+            args.source, topics, fps=args.fps, size=args.size, log=log, limits=limits
+        )
+    else:
+        sources = {
+            camera: open_source(
+                args.source,
+                detections=args.detections,
+                fps=args.fps,
+                size=args.size,
+                log=log,
+                limits=limits,
+            )
+        }
     options = RecordOptions(
-        camera=args.camera,
+        camera=camera,
         start_ns=start_ns,
         codec=args.codec,
         detect=None if args.detect is None else ",".join(args.detect),
@@ -154,29 +242,49 @@ def run(args: argparse.Namespace) -> int:
         regions=args.regions,
         config=config,
         force=args.force,
+        limits=limits,
     )
-    with common.progress(source.frame_count) as bar:
+    done = _recorded(sources, args.output, options)
+    for (name, source), one in zip(sources.items(), done, strict=True):
+        seconds = one.duration_ns / common.NANOS
+        given = args.detections or source.name
+        named = f" of {name}" if topics else ""
+        common.say(
+            f"{args.output}: {one.frames} frames{named} of {one.width}x{one.height} over"
+            f" {seconds:.1f} s, {one.detections} detections"
+            f" ({given if source.has_detections else one.detect}),"
+            f" pictures {one.codec}"
+        )
+    return Exit.LEFT_OUT if any(one.losses for one in done) else Exit.DONE
 
-        def progress(stage: str, done: int, total: int | None) -> None:
-            share = (
-                done
-                if not total or not source.frame_count
-                else done * source.frame_count // total
-            )
+
+def _recorded(
+    sources: Mapping[str, Source], output: Path, options: RecordOptions
+) -> list[RecordSummary]:
+    """Record with a progress bar, and say what was assumed and what was left out."""
+    from recorders.recording import record_scenes
+
+    said = set()
+    for source in sources.values():
+        for note in source.notes:
+            if note not in said:
+                common.say(f"scenetrace: {note}")
+            said.add(note)
+    counts = [source.frame_count for source in sources.values()]
+    total = None if None in counts else sum(n or 0 for n in counts)
+    with common.progress(total) as bar:
+
+        def progress(stage: str, done: int, expected: int | None) -> None:
+            share = done if not expected or not total else done * total // expected
             bar(stage, share - 1)
 
         with common.interrupts_at(progress) as report:
-            done = record(source, args.output, options, report)
-    for note in done.notes:
-        if note not in said:
-            common.say(f"scenetrace: {note}")
-    for loss in done.losses:
-        common.say(f"scenetrace: left out: {loss}")
-    seconds = done.duration_ns / common.NANOS
-    common.say(
-        f"{args.output}: {done.frames} frames of {done.width}x{done.height} over"
-        f" {seconds:.1f} s, {done.detections} detections"
-        f" ({args.detections or source.name if source.has_detections else done.detect}),"
-        f" pictures {done.codec}"
-    )
-    return Exit.LEFT_OUT if done.losses else Exit.DONE
+            done = record_scenes(sources, output, options, report)
+    for one in done:
+        for note in one.notes:
+            if note not in said:
+                common.say(f"scenetrace: {note}")
+            said.add(note)
+        for loss in one.losses:
+            common.say(f"scenetrace: left out: {loss}")
+    return done

@@ -29,6 +29,7 @@ def add(commands: common.Commands) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="FILE", help="the new log"
     )
+    common.add_limits(parser)
     parser.add_argument("--force", action="store_true", help="overwrite an existing output")
     parser.set_defaults(run=run)
 
@@ -37,12 +38,14 @@ def run(args: argparse.Namespace) -> int:
     """Recover."""
     from recorders.log.recovery import recover
 
-    report = recover(args.log, args.output, args.force)
+    report = recover(args.log, args.output, args.force, common.parse_limits(args.limit))
     expected = "" if report.messages_expected is None else f" of {report.messages_expected}"
     print(
         f"{args.output}: {report.messages}{expected} messages on {report.channels}"
         f" channels, {report.metadata} metadata records, {report.attachments} attachments"
     )
+    for note in report.notes:
+        common.say(f"scenetrace: at byte {note.offset} ({note.record}): {note.reason}")
     for loss in report.losses:
         common.say(f"lost: at byte {loss.offset} ({loss.record}): {loss.reason}")
     return Exit.LEFT_OUT if report.losses else Exit.DONE

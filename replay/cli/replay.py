@@ -72,6 +72,7 @@ def add(commands: common.Commands) -> None:
     parser.add_argument(
         "--camera", metavar="NAME", help="which camera, where the log has several"
     )
+    common.add_limits(parser)
     parser.add_argument("--force", action="store_true", help="overwrite an existing output")
     parser.add_argument(
         "--against", type=Path, metavar="LOG",
@@ -170,7 +171,8 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
         raise UsageError(
             f"--checkpoint {args.checkpoint}: must be over 0 and at most 1e9 seconds"
         )
-    with SceneLog(args.scene, args.camera) as scene:
+    limits = common.parse_limits(args.limit)
+    with SceneLog(args.scene, args.camera, limits) as scene:
         first = None if args.start is None else common.parse_time(args.start, scene)
         end = None if args.end is None else common.parse_time(args.end, scene)
         check_span(args, first, end, scene)
@@ -192,6 +194,7 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
         checkpoints=args.checkpoints,
         force=args.force,
         camera=args.camera,
+        limits=limits,
     )
     with (
         common.progress(counts[0] if counts else None) as bar,
@@ -218,7 +221,9 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
     left_out = missed(starts, done)
     if left_out:
         common.say(f"{args.scene}: {left_out}")
-    return Exit.LEFT_OUT if left_out else Exit.DONE
+    for line in done.unreadable:
+        common.say(f"scenetrace: left out: {line}")
+    return Exit.LEFT_OUT if left_out or done.unreadable else Exit.DONE
 
 
 def check_span(

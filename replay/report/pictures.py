@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from reasoning.questions import Case
 from reasoning.questions.case import kind_of
-from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
+from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog, without_picture
 from recorders.errors import RecordingError, UsageError
 from recorders.scene import SceneLog
 from replay.draw import DrawOptions, draw_frame
@@ -106,7 +106,7 @@ def _picture(log: AnnotatedLog, frame: AnnotatedFrame) -> Image:
                 break
             if recorded.image is not None:
                 return recorded.image
-    raise RecordingError(f"no picture for frame {frame.index}", log.path)
+        return without_picture(scene.info.width, scene.info.height)
 
 
 def around(start: int, end: int, margin: int, last: int) -> list[int]:

@@ -72,9 +72,9 @@ def test_empty_file(tmp_path: Path, name: str) -> None:
     fails(tmp_path / name, "the file is empty")
 
 
-def test_a_log_and_a_single_picture_are_no_sources(tmp_path: Path) -> None:
+def test_a_cut_log_and_a_single_picture_are_no_sources(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n")
-    fails(tmp_path / "a.mcap", "is a log, not a source of frames")
+    fails(tmp_path / "a.mcap", "the file ends within a record")
     (tmp_path / "1.png").write_bytes(png(3, 3))
     fails(
         tmp_path / "1.png",

@@ -1,0 +1,252 @@
+"""Logs of others as one stream of messages: one file or many, MCAP or ROS bags."""
+
+from __future__ import annotations
+
+import heapq
+import tempfile
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import msgspec
+import zstandard
+
+from recorders.errors import LimitError, RecordingError, SourceError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.log import Attachment, ChannelInfo, LogReader, Message
+
+_MOST_FILES = 4096
+_STEP = 1 << 20
+_MAGIC = b"\x89MCAP0\r\n"
+
+
+class LogFiles(Protocol):
+    """Messages of one recording, wherever they lie.
+
+    Attributes:
+        path: where it was opened.
+        name: what it is, in words.
+        channels: all of them, by topic.
+        start_ns, end_ns: log times of the first and the last message, None without messages.
+    """
+
+    path: Path
+    name: str
+    channels: list[ChannelInfo]
+    start_ns: int | None
+    end_ns: int | None
+
+    def messages(
+        self, topics: Collection[str] | None = None, stored: bool = False
+    ) -> Iterator[Message]:
+        """The messages of these topics by log time, or in the order in which they are stored."""
+        ...
+
+    def attachments(self) -> Iterator[Attachment]:
+        """The attachments of all files."""
+        ...
+
+    def metadata(self) -> list[tuple[str, dict[str, str]]]:
+        """The metadata records of all files."""
+        ...
+
+    def again(self) -> LogFiles:
+        """The same recording opened a second time, to be read at another place at once."""
+        ...
+
+    def files(self) -> list[Path]:
+        """The files that were read."""
+        ...
+
+    def close(self) -> None:
+        """Release the files."""
+        ...
+
+
+class McapFiles:
+    """MCAP files as one recording: by log time, files in the given order where times are equal.
+
+    Files with ``.zstd`` behind their name are unpacked into a temporary folder first; messages that
+    were compressed one by one (ROS 2's compression mode MESSAGE) are unpacked as they are read.
+
+    Raises:
+        RecordingError: a file cannot be read.
+        LimitError: too many files, or one unpacks to too much.
+    """
+
+    def __init__(
+        self, path: Path, files: Sequence[Path], limits: Limits = DEFAULT_LIMITS
+    ) -> None:
+        self.path = path
+        self._given = list(files)
+        self._limits = limits
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        if len(files) > _MOST_FILES:
+            raise LimitError(f"{len(files)} files, at most {_MOST_FILES} are read", path)
+        self._readers: list[LogReader] = []
+        try:
+            for k, file in enumerate(files):
+                self._readers.append(LogReader(self._unpacked(file, k), limits))
+            self._packed = [_compresses_messages(reader) for reader in self._readers]
+        except BaseException:
+            self.close()
+            raise
+        found = {
+            (c.topic, r): c
+            for r, reader in enumerate(self._readers)
+            for c in reader.channels
+        }
+        self.channels = _summed([found[key] for key in sorted(found)])
+        profiles = {reader.index.header.profile for reader in self._readers}
+        self.name = "ROS 2 bag (MCAP)" if profiles == {"ros2"} else "MCAP log"
+        starts = [r.start_ns for r in self._readers if r.start_ns is not None]
+        ends = [r.end_ns for r in self._readers if r.end_ns is not None]
+        self.start_ns = min(starts, default=None)
+        self.end_ns = max(ends, default=None)
+
+    def _unpacked(self, path: Path, number: int) -> Path:
+        if path.suffix.lower() not in (".zstd", ".zst"):
+            return path
+        if self._folder is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="scenetrace-")
+        out = Path(self._folder.name) / f"{number}-{path.with_suffix('').name}"
+        limit, size = self._limits.max_unpacked_bytes, 0
+        try:
+            with path.open("rb") as source, out.open("wb") as target:
+                unpacker = zstandard.ZstdDecompressor().stream_reader(
+                    source, read_across_frames=True
+                )
+                while piece := unpacker.read(_STEP):
+                    size += len(piece)
+                    if size > limit:
+                        raise LimitError(
+                            f"unpacks to over {limit} bytes (max_unpacked_bytes)", path
+                        )
+                    target.write(piece)
+        except zstandard.ZstdError as e:
+            raise SourceError(f"zstd cannot unpack it: {e}", path) from e
+        except OSError as e:
+            raise SourceError(f"cannot be unpacked: {e.strerror}", path) from e
+        return out
+
+    def messages(
+        self, topics: Collection[str] | None = None, stored: bool = False
+    ) -> Iterator[Message]:
+        """See `LogFiles`."""
+        if stored:
+            for number, reader in enumerate(self._readers):
+                for one in reader.stored(topics):
+                    yield self._plain(number, one)
+            return
+        # A file is begun when its turn comes: until then it stands for its first message.
+        heap: list[tuple[int, int, Message | None]] = [
+            (reader.start_ns, number, None)
+            for number, reader in enumerate(self._readers)
+            if reader.start_ns is not None
+        ]
+        heapq.heapify(heap)
+        running: dict[int, Iterator[Message]] = {}
+        while heap:
+            _, number, message = heapq.heappop(heap)
+            if message is None:
+                running[number] = self._readers[number].messages(topics)
+            else:
+                yield self._plain(number, message)
+            following = next(running[number], None)
+            if following is not None:
+                heapq.heappush(heap, (following.log_time_ns, number, following))
+
+    def _plain(self, number: int, message: Message) -> Message:
+        if not self._packed[number]:
+            return message
+        limit = self._limits.max_message_bytes
+        try:
+            data = zstandard.ZstdDecompressor().stream_reader(message.data).read(limit + 1)
+        except zstandard.ZstdError as e:
+            raise RecordingError(
+                f"the message at {message.log_time_ns} ns is no zstd: {e}",
+                self.path,
+                record=message.topic,
+            ) from e
+        if len(data) > limit:
+            raise LimitError(
+                f"the message at {message.log_time_ns} ns unpacks to over {limit} bytes"
+                " (max_message_bytes)",
+                self.path,
+                record=message.topic,
+            )
+        return msgspec.structs.replace(message, data=data)
+
+    def attachments(self) -> Iterator[Attachment]:
+        """See `LogFiles`."""
+        for reader in self._readers:
+            yield from reader.attachments()
+
+    def metadata(self) -> list[tuple[str, dict[str, str]]]:
+        """See `LogFiles`; without the record that says that messages are compressed."""
+        return [
+            entry
+            for reader, packed in zip(self._readers, self._packed, strict=True)
+            for entry in reader.metadata()
+            if not (packed and entry[0] == "rosbag2")
+        ]
+
+    def again(self) -> McapFiles:
+        """See `LogFiles`."""
+        return McapFiles(self.path, self._given, self._limits)
+
+    def files(self) -> list[Path]:
+        """See `LogFiles`."""
+        return list(self._given)
+
+    def close(self) -> None:
+        """See `LogFiles`."""
+        for reader in self._readers:
+            reader.close()
+        if self._folder is not None:
+            self._folder.cleanup()
+
+
+def _compresses_messages(reader: LogReader) -> bool:
+    return any(
+        name == "rosbag2"
+        and "compression_mode: MESSAGE" in values.get("serialized_metadata", "")
+        for name, values in reader.metadata()
+    )
+
+
+def _summed(channels: list[ChannelInfo]) -> list[ChannelInfo]:
+    """Channels of several files as one each: those that differ in nothing but id and count."""
+    found: dict[str, ChannelInfo] = {}
+    for c in channels:
+        key = repr((c.topic, c.schema, c.message_encoding))
+        before = found.get(key)
+        if before is None:
+            found[key] = c
+            continue
+        known = before.message_count is not None and c.message_count is not None
+        total = (before.message_count or 0) + (c.message_count or 0) if known else None
+        found[key] = ChannelInfo(
+            c.topic, c.schema, c.message_encoding, before.metadata, total, before.id
+        )
+    return list(found.values())
+
+
+def is_mcap(path: Path) -> bool:
+    """Whether a file starts as MCAP does, or bears its name."""
+    name = path.name.lower()
+    if name.endswith((".mcap", ".mcap.zstd", ".mcap.zst")):
+        return True
+    try:
+        with path.open("rb") as f:
+            return f.read(len(_MAGIC)) == _MAGIC
+    except OSError:
+        return False
+
+
+def mcap_files(folder: Path) -> list[Path]:
+    """The MCAP files in a folder, by the numbers in their names."""
+    from recorders.sources.images import by_number
+
+    found = [p for p in folder.iterdir() if p.is_file() and is_mcap(p) and p.name[0] != "."]
+    return sorted(found, key=lambda p: by_number(p.name))

@@ -1,0 +1,208 @@
+"""Opening a source by what it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+from recorders.errors import SourceError, UsageError
+from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.sources.bags import BagFiles
+from recorders.sources.caviar import CaviarSource
+from recorders.sources.images import ImageFolderSource
+from recorders.sources.log_files import LogFiles, McapFiles, is_mcap, mcap_files
+from recorders.sources.log_source import LogOptions, LogSource
+from recorders.sources.mot import MotSource
+from recorders.sources.source import Source, parse_fps
+from recorders.sources.video import VideoSource
+from recorders.sources.with_detections import WithDetections
+
+_TEXT = frozenset({".txt", ".csv"})
+_PICTURES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".webp"})
+_BAGS = frozenset({".bag", ".db3"})
+Paths = str | Path | Sequence[str | Path]
+
+
+def open_source(
+    path: Paths,
+    *,
+    detections: str | Path | None = None,
+    fps: float | Fraction | str | None = None,
+    size: tuple[int, int] | None = None,
+    log: LogOptions | None = None,
+    limits: Limits = DEFAULT_LIMITS,
+) -> Source:
+    """Open a source of frames by what it is: a folder of images, ``.txt`` (MOTChallenge),
+    ``.xml`` (CAVIAR), a video, a log of others.
+
+    Args:
+        path: the folder or file; several files of one recording: logs.
+        detections: a MOTChallenge file whose detections go beside the pictures, its frame 1 with
+            the first.
+        fps: a constant frame rate; None takes a video's own presentation times, CAVIAR's 25, and
+            else assumes 25 with a note.
+        size: the picture size (width, height) that the boxes were made for. Beside pictures the
+            boxes are scaled from it; without pictures it is the recording's size (None: as far as
+            the boxes reach, with a note).
+        log: which topics of a log are read, and how.
+        limits: what the source may make us allocate.
+
+    Raises:
+        SourceError: it cannot be read; names the file, the place and the reason.
+        LimitError: it asks for more than the limits allow.
+        UsageError: the arguments do not fit the source or one another.
+    """
+    paths = _paths(path)
+    rate = None if fps is None else parse_fps(fps)
+    if size is not None and min(size) < 1:
+        raise UsageError(f"--size {size[0]}x{size[1]}: width and height must be over 0")
+    files = open_log(paths, limits)
+    if files is not None:
+        if detections is not None:
+            raise UsageError(
+                f"--detections goes with pictures in files; {paths[0]} is a log: choose its"
+                " detections with --detections-topic"
+            )
+        return LogSource(files, log, rate, size, limits)
+    if log is not None and log != LogOptions():
+        raise UsageError(
+            f"{paths[0]} is no log: --image-topic, --detections-topic, --time, --tolerance,"
+            " --topics and --exclude go with logs"
+        )
+    if len(paths) > 1:
+        raise UsageError(
+            f"{len(paths)} sources: several files are read as one where they are logs"
+        )
+    return _open_file(paths[0], detections, rate, size, limits)
+
+
+def open_cameras(
+    path: Paths,
+    cameras: Mapping[str, str],
+    *,
+    fps: float | Fraction | str | None = None,
+    size: tuple[int, int] | None = None,
+    log: LogOptions | None = None,
+    limits: Limits = DEFAULT_LIMITS,
+) -> dict[str, Source]:
+    """Several cameras of one log: a source for each name, of the topic that belongs to it.
+
+    Detections are those of a topic in the same namespace, where there is one; only the first
+    camera's source passes anything on.
+
+    Raises:
+        As `open_source`; UsageError: it is no log.
+    """
+    paths = _paths(path)
+    options = log or LogOptions()
+    found: dict[str, Source] = {}
+    for name, topic in cameras.items():
+        files = open_log(paths, limits)
+        if files is None:
+            raise UsageError(
+                f"--camera {name}={topic}: {paths[0]} is no log; --camera NAME names the camera"
+            )
+        chosen = replace(
+            options,
+            image_topic=topic,
+            detections_topic=options.detections_topic or _beside(files, topic),
+            exclude=[*options.exclude, *cameras.values()],
+        )
+        rate = None if fps is None else parse_fps(fps)
+        found[name] = LogSource(files, chosen, rate, size, limits)
+    return found
+
+
+def _beside(files: LogFiles, topic: str) -> str:
+    """The topic of detections nearest to a topic of pictures: the one that shares its namespace."""
+    from recorders.payloads import DETECTIONS, payload_kind
+
+    space = topic.rsplit("/", 1)[0] + "/"
+    near = [
+        c.topic
+        for c in files.channels
+        if payload_kind(c) in DETECTIONS and c.topic.startswith(space) and space != "/"
+    ]
+    return near[0] if len(near) == 1 else "none"
+
+
+def _paths(path: Paths) -> list[Path]:
+    paths = [Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path]
+    if not paths:
+        raise UsageError("no source is named")
+    for one in paths:
+        if not one.exists():
+            raise SourceError("no such file or folder", one)
+    return paths
+
+
+def open_log(paths: Sequence[Path], limits: Limits) -> LogFiles | None:
+    """The paths as one log; None where the first is none.
+
+    Raises:
+        UsageError: a log beside something else.
+    """
+    first = paths[0]
+    if first.is_dir():
+        inside = mcap_files(first)
+        if inside:
+            return _alone(paths, lambda: McapFiles(first, inside, limits))
+        if (first / "metadata.yaml").exists() or any(first.glob("*.db3*")):
+            return _alone(paths, lambda: BagFiles(first, limits))
+        return None
+    if first.suffix.lower() in _BAGS or first.name.lower().endswith(".db3.zstd"):
+        return _alone(paths, lambda: BagFiles(first, limits))
+    if not is_mcap(first):
+        return None
+    for path in paths:
+        if not is_mcap(path):
+            raise UsageError(
+                f"{path} is no MCAP log, {first} is one: record each by itself"
+            )
+    return McapFiles(first, paths, limits)
+
+
+def _alone(paths: Sequence[Path], opened: Callable[[], LogFiles]) -> LogFiles:
+    if len(paths) > 1:
+        raise UsageError(f"{paths[0]} is a whole bag: record it by itself")
+    return opened()
+
+
+def _open_file(
+    path: Path,
+    detections: str | Path | None,
+    rate: Fraction | None,
+    size: tuple[int, int] | None,
+    limits: Limits,
+) -> Source:
+    kind = path.suffix.lower()
+    if kind in _TEXT or kind == ".xml":
+        if detections is not None:
+            raise UsageError(
+                f"--detections goes with pictures; {path} holds detections itself"
+            )
+        source: Source = (
+            MotSource(path, rate, size, limits)
+            if kind in _TEXT
+            else CaviarSource(path, rate, size, limits)
+        )
+        return source
+    if path.is_file() and kind in _PICTURES:
+        raise SourceError(
+            "one picture is not a recording: give the folder that it lies in", path
+        )
+    pictures: Source = (
+        ImageFolderSource(path, rate, limits)
+        if path.is_dir()
+        else VideoSource(path, rate, limits)
+    )
+    if detections is not None:
+        return WithDetections(pictures, Path(detections), size, limits)
+    if size is not None:
+        raise UsageError(
+            f"--size says what size detections were made for; {path} is"
+            f" {pictures.width}x{pictures.height}"
+        )
+    return pictures

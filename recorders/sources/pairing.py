@@ -1,0 +1,159 @@
+"""Pictures and the detections that belong to them, from one stream of messages.
+
+Where both bear the same stamps, these decide: a detector copies its picture's stamp. Else the
+nearest in time within the tolerance belong together, each to one only.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from recorders.limits import Limits
+from recorders.log import Message
+from recorders.payloads import Detected
+from recorders.sources.log_pictures import Pictured
+
+LATEST_NS = 5_000_000_000
+"""How long after its picture a detection of the same stamp is waited for."""
+_MOST_WAITING = 4096
+
+
+@dataclass(slots=True)
+class Joined:
+    """A picture with its detections; one of the two may be missing."""
+
+    picture: Pictured | None
+    detected: Detected | None
+
+
+@dataclass(slots=True)
+class _Waiting:
+    time_ns: int
+    log_ns: int
+    picture: Pictured
+    detected: Detected | None = None
+
+
+@dataclass(slots=True)
+class _Found:
+    time_ns: int
+    detected: Detected
+    message: Message = field(repr=False)
+
+
+class Pairing:
+    """Joins pictures and detections as they come.
+
+    Args:
+        by_stamp: the messages' own stamps decide; else the times.
+        tolerance_ns: how far apart two that belong together may be.
+        clock: a message's time for pairing.
+        limits: how much may wait.
+
+    Attributes:
+        unpaired_pictures, unpaired_detections: how many of each found no partner.
+        first_unpaired: the time of the first such detections.
+        largest_ns: the largest difference of two that were paired by time.
+    """
+
+    def __init__(
+        self,
+        by_stamp: bool,
+        tolerance_ns: int,
+        clock: Callable[[Message], int],
+        limits: Limits,
+    ) -> None:
+        self._by_stamp = by_stamp
+        self._tolerance_ns = tolerance_ns
+        self._clock = clock
+        self._limits = limits
+        self._pictures: deque[_Waiting] = deque()
+        self._detections: deque[_Found] = deque()
+        self._bytes = 0
+        self.unpaired_pictures = self.unpaired_detections = 0
+        self.first_unpaired: int | None = None
+        self.largest_ns = 0
+
+    def picture(self, found: Pictured) -> Iterator[Joined]:
+        """A picture came: what is ready by now."""
+        now = self._clock(found.message)
+        self._pictures.append(_Waiting(now, found.message.log_time_ns, found))
+        self._bytes += _size(found)
+        yield from self._ready(found.message.log_time_ns)
+
+    def detections(self, message: Message, found: Detected) -> Iterator[Joined]:
+        """Detections came: what is ready by now."""
+        now = self._clock(message)
+        self._detections.append(_Found(now, found, message))
+        yield from self._ready(message.log_time_ns)
+
+    def rest(self) -> Iterator[Joined]:
+        """Everything that still waits."""
+        yield from self._ready(None)
+        while self._detections:
+            self._alone(self._detections.popleft())
+
+    def _alone(self, found: _Found) -> None:
+        self.unpaired_detections += 1
+        if self.first_unpaired is None:
+            self.first_unpaired = found.message.log_time_ns
+
+    def _ready(self, now: int | None) -> Iterator[Joined]:
+        """Pictures in their order, as soon as nothing better can come for the first."""
+        while self._pictures:
+            first = self._pictures[0]
+            match = self._match(first)
+            wait = LATEST_NS if self._by_stamp else self._tolerance_ns
+            over = (
+                now is None
+                or now > first.log_ns + wait
+                or self._bytes > self._limits.max_open_bytes
+                or len(self._pictures) > _MOST_WAITING
+            )
+            if not over and (match is None or not self._by_stamp):
+                return
+            self._pictures.popleft()
+            self._bytes -= _size(first.picture)
+            if match is not None:
+                self._detections.remove(match)
+                if not self._by_stamp:
+                    self.largest_ns = max(
+                        self.largest_ns, abs(match.time_ns - first.time_ns)
+                    )
+            else:
+                self.unpaired_pictures += 1
+            self._forget(first)
+            yield Joined(first.picture, None if match is None else match.detected)
+
+    def _forget(self, done: _Waiting) -> None:
+        """Detections before the next pictures' reach belong to none."""
+        wait = LATEST_NS if self._by_stamp else self._tolerance_ns
+        while self._detections and (
+            self._detections[0].message.log_time_ns < done.log_ns - wait
+            or len(self._detections) > _MOST_WAITING
+        ):
+            self._alone(self._detections.popleft())
+
+    def _match(self, first: _Waiting) -> _Found | None:
+        if self._by_stamp:
+            stamp = first.picture.stamp_ns
+            return next((d for d in self._detections if d.detected.stamp_ns == stamp), None)
+        near = [
+            d
+            for d in self._detections
+            if abs(d.time_ns - first.time_ns) <= self._tolerance_ns
+            and not self._nearer_to_next(d, first)
+        ]
+        return min(near, key=lambda d: abs(d.time_ns - first.time_ns), default=None)
+
+    def _nearer_to_next(self, found: _Found, first: _Waiting) -> bool:
+        if len(self._pictures) < 2:
+            return False
+        following = self._pictures[1]
+        return abs(found.time_ns - following.time_ns) < abs(found.time_ns - first.time_ns)
+
+
+def _size(picture: Pictured) -> int:
+    return len(picture.message.data)

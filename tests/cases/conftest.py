@@ -1,0 +1,72 @@
+"""Inputs after what people hit: each script beside the project makes one, run in place."""
+
+from __future__ import annotations
+
+import os
+import runpy
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+CASES = Path(__file__).parents[3] / "shared" / "cases"
+Case = Callable[..., Path]
+
+
+def _run(script: Path, out: Path, *words: str) -> Path:
+    if script.suffix == ".sh":
+        environment = {
+            **os.environ,
+            "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+        }
+        environment["PYTHONDONTWRITEBYTECODE"] = "1"
+        subprocess.run(
+            ["sh", str(script), str(out), *words],
+            check=True,
+            env=environment,
+            cwd=script.parent,
+        )
+        return out
+    argv, path, flag = sys.argv, list(sys.path), sys.dont_write_bytecode
+    before = set(sys.modules)
+    sys.argv = [script.name, str(out), *words]
+    sys.path.insert(0, str(script.parent))
+    sys.dont_write_bytecode = True
+    try:
+        runpy.run_path(str(script), run_name="__main__")
+    except SystemExit as e:
+        if e.code:
+            raise RuntimeError(f"{script}: {e.code}") from e
+    finally:
+        sys.argv, sys.path[:], sys.dont_write_bytecode = argv, path, flag
+        for name in set(sys.modules) - before:
+            if name in ("_lib", "scene", "v_codec"):
+                del sys.modules[name]
+    return out
+
+
+@pytest.fixture(scope="session")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    """Makes the input of a case: ``case("mcap/base")``, ``case("video/f_folder", "exif")``."""
+    made: dict[tuple[str, ...], Path] = {}
+
+    def make(name: str, *words: str, suffix: str = "") -> Path:
+        key = (name, *words, suffix)
+        if key in made:
+            return made[key]
+        kind, script = name.split("/")
+        found = [CASES / kind / f"{script}{end}" for end in (".py", ".sh")]
+        there = [p for p in found if p.exists()]
+        if not there:
+            pytest.skip(f"the case {name} is not beside the project ({CASES})")
+        if kind == "video" and shutil.which("ffmpeg") is None:
+            pytest.skip("the command ffmpeg is not installed: it makes the case")
+        folder = tmp_path_factory.mktemp(script)
+        suffix = suffix or (".mcap" if kind == "mcap" else "")
+        made[key] = _run(there[0], folder / f"{script}{suffix}", *words)
+        return made[key]
+
+    return make
