@@ -94,6 +94,8 @@ def examples(
         "jpeg",
     )
     done(*words, "-o", folder / "scene.mcap")
+    alone = ("--camera", "front", "--detect", "none")
+    done("record", folder / "img1", "--fps", 2, *alone, "-o", folder / "bag.mcap")
     data = (folder / "scene.mcap").read_bytes()
     (folder / "scene.mcap.part").write_bytes(data[: len(data) // 2])
     for name, change in (
