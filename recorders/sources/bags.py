@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,8 @@ class BagFiles:
             raise SourceError(f"not a bag that can be read ({e})", path) from e
         self._connections = {id(c): self._channel(c) for c in self._reader.connections}
         self.channels = sorted(self._connections.values(), key=lambda c: (c.topic, c.id))
+        # A source is dropped, not closed: its files are given back with it.
+        self._closing = weakref.finalize(self, self._reader.close)
         filled = self._reader.message_count > 0
         self.start_ns: int | None = max(0, self._reader.start_time) if filled else None
         self.end_ns: int | None = max(0, self._reader.end_time) if filled else None
@@ -125,4 +128,4 @@ class BagFiles:
 
     def close(self) -> None:
         """Release the files."""
-        self._reader.close()
+        self._closing()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import tempfile
+import weakref
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
@@ -84,6 +85,8 @@ class McapFiles:
         if len(files) > _MOST_FILES:
             raise LimitError(f"{len(files)} files, at most {_MOST_FILES} are read", path)
         self._readers: list[LogReader] = []
+        # A source is dropped, not closed: its files are given back with it.
+        self._closing = weakref.finalize(self, _close_all, self._readers)
         try:
             for k, file in enumerate(files):
                 self._readers.append(LogReader(self._unpacked(file, k), limits))
@@ -201,10 +204,14 @@ class McapFiles:
 
     def close(self) -> None:
         """See `LogFiles`."""
-        for reader in self._readers:
-            reader.close()
+        self._closing()
         if self._folder is not None:
             self._folder.cleanup()
+
+
+def _close_all(readers: list[LogReader]) -> None:
+    for reader in readers:
+        reader.close()
 
 
 def _compresses_messages(reader: LogReader) -> bool:
