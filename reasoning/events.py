@@ -18,7 +18,7 @@ from typing import Any
 from reasoning.groups import GroupChange, HeldGroup
 from reasoning.interactions import InteractionParameters, PairChange
 from reasoning.regions import SceneChange
-from reasoning.relations import SECOND_NS, Change
+from reasoning.relations import SECOND_NS, RelationChange
 from reasoning.transitions import GROUPED, GROUPING, SPLITTING, TABLE, code, name
 from recorders.messages import Event, Notice, Target
 
@@ -51,14 +51,14 @@ class EventLog:
         """Append an event of this frame."""
         event = Event(
             self.next_id,
-            kind,
-            list(subjects),
-            self._frame,
-            self._time_ns,
-            rule,
-            evidence,
-            text,
-            list(groups),
+            kind=kind,
+            subjects=list(subjects),
+            frame=self._frame,
+            time_ns=self._time_ns,
+            rule=rule,
+            evidence=evidence,
+            text=text,
+            groups=list(groups),
         )
         self.events.append(event)
         self.next_id += 1
@@ -214,7 +214,7 @@ _RELATION_TEXT = {
 
 
 def relation(
-    log: EventLog, change: Change, overlap: float, margins: dict[str, float]
+    log: EventLog, change: RelationChange, overlap: float, margins: dict[str, float]
 ) -> None:
     """A change of a pair's relation (SHELLS 2.3). Two discs meet where the gap between them is at
     most 0.
@@ -431,7 +431,7 @@ def forbidden(log: EventLog, target: int, before: int, after: int) -> None:
     log.add("anomaly", [target], "EVENTS 3.1 transition table", evidence, text)
 
 
-def torn(log: EventLog, change: Change) -> None:
+def torn(log: EventLog, change: RelationChange) -> None:
     """A JOINT pair's shells are disjoint."""
     evidence = {
         "distance_px": change.distance,

@@ -57,7 +57,7 @@ def _edge_order(e: dict[str, Any]) -> tuple[Any, ...]:
 
 
 @dataclasses.dataclass(frozen=True)
-class Scene:
+class GraphScene:
     """What the graph is made of in a frame: tracks by id, groups by label, relations and bonds by
     (a, b).
     """
@@ -79,7 +79,7 @@ class GraphBook:
         self._facts: list[tuple[Any, ...]] | None = None
         self._started = False
 
-    def step(self, frame: int, time_ns: int, scene: Scene) -> Graph | None:
+    def step(self, frame: int, time_ns: int, scene: GraphScene) -> Graph | None:
         """The frame's graph, or None when it equals the last one."""
         facts = _facts(scene)
         if facts == self._facts:
@@ -126,7 +126,7 @@ class GraphBook:
         self._facts = None
 
 
-def _facts(scene: Scene) -> list[tuple[Any, ...]]:
+def _facts(scene: GraphScene) -> list[tuple[Any, ...]]:
     """Everything that nodes and intervals tell, as numbers and words: equal facts make an equal
     graph.
     """
@@ -191,7 +191,7 @@ def _group_node(g: HeldGroup) -> dict[str, Any]:
     }
 
 
-def _intervals(scene: Scene) -> Iterable[Interval]:
+def _intervals(scene: GraphScene) -> Iterable[Interval]:
     for relation in scene.relations:
         yield (
             target_node(relation.a),

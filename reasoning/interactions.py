@@ -73,7 +73,7 @@ class InteractionParameters(Parameters):
 
 
 @dataclasses.dataclass(frozen=True)
-class Members:
+class TargetRows:
     """The N targets of a frame as rows, ids ascending.
 
     ``boxes`` (N, 4) in pixels, an array or a list; ``blobs`` region ids; ``seen`` observed now;
@@ -226,7 +226,7 @@ class InteractionBook:
         self,
         frame: int,
         time_ns: int,
-        m: Members,
+        m: TargetRows,
         group_tracks: Sequence[GroupTrack] | None,
     ) -> tuple[list[PairChange], list[Cluster]]:
         """Take a frame's targets; answer with every pair's change, by (a, b), and the clusters
@@ -301,7 +301,7 @@ class InteractionBook:
         ns: int,
         pair: Pair,
         rows: Pair,
-        m: Members,
+        m: TargetRows,
         one_group: bool,
         squared: float,
         collides: bool,
@@ -333,7 +333,7 @@ class InteractionBook:
         return PairChange(*pair, before, after, distance, since, ns - began, split, jumped)
 
     def _regions(
-        self, m: Members, areas: SafetyAreas, tracks: Sequence[GroupTrack] | None
+        self, m: TargetRows, areas: SafetyAreas, tracks: Sequence[GroupTrack] | None
     ) -> tuple[list[int], str]:
         """Each target's observed region (NO_BLOB: none), and what kind of region that is."""
         if tracks is None:
@@ -344,7 +344,7 @@ class InteractionBook:
             for index in range(len(m.ids))
         ], "group track"
 
-    def _may_lie_over(self, k: int, m: Members) -> bool:
+    def _may_lie_over(self, k: int, m: TargetRows) -> bool:
         """Newborn and leaving targets belong to no group's region; absent ones only if they were
         grouped before.
         """
@@ -352,7 +352,7 @@ class InteractionBook:
             return False
         return m.present[k] or bool(self.states.get(m.ids[k], 0) & GROUPED)
 
-    def _blob_regions(self, m: Members, areas: SafetyAreas) -> list[int]:
+    def _blob_regions(self, m: TargetRows, areas: SafetyAreas) -> list[int]:
         regions = [
             blob if blob >= 0 and self._may_lie_over(index, m) else NO_BLOB
             for index, blob in enumerate(m.blobs)
@@ -378,7 +378,7 @@ class InteractionBook:
                 regions[index] = m.blobs[row[min(near)[1]]]
         return regions
 
-    def _track_of(self, k: int, m: Members, tracks: Sequence[GroupTrack]) -> int:
+    def _track_of(self, k: int, m: TargetRows, tracks: Sequence[GroupTrack]) -> int:
         """The one of some observed group trackers that target k lies over: named by the tracker,
         else the largest share of its box, ties by the lower id; NO_BLOB if none.
         """

@@ -32,20 +32,20 @@ from msgspec import UNSET
 from reasoning import events as tell
 from reasoning.classes import ClassBook
 from reasoning.geometry import WHOLLY, boxes_touch, circles_overlap_share
-from reasoning.graph import GraphBook, Scene
+from reasoning.graph import GraphBook, GraphScene
 from reasoning.groups import GroupBook, GroupChange, HeldGroup
 from reasoning.interactions import (
     Bond,
     Cluster,
     InteractionBook,
     InteractionParameters,
-    Members,
     PairChange,
+    TargetRows,
 )
 from reasoning.regions import RegionParameters, SceneBook, SceneRegions, default_regions
-from reasoning.relations import Change, Objects, RelationBook, RelationParameters
+from reasoning.relations import Objects, RelationBook, RelationChange, RelationParameters
 from reasoning.shells import ShellParameters, Shells, shells
-from reasoning.target_columns import Rows, ghost, united
+from reasoning.target_columns import TargetColumns, ghost, merge_overlapping
 from reasoning.transitions import GROUPED, GROUPING, SPLITTING, TransitionCounter
 from recorders.messages import (
     Detections,
@@ -159,7 +159,7 @@ class Reasoner:
         self._leaving = self._lingering(removed)
         for i in self._leaving:
             given[i] = ghost(self._last[i])
-        rows = Rows([given[i] for i in sorted(given)], self._last)
+        rows = TargetColumns([given[i] for i in sorted(given)], self._last)
         self._infer_splits(rows)
         told = {
             (notice.kind, subject)
@@ -202,7 +202,7 @@ class Reasoner:
             graph=self._graph.step(
                 frame_index,
                 time_ns,
-                Scene(tracks, self._groups.groups, self._book.edges, self._bonds()),
+                GraphScene(tracks, self._groups.groups, self._book.edges, self._bonds()),
             ),
         )
 
@@ -212,7 +212,7 @@ class Reasoner:
         elif regions is not self._regions.message and regions != self._regions.message:
             self._regions = SceneRegions(regions, self._region)
 
-    def _infer_splits(self, rows: Rows) -> None:
+    def _infer_splits(self, rows: TargetColumns) -> None:
         """Who is first seen inside the region of interest and over an older target's box is born
         of a split.
         """
@@ -248,7 +248,7 @@ class Reasoner:
         )
 
     def _tell_life(
-        self, rows: Rows, removed: Sequence[int], told: set[tuple[str, int]]
+        self, rows: TargetColumns, removed: Sequence[int], told: set[tuple[str, int]]
     ) -> None:
         """Events of the tracks' own life that the tracker has not told itself."""
         for target in rows.targets:
@@ -300,7 +300,9 @@ class Reasoner:
                     f"Target {i} is not tracked any more.",
                 )
 
-    def _relate(self, frame: int, ns: int, rows: Rows) -> tuple[list[Change], Shells]:
+    def _relate(
+        self, frame: int, ns: int, rows: TargetColumns
+    ) -> tuple[list[RelationChange], Shells]:
         shell = shells(rows.targets, self._shell)
         objects = Objects(
             rows.ids,
@@ -322,19 +324,19 @@ class Reasoner:
         return changes, shell
 
     def _interact(
-        self, frame: int, ns: int, rows: Rows, targets: Targets
+        self, frame: int, ns: int, rows: TargetColumns, targets: Targets
     ) -> tuple[list[PairChange], list[Wrong]]:
         book = self._interactions
         states_before = dict(book.states)
-        members = Members(
+        members = TargetRows(
             rows.ids,
-            rows.boxes,
-            rows.blobs,
-            rows.seen,
-            rows.present,
-            rows.newborn,
-            rows.of_split,
-            self._leaving,
+            boxes=rows.boxes,
+            blobs=rows.blobs,
+            seen=rows.seen,
+            present=rows.present,
+            newborn=rows.newborn,
+            of_split=rows.of_split,
+            leaving=self._leaving,
         )
         changes, clusters = book.step(frame, ns, members, targets.group_tracks)
         groups = self._group(frame, ns, rows, clusters)
@@ -373,7 +375,7 @@ class Reasoner:
         return changes, wrong
 
     def _group(
-        self, frame: int, ns: int, rows: Rows, clusters: Sequence[Cluster]
+        self, frame: int, ns: int, rows: TargetColumns, clusters: Sequence[Cluster]
     ) -> list[GroupChange]:
         splitting = [
             p for p, bond in self._interactions.bonds.items() if bond.bit == SPLITTING
@@ -382,7 +384,9 @@ class Reasoner:
         if any(rows.of_split):
             born = [i for i, split in zip(rows.ids, rows.of_split, strict=True) if split]
             entered = [[i, *self._interactions.partners(i, SPLITTING)] for i in born]
-        return self._groups.step(frame, ns, clusters, united(entered), splitting, rows.row)
+        return self._groups.step(
+            frame, ns, clusters, merge_overlapping(entered), splitting, rows.row
+        )
 
     def _group_of_pair(self, c: PairChange, changes: Sequence[GroupChange]) -> int | None:
         """The group that both are in; where they split and it ended for others, the one that had
@@ -402,7 +406,7 @@ class Reasoner:
             for a, b in sorted(self._interactions.bonds)
         ]
 
-    def _tell_disputes(self, rows: Rows) -> None:
+    def _tell_disputes(self, rows: TargetColumns) -> None:
         """One event per episode in which a pair's two views contradict one another."""
         disputes: list[tuple[int, int]] = []
         for a, b, bond in self._bonds():
@@ -426,7 +430,10 @@ class Reasoner:
         self._disputes = disputes
 
     def _tell_anomalies(
-        self, changes: Sequence[Change], pairs: Sequence[PairChange], wrong: Sequence[Wrong]
+        self,
+        changes: Sequence[RelationChange],
+        pairs: Sequence[PairChange],
+        wrong: Sequence[Wrong],
     ) -> None:
         for change in changes:
             if (
@@ -441,7 +448,7 @@ class Reasoner:
         for i, before, after in wrong:
             tell.forbidden(self._log, i, before, after)
 
-    def _tracks(self, rows: Rows, shell: Shells) -> list[Track]:
+    def _tracks(self, rows: TargetColumns, shell: Shells) -> list[Track]:
         states, partners = self._interactions.states, self._interactions.partners
         presences = self._scene.targets
         answer: list[Track] = []
@@ -560,13 +567,13 @@ def _group(g: HeldGroup) -> Group:
     former = [list(member) for member in g.former_members]
     return Group(
         g.label,
-        list(g.members),
-        g.observed,
-        g.since_frame,
-        g.since_ns,
-        list(g.formed_from),
-        former,
-        g.entered_as_one,
+        members=list(g.members),
+        observed=g.observed,
+        since_frame=g.since_frame,
+        since_ns=g.since_ns,
+        formed_from=list(g.formed_from),
+        former_members=former,
+        entered_as_one=g.entered_as_one,
     )
 
 

@@ -374,13 +374,29 @@ class SceneBook:
             )
         why = "the track ended here"
         changes = [
-            SceneChange("zone_left", i, "", PARTLY, PARTLY, ns - begun, z, why)
+            SceneChange(
+                "zone_left",
+                id=i,
+                before="",
+                roi=PARTLY,
+                area=PARTLY,
+                lasted_ns=ns - begun,
+                zone=z,
+                reason=why,
+            )
             for z, begun in sorted(held.zones.items())
         ]
         if held.status == "exiting":
             changes.append(
                 SceneChange(
-                    "exited", i, "exiting", PARTLY, PARTLY, ns - held.since_ns, "", why
+                    "exited",
+                    id=i,
+                    before="exiting",
+                    roi=PARTLY,
+                    area=PARTLY,
+                    lasted_ns=ns - held.since_ns,
+                    zone="",
+                    reason=why,
                 )
             )
         return changes

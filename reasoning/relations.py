@@ -76,7 +76,7 @@ class RelationParameters(Parameters):
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Step:
+class RelationStep:
     """What a pair does in a frame: its state afterwards and the case, ``kept`` where nothing
     changes.
     """
@@ -96,23 +96,23 @@ class Step:
         )
 
 
-_TABLE: Mapping[tuple[RelationName, bool, bool], Step] = {
-    ("INDEPENDENT", False, False): Step("INDEPENDENT", "I"),
-    ("INDEPENDENT", False, True): Step("INDEPENDENT", "I"),
-    ("INDEPENDENT", True, False): Step("INTERACTION", "II"),
-    ("INDEPENDENT", True, True): Step("INTERACTION", "II"),
-    ("INTERACTION", True, False): Step("INTERACTION", "kept"),
-    ("INTERACTION", True, True): Step("JOINT", "III"),
-    ("INTERACTION", False, False): Step("INDEPENDENT", "V"),
-    ("INTERACTION", False, True): Step("INDEPENDENT", "V"),
-    ("JOINT", True, False): Step("INTERACTION", "IV"),
-    ("JOINT", True, True): Step("JOINT", "kept"),
-    ("JOINT", False, False): Step("INTERACTION", "torn"),
-    ("JOINT", False, True): Step("INTERACTION", "torn"),
+_TABLE: Mapping[tuple[RelationName, bool, bool], RelationStep] = {
+    ("INDEPENDENT", False, False): RelationStep("INDEPENDENT", "I"),
+    ("INDEPENDENT", False, True): RelationStep("INDEPENDENT", "I"),
+    ("INDEPENDENT", True, False): RelationStep("INTERACTION", "II"),
+    ("INDEPENDENT", True, True): RelationStep("INTERACTION", "II"),
+    ("INTERACTION", True, False): RelationStep("INTERACTION", "kept"),
+    ("INTERACTION", True, True): RelationStep("JOINT", "III"),
+    ("INTERACTION", False, False): RelationStep("INDEPENDENT", "V"),
+    ("INTERACTION", False, True): RelationStep("INDEPENDENT", "V"),
+    ("JOINT", True, False): RelationStep("INTERACTION", "IV"),
+    ("JOINT", True, True): RelationStep("JOINT", "kept"),
+    ("JOINT", False, False): RelationStep("INTERACTION", "torn"),
+    ("JOINT", False, True): RelationStep("INTERACTION", "torn"),
 }
 
 
-def resolve(before: RelationName, meets: bool, same_blob: bool) -> Step:
+def resolve(before: RelationName, meets: bool, same_blob: bool) -> RelationStep:
     """The five cases for one pair (SHELLS 2.3, equations 1 to 5) and our rule for a torn JOINT.
 
     Args:
@@ -168,7 +168,7 @@ class Edge:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Change:
+class RelationChange:
     """A pair's change of relation in one frame, with what was measured (pixels; ``lasted_ns``:
     the state before); ``unseen``: who has no blob in this frame.
     """
@@ -258,12 +258,12 @@ class RelationBook:
             (e.b if e.a == i else e.a, e.state) for p, e in self._edges.items() if i in p
         )
 
-    def step(self, frame: int, time_ns: int, objects: Objects) -> list[Change]:
+    def step(self, frame: int, time_ns: int, objects: Objects) -> list[RelationChange]:
         """Take a frame's objects; answer with every change, by (a, b)."""
         ids = objects.ids
         row = {i: index for index, i in enumerate(ids)}
         discs = _Discs(objects)
-        changes: list[Change] = []
+        changes: list[RelationChange] = []
         for pair in list(self._edges):
             if pair[0] not in row or pair[1] not in row:
                 changes.append(self._end_of_gone(pair, row, time_ns))
@@ -300,14 +300,14 @@ class RelationBook:
 
     def _begin(
         self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, discs: _Discs
-    ) -> Change:
+    ) -> RelationChange:
         step = resolve("INDEPENDENT", meets=True, same_blob=False)
         distance, ra, rb = discs.distance(*m), discs.radii[m[0]], discs.radii[m[1]]
         self._edges[pair] = Edge(
             *pair, step.after, frame, ns, step.rule, distance, ra, rb, frame, ns
         )
         same = same_blob(o.blobs[m[0]], o.seen[m[0]], o.blobs[m[1]], o.seen[m[1]])
-        return Change(
+        return RelationChange(
             *pair,
             "INDEPENDENT",
             step.after,
@@ -323,7 +323,7 @@ class RelationBook:
 
     def _advance(
         self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, discs: _Discs
-    ) -> Change | None:
+    ) -> RelationChange | None:
         """One frame of a pair that is related: what its case demands, once it has lasted long
         enough.
         """
@@ -357,7 +357,7 @@ class RelationBook:
         if case == "IV" and (leaving or NO_BLOB in (o.blobs[m[0]], o.blobs[m[1]])):
             # Case IV asks for two blobs, and there are not two.
             case, rule, edge.rule = "unseen", UNSEEN, UNSEEN
-        return Change(
+        return RelationChange(
             *pair,
             before,
             step.after,
@@ -377,11 +377,11 @@ class RelationBook:
             return self._p.leave_duration_s * SECOND_NS
         return self._p.blob_duration_s * SECOND_NS if case in ("III", "IV") else 0.0
 
-    def _end_of_gone(self, pair: Pair, row: Mapping[int, int], ns: int) -> Change:
+    def _end_of_gone(self, pair: Pair, row: Mapping[int, int], ns: int) -> RelationChange:
         e = self._edges.pop(pair)
         gone = tuple(i for i in pair if i not in row)
         radii, lasted = (e.radius_a, e.radius_b), ns - e.since_ns
-        return Change(
+        return RelationChange(
             *pair,
             e.state,
             "INDEPENDENT",

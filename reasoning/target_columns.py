@@ -9,7 +9,7 @@ import msgspec
 from recorders.messages import NO_BLOB, Box, Target
 
 
-class Rows:
+class TargetColumns:
     """A frame's targets as columns, ids ascending."""
 
     def __init__(self, targets: Sequence[Target], before: Mapping[int, Target]) -> None:
@@ -41,7 +41,7 @@ def ghost(t: Target) -> Target:
     )
 
 
-def united(sets: Sequence[Sequence[int]]) -> list[tuple[int, ...]]:
+def merge_overlapping(sets: Sequence[Sequence[int]]) -> list[tuple[int, ...]]:
     """Sets that share a member become one; ascending, by the first member."""
     whole: list[list[int]] = []
     for s in sets:

@@ -21,7 +21,7 @@ LIMITS: Mapping[str, str] = {
 
 
 @dataclass(frozen=True)
-class Shape:
+class EvidenceShape:
     """One way in which a kind's evidence looks.
 
     Attributes:
@@ -37,7 +37,7 @@ class Shape:
 
 _TRACK = ("box", "mode", "confidence", "observed")
 """What is told of a track whose tracker says nothing of its life."""
-_UNTOLD = Shape((), _TRACK, ("born_of_split", "blob", "mode_before"))
+_UNTOLD = EvidenceShape((), _TRACK, ("born_of_split", "blob", "mode_before"))
 _PLACE = ("in_roi", "in_roi_and_border", "box", "regions")
 _STATUS = ("status_before", "time_in_status_s")
 _RELATION = (
@@ -45,7 +45,7 @@ _RELATION = (
     "same_blob", "time_in_state_s", "since_frame", "enter_margin", "leave_margin",
     "enter_duration_s", "leave_duration_s", "blob_duration_s",
 )  # fmt: skip
-_PAIR = Shape(
+_PAIR = EvidenceShape(
     ("safety_distance",),
     ("before", "after", "region", "time_in_state_s", "safety_margin"),
     ("inferred",),
@@ -53,94 +53,99 @@ _PAIR = Shape(
 _GROUP = (
     "observed", "source", "source_id", "ended", "began", "members_before", "joined", "left"
 )  # fmt: skip
-_RELATED = Shape(("shell_gap_px",), _RELATION, ("gone",))
-_SEEN = Shape(
+_RELATED = EvidenceShape(("shell_gap_px",), _RELATION, ("gone",))
+_SEEN = EvidenceShape(
     ("within_roi_px",),
     (*_STATUS, *_PLACE),
 )
-_GONE = Shape((), (*_STATUS, "reason", "box", "regions"))
+_GONE = EvidenceShape((), (*_STATUS, "reason", "box", "regions"))
 
-EVIDENCE: Mapping[str, tuple[Shape, ...]] = {
+EVIDENCE: Mapping[str, tuple[EvidenceShape, ...]] = {
     "track_confirmed": (
-        Shape(("hits", "age_s"), ("first_frame",)),
-        Shape(("life_s", "support"), ("sightings", "fragments")),
-        Shape((), ("hits", "age_s", "first_frame")),  # by hand
-        Shape(("appearance",), ("hits", "first_frame")),  # a stranger
+        EvidenceShape(("hits", "age_s"), ("first_frame",)),
+        EvidenceShape(("life_s", "support"), ("sightings", "fragments")),
+        EvidenceShape((), ("hits", "age_s", "first_frame")),  # by hand
+        EvidenceShape(("appearance",), ("hits", "first_frame")),  # a stranger
         _UNTOLD,
     ),
     "track_lost": (
-        Shape(("unseen_s",), ("confidence",)),
-        Shape((), ("fill_s",)),
+        EvidenceShape(("unseen_s",), ("confidence",)),
+        EvidenceShape((), ("fill_s",)),
         _UNTOLD,
     ),
     "track_recovered": (
-        Shape(("unseen_s",), ("confidence",)),
-        Shape(("cost",), ("unseen_s", "motion", "size"), ("appearance",)),
-        Shape(("colour_distance",), ("unseen_s",)),
-        Shape(("path_cost",), ("unseen_s",)),
-        Shape(("exchanged",), ("as_they_were", "since_frame")),
-        Shape(("appearance",), ("since_frame",)),
-        Shape(("log_likelihood",), ("frames", "since_frame")),
-        Shape(("gap_s", "cost"), ("fragment", "after", "motion", "size"), ("appearance",)),
-        Shape(("gap_s",)),
+        EvidenceShape(("unseen_s",), ("confidence",)),
+        EvidenceShape(("cost",), ("unseen_s", "motion", "size"), ("appearance",)),
+        EvidenceShape(("colour_distance",), ("unseen_s",)),
+        EvidenceShape(("path_cost",), ("unseen_s",)),
+        EvidenceShape(("exchanged",), ("as_they_were", "since_frame")),
+        EvidenceShape(("appearance",), ("since_frame",)),
+        EvidenceShape(("log_likelihood",), ("frames", "since_frame")),
+        EvidenceShape(
+            ("gap_s", "cost"), ("fragment", "after", "motion", "size"), ("appearance",)
+        ),
+        EvidenceShape(("gap_s",)),
         _UNTOLD,
     ),
     "track_removed": (
-        Shape(("unseen_s",), ("confidence", "box", "left_scene")),
-        Shape(("confidence",), ("unseen_s", "box", "left_scene")),
-        Shape((), ("unseen_s", "confidence", "box", "left_scene")),  # by its place
-        Shape((), ("last_frame",)),
+        EvidenceShape(("unseen_s",), ("confidence", "box", "left_scene")),
+        EvidenceShape(("confidence",), ("unseen_s", "box", "left_scene")),
+        EvidenceShape((), ("unseen_s", "confidence", "box", "left_scene")),  # by its place
+        EvidenceShape((), ("last_frame",)),
         _UNTOLD,
     ),
     "mode_changed": (
-        Shape(("unseen_s",), ("from", "to", "confidence")),
-        Shape((), ("from", "to", "unseen_s", "confidence")),
-        Shape((), ("from", "to")),
+        EvidenceShape(("unseen_s",), ("from", "to", "confidence")),
+        EvidenceShape((), ("from", "to", "unseen_s", "confidence")),
+        EvidenceShape((), ("from", "to")),
         _UNTOLD,
     ),
-    "entering": (_SEEN, Shape((), (*_STATUS, *_PLACE))),
-    "entered": (_SEEN, Shape((), (*_STATUS, *_PLACE))),
-    "returned": (_SEEN, Shape((), (*_STATUS, *_PLACE))),
+    "entering": (_SEEN, EvidenceShape((), (*_STATUS, *_PLACE))),
+    "entered": (_SEEN, EvidenceShape((), (*_STATUS, *_PLACE))),
+    "returned": (_SEEN, EvidenceShape((), (*_STATUS, *_PLACE))),
     "exiting": (
-        Shape(("beyond_border_px",), (*_STATUS, *_PLACE)),
-        Shape((), (*_STATUS, *_PLACE)),
+        EvidenceShape(("beyond_border_px",), (*_STATUS, *_PLACE)),
+        EvidenceShape((), (*_STATUS, *_PLACE)),
     ),
     "exited": (
-        Shape(("beyond_border_px",), (*_STATUS, *_PLACE)),
-        Shape((), (*_STATUS, *_PLACE)),
+        EvidenceShape(("beyond_border_px",), (*_STATUS, *_PLACE)),
+        EvidenceShape((), (*_STATUS, *_PLACE)),
         _GONE,
     ),
     "interaction_started": (_RELATED,),
     "joined": (_RELATED,),
     "separated": (_RELATED,),
-    "interaction_ended": (_RELATED, Shape((), (*_RELATION, "shell_gap_px", "gone"))),
+    "interaction_ended": (
+        _RELATED,
+        EvidenceShape((), (*_RELATION, "shell_gap_px", "gone")),
+    ),
     "grouping": (_PAIR,),
     "grouped": (_PAIR,),
     "splitting": (_PAIR,),
     "single": (
-        Shape(
+        EvidenceShape(
             ("safety_distance",),
             ("state_before", "state_before_name", "partners_before", "safety_margin"),
             ("partners_gone", "safety_distances"),
         ),
-        Shape(
+        EvidenceShape(
             (),
             ("state_before", "state_before_name", "partners_before", "partners_gone"),
             ("safety_margin", "safety_distances"),
         ),
     ),
-    "group_formed": (Shape(("count",), ("members",), _GROUP),),
-    "group_changed": (Shape(("count",), ("members",), _GROUP),),
-    "group_entered_scene": (Shape(("count",), ("members",), _GROUP),),
+    "group_formed": (EvidenceShape(("count",), ("members",), _GROUP),),
+    "group_changed": (EvidenceShape(("count",), ("members",), _GROUP),),
+    "group_entered_scene": (EvidenceShape(("count",), ("members",), _GROUP),),
     "group_ended": (
-        Shape(
+        EvidenceShape(
             ("splitting_pairs",),
             ("members", "lasted_s", "since_frame", "gone"),
             _GROUP,
         ),
     ),
     "disagreement": (
-        Shape(
+        EvidenceShape(
             ("safety_distance",),
             (
                 "interaction",
@@ -151,20 +156,20 @@ EVIDENCE: Mapping[str, tuple[Shape, ...]] = {
             ),
             ("shell_gap_px", "relation_since_frame"),
         ),
-        Shape(("score",), ("gave_way",)),
+        EvidenceShape(("score",), ("gave_way",)),
     ),
     "anomaly": (
-        Shape(("shell_gap_px",), ("distance_px", "shell_radii_px", "same_blob")),
-        Shape(("safety_distance",), ("before", "safety_margin")),
-        Shape((), ("from", "to", "why")),
+        EvidenceShape(("shell_gap_px",), ("distance_px", "shell_radii_px", "same_blob")),
+        EvidenceShape(("safety_distance",), ("before", "safety_margin")),
+        EvidenceShape((), ("from", "to", "why")),
     ),
-    "zone_entered": (Shape(("inside_px",), ("zone", *_PLACE)),),
+    "zone_entered": (EvidenceShape(("inside_px",), ("zone", *_PLACE)),),
     "zone_left": (
-        Shape(("inside_px",), ("zone", "time_in_zone_s", *_PLACE)),
-        Shape((), ("zone", "time_in_zone_s", *_PLACE)),  # the zone is gone
-        Shape((), ("zone", "time_in_zone_s", "reason", "box", "regions")),
+        EvidenceShape(("inside_px",), ("zone", "time_in_zone_s", *_PLACE)),
+        EvidenceShape((), ("zone", "time_in_zone_s", *_PLACE)),  # the zone is gone
+        EvidenceShape((), ("zone", "time_in_zone_s", "reason", "box", "regions")),
     ),
-    "occluded": (Shape(("evidence",), ("confidence",)),),
+    "occluded": (EvidenceShape(("evidence",), ("confidence",)),),
 }
 """Every kind's evidence, in all the ways in which it is found."""
 
@@ -196,7 +201,7 @@ def unlike(kind: str, evidence: Mapping[str, Any]) -> str:
     return "" if "" in wrong else f"{kind}: " + "; or ".join(wrong)
 
 
-def _unlike(shape: Shape, evidence: Mapping[str, Any]) -> str:
+def _unlike(shape: EvidenceShape, evidence: Mapping[str, Any]) -> str:
     names = [n for n in evidence if not is_limit(n, evidence)]
     known = (*shape.held, *shape.plain, *shape.maybe)
     wrong = [f"{n} is missing" for n in (*shape.held, *shape.plain) if n not in evidence]

@@ -17,8 +17,8 @@ from recorders.annotated.provenance import (
     METADATA,
     canonical,
     extras,
-    sealed,
     sha256,
+    with_fact_digests,
 )
 from recorders.errors import OutputExistsError, UsageError
 from recorders.log import Attachment, LogWriter, Message
@@ -104,7 +104,7 @@ def replay(
             else:
                 writer.copy(scene.trailing)
                 if scene.trailing:
-                    run.input_link = digest.chained(
+                    run.input_link = digest.chain_link(
                         run.input_link, digest.recorded_digest(scene.trailing)
                     )
             return writer.finish(run)
@@ -268,7 +268,7 @@ class AnnotatedWriter:
         }
         if options.choice.version:
             facts["tracker_version"] = options.choice.version
-        self._log.metadata(METADATA, sealed(facts))
+        self._log.metadata(METADATA, with_fact_digests(facts))
         done = self._frames, run.computed, len(self._tracks), self._events
         found = sum(frames > 1 for frames in run.sightings.values())
         unreadable = tuple(self._scene.unreadable.lines())

@@ -29,7 +29,7 @@ from recorders.messages import Targets
 from recorders.parameters import Config
 from recorders.scene import Frame, SceneLog
 from replay.configuration import fingerprint, replay_config
-from replay.protocol import check_targets, code_of, made
+from replay.protocol import check_targets, code_of, make_tracker
 from replay.trackers.choice import DEFAULT_TRACKER, AnyTracker, choose
 from replay.trackers.tracker import Payloads, PayloadTracker, Tracker
 
@@ -125,7 +125,7 @@ class Forward:
     ) -> None:
         self.scene = scene
         self._choice = choose(tracker)
-        self.tracker: Tracker = made(self._choice, scene.info, config)
+        self.tracker: Tracker = make_tracker(self._choice, scene.info, config)
         self._payloads: Callable[[], Payloads] = tuple
         if isinstance(self.tracker, PayloadTracker):
             self._payloads = partial(self.tracker.extra_payloads, finished=not unfinished)
@@ -166,7 +166,7 @@ class Forward:
                     answer = self.tracker.step(frame)
                 check_targets(answer, frame.index)
                 recorded = hashed()
-                self.input_link = digest.chained(self.input_link, recorded)
+                self.input_link = digest.chain_link(self.input_link, recorded)
                 self.previous_ns = frame.time_ns
                 self.next_index = frame.index + 1
                 extra = self._payloads()

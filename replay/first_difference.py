@@ -19,7 +19,7 @@ _SMALL = ("annotations", "log")
 def difference_in(name: str, then: bytes | None, now: bytes | None) -> tuple[str, str, str]:
     """Where two payloads of a channel differ first: place in the message, both values, shortened."""
     if then is None or now is None:
-        return "message", short(then), short(now)
+        return "message", shorten(then), shorten(now)
     found = None
     try:
         if name in channels.JSON_CHANNELS:
@@ -60,12 +60,12 @@ def _unequal(a: Any, b: Any, place: str) -> Iterator[tuple[str, str, str]]:
         for index, (x, y) in enumerate(zip_longest(a, b)):
             yield from _unequal(x, y, f"{place}[{_row_name(x, y, index)}]")
     elif type(a) is not type(b):
-        yield place, short(a), short(b)
+        yield place, shorten(a), shorten(b)
     elif hasattr(a, "tobytes"):
         if (a.dtype, a.shape, a.tobytes()) != (b.dtype, b.shape, b.tobytes()):
-            yield place, short(a.tolist()), short(b.tolist())
+            yield place, shorten(a.tolist()), shorten(b.tolist())
     elif a != b:
-        yield place, short(a), short(b)
+        yield place, shorten(a), shorten(b)
 
 
 def _row_name(x: Any, y: Any, k: int) -> str:
@@ -75,7 +75,7 @@ def _row_name(x: Any, y: Any, k: int) -> str:
     return str(k)
 
 
-def both(a: Any, b: Any) -> tuple[str, str]:
+def shorten_apart(a: Any, b: Any) -> tuple[str, str]:
     """Two unequal values for a line: numbers with as many digits as it takes to tell them apart,
     at least six.
     """
@@ -91,19 +91,20 @@ def both(a: Any, b: Any) -> tuple[str, str]:
         and len(a) <= 8
     ):
         pairs = [
-            both(x, y) if x != y else (short(x),) * 2 for x, y in zip(a, b, strict=True)
+            shorten_apart(x, y) if x != y else (shorten(x),) * 2
+            for x, y in zip(a, b, strict=True)
         ]
-        return short_text(f"({', '.join(pair[0] for pair in pairs)})"), short_text(
+        return shorten_text(f"({', '.join(pair[0] for pair in pairs)})"), shorten_text(
             f"({', '.join(pair[1] for pair in pairs)})"
         )
-    return short(a), short(b)
+    return shorten(a), shorten(b)
 
 
-def short(value: Any) -> str:
+def shorten(value: Any) -> str:
     """A value in at most 60 characters."""
-    return short_text("nothing" if value is None else repr(value))
+    return shorten_text("nothing" if value is None else repr(value))
 
 
-def short_text(text: str) -> str:
+def shorten_text(text: str) -> str:
     """A text cut to 60 characters."""
     return text if len(text) <= 60 else text[:57] + "..."

@@ -19,7 +19,7 @@ from replay.trackers.choice import TrackerChoice
 from replay.trackers.tracker import Tracker
 
 
-def made(choice: TrackerChoice, scene: SceneInfo, config: Config) -> Tracker:
+def make_tracker(choice: TrackerChoice, scene: SceneInfo, config: Config) -> Tracker:
     """Make a tracker that has what a tracker needs.
 
     Raises:

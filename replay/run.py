@@ -26,9 +26,9 @@ from reasoning.reasoner import Reasoner
 from recorders import channels
 from recorders.annotated import checkpoint, digest
 from recorders.annotated.checkpoint import Checkpoint
-from recorders.annotated.frames import moments
-from recorders.annotated.membership import PATCHES, Patches, renamed
-from recorders.annotated.provenance import facts_of, sha256
+from recorders.annotated.frames import instants
+from recorders.annotated.membership import PATCHES, Patches, rename_labels
+from recorders.annotated.provenance import provenance_of, sha256
 from recorders.errors import RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
@@ -185,7 +185,7 @@ def recorded_targets(
     expected, link = 0, digest.START
     wanted = ("targets", "digest")
     with LogReader(path, limits) as log:
-        for time_ns, messages, _ in moments(log, camera, wanted):
+        for time_ns, messages, _ in instants(log, camera, wanted):
             latest = dict(messages)
             if len(latest) < len(wanted):
                 break
@@ -229,7 +229,7 @@ def _under_final_ids(kept: SpoolEntry, names: Mapping[int, int]) -> Payloads:
             finished.append(("membership", Patches.unpacked(data).payload(names, ids)))
         else:
             finished.append(
-                (name, renamed(data, names, ids) if name == "membership" else data)
+                (name, rename_labels(data, names, ids) if name == "membership" else data)
             )
     return tuple(finished)
 
@@ -402,15 +402,15 @@ class Run:
     ) -> Checkpoint:
         return Checkpoint(
             checkpoint.FORMAT,
-            step.frame.index,
-            step.frame.time_ns,
-            recorded_now(step.frame),
-            step.input_link,
-            self.link,
-            self._choice.name,
-            self._fingerprint,
-            checkpoint.decode_state(tracker_state),
-            reasoner.state(),
+            frame=step.frame.index,
+            time_ns=step.frame.time_ns,
+            recorded=recorded_now(step.frame),
+            input_link=step.input_link,
+            link=self.link,
+            tracker=self._choice.name,
+            fingerprint=self._fingerprint,
+            tracker_state=checkpoint.decode_state(tracker_state),
+            reasoner_state=reasoner.state(),
         )
 
     def nearest_checkpoint(self) -> Checkpoint | None:
@@ -459,7 +459,7 @@ def _last_checkpoint(log: LogReader, before_ns: int) -> Checkpoint | None:
     if not listed:
         return None
     name = max(listed)[1]
-    known = facts_of(log).checkpoints
+    known = provenance_of(log).checkpoints
     for found in log.attachments([name]):
         if known is not None and known.get(name) != sha256(found.data):
             raise RecordingError(

@@ -19,15 +19,20 @@ from recorders.annotated import checkpoint, digest
 from recorders.annotated.chain import (
     RECORDED,
     WHOLE,
-    Difference,
     FrameRecord,
+    ReplayDifference,
     Verification,
-    cut,
     recorded_frames,
+    short_digests,
     verify_chain,
 )
 from recorders.annotated.checkpoint import Checkpoint
-from recorders.annotated.provenance import AlteredFactsError, Facts, build_facts, facts_of
+from recorders.annotated.provenance import (
+    AlteredFactsError,
+    Provenance,
+    build_facts,
+    provenance_of,
+)
 from recorders.errors import LimitError, RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
@@ -36,17 +41,17 @@ from recorders.messages import Digest
 from recorders.scene import SceneLog
 from recorders.vision import opencv_threads
 from replay.configuration import package_versions, recorded_config
-from replay.first_difference import difference_in, first_unequal, short
+from replay.first_difference import difference_in, first_unequal, shorten
 from replay.protocol import is_tracker
 from replay.run import Annotated, Progress, ReplayOptions, Run
 from replay.trackers.catalogue import TRACKER_SECTIONS, TRACKERS
 from replay.trackers.choice import AnyTracker, TrackerChoice, choose
 
 __all__ = [
-    "Difference",
     "FrameRecord",
+    "ReplayDifference",
     "Verification",
-    "facts_of",
+    "provenance_of",
     "recorded_frames",
     "verify",
     "verify_chain",
@@ -79,7 +84,7 @@ def verify(
     chain = verify_chain(path, limits, progress)
     with LogReader(path, limits) as log:
         try:
-            facts = facts_of(log)
+            facts = provenance_of(log)
         except AlteredFactsError:
             return chain  # which says so; nothing else is known to replay it by
         choice = choice_of(facts) if tracker is None else choose(tracker)
@@ -127,7 +132,7 @@ def verify(
     return _verdict(chain, changed, effect, frames, reasons, facts.first_frame)
 
 
-def choice_of(facts: Facts) -> TrackerChoice:
+def choice_of(facts: Provenance) -> TrackerChoice:
     """The tracker that the log names, as far as it is installed: a file must not choose freely
     what is imported and called.
 
@@ -150,7 +155,7 @@ def choice_of(facts: Facts) -> TrackerChoice:
         ) from error
 
 
-def _another_tracker(facts: Facts, choice: TrackerChoice) -> list[str]:
+def _another_tracker(facts: Provenance, choice: TrackerChoice) -> list[str]:
     """That the tracker, its code or the configuration is not what the log says."""
     said: list[str] = []
     if choice.name != facts.tracker and not choice.name.endswith(f":{facts.tracker}"):
@@ -171,7 +176,9 @@ def _another_tracker(facts: Facts, choice: TrackerChoice) -> list[str]:
     return said
 
 
-def _compared(comparing: _Comparing, certain: bool) -> tuple[Difference | None, list[str]]:
+def _compared(
+    comparing: _Comparing, certain: bool
+) -> tuple[ReplayDifference | None, list[str]]:
     """The first effect, and what stopped the replay over an altered recording.
 
     Raises:
@@ -191,8 +198,8 @@ def _reason(error: SceneTraceError) -> str:
 
 def _verdict(
     chain: Verification,
-    changed: Difference | None,
-    effect: Difference | None,
+    changed: ReplayDifference | None,
+    effect: ReplayDifference | None,
     frames: int,
     reasons: list[str],
     first_frame: int,
@@ -225,7 +232,7 @@ def _verdict(
     )
 
 
-def _changed_packages(facts: Facts) -> list[str]:
+def _changed_packages(facts: Provenance) -> list[str]:
     now = package_versions()
     then = facts.packages
     pairs = [
@@ -244,7 +251,7 @@ def _changed_packages(facts: Facts) -> list[str]:
     return [f"{name} was {a}, is {b}" for name, a, b in pairs if a != b]
 
 
-def _scene_of(path: Path, facts: Facts, given: str | Path | None) -> Path:
+def _scene_of(path: Path, facts: Provenance, given: str | Path | None) -> Path:
     if given is not None:
         return Path(given)
     if facts.whole:
@@ -259,7 +266,9 @@ def _scene_of(path: Path, facts: Facts, given: str | Path | None) -> Path:
     )
 
 
-def _changed_input(scene: SceneLog, log: LogReader, facts: Facts) -> Difference | None:
+def _changed_input(
+    scene: SceneLog, log: LogReader, facts: Provenance
+) -> ReplayDifference | None:
     """Where the recording is not the one whose digests the log has.
 
     Raises:
@@ -278,13 +287,13 @@ def _changed_input(scene: SceneLog, log: LogReader, facts: Facts) -> Difference 
             # was put there.
             if error.offset is not None or isinstance(error, LimitError):
                 raise
-            return Difference(
+            return ReplayDifference(
                 count, RECORDED, "", "a frame", f"none that can be read: {error.reason}"
             )
         if frame is None:
             break
         now = digest.recorded_digest(frame.messages)
-        link = digest.chained(link, now)
+        link = digest.chain_link(link, now)
         count += 1
         while expected is not None and (
             not expected.digests or expected.digest.frame < frame.index
@@ -295,8 +304,11 @@ def _changed_input(scene: SceneLog, log: LogReader, facts: Facts) -> Difference 
             and expected.digest.frame == frame.index
             and expected.digest.recorded != now
         ):
-            return Difference(
-                frame.index, RECORDED, "digest", *cut(expected.digest.recorded, now)
+            return ReplayDifference(
+                frame.index,
+                RECORDED,
+                "digest",
+                *short_digests(expected.digest.recorded, now),
             )
         if (
             count == facts.input_frames
@@ -305,11 +317,15 @@ def _changed_input(scene: SceneLog, log: LogReader, facts: Facts) -> Difference 
         ):
             return None
     if scene.trailing:
-        link = digest.chained(link, digest.recorded_digest(scene.trailing))
+        link = digest.chain_link(link, digest.recorded_digest(scene.trailing))
     if count < facts.input_frames:
-        return Difference(WHOLE, RECORDED, "frames", str(facts.input_frames), str(count))
+        return ReplayDifference(
+            WHOLE, RECORDED, "frames", str(facts.input_frames), str(count)
+        )
     if link != facts.input_digest:
-        return Difference(WHOLE, RECORDED, "input digest", *cut(facts.input_digest, link))
+        return ReplayDifference(
+            WHOLE, RECORDED, "input digest", *short_digests(facts.input_digest, link)
+        )
     return None
 
 
@@ -320,14 +336,14 @@ class _Comparing:
         frames: how many frames were equal.
     """
 
-    def __init__(self, run: Run, log: LogReader, facts: Facts, links: bool) -> None:
+    def __init__(self, run: Run, log: LogReader, facts: Provenance, links: bool) -> None:
         self._run = run
         self._links = links
         self._log = log
         self._facts = facts
         self.frames = 0
 
-    def difference(self) -> Difference | None:
+    def difference(self) -> ReplayDifference | None:
         """The first difference."""
         facts = self._facts
         records = recorded_frames(self._log, facts.camera)
@@ -338,7 +354,9 @@ class _Comparing:
                 return states.difference
             if expected is None or now.frame.time_ns < expected.time_ns:
                 if _has_gap(facts, now):
-                    return Difference(now.digest.frame, "frames", "", "no frame", "a frame")
+                    return ReplayDifference(
+                        now.digest.frame, "frames", "", "no frame", "a frame"
+                    )
                 if expected is None and now.digest.frame + 1 >= facts.input_frames:
                     break
                 continue
@@ -351,11 +369,11 @@ class _Comparing:
                 break
         if expected is not None:
             number = expected.digest.frame if expected.digests else WHOLE
-            return Difference(number, "frames", "", "a frame", "none")
+            return ReplayDifference(number, "frames", "", "a frame", "none")
         return states.difference
 
 
-def _has_gap(facts: Facts, now: Annotated) -> bool:
+def _has_gap(facts: Provenance, now: Annotated) -> bool:
     """A frame of the span that the log should have and has not."""
     first, end = facts.from_ns, facts.to_ns
     time_ns = now.frame.time_ns
@@ -366,11 +384,11 @@ def _has_gap(facts: Facts, now: Annotated) -> bool:
 class _States:
     """Holds the log's checkpoints against those of the new replay."""
 
-    def __init__(self, log: LogReader, facts: Facts, links: bool) -> None:
+    def __init__(self, log: LogReader, facts: Provenance, links: bool) -> None:
         self._log = log
         self._links = links
         self._known = facts.checkpoints or {}
-        self.difference: Difference | None = None
+        self.difference: ReplayDifference | None = None
 
     def compare(self, made: Checkpoint) -> None:
         """Compare one, if the log has it."""
@@ -381,7 +399,7 @@ class _States:
             try:
                 then = checkpoint.decode(attachment.data, str(self._log.path))
             except RecordingError as error:
-                self.difference = Difference(
+                self.difference = ReplayDifference(
                     made.frame, name, "", f"a state ({error.reason})", "another"
                 )
                 return
@@ -392,7 +410,7 @@ class _States:
 
 def _unequal_states(
     name: str, then: Checkpoint, now: Checkpoint, links: bool
-) -> Difference | None:
+) -> ReplayDifference | None:
     """Where two checkpoints of one frame differ first. The fingerprint is told of by what is in it.
 
     Without ``links``, what only says which recording it was is left out.
@@ -402,7 +420,7 @@ def _unequal_states(
         if a != b:
             found = first_unequal(checkpoint.decode_state(a), checkpoint.decode_state(b))
             place, old, new = found or ("", "", "")
-            return Difference(now.frame, name, f"{part}.{place}", old, new)
+            return ReplayDifference(now.frame, name, f"{part}.{place}", old, new)
     for field in (
         "frame",
         "time_ns",
@@ -411,11 +429,13 @@ def _unequal_states(
     ):
         a, b = getattr(then, field), getattr(now, field)
         if a != b:
-            return Difference(now.frame, name, field, short(a), short(b))
+            return ReplayDifference(now.frame, name, field, shorten(a), shorten(b))
     return None
 
 
-def _first_difference(then: FrameRecord, now: Annotated, links: bool) -> Difference | None:
+def _first_difference(
+    then: FrameRecord, now: Annotated, links: bool
+) -> ReplayDifference | None:
     """Where a frame as the log has it differs from the one replayed: its values first, then its
     digests.
 
@@ -424,11 +444,11 @@ def _first_difference(then: FrameRecord, now: Annotated, links: bool) -> Differe
     """
     digest = now.digest
     if then.digests and then.digest.frame != digest.frame:
-        return Difference(
+        return ReplayDifference(
             then.digest.frame, "frames", "number", str(then.digest.frame), str(digest.frame)
         )
     if then.time_ns != now.frame.time_ns:
-        return Difference(
+        return ReplayDifference(
             digest.frame, "frames", "log time", str(then.time_ns), str(now.frame.time_ns)
         )
     for name in channels.ANNOTATED:
@@ -437,20 +457,24 @@ def _first_difference(then: FrameRecord, now: Annotated, links: bool) -> Differe
         for a, b in zip_longest(theirs, ours):
             if a != b:
                 place, old, new = difference_in(name, a, b)
-                return Difference(digest.frame, name, place, old, new)
+                return ReplayDifference(digest.frame, name, place, old, new)
     return _unequal_digests(then.digests, digest, links)
 
 
-def _unequal_digests(then: list[Digest], now: Digest, links: bool) -> Difference | None:
+def _unequal_digests(
+    then: list[Digest], now: Digest, links: bool
+) -> ReplayDifference | None:
     """What differs between digests over equal payloads."""
     if len(then) != 1:
-        return Difference(now.frame, "digest", "messages", str(len(then)), "1")
+        return ReplayDifference(now.frame, "digest", "messages", str(len(then)), "1")
     for name in sorted({*then[0].channels, *now.channels}):
         old, new = (
             digests.get(name, "none") for digests in (then[0].channels, now.channels)
         )
         if old != new:
-            return Difference(now.frame, "digest", name, *cut(old, new))
+            return ReplayDifference(now.frame, "digest", name, *short_digests(old, new))
     if links and then[0].link != now.link:
-        return Difference(now.frame, "digest", "link", *cut(then[0].link, now.link))
+        return ReplayDifference(
+            now.frame, "digest", "link", *short_digests(then[0].link, now.link)
+        )
     return None

@@ -2,8 +2,8 @@
 
 Tokens per line of code (docstrings, comments and blank lines are no code), the share of names with
 one letter among all that are bound (parameters, targets of assignments, loops and comprehensions,
-`as`), files and functions that are long, classes that share a name, functions that take eight or
-more arguments by position. `tests/test_measures.py` holds the bars.
+`as`), files and functions that are long, classes that share a name, functions and calls
+with eight or more arguments by position. `tests/test_measures.py` holds the bars.
 """
 
 from __future__ import annotations
@@ -124,6 +124,11 @@ def measure(files: list[Path]) -> Measures:
         for node in ast.walk(tree):
             if isinstance(node, ast.ClassDef):
                 found.classes.setdefault(node.name, []).append(where)
+            if isinstance(node, ast.Call) and len(node.args) >= MANY_ARGUMENTS:
+                called = ast.unparse(node.func)
+                found.many_arguments.append(
+                    f"{where}:{node.lineno} {called}() {len(node.args)}"
+                )
             if not isinstance(node, Function):
                 continue
             size = (node.end_lineno or node.lineno) - node.lineno + 1

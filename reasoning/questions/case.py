@@ -396,7 +396,7 @@ class Case:
         try:
             statements = self._con.extract_statements(query)
         except duckdb.Error as error:
-            raise QueryError(f"SQL: {_told(error)}") from error
+            raise QueryError(f"SQL: {_error_text(error)}") from error
         if len(statements) != 1:
             raise QueryError(f"SQL: one statement is wanted, this is {len(statements)}")
         try:
@@ -454,7 +454,7 @@ class Case:
                 raise QueryError(
                     "SQL: show a TIMESTAMP WITH TIME ZONE as text: CAST(... AS VARCHAR)"
                 ) from error
-            raise QueryError(f"SQL: {_told(error)}") from error
+            raise QueryError(f"SQL: {_error_text(error)}") from error
         finally:
             timer.cancel()
             timer.join(
@@ -521,7 +521,7 @@ def _first_line(error: Exception) -> str:
     return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
-def _told(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     """DuckDB's message on one line, with the caret's position as a column number, and its
     suggestion.
     """

@@ -147,10 +147,20 @@ def _event(case: Case, number: int, only: str) -> Explanation:
     evidence = evidence if isinstance(evidence, dict) else {"evidence": evidence}
     subjects = list(row["subjects"])
     return Explanation(
-        f"event:{number}", row["recording"], row["kind"], row["text"], row["rule"], subjects,
-        row["frame"], row["frame"], row["t"], row["t"], event_measures(evidence),
-        chain(case, row["recording"], subjects, row["t"], f"event:{number}"), evidence,
-    )  # fmt: skip
+        f"event:{number}",
+        recording=row["recording"],
+        kind=row["kind"],
+        text=row["text"],
+        rule=row["rule"],
+        subjects=subjects,
+        start_frame=row["frame"],
+        end_frame=row["frame"],
+        start_t=row["t"],
+        end_t=row["t"],
+        measures=event_measures(evidence),
+        chain=chain(case, row["recording"], subjects, row["t"], f"event:{number}"),
+        evidence=evidence,
+    )
 
 
 def _group(case: Case, label: int, only: str) -> Explanation:
@@ -178,10 +188,20 @@ def _group(case: Case, label: int, only: str) -> Explanation:
     )
     chained = [f"{t:.2f} s: event:{n} {kind}: {text}" for n, kind, t, text, _ in events]
     return Explanation(
-        f"group:{label}", name, "group", f"Group {label} of {_listed(members)}{formed}{ended}.",
-        rule or "EVENTS 3.1: a group is a JOINT component", members, row["start_frame"], row["end_frame"],
-        row["start_t"], row["end_t"], [], chained or chain(case, name, members, row["start_t"], f"group:{label}"), {},
-    )  # fmt: skip
+        f"group:{label}",
+        recording=name,
+        kind="group",
+        text=f"Group {label} of {_listed(members)}{formed}{ended}.",
+        rule=rule or "EVENTS 3.1: a group is a JOINT component",
+        subjects=members,
+        start_frame=row["start_frame"],
+        end_frame=row["end_frame"],
+        start_t=row["start_t"],
+        end_t=row["end_t"],
+        measures=[],
+        chain=chained or chain(case, name, members, row["start_t"], f"group:{label}"),
+        evidence={},
+    )
 
 
 _SINGLE = {
@@ -254,10 +274,20 @@ def _of_one(
 ) -> Explanation:
     reference, kind = named
     return Explanation(
-        reference, row["recording"], kind, text, rule, [row["track"]],
-        row["start_frame"], row["end_frame"], row["start_t"], row["end_t"], found,
-        chain(case, row["recording"], [row["track"]], row["start_t"], reference), {},
-    )  # fmt: skip
+        reference,
+        recording=row["recording"],
+        kind=kind,
+        text=text,
+        rule=rule,
+        subjects=[row["track"]],
+        start_frame=row["start_frame"],
+        end_frame=row["end_frame"],
+        start_t=row["start_t"],
+        end_t=row["end_t"],
+        measures=found,
+        chain=chain(case, row["recording"], [row["track"]], row["start_t"], reference),
+        evidence={},
+    )
 
 
 def _pair(
@@ -273,10 +303,20 @@ def _pair(
     reference = f"{kind}:{a}-{b}@{row['start_frame']}"
     what, text, rule, found = _told_of_pair(case, kind, row)
     return Explanation(
-        reference, row["recording"], what, f"Targets {a} and {b} {text}.", rule, [a, b],
-        row["start_frame"], row["end_frame"], row["start_t"], row["end_t"], found,
-        chain(case, row["recording"], [a, b], row["start_t"], reference), {},
-    )  # fmt: skip
+        reference,
+        recording=row["recording"],
+        kind=what,
+        text=f"Targets {a} and {b} {text}.",
+        rule=rule,
+        subjects=[a, b],
+        start_frame=row["start_frame"],
+        end_frame=row["end_frame"],
+        start_t=row["start_t"],
+        end_t=row["end_t"],
+        measures=found,
+        chain=chain(case, row["recording"], [a, b], row["start_t"], reference),
+        evidence={},
+    )
 
 
 def _told_of_pair(

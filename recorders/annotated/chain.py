@@ -11,14 +11,14 @@ from pathlib import Path
 from recorders import channels
 from recorders.annotated import digest
 from recorders.annotated.checkpoint import MEDIA_TYPE, PREFIX, decode
-from recorders.annotated.frames import moments
+from recorders.annotated.frames import instants
 from recorders.annotated.provenance import (
     DIGESTS,
     GOLDEN,
     AlteredFactsError,
-    Facts,
+    Provenance,
     extras,
-    facts_of,
+    provenance_of,
     sha256,
 )
 from recorders.errors import RecordingError, UsageError
@@ -30,11 +30,11 @@ WHOLE = -1
 RECORDED = "recorded messages"
 
 
-def cut(a: str, b: str) -> tuple[str, str]:
+def short_digests(a: str, b: str) -> tuple[str, str]:
     """Two digests in 16 characters each; where those are the same, from the place on where they
     differ.
 
-    >>> cut("0123456789abcdef01", "0123456789abcdef02")
+    >>> short_digests("0123456789abcdef01", "0123456789abcdef02")
     ('...1', '...2')
     """
     if a[:16] != b[:16] or a == b:
@@ -47,7 +47,7 @@ def cut(a: str, b: str) -> tuple[str, str]:
 
 
 @dataclass(frozen=True)
-class Difference:
+class ReplayDifference:
     """Where two replays part: frame, channel, what in it, both values (shortened for a line).
 
     ``frame`` is `WHOLE` for what belongs to no frame.
@@ -82,10 +82,10 @@ class Verification:
 
     identical: bool
     frames: int
-    difference: Difference | None = None
+    difference: ReplayDifference | None = None
     reasons: list[str] = field(default_factory=list)
     output_digest: str = ""
-    effect: Difference | None = None
+    effect: ReplayDifference | None = None
 
 
 @dataclass(frozen=True)
@@ -134,14 +134,14 @@ class RecordedInput:
         """All messages of one time have been added."""
         if self._closes:
             self.last = digest.recorded_digest(self._pending)
-            self._link = digest.chained(self._link, self.last)
+            self._link = digest.chain_link(self._link, self.last)
             self.frames += 1
             self._pending, self._closes = [], False
 
     def final_link(self) -> str:
         """The chain's last link, with the messages after the last frame."""
         return (
-            digest.chained(self._link, digest.recorded_digest(self._pending))
+            digest.chain_link(self._link, digest.recorded_digest(self._pending))
             if self._pending
             else self._link
         )
@@ -160,7 +160,7 @@ def recorded_frames(
     Raises:
         LimitError: more messages at one time than the limits allow.
     """
-    for moment in moments(log, camera, with_recorded=recorded is not None):
+    for moment in instants(log, camera, with_recorded=recorded is not None):
         if recorded is not None:
             for message in moment.recorded:
                 recorded.add(message)
@@ -209,9 +209,9 @@ def verify_chain(
     """
     with LogReader(path, limits) as log:
         try:
-            facts = facts_of(log)
+            facts = provenance_of(log)
         except AlteredFactsError as error:
-            difference = Difference(
+            difference = ReplayDifference(
                 WHOLE,
                 "metadata",
                 error.fact,
@@ -230,11 +230,11 @@ def verify_chain(
         reasons = [
             f"the metadata's {name} was altered after the replay" for name in altered
         ]
-        found: Difference | None = None
+        found: ReplayDifference | None = None
         for name, (then, now) in altered.items():
             field = name if name == DIGESTS else f"{name}'s digest"
-            found = found or Difference(
-                WHOLE, "metadata", field, *cut(then or "none", now or "none")
+            found = found or ReplayDifference(
+                WHOLE, "metadata", field, *short_digests(then or "none", now or "none")
             )
         recorded = (
             None
@@ -266,13 +266,15 @@ def verify_chain(
 
 
 def _wrong(
-    record: FrameRecord, link: str, facts: Facts, frames: int
-) -> tuple[Difference, str] | None:
+    record: FrameRecord, link: str, facts: Provenance, frames: int
+) -> tuple[ReplayDifference, str] | None:
     """What is wrong with a frame, and in words; None if it is whole."""
     if len(record.digests) != 1:
         last = facts.first_frame + frames
         number = record.digests[0].frame if record.digests else last
-        difference = Difference(number, "digest", "messages", "1", str(len(record.digests)))
+        difference = ReplayDifference(
+            number, "digest", "messages", "1", str(len(record.digests))
+        )
         return (
             difference,
             (
@@ -289,13 +291,15 @@ def _wrong(
             else (f"frame {expected_frame}", f"frame {d.frame}")
         )
         reason = "frames were altered, removed or moved after the replay"
-        return Difference(min(d.frame, expected_frame), "frames", "", then, now), reason
+        return ReplayDifference(
+            min(d.frame, expected_frame), "frames", "", then, now
+        ), reason
     # A span's first frame came with messages from before the span, which are not here.
     complete = record.recorded is not None and (frames > 0 or facts.from_ns is None)
     if complete and record.recorded != d.recorded:
         assert record.recorded is not None
-        difference = Difference(
-            d.frame, RECORDED, "digest", *cut(d.recorded, record.recorded)
+        difference = ReplayDifference(
+            d.frame, RECORDED, "digest", *short_digests(d.recorded, record.recorded)
         )
         return (
             difference,
@@ -305,12 +309,16 @@ def _wrong(
     for name in sorted({*hashes, *d.channels}):
         if hashes.get(name) != d.channels.get(name):
             then, now = (found.get(name, "no message") for found in (d.channels, hashes))
-            difference = Difference(d.frame, name, "digest", *cut(then, now))
+            difference = ReplayDifference(
+                d.frame, name, "digest", *short_digests(then, now)
+            )
             return difference, f"the channel {name} was altered after the replay"
     return _wrong_stamp(record) or _wrong_span(record, facts) or _wrong_link(record, link)
 
 
-def _wrong_span(record: FrameRecord, facts: Facts) -> tuple[Difference, str] | None:
+def _wrong_span(
+    record: FrameRecord, facts: Provenance
+) -> tuple[ReplayDifference, str] | None:
     """A frame where the log says that it has none."""
     for name, bound, outside in (
         (
@@ -322,7 +330,7 @@ def _wrong_span(record: FrameRecord, facts: Facts) -> tuple[Difference, str] | N
     ):
         if outside:
             digest = record.digest
-            difference = Difference(
+            difference = ReplayDifference(
                 digest.frame, "metadata", name, str(bound), f"a frame at {record.time_ns}"
             )
             return (
@@ -335,7 +343,7 @@ def _wrong_span(record: FrameRecord, facts: Facts) -> tuple[Difference, str] | N
     return None
 
 
-def _wrong_stamp(record: FrameRecord) -> tuple[Difference, str] | None:
+def _wrong_stamp(record: FrameRecord) -> tuple[ReplayDifference, str] | None:
     """A publish time or a sequence number that no replay gives."""
     digest = record.digest
     for name, publish_ns, sequence in record.stamps:
@@ -345,17 +353,19 @@ def _wrong_stamp(record: FrameRecord) -> tuple[Difference, str] | None:
         ):
             if then != now:
                 return (
-                    Difference(digest.frame, name, what, str(then), str(now)),
+                    ReplayDifference(digest.frame, name, what, str(then), str(now)),
                     f"a {what} was altered after the replay",
                 )
     return None
 
 
-def _wrong_link(record: FrameRecord, link: str) -> tuple[Difference, str] | None:
+def _wrong_link(record: FrameRecord, link: str) -> tuple[ReplayDifference, str] | None:
     d = record.digest
     expected = digest.link(link, d.frame, record.time_ns, d.recorded, d.channels)
     if expected != d.link:
-        difference = Difference(d.frame, "digest", "link", *cut(d.link, expected))
+        difference = ReplayDifference(
+            d.frame, "digest", "link", *short_digests(d.link, expected)
+        )
         return (
             difference,
             "the chain is broken: frames were altered, removed or moved after the replay",
@@ -363,12 +373,18 @@ def _wrong_link(record: FrameRecord, link: str) -> tuple[Difference, str] | None
     return None
 
 
-def _wrong_end(facts: Facts, frames: int, link: str) -> tuple[Difference, str] | None:
+def _wrong_end(
+    facts: Provenance, frames: int, link: str
+) -> tuple[ReplayDifference, str] | None:
     if frames != facts.frames:
-        difference = Difference(WHOLE, "frames", "number", str(facts.frames), str(frames))
+        difference = ReplayDifference(
+            WHOLE, "frames", "number", str(facts.frames), str(frames)
+        )
         return difference, f"{facts.frames} frames were written, {frames} are here"
     if facts.from_ns is None and facts.to_ns is None and frames != facts.input_frames:
-        difference = Difference(facts.first_frame + frames, "frames", "", "a frame", "none")
+        difference = ReplayDifference(
+            facts.first_frame + frames, "frames", "", "a frame", "none"
+        )
         return (
             difference,
             (
@@ -377,21 +393,21 @@ def _wrong_end(facts: Facts, frames: int, link: str) -> tuple[Difference, str] |
             ),
         )
     if frames and link != facts.output_digest:
-        difference = Difference(
-            WHOLE, "metadata", "output_digest", *cut(facts.output_digest, link)
+        difference = ReplayDifference(
+            WHOLE, "metadata", "output_digest", *short_digests(facts.output_digest, link)
         )
         return difference, "the chain does not end in the log's output digest"
     return None
 
 
 def _wrong_input(
-    facts: Facts, recorded: RecordedInput | None
-) -> tuple[Difference, str] | None:
+    facts: Provenance, recorded: RecordedInput | None
+) -> tuple[ReplayDifference, str] | None:
     """Recorded messages behind the last annotated frame, which no frame's digest holds."""
     if recorded is None or not facts.whole:
         return None
     if recorded.frames != facts.input_frames:
-        difference = Difference(
+        difference = ReplayDifference(
             WHOLE, RECORDED, "frames", str(facts.input_frames), str(recorded.frames)
         )
         return (
@@ -400,8 +416,8 @@ def _wrong_input(
         )
     link = recorded.final_link()
     if link != facts.input_digest:
-        difference = Difference(
-            WHOLE, RECORDED, "input digest", *cut(facts.input_digest, link)
+        difference = ReplayDifference(
+            WHOLE, RECORDED, "input digest", *short_digests(facts.input_digest, link)
         )
         return (
             difference,
@@ -413,7 +429,9 @@ def _wrong_input(
     return None
 
 
-def _wrong_channels(log: LogReader, facts: Facts) -> tuple[Difference, str] | None:
+def _wrong_channels(
+    log: LogReader, facts: Provenance
+) -> tuple[ReplayDifference, str] | None:
     """Annotated channels under another schema, and channels that a log of annotations alone
     cannot have.
     """
@@ -422,7 +440,7 @@ def _wrong_channels(log: LogReader, facts: Facts) -> tuple[Difference, str] | No
         name = names.get(channel.topic)
         if name is None:
             if facts.annotations_only:
-                difference = Difference(
+                difference = ReplayDifference(
                     WHOLE, channel.topic, "", "no such channel", "a channel"
                 )
                 return difference, f"the channel {channel.topic} was added after the replay"
@@ -433,7 +451,9 @@ def _wrong_channels(log: LogReader, facts: Facts) -> tuple[Difference, str] | No
         )
         then = (channels.schema(name).name, channels.message_encoding(name))
         if now != then:
-            difference = Difference(WHOLE, name, "schema", " ".join(then), " ".join(now))
+            difference = ReplayDifference(
+                WHOLE, name, "schema", " ".join(then), " ".join(now)
+            )
             return (
                 difference,
                 f"the schema of the channel {name} was altered after the replay",
@@ -441,7 +461,9 @@ def _wrong_channels(log: LogReader, facts: Facts) -> tuple[Difference, str] | No
     return None
 
 
-def _wrong_checkpoint(log: LogReader, facts: Facts) -> tuple[Difference, str] | None:
+def _wrong_checkpoint(
+    log: LogReader, facts: Provenance
+) -> tuple[ReplayDifference, str] | None:
     if facts.checkpoints is None:
         return None
     left = dict(facts.checkpoints)
@@ -450,7 +472,9 @@ def _wrong_checkpoint(log: LogReader, facts: Facts) -> tuple[Difference, str] | 
             continue
         now, then = sha256(attachment.data), left.pop(attachment.name, "nothing")
         if now != then:
-            difference = Difference(WHOLE, attachment.name, "digest", *cut(then, now))
+            difference = ReplayDifference(
+                WHOLE, attachment.name, "digest", *short_digests(then, now)
+            )
             return (
                 difference,
                 f"the attachment {attachment.name} was altered after the replay",
@@ -462,7 +486,7 @@ def _wrong_checkpoint(log: LogReader, facts: Facts) -> tuple[Difference, str] | 
             ("media type", MEDIA_TYPE, attachment.media_type),
         ):
             if found != wanted:
-                difference = Difference(
+                difference = ReplayDifference(
                     WHOLE, attachment.name, what, str(wanted), str(found)
                 )
                 return (
@@ -475,13 +499,13 @@ def _wrong_checkpoint(log: LogReader, facts: Facts) -> tuple[Difference, str] | 
     if left:
         name = min(left)
         return (
-            Difference(WHOLE, name, "", "an attachment", "none"),
+            ReplayDifference(WHOLE, name, "", "an attachment", "none"),
             f"the attachment {name} was removed",
         )
     return None
 
 
-def _wrong_extras(log: LogReader, facts: Facts) -> tuple[Difference, str] | None:
+def _wrong_extras(log: LogReader, facts: Provenance) -> tuple[ReplayDifference, str] | None:
     """Attachments and metadata that the recording brought along."""
     if facts.extras is None:
         return None
@@ -490,7 +514,7 @@ def _wrong_extras(log: LogReader, facts: Facts) -> tuple[Difference, str] | None
         a, b = facts.extras.get(name, "nothing"), now.get(name, "nothing")
         if a != b:
             return (
-                Difference(WHOLE, name, "digest", *cut(a, b)),
+                ReplayDifference(WHOLE, name, "digest", *short_digests(a, b)),
                 f"the {name} was altered after the replay",
             )
     return None

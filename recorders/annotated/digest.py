@@ -67,7 +67,7 @@ def recorded_digest(messages: Iterable[Message]) -> str:
     return h.hexdigest()
 
 
-def chained(previous: str, digest: str) -> str:
+def chain_link(previous: str, digest: str) -> str:
     """The next link of a chain of digests: the input digest is the last link over
     `recorded_digest` of each frame.
     """

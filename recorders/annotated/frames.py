@@ -12,7 +12,7 @@ from recorders.log import LogReader, Message
 from recorders.log.moments import by_time
 
 
-class Moment(NamedTuple):
+class Instant(NamedTuple):
     """The messages of one log time.
 
     Attributes:
@@ -32,7 +32,7 @@ def annotated_cameras(log: LogReader) -> list[str]:
     return sorted({camera for camera, name in topics if camera and name == "tracks"})
 
 
-def moments(
+def instants(
     log: LogReader,
     camera: str,
     names: Collection[str] = channels.ANNOTATED,
@@ -40,7 +40,7 @@ def moments(
     with_recorded: bool = False,
     start_ns: int | None = None,
     end_ns: int | None = None,
-) -> Iterator[Moment]:
+) -> Iterator[Instant]:
     """The moments of a log at which there is a message that was asked for, in order.
 
     Args:
@@ -60,4 +60,4 @@ def moments(
     for time_ns, group in by_time(messages, log.limits, log.path):
         annotated = [(named[m.topic], m) for m in group if m.topic in named]
         recorded = [m for m in group if m.topic not in named]
-        yield Moment(time_ns, annotated, recorded)
+        yield Instant(time_ns, annotated, recorded)

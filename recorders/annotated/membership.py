@@ -3,7 +3,7 @@
 A pixel holds 0 for nobody, else the track's identity: 8 bits where all identities of the frame
 fit, else 16 bits; beyond 65535 identities wrap around to 1. A pixel's value is always an id of
 the same frame's ``tracks`` message: before hindsight a frame is held as `Patches`, and painted
-once the tracks have their final identities. `renamed` does the same for a tracker that gives
+once the tracks have their final identities. `rename_labels` does the same for a tracker that gives
 payloads alone.
 """
 
@@ -179,7 +179,9 @@ def _decoded(data: bytes, path: str | Path, limits: Limits) -> AnyLabels:
     return labels
 
 
-def renamed(payload: bytes, names: Mapping[int, int], present: Collection[int]) -> bytes:
+def rename_labels(
+    payload: bytes, names: Mapping[int, int], present: Collection[int]
+) -> bytes:
     """The payload with other identities.
 
     Args:

@@ -40,7 +40,7 @@ def sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def sealed(facts: Mapping[str, str]) -> dict[str, str]:
+def with_fact_digests(facts: Mapping[str, str]) -> dict[str, str]:
     """The facts with a digest of each beside them."""
     return {
         **facts,
@@ -86,7 +86,7 @@ class AlteredFactsError(RecordingError):
 
 
 @dataclass(frozen=True)
-class Facts:
+class Provenance:
     """The facts of one annotated log.
 
     Attributes:
@@ -162,7 +162,7 @@ class Facts:
         }
 
 
-def facts_of(log: LogReader) -> Facts:
+def provenance_of(log: LogReader) -> Provenance:
     """What an annotated log says of itself.
 
     Raises:
@@ -196,14 +196,14 @@ def facts_of(log: LogReader) -> Facts:
     )
 
 
-def _parsed(path: Path, v: dict[str, str]) -> Facts:
+def _parsed(path: Path, v: dict[str, str]) -> Provenance:
     if v.get("format_version") != FORMAT_VERSION:
         raise RecordingError(
             f"annotated log of format {v.get('format_version')!r}, this scenetrace reads"
             f" {FORMAT_VERSION!r}",
             path,
         )
-    return Facts(
+    return Provenance(
         path=path,
         values=v,
         tracker=_text(path, v, "tracker"),

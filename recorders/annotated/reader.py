@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders import channels
-from recorders.annotated.frames import annotated_cameras, moments
+from recorders.annotated.frames import annotated_cameras, instants
 from recorders.annotated.membership import Labels, decode_labels
 from recorders.annotated.provenance import METADATA
 from recorders.errors import LimitError, RecordingError, UsageError
@@ -186,7 +186,7 @@ class AnnotatedLog:
         graph: Graph | None = self._before("graph", names, start_ns)
         last: int | None = None
         wanted = {"tracks", *names}
-        for moment in moments(
+        for moment in instants(
             self._log, self.camera, wanted, start_ns=start_ns, end_ns=end_ns
         ):
             found: dict[str, Any] = {"events": []}
@@ -298,12 +298,12 @@ def _frame(
     membership = found.get("membership")
     return AnnotatedFrame(
         found["tracks"].frame,
-        now,
-        found["tracks"].tracks,
-        found["relations"].relations if "relations" in found else [],
-        found["groups"].groups if "groups" in found else [],
-        found["events"],
-        regions,
-        graph,
-        None if membership is None else membership.data,
+        time_ns=now,
+        tracks=found["tracks"].tracks,
+        relations=found["relations"].relations if "relations" in found else [],
+        groups=found["groups"].groups if "groups" in found else [],
+        events=found["events"],
+        regions=regions,
+        graph=graph,
+        membership=None if membership is None else membership.data,
     )

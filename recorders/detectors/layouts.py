@@ -121,7 +121,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class Case:
+class LayoutCase:
     """What a layout is recognised from: a run's outputs, the input's size, the classes as the file
     says them, and whether the family was said.
     """
@@ -149,13 +149,13 @@ def recognise(
     for known, fits in _KNOWN.items():
         if family not in (None, known):
             continue
-        layout = fits(Case(outputs, size, tuple(names), family is not None))
+        layout = fits(LayoutCase(outputs, size, tuple(names), family is not None))
         if layout is not None:
             return layout
     return None
 
 
-def _yolov5(case: Case) -> Layout | None:
+def _yolov5(case: LayoutCase) -> Layout | None:
     outputs, names = case.outputs, case.names
     places = [3 * cells_of(case.size, STRIDES), 3 * cells_of(case.size, STRIDES_OF_FOUR)]
     if case.forced:
@@ -163,7 +163,7 @@ def _yolov5(case: Case) -> Layout | None:
     return _rows(outputs, "yolov5", decoding.yolov5, places, 5, names)
 
 
-def _yolov8(case: Case) -> Layout | None:
+def _yolov8(case: LayoutCase) -> Layout | None:
     outputs, names = case.outputs, case.names
     places = cells_of(case.size, STRIDES), cells_of(case.size, STRIDES_OF_FOUR)
     for index, out in enumerate(outputs):
@@ -190,12 +190,12 @@ def _yolov8(case: Case) -> Layout | None:
     return None
 
 
-def _yolox(case: Case) -> Layout | None:
+def _yolox(case: LayoutCase) -> Layout | None:
     outputs, names = case.outputs, case.names
     return _rows(outputs, "yolox", decoding.yolox, [cells_of(case.size, STRIDES)], 5, names)
 
 
-def _nanodet(case: Case) -> Layout | None:
+def _nanodet(case: LayoutCase) -> Layout | None:
     outputs, names = case.outputs, case.names
     four, three = cells_of(case.size, STRIDES_OF_FOUR), cells_of(case.size, STRIDES)
     coco = 80 + 4 * BINS
@@ -211,7 +211,7 @@ def _nanodet(case: Case) -> Layout | None:
     return _rows(outputs, "nanodet", decoding.nanodet, places, 4 * BINS, names)
 
 
-def _end_to_end(case: Case) -> Layout | None:
+def _end_to_end(case: LayoutCase) -> Layout | None:
     for index, out in enumerate(case.outputs):
         if len(out.shape) != 2 or len(out.values) > MOST_QUERIES:
             continue
@@ -223,14 +223,14 @@ def _end_to_end(case: Case) -> Layout | None:
     return None
 
 
-def _detr(case: Case) -> Layout | None:
+def _detr(case: LayoutCase) -> Layout | None:
     outputs, names = case.outputs, case.names
     return _queries(outputs, names, "detr") or (
         _labelled(outputs, "detr", names or COCO) if case.forced else None
     )
 
 
-def _rfdetr(case: Case) -> Layout | None:
+def _rfdetr(case: LayoutCase) -> Layout | None:
     outputs, names = case.outputs, case.names
     told = case.forced or any(output.name == "dets" for output in outputs)
     return _queries(outputs, names, "rfdetr") if told else None
@@ -266,7 +266,7 @@ def _queries(
     return Layout(family, decode, names or usual_names(classes), suppress=False)
 
 
-def _ssd(case: Case) -> Layout | None:
+def _ssd(case: LayoutCase) -> Layout | None:
     outputs, names = case.outputs, case.names
     seven = _first(
         outputs, lambda o: o.shape[1:] == (7,) and (o.axes == SSD_AXES or case.forced)
@@ -315,7 +315,7 @@ def _named(output: Output, *words: str) -> bool:
     return any(word in output.name.lower() for word in words)
 
 
-def _fastestdet(case: Case) -> Layout | None:
+def _fastestdet(case: LayoutCase) -> Layout | None:
     outputs, names = case.outputs, case.names
     k = _first(outputs, lambda o: len(o.shape) == 3 and o.shape[0] > 5)
     if k is None or (len(outputs) > 1 and not case.forced):
@@ -394,7 +394,7 @@ def _three(
     )
 
 
-_KNOWN: dict[str, Callable[[Case], Layout | None]] = {
+_KNOWN: dict[str, Callable[[LayoutCase], Layout | None]] = {
     "yolov5": _yolov5,
     "yolov8": _yolov8,
     "nanodet": _nanodet,

@@ -14,7 +14,7 @@ from recorders.log.reader import LogReader
 _HEAD = struct.Struct("<QQIQ")
 
 
-def input_digest(
+def content_digest(
     path: str | Path, limits: Limits = DEFAULT_LIMITS, topics: Collection[str] | None = None
 ) -> str:
     """SHA-256, in hex, of what a log says, not of its bytes.
@@ -31,11 +31,11 @@ def input_digest(
         topics: only the channels of these topics.
     """
     with LogReader(path, limits) as log:
-        return digest_of(log, topics)
+        return content_digest_of(log, topics)
 
 
-def digest_of(log: LogReader, topics: Collection[str] | None = None) -> str:
-    """`input_digest` of an open log."""
+def content_digest_of(log: LogReader, topics: Collection[str] | None = None) -> str:
+    """`content_digest` of an open log."""
     streams: dict[bytes, hashlib._Hash] = {}
     by_id: dict[int, hashlib._Hash] = {}
     for channel in log.channels:

@@ -213,14 +213,14 @@ def parse_chunk_index(content: bytes | memoryview) -> ChunkIndexRecord:
         offsets[channel] = inner.u64("offset")
     return ChunkIndexRecord(
         start,
-        end,
-        offset,
-        length,
-        offsets,
-        cursor.u64("message index length"),
-        cursor.text("compression"),
-        cursor.u64("compressed size"),
-        cursor.u64("uncompressed size"),
+        end_ns=end,
+        offset=offset,
+        length=length,
+        message_index_offsets=offsets,
+        message_index_length=cursor.u64("message index length"),
+        compression=cursor.text("compression"),
+        compressed_size=cursor.u64("compressed size"),
+        uncompressed_size=cursor.u64("uncompressed size"),
     )
 
 
@@ -378,7 +378,15 @@ def parse_statistics(content: bytes | memoryview) -> StatisticsRecord:
         channel = inner.u16("channel id")
         counts[channel] = inner.u64("message count")
     return StatisticsRecord(
-        messages, schemas, channels, attachments, metadata, chunks, start, end, counts
+        messages,
+        schema_count=schemas,
+        channel_count=channels,
+        attachment_count=attachments,
+        metadata_count=metadata,
+        chunk_count=chunks,
+        start_ns=start,
+        end_ns=end,
+        channel_message_counts=counts,
     )
 
 

@@ -369,14 +369,14 @@ class LogWriter:
         index_length = sum(len(index) for index in indexes)
         entry = records.ChunkIndexRecord(
             start,
-            end,
-            offset,
-            length,
-            places,
-            index_length,
-            chunk.compression,
-            len(packed),
-            len(chunk.data),
+            end_ns=end,
+            offset=offset,
+            length=length,
+            message_index_offsets=places,
+            message_index_length=index_length,
+            compression=chunk.compression,
+            compressed_size=len(packed),
+            uncompressed_size=len(chunk.data),
         )
         for piece in (head, packed, b"".join(indexes)):
             self._put(piece)

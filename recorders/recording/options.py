@@ -53,7 +53,7 @@ class RecordOptions:
     limits: Limits = DEFAULT_LIMITS
 
 
-def decided(source: Source, options: RecordOptions) -> RecordOptions:
+def with_defaults(source: Source, options: RecordOptions) -> RecordOptions:
     """The options with nothing left open.
 
     Raises:

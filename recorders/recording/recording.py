@@ -19,7 +19,7 @@ from recorders.log import LogWriter
 from recorders.pictures import Image
 from recorders.recording.finding import Finder
 from recorders.recording.methods import Methods, methods_of, open_detector
-from recorders.recording.options import RecordOptions, decided
+from recorders.recording.options import RecordOptions, with_defaults
 from recorders.recording.passed_on import Others
 from recorders.recording.scene_writer import RecordSummary, SceneWriter
 from recorders.recording.stages import Encoded, encoded
@@ -87,7 +87,7 @@ def record_scenes(
     options = options or RecordOptions()
     out = Path(out)
     settled = {
-        name: decided(source, replace(options, camera=name))
+        name: with_defaults(source, replace(options, camera=name))
         for name, source in sources.items()
     }
     if out.exists() and not options.force:

@@ -157,14 +157,14 @@ def _one_file(a: Path, b: Path, *, both_written: bool) -> bool:
 
 def say(text: str) -> None:
     """A message to the person: on stderr, so that results stay clean."""
-    print(shown(text), file=sys.stderr)
+    print(printable(text), file=sys.stderr)
 
 
-def shown(text: str) -> str:
+def printable(text: str) -> str:
     r"""A text from a file as one line for a terminal: what would move its cursor or colour it is
     spelt out.
 
-    >>> print(shown("door\x1b[2J\n"))
+    >>> print(printable("door\x1b[2J\n"))
     door\x1b[2J\n
     """
     return "".join(

@@ -124,7 +124,7 @@ def show(found: Comparison, as_json: bool = False, everything: bool = False) -> 
         print(json.dumps(found.as_plain(), indent=2))
     else:
         for line in found.lines(None if everything else _SHOWN):
-            print(common.shown(line))
+            print(common.printable(line))
         if not everything and len(found.differences) > _SHOWN:
             common.say("--all prints every difference")
     return Exit.DONE if found.equal else Exit.DIFFERS

@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         for finding in findings:
             print(
-                common.shown(
+                common.printable(
                     f"{finding.severity:<7} byte {finding.offset:>10} {finding.record}: {finding.text}"
                 )
             )

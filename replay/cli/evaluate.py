@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from recorders.errors import OutputExistsError, SceneTraceError, UsageError
-from replay.cli.common import Commands, picture_size, shown
+from replay.cli.common import Commands, picture_size, printable
 from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
@@ -256,7 +256,7 @@ def _fitted_on(tracker: str, configuration: str) -> str:
     """
     try:
         section = json.loads(configuration)["part_features"] if tracker == "parts" else {}
-        return shown(str(section.get("fitted_on", "")))
+        return printable(str(section.get("fitted_on", "")))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return ""
 

@@ -78,7 +78,7 @@ def _size(text: str) -> tuple[int, int] | None:
 def run(args: argparse.Namespace) -> int:
     """Fit and write."""
     from recorders.parameters import to_toml
-    from replay.export.output import check_figure, whole
+    from replay.export.output import check_figure, whole_file
     from replay.fitting import collect, fit
 
     if len(args.truth) != len(args.scenes):
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
             f" by chance {100 * fitted.chance:.1f} %): does the truth belong to this"
             " recording, and is --truth-size right?"
         )
-    with whole(args.output, force=args.force) as file:
+    with whole_file(args.output, force=args.force) as file:
         file.write(to_toml({"part_features": fitted.features}).encode())
     if args.plot is not None:
         from replay.fitting.plots import plot

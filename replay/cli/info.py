@@ -110,7 +110,7 @@ def _print(info: LogInfo) -> None:
     )
     print(f"file      {info.path}, {info.size_bytes:,} bytes, {packed}")
     print(
-        common.shown(
+        common.printable(
             f"written   by {info.library or 'unknown'}, profile {info.profile or 'none'}"
         )
     )
@@ -124,7 +124,7 @@ def _print(info: LogInfo) -> None:
         f"messages  {info.message_count:,}"
         + (f" over {span}" if info.message_count else "")
     )
-    topics = [common.shown(channel.topic) or '""' for channel in info.channels]
+    topics = [common.printable(channel.topic) or '""' for channel in info.channels]
     width = min(_MOST_TOPIC, max((len(t) for t in topics), default=0))
     for channel, topic in zip(info.channels, topics, strict=True):
         schema = (
@@ -136,17 +136,17 @@ def _print(info: LogInfo) -> None:
         room = max(_LEAST_SCHEMA, _COLUMNS - width - 13)
         print(
             f"  {_shortened(topic, width):<{width}}  {count:>7} "
-            f" {_shortened(common.shown(schema), room)}"
+            f" {_shortened(common.printable(schema), room)}"
         )
     for attachment in info.attachments:
         print(
-            common.shown(
+            common.printable(
                 f"attached  {attachment.name}, {attachment.size_bytes:,} bytes, {attachment.media_type}, at"
                 f" {when(attachment.log_time_ns)}"
             )
         )
     for name, values in info.metadata:
-        print(f"metadata  {common.shown(name)}")
+        print(f"metadata  {common.printable(name)}")
         for key, value in sorted(values.items()):
             if name in _OURS and key == "fact_digests":
                 continue  # a digest of each of the others: for `verify`, and in --json
@@ -154,12 +154,12 @@ def _print(info: LogInfo) -> None:
                 _sections(value) if name in _OURS and key == "configuration" else None
             )
             if sections is None:
-                print(f"  {common.shown(key)}: {common.shown(value)}")
+                print(f"  {common.printable(key)}: {common.printable(value)}")
                 continue
             print(f"  {key}:")
             for section, fields in sections:
                 print(
-                    common.shown(
+                    common.printable(
                         f"    [{section}] "
                         + ", ".join(f"{k}={v}" for k, v in sorted(fields.items()))
                     )

@@ -134,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
         inputs, QueryLimits(args.time_limit, args.memory), encounters=encounters
     ) as case:
         check_thresholds(case, chosen_encounters(args.config, args.assignments))
-        ask, nothing = _made(case, query, args)
+        ask, nothing = _asked(case, query, args)
         with guarded(case.limits):
             answer = ask()
             count = _answer(answer, form, args)
@@ -173,7 +173,7 @@ def _check_options(args: argparse.Namespace) -> None:
             raise UsageError(f"{kind} takes no {flag}; {instead}")
 
 
-def _made(
+def _asked(
     case: Case, query: str, args: argparse.Namespace
 ) -> tuple[Callable[[], Answer], str]:
     """What asks the question, and what an empty answer means; what it names is there."""

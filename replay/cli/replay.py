@@ -13,7 +13,7 @@ from recorders.parameters import Config
 from replay.cli import common, diff
 from replay.cli.exit_codes import Exit
 from replay.cli.starts import check_starts, missed
-from replay.plurals import number
+from replay.plurals import count_of
 
 if TYPE_CHECKING:
     from recorders.scene import SceneLog
@@ -112,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _configured(args: argparse.Namespace) -> tuple[TrackerChoice, Config]:
     """Tracker and configuration: of the log to compare with, then of the file, then of the words."""
-    from recorders.annotated.provenance import facts_of
+    from recorders.annotated.provenance import provenance_of
     from recorders.log import LogReader
     from recorders.parameters import as_plain
     from replay.configuration import recorded_config, replay_config, sections
@@ -123,7 +123,7 @@ def _configured(args: argparse.Namespace) -> tuple[TrackerChoice, Config]:
         tracker = choose(args.tracker or DEFAULT_TRACKER)
         return tracker, replay_config(tracker, args.config, _assignments(args, tracker))
     with LogReader(args.against) as log:
-        facts = facts_of(log)
+        facts = provenance_of(log)
     tracker = choose(args.tracker) if args.tracker else choice_of(facts)
     known = sections(tracker)
     recorded, notes = recorded_config(
@@ -209,7 +209,7 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
         )
         common.say(f"--checkpoints {args.checkpoints}: {why}; replayed from the start")
     made = ((done.frames, "frame"), (done.tracks, "track"), (done.events, "event"))
-    said = ", ".join(number(n, name) for n, name in made)
+    said = ", ".join(count_of(n, name) for n, name in made)
     common.say(
         f"{args.output or args.scene}: {said}, output digest {done.output_digest[:16]}"
     )

@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
                 " name; keep it elsewhere"
             )
         for entry in manifest.files:
-            print(common.shown(f"{entry.sha256}  {entry.role:<9}  {entry.name}"))
+            print(common.printable(f"{entry.sha256}  {entry.role:<9}  {entry.name}"))
         common.say(
             f"{args.output}: {len(manifest.files)} files"
             + (", signed" if manifest.signature else "")

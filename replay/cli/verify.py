@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from recorders.errors import UsageError
 from replay.cli import common
 from replay.cli.exit_codes import Exit
-from replay.plurals import number
+from replay.plurals import count_of
 
 if TYPE_CHECKING:
     from replay.sealing import CaseVerdict
@@ -89,7 +89,7 @@ def _manifest(args: argparse.Namespace) -> CaseVerdict:
     with common.progress(None, "files") as progress:
         verdict = check_manifest(args.manifest, key=args.public_key, progress=progress)
     for line in () if args.json else verdict.lines():
-        print(common.shown(line))
+        print(common.printable(line))
     return verdict
 
 
@@ -107,16 +107,16 @@ def _log(args: argparse.Namespace) -> Verification:
         return verdict
     if verdict.identical:
         print(
-            f"identical: {number(verdict.frames, 'frame')}, output digest"
+            f"identical: {count_of(verdict.frames, 'frame')}, output digest"
             f" {verdict.output_digest}"
         )
         for reason in verdict.reasons:
-            print(common.shown(f"  without effect: {reason}"))
+            print(common.printable(f"  without effect: {reason}"))
     else:
-        equal = number(verdict.frames, "equal frame")
-        print(common.shown(f"differs after {equal}: {verdict.difference}"))
+        equal = count_of(verdict.frames, "equal frame")
+        print(common.printable(f"differs after {equal}: {verdict.difference}"))
         if verdict.effect is not None:
-            print(common.shown(f"  first effect: {verdict.effect}"))
+            print(common.printable(f"  first effect: {verdict.effect}"))
         for reason in verdict.reasons:
-            print(common.shown(f"  reason: {reason}"))
+            print(common.printable(f"  reason: {reason}"))
     return verdict

@@ -13,8 +13,8 @@ from replay.compare import words
 from replay.compare.content import NANOS, Content, Happening, Lasting
 from replay.compare.difference import Difference
 from replay.compare.intervals import Interval, intersect
-from replay.compare.matching import Matching
-from replay.first_difference import both
+from replay.compare.matching import TrackMatching
+from replay.first_difference import shorten_apart
 
 Key = tuple[str, tuple[int, ...]]
 _DIGITS = re.compile(r"\d+")
@@ -33,7 +33,7 @@ class Happenings:
         a: Content,
         b: Content,
         shared: Sequence[Interval],
-        matching: Matching,
+        matching: TrackMatching,
         tolerance_s: float,
         strict: bool,
     ) -> None:
@@ -177,7 +177,7 @@ class Happenings:
         for name in ("rule", "evidence", "text"):
             for place, p, q in _leaves(getattr(x, name), getattr(y, name), name):
                 if self._same_numbers or not self._renumbered(p, q, (a, b)):
-                    return place, *both(p, q)
+                    return place, *shorten_apart(p, q)
         return None
 
     def _renumbered(self, x: Any, y: Any, events: tuple[Happening, Happening]) -> bool:

@@ -12,8 +12,8 @@ from operator import itemgetter
 from typing import Any
 
 from recorders import channels
-from recorders.annotated.chain import cut
-from recorders.annotated.frames import moments
+from recorders.annotated.chain import short_digests
+from recorders.annotated.frames import instants
 from recorders.errors import RecordingError
 from recorders.log import LogReader
 from replay.first_difference import difference_in
@@ -128,7 +128,7 @@ class _Frames:
         return next(self._frames, None)
 
     def _all(self) -> Iterator[_Frame]:
-        for moment in moments(self._log, self._camera, with_recorded=self._everything):
+        for moment in instants(self._log, self._camera, with_recorded=self._everything):
             payloads: Payloads = {}
             stamps: dict[str, list[tuple[int, int]]] = {}
             for name, m in moment.annotated:
@@ -228,6 +228,8 @@ def _note_recording(out: Raw, a: Payloads, b: Payloads) -> bool:
     ]
     if len(sides) < 2 or sides[0].recorded == sides[1].recorded:
         return False
-    first = First(sides[0].frame, "digest", *cut(sides[0].recorded, sides[1].recorded))
+    first = First(
+        sides[0].frame, "digest", *short_digests(sides[0].recorded, sides[1].recorded)
+    )
     _count(out, RECORDING, lambda: first)
     return True

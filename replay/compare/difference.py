@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from replay.plurals import number
+from replay.plurals import count_of
 
 CHANGES = ("appeared", "vanished", "moved", "changed")
 KINDS = (
@@ -83,7 +83,7 @@ class Comparison:
     def lines(self, limit: int | None = None) -> list[str]:
         """The comparison for a person: one line per difference, then their number."""
         head = [f"made with another {line}" for line in self.made]
-        frames = number(self.frames, "frame")
+        frames = count_of(self.frames, "frame")
         if self.identical:
             return [*head, f"identical: {frames}"]
         if self.equal:
@@ -97,7 +97,7 @@ class Comparison:
         if len(shown) < len(self.differences):
             rows.append(f"... and {len(self.differences) - len(shown)} more")
         counts = ", ".join(f"{n} {what}" for what, n in self.counts().items())
-        total = f"{number(len(self.differences), 'difference')} over {frames}: {counts}"
+        total = f"{count_of(len(self.differences), 'difference')} over {frames}: {counts}"
         return [*head, *rows, total]
 
     def as_plain(self) -> dict[str, Any]:

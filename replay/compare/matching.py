@@ -55,7 +55,7 @@ EDGE_VALUES = (
 
 
 @dataclass
-class Change:
+class ValueChange:
     """A value that differs: in how many frames, where first, both values there."""
 
     frames: int
@@ -65,7 +65,7 @@ class Change:
 
 
 @dataclass
-class Pair:
+class TrackPair:
     """A track of A and one of B while they lay over each other."""
 
     spans: list[Interval] = field(default_factory=list)
@@ -73,11 +73,11 @@ class Pair:
     far: int = 0
     first_far: int = -1
     largest_px: float = 0.0
-    values: dict[str, Change] = field(default_factory=dict)
+    values: dict[str, ValueChange] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class Run:
+class OverlapRun:
     """A track of B lies over a track of A from a frame to a frame."""
 
     first: int
@@ -86,7 +86,7 @@ class Run:
     b: int
 
 
-class Matching:
+class TrackMatching:
     """Takes the frames that both logs have, in order; then says who is whom.
 
     Attributes:
@@ -103,14 +103,16 @@ class Matching:
         self._tolerance_px = tolerance_px
         self._fields = DISCRETE if tolerance_px > 0 else VALUES
         self._before: set[tuple[int, int]] = set()
-        self.pairs: dict[tuple[int, int], Pair] = {}
-        self.edges: dict[tuple[tuple[int, int], tuple[int, int]], dict[str, Change]] = {}
+        self.pairs: dict[tuple[int, int], TrackPair] = {}
+        self.edges: dict[
+            tuple[tuple[int, int], tuple[int, int]], dict[str, ValueChange]
+        ] = {}
         self.partner: dict[int, int] = {}
         self.back: dict[int, int] = {}
         self.elsewhere_a: dict[int, list[Interval]] = {}
         self.elsewhere_b: dict[int, list[Interval]] = {}
-        self._runs_of_a: dict[int, list[Run]] = {}
-        self._runs_of_b: dict[int, list[Run]] = {}
+        self._runs_of_a: dict[int, list[OverlapRun]] = {}
+        self._runs_of_b: dict[int, list[OverlapRun]] = {}
 
     def add(self, k: int, a: AnnotatedFrame, b: AnnotatedFrame) -> None:
         """Compare one frame that both logs have, the k-th of both together."""
@@ -161,7 +163,7 @@ class Matching:
         return sorted([*same, *((rows[i], columns[j]) for i, j in found)])
 
     def _take(self, frame: int, a: Track, b: Track) -> None:
-        pair = self.pairs.setdefault((a.id, b.id), Pair())
+        pair = self.pairs.setdefault((a.id, b.id), TrackPair())
         extend(pair.spans, frame)
         pair.frames += 1
         if a == b:
@@ -202,10 +204,10 @@ class Matching:
                 self.partner[ids_a[i]] = ids_b[j]
         self.partner = dict(sorted(self.partner.items()))
         self.back = {b: a for a, b in self.partner.items()}
-        by_a: dict[int, list[Run]] = {}
-        by_b: dict[int, list[Run]] = {}
+        by_a: dict[int, list[OverlapRun]] = {}
+        by_b: dict[int, list[OverlapRun]] = {}
         for (a, b), pair in sorted(self.pairs.items()):
-            runs = [Run(first, last, a, b) for first, last in pair.spans]
+            runs = [OverlapRun(first, last, a, b) for first, last in pair.spans]
             by_a.setdefault(a, []).extend(runs)
             by_b.setdefault(b, []).extend(runs)
         self._runs_of_a = {a: _cleaned(found) for a, found in sorted(by_a.items())}
@@ -231,7 +233,7 @@ class Matching:
             sorted((run.first, run.last) for run in runs if (run.a, run.b) == (a, b))
         )
 
-    def changes(self) -> Iterator[tuple[Run, Run]]:
+    def changes(self) -> Iterator[tuple[OverlapRun, OverlapRun]]:
         """Where a track of A goes on as another one of B, or one of B as another one of A: the
         runs before and after.
 
@@ -255,7 +257,7 @@ class Matching:
         return next((run.a for run in reversed(runs) if run.first <= frame), runs[0].a)
 
 
-def _cleaned(runs: list[Run]) -> list[Run]:
+def _cleaned(runs: list[OverlapRun]) -> list[OverlapRun]:
     """A track's runs in order, without those that are too short to count beside longer ones,
     joined where the same.
     """
@@ -264,11 +266,11 @@ def _cleaned(runs: list[Run]) -> list[Run]:
     return _joined(long or joined)
 
 
-def _joined(runs: Sequence[Run], gap: float = float("inf")) -> list[Run]:
+def _joined(runs: Sequence[OverlapRun], gap: float = float("inf")) -> list[OverlapRun]:
     """Runs in order; those of one pair that follow one another, at most ``gap`` frames apart, as
     one.
     """
-    kept: list[Run] = []
+    kept: list[OverlapRun] = []
     for run in sorted(runs, key=lambda r: (r.first, r.a, r.b)):
         before = kept[-1] if kept else None
         if (
@@ -276,7 +278,7 @@ def _joined(runs: Sequence[Run], gap: float = float("inf")) -> list[Run]:
             and (before.a, before.b) == (run.a, run.b)
             and run.first - before.last <= gap
         ):
-            kept[-1] = Run(before.first, run.last, run.a, run.b)
+            kept[-1] = OverlapRun(before.first, run.last, run.a, run.b)
         else:
             kept.append(run)
     return kept
@@ -287,12 +289,12 @@ def _boxes(tracks: Sequence[Track]) -> np.ndarray:
 
 
 def _note(
-    changes: dict[str, Change], fields: Sequence[str], frame: int, a: Any, b: Any
+    changes: dict[str, ValueChange], fields: Sequence[str], frame: int, a: Any, b: Any
 ) -> None:
     for name in fields:
         x, y = getattr(a, name), getattr(b, name)
         if x != y:
-            change = changes.setdefault(name, Change(0, frame, x, y))
+            change = changes.setdefault(name, ValueChange(0, frame, x, y))
             change.frames += 1
 
 

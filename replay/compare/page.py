@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.annotated.provenance import facts_of
+from recorders.annotated.provenance import provenance_of
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.pictures import encode_jpeg
 from recorders.scene import SceneLog
 from recorders.vision import cv2
 from replay.compare.difference import Comparison, Difference
 from replay.draw import DrawOptions, draw_frame
-from replay.export.output import whole
+from replay.export.output import whole_file
 from replay.export.video import frame_overlay
-from replay.plurals import number
+from replay.plurals import count_of
 
 Image = NDArray[np.uint8]
 FRAMES = 12
@@ -64,7 +64,7 @@ def write_page(
         OutputExistsError: ``out`` exists and ``force`` is not set.
         RecordingError: a log is damaged.
     """
-    with whole(out, force=force) as file:
+    with whole_file(out, force=force) as file:
         moments = list(_moments(found, scene, frames))
         file.write(_page(found, moments).encode("utf-8"))
 
@@ -100,7 +100,7 @@ def _log(path: str) -> AnnotatedLog:
     from recorders.log import LogReader
 
     with LogReader(path) as log:
-        camera = facts_of(log).camera
+        camera = provenance_of(log).camera
     return AnnotatedLog(path, camera)
 
 
@@ -230,7 +230,7 @@ def _page(found: Comparison, moments: Sequence[_Moment]) -> str:
 
 
 def _verdict(found: Comparison) -> str:
-    frames = number(found.frames, "frame")
+    frames = count_of(found.frames, "frame")
     if found.identical:
         return f"Identical: {frames}."
     if found.equal:
@@ -238,7 +238,7 @@ def _verdict(found: Comparison) -> str:
             f"Equal in meaning over {frames}; track numbers or values within the tolerance"
             " differ."
         )
-    return f"{number(len(found.differences), 'difference')} over {frames}."
+    return f"{count_of(len(found.differences), 'difference')} over {frames}."
 
 
 def _moment(moment: _Moment, a: str, b: str) -> str:

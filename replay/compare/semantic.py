@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from recorders.annotated.provenance import GOLDEN, Facts, facts_of
+from recorders.annotated.provenance import GOLDEN, Provenance, provenance_of
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
@@ -16,9 +16,9 @@ from replay.compare.bytewise import RECORDING, Raw, compare_bytes
 from replay.compare.content import Content
 from replay.compare.difference import Comparison, Difference
 from replay.compare.intervals import Interval, count, intersect, subtract, union
-from replay.compare.matching import Change, Matching, Pair
-from replay.first_difference import both, short
-from replay.plurals import number
+from replay.compare.matching import TrackMatching, TrackPair, ValueChange
+from replay.first_difference import shorten, shorten_apart
+from replay.plurals import count_of
 
 _INTERVALS = 3
 """So many intervals of frames are named, then the number of the others."""
@@ -70,7 +70,7 @@ def compare(
     """
     options = options or CompareOptions()
     with LogReader(a, limits) as left, LogReader(b, limits) as right:
-        facts = facts_of(left), facts_of(right)
+        facts = provenance_of(left), provenance_of(right)
         # Golden files and annotations alone have no recording; of spans, each has a part of its
         # own.
         alike = all(fact.whole and not any(name == GOLDEN for name, _ in log.metadata())
@@ -83,11 +83,11 @@ def compare(
         raw = compare_bytes(
             left, right, facts[0].camera, facts[1].camera, everything, options.only_shared
         )
-    made = _made(*facts)
+    made = _differently_made(*facts)
     if raw.identical:
         return Comparison(str(a), str(b), True, raw.frames, {}, [], made)
     contents = Content(), Content()
-    matching = Matching(options.tolerance_px)
+    matching = TrackMatching(options.tolerance_px)
     _read(a, b, facts, contents, matching, limits, by_time=raw.frames > 0)
     comparer = _Comparer(*contents, matching, options, raw)
     found = comparer.all()
@@ -97,9 +97,14 @@ def compare(
 
 
 def _read(
-    a: str | Path, b: str | Path, facts: tuple[Facts, Facts], contents: tuple[Content, Content], matching: Matching,
-    limits: Limits, by_time: bool,
-) -> None:  # fmt: skip
+    a: str | Path,
+    b: str | Path,
+    facts: tuple[Provenance, Provenance],
+    contents: tuple[Content, Content],
+    matching: TrackMatching,
+    limits: Limits,
+    by_time: bool,
+) -> None:
     """Read both logs side by side: frames of one time belong together, or of one number where no
     time is common.
     """
@@ -131,7 +136,7 @@ def _read(
     matching.finish()
 
 
-def _made(a: Facts, b: Facts) -> list[str]:
+def _differently_made(a: Provenance, b: Provenance) -> list[str]:
     lines = [f"tracker: {b.tracker}, not {a.tracker}"] if a.tracker != b.tracker else []
     for section in sorted({*a.configuration, *b.configuration}):
         old, new = a.configuration.get(section, {}), b.configuration.get(section, {})
@@ -161,7 +166,12 @@ def _made(a: Facts, b: Facts) -> list[str]:
 
 class _Comparer:
     def __init__(
-        self, a: Content, b: Content, matching: Matching, options: CompareOptions, raw: Raw
+        self,
+        a: Content,
+        b: Content,
+        matching: TrackMatching,
+        options: CompareOptions,
+        raw: Raw,
     ) -> None:
         self.a, self.b = a, b
         self.matching = matching
@@ -277,7 +287,7 @@ class _Comparer:
         n = count(here)
         if n:
             t = content.seconds(here[0][0])
-            told = f"{text}: {number(n, 'frame')} from {t:.1f} s"
+            told = f"{text}: {count_of(n, 'frame')} from {t:.1f} s"
             yield Difference("track", change, here[0][0], t, [track], told, {"frames": n})
 
     def _matched(self, track: int) -> Iterator[Difference]:
@@ -292,7 +302,7 @@ class _Comparer:
                 n, frame = count(alone), alone[0][0]
                 t = self.a.seconds(frame)
                 text = (
-                    f"track {track} is in {number(n, 'frame')} of {name} only, first at"
+                    f"track {track} is in {count_of(n, 'frame')} of {name} only, first at"
                     f" {t:.1f} s"
                 )
                 yield Difference(
@@ -312,7 +322,7 @@ class _Comparer:
         self,
         track: int,
         partner: int,
-        pair: Pair,
+        pair: TrackPair,
         ours: list[Interval],
         theirs: list[Interval],
     ) -> Iterator[Difference]:
@@ -343,7 +353,7 @@ class _Comparer:
             yield self._values("track", name, [track], pair.values)
 
     def _values(
-        self, what: str, name: str, subjects: list[int], values: dict[str, Change]
+        self, what: str, name: str, subjects: list[int], values: dict[str, ValueChange]
     ) -> Difference:
         """One line for all values of a track or relation that differ: the first one with both
         sides.
@@ -352,13 +362,13 @@ class _Comparer:
         t = self.a.seconds(first.first)
         others = f", and {len(values) - 1} more values" if len(values) > 1 else ""
         frames = max(change.frames for change in values.values())
-        old, new = both(first.a, first.b)
+        old, new = shorten_apart(first.a, first.b)
         text = (
             f"{name} has {field} {new}, not {old}, at {t:.1f} s{others}; in"
-            f" {number(frames, 'frame')}"
+            f" {count_of(frames, 'frame')}"
         )
         details = {
-            n: {"frames": c.frames, "first": c.first, "a": short(c.a), "b": short(c.b)}
+            n: {"frames": c.frames, "first": c.first, "a": shorten(c.a), "b": shorten(c.b)}
             for n, c in values.items()
         }
         return Difference(what, "changed", first.first, t, subjects, text, details)
@@ -402,7 +412,7 @@ class _Comparer:
         first = self.raw.channels.get(RECORDING)
         if first is not None:
             frames = first.frames
-            where = f"the recorded messages differ in {number(frames, 'frame')}"
+            where = f"the recorded messages differ in {count_of(frames, 'frame')}"
             text = (
                 f"{where}: another recording, or an altered one ({first.field}: {first.b},"
                 f" not {first.a})"
@@ -434,7 +444,7 @@ class _Comparer:
             n, t = first.frames, self.a.seconds(place)
             text = (
                 f"channel {name}: {first.field} {first.b}, not {first.a}; in"
-                f" {number(n, 'frame')}"
+                f" {count_of(n, 'frame')}"
             )
             details = {
                 "channel": name,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from recorders.messages import EVENT_WORDS
-from replay.plurals import number
+from replay.plurals import count_of
 
 _THEIRS = "B's "
 
@@ -49,7 +49,7 @@ def intervals(spans: Sequence[tuple[int, int]], most: int) -> str:
         f"{first} to {last}" if last > first else f"{first}" for first, last in spans[:most]
     ]
     return listed(
-        told + ([number(len(spans) - most, "more interval")] if len(spans) > most else [])
+        told + ([count_of(len(spans) - most, "more interval")] if len(spans) > most else [])
     )
 
 

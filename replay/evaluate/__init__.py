@@ -94,11 +94,11 @@ def evaluate(truth: MotTable, result: MotTable, iou: float = 0.5) -> Scores:
     n, m = both.shape
     return Scores(
         hota(both),
-        clear(both, matches),
-        given,
-        trajectories(both, matches, given, iou),
-        len(truth),
-        len(result),
-        n,
-        m,
+        clear=clear(both, matches),
+        identity=given,
+        trajectories=trajectories(both, matches, given, iou),
+        true_boxes=len(truth),
+        result_boxes=len(result),
+        true_ids=n,
+        result_ids=m,
     )

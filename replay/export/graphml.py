@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from reasoning.graph import over_time
 from recorders.annotated.reader import AnnotatedLog
-from replay.export.output import whole
+from replay.export.output import whole_file
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -56,7 +56,7 @@ def write_graphml(
     """
     import networkx as nx
 
-    with whole(out, force=force) as file:
+    with whole_file(out, force=force) as file:
         with AnnotatedLog(log, camera) as opened:
             graph = interaction_graph(opened)
         for source, target, key, facts in graph.edges(keys=True, data=True):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from recorders.annotated.reader import AnnotatedLog
 from recorders.messages import Track
-from replay.export.output import whole
+from replay.export.output import whole_file
 
 DECIMALS = 3
 
@@ -22,7 +22,7 @@ def write_mot(log: AnnotatedLog, out: str | Path, *, force: bool = False) -> int
         OutputExistsError: ``out`` exists and ``force`` is not set.
     """
     rows = 0
-    with whole(out, force=force) as file:
+    with whole_file(out, force=force) as file:
         for frame in log.frames(("tracks",)):
             lines = [
                 mot_row(frame.index, track)
@@ -38,14 +38,14 @@ def mot_row(frame: int, track: Track) -> str:
     """One line; ``frame`` counts from 0.
 
     >>> from recorders.messages import Track
-    >>> number(-0.0004), number(12.5), number(7.0)
+    >>> format_number(-0.0004), format_number(12.5), format_number(7.0)
     ('0', '12.5', '7')
     """
-    values = ",".join(number(v) for v in (*track.box, track.confidence))
+    values = ",".join(format_number(v) for v in (*track.box, track.confidence))
     return f"{frame + 1},{track.id},{values},-1,-1,-1\n"
 
 
-def number(value: float) -> str:
+def format_number(value: float) -> str:
     """A number with three decimals at most, without trailing zeros and without a minus before
     zero.
     """

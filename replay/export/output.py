@@ -24,7 +24,7 @@ def check_figure(path: Path) -> None:
 
 
 @contextmanager
-def whole(path: str | Path, *, force: bool) -> Iterator[PartFile]:
+def whole_file(path: str | Path, *, force: bool) -> Iterator[PartFile]:
     """A file that gets its name when the block ends well, and is gone when it does not.
 
     Write with its ``write``, or let a library write to the path ``part``.

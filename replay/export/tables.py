@@ -21,7 +21,7 @@ from recorders.annotated.reader import AnnotatedLog
 from recorders.errors import SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from replay.export.graphml import interaction_graph, node_link
-from replay.export.output import whole, whole_folder
+from replay.export.output import whole_file, whole_folder
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _BLOCK = 1 << 20
 
 
-class Spool:
+class TableSpool:
     """An annotated log's tables on disk, one JSON object per line, until the block that holds it
     ends.
 
@@ -45,7 +45,7 @@ class Spool:
         self._log, self._limits = log, limits
         self._folder = tempfile.TemporaryDirectory(prefix="scenetrace-")
 
-    def __enter__(self) -> Spool:
+    def __enter__(self) -> TableSpool:
         try:
             self._files = {name: self.path(name).open("wb") for name in TABLES}
             try:
@@ -117,7 +117,7 @@ def write_json(
         OutputExistsError: ``out`` exists and ``force`` is not set.
         RecordingError: ``log`` is no annotated log, or damaged.
     """
-    with whole(out, force=force) as file, Spool(log, camera) as spool:
+    with whole_file(out, force=force) as file, TableSpool(log, camera) as spool:
         for index, table in enumerate(TABLES):
             file.write(
                 f"{',' if index else '{'}\n{msgspec.json.encode(table).decode()}: [".encode()
@@ -162,16 +162,16 @@ def write_parquet(
         raise UsageError(f"no table {table!r}; there are: {', '.join(TABLES)}")
     path = Path(out)
     if path.suffix and not path.is_dir():
-        with whole(path, force=force) as file, Spool(log, camera) as spool:
+        with whole_file(path, force=force) as file, TableSpool(log, camera) as spool:
             _copy(spool, table, file.part)
             return {table: spool.rows[table]}
-    with whole_folder(path, None, force=force) as folder, Spool(log, camera) as spool:
+    with whole_folder(path, None, force=force) as folder, TableSpool(log, camera) as spool:
         for name in TABLES:
             _copy(spool, name, folder / f"{name}.parquet")
         return spool.rows
 
 
-def _copy(spool: Spool, table: str, out: Path) -> None:
+def _copy(spool: TableSpool, table: str, out: Path) -> None:
     import duckdb
 
     columns = ", ".join(f"{name}: '{kind}'" for name, kind in TABLES[table])

@@ -17,7 +17,7 @@ from recorders.channels import NANOS
 from recorders.errors import RecordingError, UsageError
 from recorders.messages import Event
 from replay.draw import DrawOptions, Overlay, draw_frame
-from replay.export.output import whole
+from replay.export.output import whole_file
 
 Image = NDArray[np.uint8]
 Progress = Callable[[str, int], None]
@@ -69,7 +69,7 @@ def write_video(
         UsageError: there are neither pictures nor a size.
     """
     options = options or VideoOptions()
-    with whole(out, force=force) as file:
+    with whole_file(out, force=force) as file:
         encoder: _Encoder | None = None
         try:
             for time_ns, image in overlaid(log, options):

@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from replay.fitting.fit import Fitted, fit
-from replay.fitting.samples import Samples, collect
+from replay.fitting.samples import FeatureSamples, collect
 
-__all__ = ["Fitted", "Samples", "collect", "fit"]
+__all__ = ["FeatureSamples", "Fitted", "collect", "fit"]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replay.fitting.samples import Samples
+from replay.fitting.samples import FeatureSamples
 from replay.trackers.parts.features import FEATURES, ONE
 from replay.trackers.parts.regions import PARTS
 from replay.trackers.parts.scoring import FULL, PartFeatures, tabulated
@@ -103,7 +103,7 @@ def models(differences: Ints) -> dict[str, str]:
     }
 
 
-def fit(samples: Samples) -> Fitted:
+def fit(samples: FeatureSamples) -> Fitted:
     """Fit models and weights.
 
     The weights are those of the highest accuracy over the parts that the models were not fitted
@@ -138,7 +138,7 @@ def fit(samples: Samples) -> Fitted:
 
 
 def _held_out(
-    samples: Samples, theirs: dict[int, dict[str, str]], scores: Floats
+    samples: FeatureSamples, theirs: dict[int, dict[str, str]], scores: Floats
 ) -> tuple[float, float]:
     """Accuracy over all folds, each with the models and weights of the others, and the same with
     equal weights.

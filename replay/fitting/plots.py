@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from recorders.errors import SceneTraceError
-from replay.export.output import whole
-from replay.fitting.samples import Samples
+from replay.export.output import whole_file
+from replay.fitting.samples import FeatureSamples
 from replay.trackers.parts.features import FEATURES, ONE
 from replay.trackers.parts.regions import PARTS
 from replay.trackers.parts.scoring import PartFeatures, density, split_models
@@ -20,7 +20,7 @@ OTHERS = "other places, and boxes off the target, against what was learnt a seco
 
 
 def plot(
-    samples: Samples, features: PartFeatures, out: Path, *, force: bool = False
+    samples: FeatureSamples, features: PartFeatures, out: Path, *, force: bool = False
 ) -> None:
     """A row per feature, a column per part: the matching case's histogram, the model over it, the
     rest in grey.
@@ -72,5 +72,5 @@ def plot(
         ncols=3,
         fontsize=9,
     )
-    with whole(out, force=force) as file:
+    with whole_file(out, force=force) as file:
         figure.savefig(file.part, format=out.suffix.lstrip(".") or "png", dpi=110)

@@ -59,7 +59,7 @@ NEAR = 2.0
 
 
 @dataclass(frozen=True)
-class Samples:
+class FeatureSamples:
     """Differences of one or several recordings.
 
     Attributes:
@@ -93,7 +93,7 @@ def collect(
     pairs: Sequence[tuple[Path, Path]],
     truth_sizes: Sequence[tuple[int, int] | None] | None = None,
     camera: str | None = None,
-) -> Samples:
+) -> FeatureSamples:
     """Read annotated recordings.
 
     Args:
@@ -139,7 +139,7 @@ def collect(
             f"{scene.name} with {truth.name} ({len(found[::every])} pairs of frames)"
         )
     groups = np.repeat(np.arange(len(rows)), [len(row) for row in rows])
-    return Samples(
+    return FeatureSamples(
         np.stack(steps), np.array(step_folds, np.int64), np.concatenate(rows), groups, np.array(folds, np.int64),
         tuple(names),
     )  # fmt: skip

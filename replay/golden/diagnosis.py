@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from recorders.annotated.provenance import facts_of
+from recorders.annotated.provenance import provenance_of
 from recorders.errors import SceneTraceError
 from recorders.log import LogReader
 from replay.compare.bytewise import compare_bytes
@@ -70,7 +70,9 @@ def _is_plain(name: str, value: Any) -> bool:
 def first_difference(a: Path, b: Path) -> str:
     """Where two annotated logs of one scene differ first, with both values."""
     with LogReader(a) as left, LogReader(b) as right:
-        raw = compare_bytes(left, right, facts_of(left).camera, facts_of(right).camera)
+        raw = compare_bytes(
+            left, right, provenance_of(left).camera, provenance_of(right).camera
+        )
     for name, first in raw.channels.items():
         return (
             f"frame {first.frame}, {name}, {first.field}: {first.a} in the first, {first.b}"

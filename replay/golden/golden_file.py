@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from recorders import channels
-from recorders.annotated.provenance import GOLDEN, METADATA, facts_of
+from recorders.annotated.provenance import GOLDEN, METADATA, provenance_of
 from recorders.log import LogReader, LogWriter
 
 STORY = ("tracks", "relations", "groups", "events")
@@ -22,7 +22,7 @@ def write_story(annotated: str | Path, out: str | Path) -> None:
         RecordingError: not an annotated log, or ``out`` cannot be written.
     """
     with LogReader(annotated) as log:
-        facts = facts_of(log)
+        facts = provenance_of(log)
         topics = [channels.topic(facts.camera, name) for name in STORY]
         # One chunk, if it fits: it compresses best.
         with LogWriter(

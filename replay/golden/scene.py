@@ -12,8 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from recorders.annotated.chain import cut
-from recorders.annotated.provenance import facts_of
+from recorders.annotated.chain import short_digests
+from recorders.annotated.provenance import provenance_of
 from recorders.errors import SceneTraceError
 from recorders.log import LogReader
 from recorders.parameters import Config
@@ -213,7 +213,9 @@ class GoldenScene:
         job: Job, golden: Path, replayed: Path, found: Comparison, name: str
     ) -> str:
         with LogReader(golden) as a, LogReader(replayed) as b:
-            then, now = cut(facts_of(a).input_digest, facts_of(b).input_digest)
+            then, now = short_digests(
+                provenance_of(a).input_digest, provenance_of(b).input_digest
+            )
         other = "" if then == now else (
             f"\n{job.scene.name} is not the recording that the golden file was made from "
             f"(input digest {then}, now {now})"

@@ -12,7 +12,7 @@ from typing import Any
 
 from reasoning.questions import Case
 from recorders.annotated.reader import AnnotatedLog
-from replay.export.output import whole
+from replay.export.output import whole_file
 from replay.report.data import ReportOptions, collect
 from replay.report.pictures import check_log
 
@@ -32,7 +32,7 @@ def write_report(
         RecordingError: the log is damaged, or no annotated log.
     """
     check_log(path)
-    with AnnotatedLog(path, camera) as log, whole(out, force=force) as file:
+    with AnnotatedLog(path, camera) as log, whole_file(out, force=force) as file:
         with Case([path]) as case:
             data = collect(case, log, options or ReportOptions())
         file.write(page(data).encode("utf-8"))

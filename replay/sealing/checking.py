@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from recorders.annotated.chain import cut
+from recorders.annotated.chain import short_digests
 from recorders.errors import SceneTraceError
 from replay.sealing.manifest import Entry, added_files, file_digest, read_manifest
 from replay.sealing.signing import public_key, signature_holds
 
 
 @dataclass(frozen=True)
-class Finding:
+class SealFinding:
     """One file, or the signature: how it is, and in words where it is not as sealed."""
 
     name: str
@@ -39,7 +39,7 @@ class CaseVerdict:
     """
 
     intact: bool
-    files: list[Finding]
+    files: list[SealFinding]
     signature: str
     key: str = ""
     note: str = ""
@@ -89,7 +89,7 @@ def check_manifest(
         if progress is not None:
             progress("checking", index)
     files += [
-        Finding(name, "added", "not there when it was sealed")
+        SealFinding(name, "added", "not there when it was sealed")
         for name in added_files(manifest, path)
     ]
     signed = manifest.signature
@@ -116,16 +116,16 @@ def _signature_state(signer: str, wanted: str | None, holds: Callable[[], bool])
     return "valid" if wanted in (None, signer) else "other key"
 
 
-def _checked(entry: Entry, folder: Path) -> Finding:
+def _checked(entry: Entry, folder: Path) -> SealFinding:
     file = folder / entry.name
     if not file.exists():
-        return Finding(entry.name, "missing")
+        return SealFinding(entry.name, "missing")
     try:
         size, digest = file_digest(file)
     except SceneTraceError as error:
-        return Finding(entry.name, "unreadable", str(error))
+        return SealFinding(entry.name, "unreadable", str(error))
     if digest == entry.sha256:
-        return Finding(entry.name, "unaltered")
+        return SealFinding(entry.name, "unaltered")
     sizes = f"{entry.bytes} bytes, now {size}; " if size != entry.bytes else ""
-    then, now = cut(entry.sha256, digest)
-    return Finding(entry.name, "altered", f"{sizes}SHA-256 was {then}, is {now}")
+    then, now = short_digests(entry.sha256, digest)
+    return SealFinding(entry.name, "altered", f"{sizes}SHA-256 was {then}, is {now}")

@@ -18,7 +18,7 @@ from recorders.annotated.provenance import METADATA
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
-from replay.export.output import whole
+from replay.export.output import whole_file
 
 FORMAT: Literal["scenetrace manifest"] = "scenetrace manifest"
 VERSION: Literal[1] = 1
@@ -182,7 +182,7 @@ def write_manifest(manifest: Manifest, out: str | Path, *, force: bool = False) 
     Raises:
         OutputExistsError: it exists and ``force`` is not set.
     """
-    with whole(out, force=force) as file:
+    with whole_file(out, force=force) as file:
         file.write(manifest.encode())
 
 

@@ -176,12 +176,12 @@ def test_a_module_of_the_working_folder_must_be_named(
 def test_a_log_cannot_make_verify_call_what_is_no_tracker(
     site: Path, annotated: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from recorders.annotated.provenance import facts_of
+    from recorders.annotated.provenance import provenance_of
     from recorders.log import LogReader
     from replay.verification import choice_of
 
     with LogReader(annotated) as log:
-        facts = facts_of(log)
+        facts = provenance_of(log)
     monkeypatch.syspath_prepend(site)
     for name in ("os:system", "nearest:dataclass", "nearest:param", "nothing.of.it:X"):
         object.__setattr__(facts, "tracker", name)

@@ -12,7 +12,7 @@ import pytest
 from reasoning.interactions import (
     InteractionBook,
     InteractionParameters,
-    Members,
+    TargetRows,
     collision_map,
     pair_bit,
 )
@@ -118,7 +118,7 @@ class Crowd:
     ):
         self.frame += 1
         ids, blobs = sorted(places), blobs or {}
-        members = Members(
+        members = TargetRows(
             ids,
             np.array([[places[i], 0, 20, 20] for i in ids], np.float64).reshape(-1, 4),
             [blobs.get(i, i + 100) for i in ids],

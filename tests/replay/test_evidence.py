@@ -17,7 +17,7 @@ from reasoning import events as tell
 from reasoning.interactions import InteractionParameters, PairChange
 from reasoning.questions.thresholds import event_measures
 from reasoning.reasoner import Reasoner
-from reasoning.relations import Change
+from reasoning.relations import RelationChange
 from reasoning.transitions import GROUPED, SPLITTING
 from recorders.evidence import EVIDENCE, unlike
 from recorders.log import LogReader
@@ -99,7 +99,9 @@ def test_of_the_reasoning_alone():
 def test_of_anomalies():
     log = tell.EventLog()
     log.open(0, 0)
-    torn = Change(1, 2, "JOINT", "INTERACTION", "torn", "r", 60.0, 20.0, 20.0, False, 0, 0)
+    torn = RelationChange(
+        1, 2, "JOINT", "INTERACTION", "torn", "r", 60.0, 20.0, 20.0, False, 0, 0
+    )
     apart = PairChange(1, 2, GROUPED, SPLITTING, 1.5, 0, 0, jumped=True)
     tell.torn(log, torn)
     tell.jumped(log, apart, InteractionParameters())

@@ -21,7 +21,7 @@ from fixtures.logs import write_scene_log
 from fixtures.scenes import generate
 from recorders import channels
 from recorders.annotated import digest
-from recorders.annotated.provenance import METADATA, sealed
+from recorders.annotated.provenance import METADATA, with_fact_digests
 from recorders.log import Attachment, LogReader, LogWriter, Message
 from replay.annotated_writer import replay
 from replay.cli import main
@@ -46,7 +46,7 @@ class Content:
                 kept = {
                     n: v for n, v in {**values, **changes}.items() if n != "fact_digests"
                 }
-                self.records[k] = name, sealed(kept)
+                self.records[k] = name, with_fact_digests(kept)
 
 
 Forgery = Callable[[Content], None]

@@ -18,7 +18,7 @@ from fixtures.planted_differences import copy_log
 from fixtures.scenes import generate
 from recorders import channels
 from recorders.annotated import checkpoint
-from recorders.annotated.provenance import facts_of, sealed, sha256
+from recorders.annotated.provenance import provenance_of, sha256, with_fact_digests
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.log import LogReader, LogWriter
 from recorders.messages import Target, Targets
@@ -59,7 +59,7 @@ def with_facts(
 
     def facts(values: Facts) -> Facts:
         changed = {k: v for k, v in change(dict(values)).items() if k != "fact_digests"}
-        return sealed(changed) if reseal else changed
+        return with_fact_digests(changed) if reseal else changed
 
     copy_log(source, out, facts=facts)
     return out
@@ -164,7 +164,8 @@ def test_a_difference_without_a_known_reason_says_so(folder: Path, tmp_path: Pat
             "extras": "{}",
         }
         writer.metadata(
-            "scenetrace", sealed({k: v for k, v in changed.items() if k != "fact_digests"})
+            "scenetrace",
+            with_fact_digests({k: v for k, v in changed.items() if k != "fact_digests"}),
         )
     assert verify_chain(out).identical
     verdict = verify(out)
@@ -209,7 +210,7 @@ def test_facts_are_read_strictly(
     for reseal in (True, False):
         altered = with_facts(folder / "a.mcap", tmp_path / "b.mcap", change, reseal)
         with LogReader(altered) as log, pytest.raises(RecordingError, match=words):
-            facts_of(log)
+            provenance_of(log)
         if "format" in words:
             assert main(["verify", str(altered)]) == 1, "of another version, not altered"
             continue
@@ -375,7 +376,7 @@ def forged_checkpoints(
 
     def facts(values: Facts) -> Facts:
         kept = {k: v for k, v in values.items() if k != "fact_digests"}
-        return sealed(
+        return with_fact_digests(
             {**kept, "checkpoints": msgspec.json.encode(digests, order="sorted").decode()}
         )
 
@@ -562,7 +563,7 @@ def test_the_spool_gives_back_what_it_took_in_several_readings_at_once(
 
 def test_facts_know_their_log(folder: Path) -> None:
     with LogReader(folder / "a.mcap") as log:
-        facts = facts_of(log)
+        facts = provenance_of(log)
     assert facts.altered() == {}
     assert facts.configuration["events"]["hindsight"] is False
     assert facts.python.startswith("CPython 3.")

@@ -17,7 +17,7 @@ from recorders.messages import EVENT_KINDS
 _SPAN = "start_frame AS s, end_frame AS e, start_t AS st, end_t AS et"
 
 
-class Place(Enum):
+class ArgumentKind(Enum):
     """What an argument is."""
 
     TARGET = "target"
@@ -55,11 +55,11 @@ class Atom:
         """Number of arguments that must be there."""
         return self.least_targets + self.zone
 
-    def place(self, k: int) -> Place | None:
+    def place(self, k: int) -> ArgumentKind | None:
         """What argument k is; None if there is none."""
         if k < self.most_targets:
-            return Place.TARGET
-        return Place.TEXT if self.zone and k == self.most_targets else None
+            return ArgumentKind.TARGET
+        return ArgumentKind.TEXT if self.zone and k == self.most_targets else None
 
     def arity(self) -> str:
         """For messages."""

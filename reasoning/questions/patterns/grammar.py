@@ -29,7 +29,7 @@ from typing import Never
 
 from reasoning.questions.literals import duration
 from reasoning.questions.macros import ALLEN
-from reasoning.questions.patterns.atoms import ATOMS, NAMES, Place
+from reasoning.questions.patterns.atoms import ATOMS, NAMES, ArgumentKind
 from recorders.errors import UsageError
 
 MAX_LENGTH = 2_000
@@ -264,7 +264,16 @@ class _Parser:
         bounds = self._bounds(name) if self._is("[") else ()
         if negated and (count > 1 or open_ended):
             self._fail("a negated item cannot be repeated", at)
-        return Item(name, terms, negated, count, open_ended, bounds, link, at)
+        return Item(
+            name,
+            terms=terms,
+            negated=negated,
+            count=count,
+            open_ended=open_ended,
+            bounds=bounds,
+            link=link,
+            position=at,
+        )
 
     def _name(self, token: _Token) -> str:
         lower = token.value.lower().replace("-", "_")
@@ -298,9 +307,9 @@ class _Parser:
         self._take()
         return tuple(places)
 
-    def _term(self, place: Place) -> Term:
+    def _term(self, place: ArgumentKind) -> Term:
         token = self._take()
-        if place is Place.TEXT:
+        if place is ArgumentKind.TEXT:
             if token.kind == "text":
                 return Term(text=token.value[1:-1], position=token.position)
             if token.kind == "name":

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from recorders.log import LogReader, LogWriter
-from recorders.log.content_digest import input_digest
+from recorders.log.content_digest import content_digest
 from recorders.log.info import examine, inspect
 from recorders.log.recovery import recover
 
@@ -117,7 +117,7 @@ def test_conformance_files_survive_recovery_and_rewriting(
     for path in sorted((real_data / "mcap-conformance").rglob("*.mcap"))[::7]:
         report = recover(path, tmp_path / "out.mcap", force=True)
         assert report.is_complete, (path, report.losses)
-        assert input_digest(tmp_path / "out.mcap") == input_digest(path)
+        assert content_digest(tmp_path / "out.mcap") == content_digest(path)
 
 
 COUNTS = {
@@ -160,4 +160,4 @@ def test_ros_bags_are_read_whole(real_data: Path, tmp_path: Path) -> None:
                 copy.write(
                     ids[m.channel.id], m.data, m.log_time_ns, m.publish_time_ns, m.sequence
                 )
-        assert input_digest(tmp_path / path.name) == input_digest(path)
+        assert content_digest(tmp_path / path.name) == content_digest(path)

@@ -13,7 +13,7 @@ import pytest
 
 from recorders.errors import OutputExistsError, RecordingError
 from recorders.log import LogReader, LogWriter, Schema
-from recorders.log.content_digest import input_digest
+from recorders.log.content_digest import content_digest
 from recorders.log.info import examine, inspect
 from recorders.log.recovery import recover
 
@@ -48,7 +48,7 @@ def test_a_sound_log_loses_nothing(tmp_path: Path) -> None:
     assert (report.is_complete, report.messages, report.channels) == (True, 600, 2)
     assert (report.metadata, report.attachments, report.messages_expected) == (1, 1, 600)
     assert said(tmp_path / "out.mcap") == said(tmp_path / "log.mcap")
-    assert input_digest(tmp_path / "out.mcap") == input_digest(tmp_path / "log.mcap")
+    assert content_digest(tmp_path / "out.mcap") == content_digest(tmp_path / "log.mcap")
     assert inspect(tmp_path / "out.mcap").profile == "test"
     assert examine(tmp_path / "out.mcap") == []
 

@@ -17,7 +17,7 @@ from mcap.stream_reader import StreamReader
 from recorders.errors import LimitError
 from recorders.limits import Limits
 from recorders.log import LogReader, LogWriter, Message, Schema
-from recorders.log.content_digest import input_digest
+from recorders.log.content_digest import content_digest
 from recorders.log.info import examine
 
 SCHEMA = Schema("scenetrace.Test", "jsonschema", b'{"type": "object"}')
@@ -114,7 +114,7 @@ def test_the_layout_does_not_change_the_digest(
         chunk_bytes=50,
         flush_interval_ns=3,
     )
-    assert input_digest(tmp_path / "a.mcap") == input_digest(tmp_path / "b.mcap")
+    assert content_digest(tmp_path / "a.mcap") == content_digest(tmp_path / "b.mcap")
 
 
 def test_every_part_of_a_message_changes_the_digest(tmp_path: Path) -> None:
@@ -126,7 +126,7 @@ def test_every_part_of_a_message_changes_the_digest(tmp_path: Path) -> None:
     digests = set()
     for variant in variants:
         write_log(tmp_path / "log.mcap", [variant])
-        digests.add(input_digest(tmp_path / "log.mcap"))
+        digests.add(content_digest(tmp_path / "log.mcap"))
     assert len(digests) == len(variants)
 
 

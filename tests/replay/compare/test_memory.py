@@ -8,7 +8,7 @@ from pathlib import Path
 from fixtures.planted_differences import copy_log
 from recorders import channels
 from recorders.annotated import digest
-from recorders.annotated.provenance import sealed
+from recorders.annotated.provenance import with_fact_digests
 from recorders.log import LogWriter
 from recorders.messages import Digest, Track, Tracks
 from replay.compare import compare
@@ -49,7 +49,7 @@ def write_long(path: Path, frames: int, shift: float) -> Path:
             "output_digest": "", "link_before": "", "first_frame": "0", "frames": str(frames),
             "annotations_only": "true",
         }  # fmt: skip
-        log.metadata("scenetrace", sealed(facts))
+        log.metadata("scenetrace", with_fact_digests(facts))
     return path
 
 

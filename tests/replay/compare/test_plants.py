@@ -16,7 +16,7 @@ from fixtures.planted_differences import (
     RECORDING_PLANTS,
     copy_log,
 )
-from recorders.annotated.provenance import sealed
+from recorders.annotated.provenance import with_fact_digests
 from replay.compare import compare
 from replay.verification import verify, verify_chain
 
@@ -93,7 +93,7 @@ def test_a_parameter_that_is_lied_about_by_1e_9(
         configuration = msgspec.json.decode(values["configuration"])
         configuration["shell_model"]["k_s"] = 0.2
         text = msgspec.json.encode(configuration, order="deterministic").decode()
-        return sealed(
+        return with_fact_digests(
             {
                 k: v
                 for k, v in {**values, "configuration": text}.items()

@@ -15,7 +15,7 @@ from replay.cli import main
 from replay.evaluate import evaluate, read_mot
 from replay.evaluate.track_table import read_tracks
 from replay.export import write_graphml, write_json, write_mot, write_parquet
-from replay.export.mot import number
+from replay.export.mot import format_number
 
 CONTRACT = {
     "frames": ["frame", "t"],
@@ -63,7 +63,7 @@ def test_a_span_keeps_the_frames_numbers(write_annotated: Any, tmp_path: Path) -
     ],
 )
 def test_numbers_are_short_and_plain(value: float, text: str) -> None:
-    assert number(value) == text
+    assert format_number(value) == text
 
 
 def test_json_is_one_document_of_all_tables(write_annotated: Any, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from recorders.annotated.membership import (
     LabelImage,
     Patches,
     decode_labels,
-    renamed,
+    rename_labels,
     value_of,
 )
 from recorders.errors import RecordingError
@@ -130,9 +130,9 @@ def test_label_images_keep_their_identities(largest: int) -> None:
     labels = decode_labels(channels.decode("membership", payload).data)
     assert labels.dtype == np.uint16
     assert np.bincount(labels.ravel())[[3, largest]].tolist() == [4, 9]
-    assert renamed(payload, {3: 3, largest: largest}, [3, largest]) == payload
+    assert rename_labels(payload, {3: 3, largest: largest}, [3, largest]) == payload
     final = decode_labels(
-        channels.decode("membership", renamed(payload, {3: 400}, [3, largest])).data
+        channels.decode("membership", rename_labels(payload, {3: 400}, [3, largest])).data
     )
     assert sorted(np.unique(final).tolist()) == [0, 400]
     assert (final == 400).sum() == 4
@@ -156,7 +156,9 @@ def test_patches_are_painted_as_label_images_are_renamed(names: dict[int, int]) 
         Patches(20, 12, 17, [Patches.patch(*s) for s in shapes]).packed()
     )
     assert patches.payload() == image.payload(17)
-    assert patches.payload(names, [1, 2, 3]) == renamed(image.payload(17), names, [1, 2, 3])
+    assert patches.payload(names, [1, 2, 3]) == rename_labels(
+        image.payload(17), names, [1, 2, 3]
+    )
 
 
 def test_what_is_no_label_image_is_refused() -> None:
