@@ -96,9 +96,20 @@ def overlap(truth: MotTable, result: MotTable) -> Overlap:
     result_row = result_start[frame_of] + place % np.maximum(m, 1)[frame_of]
     iou = box_iou(truth.boxes[true_row], result.boxes[result_row])
     return Overlap(
-        truth, result=result, frames=frames, true_names=true_names, result_names=result_names, true_ids=true_ids, result_ids=result_ids,
-        true_start=true_start, result_start=result_start, start=start, true_row=true_row, result_row=result_row, iou=iou,
-    )  # fmt: skip
+        truth,
+        result=result,
+        frames=frames,
+        true_names=true_names,
+        result_names=result_names,
+        true_ids=true_ids,
+        result_ids=result_ids,
+        true_start=true_start,
+        result_start=result_start,
+        start=start,
+        true_row=true_row,
+        result_row=result_row,
+        iou=iou,
+    )
 
 
 def box_iou(a: FloatArray, b: FloatArray) -> FloatArray:

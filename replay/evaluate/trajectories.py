@@ -167,12 +167,21 @@ def _each(both: Overlap, matches: Matches) -> list[Trajectory]:
     ) / np.maximum(tracked, 1)
     return [
         Trajectory(
-            int(both.true_names[index]), first_frame=int(first[index]), last_frame=int(last[index]), frames=int(rows[index]), tracked=int(tracked[index]),
-            share=100 * float(tracked[index] / rows[index]), ids=tuple(ids[index]), switches=switches[index], swaps=swaps[index],
-            fragments=int(matches.fragments[index]), under_segmented=under[index], error_px=float(distance[index]),
+            int(both.true_names[index]),
+            first_frame=int(first[index]),
+            last_frame=int(last[index]),
+            frames=int(rows[index]),
+            tracked=int(tracked[index]),
+            share=100 * float(tracked[index] / rows[index]),
+            ids=tuple(ids[index]),
+            switches=switches[index],
+            swaps=swaps[index],
+            fragments=int(matches.fragments[index]),
+            under_segmented=under[index],
+            error_px=float(distance[index]),
         )
         for index in range(n)
-    ]  # fmt: skip
+    ]
 
 
 def centre_distance(both: Overlap, pairs: IntArray) -> FloatArray:
