@@ -15,6 +15,7 @@ from recorders.sources.images import ImageFolderSource
 from recorders.sources.log_files import LogFiles, McapFiles, is_mcap, mcap_files
 from recorders.sources.log_source import LogOptions, LogSource
 from recorders.sources.mot import MotSource
+from recorders.sources.plugin_source import plugin_source
 from recorders.sources.source import Source, parse_fps
 from recorders.sources.video import VideoSource
 from recorders.sources.with_detections import WithDetections
@@ -35,7 +36,8 @@ def open_source(
     limits: Limits = DEFAULT_LIMITS,
 ) -> Source:
     """Open a source of frames by what it is: a folder of images, ``.txt`` (MOTChallenge),
-    ``.xml`` (CAVIAR), a video, a log of others.
+    ``.xml`` (CAVIAR), a video, a log of others; ``NAME:WHERE`` is a plug-in's
+    (`plugin_source`), whose frames have the times that it gives.
 
     Args:
         path: the folder or file; several files of one recording: logs.
@@ -54,6 +56,10 @@ def open_source(
         LimitError: it asks for more than the limits allow.
         UsageError: the arguments do not fit the source or one another.
     """
+    words = [path] if isinstance(path, str | Path) else path
+    foreign = plugin_source(words[0]) if len(words) == 1 else None
+    if foreign is not None:
+        return _beside_detections(foreign, detections, size, limits)
     paths = _paths(path)
     rate = None if fps is None else parse_fps(fps)
     if size is not None and min(size) < 1:
@@ -198,11 +204,20 @@ def _open_file(
         if path.is_dir()
         else VideoSource(path, rate, limits)
     )
+    return _beside_detections(pictures, detections, size, limits)
+
+
+def _beside_detections(
+    pictures: Source,
+    detections: str | Path | None,
+    size: tuple[int, int] | None,
+    limits: Limits,
+) -> Source:
     if detections is not None:
         return WithDetections(pictures, Path(detections), size, limits)
     if size is not None:
         raise UsageError(
-            f"--size says what size detections were made for; {path} is"
+            f"--size says what size detections were made for; {pictures.path} is"
             f" {pictures.width}x{pictures.height}"
         )
     return pictures

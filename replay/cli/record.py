@@ -44,7 +44,7 @@ def add(commands: common.Commands) -> None:
         nargs="+",
         metavar="SOURCE",
         help="video | folder of pictures | MOTChallenge .txt | CAVIAR .xml | MCAP log or ROS bag"
-        " (a file, a folder, or several files of one recording)",
+        " (a file, a folder, or several files of one recording) | NAME:WHERE of an installed plug-in",
     )
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="FILE", help="the scene log"
