@@ -57,6 +57,29 @@ def share_inside(box: Box, other: Box) -> float:
     return w * h / area if w > 0 and h > 0 and area > 0 else 0.0
 
 
+HIDDEN_INSIDE = 0.75
+"""Share of a predicted box that must lie in the box of somebody seen, to be hidden by him."""
+
+
+def hidden_by(behind: Box, front: Box) -> bool:
+    """Whether somebody with this predicted box is wholly hidden by somebody who is seen there.
+
+    SHELLS 2.3 lets an occluded object be anywhere within its occluder; a prediction is rough, so
+    three quarters of it are enough.
+    """
+    return share_inside(behind, front) >= HIDDEN_INSIDE
+
+
+def shares_inside(boxes: Floats, others: Floats) -> Floats:
+    """(N,) share of each box's area that lies in the other one of its row."""
+    low = np.maximum(boxes[:, :2], others[:, :2])
+    high = np.minimum(boxes[:, :2] + boxes[:, 2:], others[:, :2] + others[:, 2:])
+    room = np.maximum(high - low, 0.0)
+    area = np.maximum(boxes[:, 2] * boxes[:, 3], 1e-9)
+    share: Floats = room[:, 0] * room[:, 1] / area
+    return share
+
+
 def boxes_touch(boxes: Floats, others: Floats) -> Bools:
     """Which of boxes (N, 4) have an inner point in common with which of others (M, 4), (N, M)
     bool.

@@ -1,48 +1,71 @@
 """Encounters: two targets who approach one another, stay or walk together; not two who pass.
 
-The rule, in body sizes (mean diagonal of the two boxes: about a person's height) and seconds:
+The rule, in body sizes (mean diagonal of the two boxes: about a person's height) and seconds,
+over the moments in which both are observed:
 
-1. *Together for sure* in a moment: distance at most ``near_sizes`` and relative speed at most
-   ``pace_sizes_per_s``. Two who pass are as near, but fast against one another; two who walk
-   together are not.
-2. A stretch with distance at most ``far_sizes`` (gaps up to ``gap_s`` closed) is an encounter if
-   it holds at least ``least_s`` of such moments. So onset and end are back-dated: to the time
-   when they had come within ``far_sizes`` and until they leave it. Live, the onset is the moment
-   at which the evidence suffices. Two who pass slowly (along the line of sight, all motion looks
-   slow) hold it too, but go *through*: from the first to the last such moment they drift from one
-   side of the other to the other. Two who are together keep their place to one another, so an
-   encounter drifts at most ``drift_sizes_per_s`` (in hindsight; live, nobody can tell yet).
-3. Every encounter is cut into phases: *moving* (both walk, the same way), *contact* (JOINT, or
-   abrupt against one another at touching distance, and not moving), *separation* (the last way
-   apart), else *meeting*. Its kind is the phase that lasted longest (`phases`).
+1. *Together for sure* in a moment: standing within ``near_sizes`` and moving at most
+   ``pace_sizes_per_s`` against one another. Two who pass are as near, but fast against one
+   another; two who walk together are not.
+2. A stretch with at most ``far_gap_sizes`` of room between the boxes (gaps up to ``gap_s``
+   closed) is an encounter if it holds at least ``least_s`` of such moments. Two who pass slowly
+   (along the line of sight, all motion looks slow) hold them too, but go *through*: from the
+   first to the last such moment they drift from one side of the other to the other, or their
+   whole time together is one straight way. Two who are together keep their place to one another,
+   so an encounter drifts at most ``drift_sizes_per_s``, and where it moves by ``moved_sizes`` that
+   is at most ``through_share`` of its path.
+   And one of them moves by ``moved_sizes`` while both are there: two who only stand or sit, from
+   first to last sight, show nothing.
+   (In hindsight; live, nobody can tell yet.)
+3. Its phases: *approach*, until in a moment together for sure they close in on one another no
+   more; *together*; *parting*, after the last such moment in which they do not yet draw away. Only
+   the time together counts as such. Together they are *moving* (both walk, the same way), in
+   *contact* (JOINT, or abrupt against one another at touching distance, and not moving), or
+   else *meeting*: an encounter's kind is what lasted longest (`phases`).
 
-Distance with hysteresis and duration are the two cues that carry most (on CAVIAR, never-labelled
-episodes of nearness last 24 frames, labelled ones 190, medians); relative speed is the third.
 Nothing is learnt but the thresholds.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from reasoning.encounters.pair import Floats, History, Ints, Pair, length, pairs, spans
+from reasoning.encounters.ground import ground_of
+from reasoning.encounters.pair import (
+    Floats,
+    History,
+    Ints,
+    Pair,
+    length,
+    pairs,
+    spans,
+    velocity,
+)
 from reasoning.encounters.parameters import EncounterParameters
-from reasoning.encounters.phases import KINDS, Abrupt, Phase, abrupt_stretches, cut
+from reasoning.encounters.phases import (
+    TOGETHER_KINDS,
+    Abrupt,
+    Phase,
+    abrupt_stretches,
+    cut,
+)
 
 Span = tuple[int, int]
+_HALF_S = 0.5
 
 
 @dataclass(frozen=True)
 class Encounter:
-    """Two targets a < b who were together from ``start_frame`` to ``end_frame``, both included.
+    """Two targets a < b who met: from ``start_frame`` to ``end_frame``, both included, with
+    approach and parting; together from ``together_frame`` to ``apart_frame``, both included.
 
     Attributes:
-        kind: one of `KINDS`, the phase that lasted longest.
-        confidence: in [0, 1): grows with the time together for sure, falls with relative speed
-            and distance.
+        kind: what lasted longest of the time together: meeting, moving or contact.
+        confidence: how sure it is, in [0, 1]; see `confidence`.
+        seen_share: share of the frames together in which both were seen.
         near_s: time together for sure.
         distance: median distance of the moments together for sure, body sizes.
         relative_speed: their median relative speed, body sizes per second.
@@ -60,7 +83,12 @@ class Encounter:
     end_frame: int
     start_s: float
     end_s: float
+    together_frame: int
+    apart_frame: int
+    together_s: float
+    apart_s: float
     confidence: float
+    seen_share: float
     near_s: float
     distance: float
     relative_speed: float
@@ -78,6 +106,7 @@ def find_encounters(
     *,
     joint: Mapping[tuple[int, int], Sequence[Span]] | None = None,
     live: bool = False,
+    width: float | None = None,
 ) -> list[Encounter]:
     """All encounters of a recording, by start frame, then a, then b.
 
@@ -86,11 +115,13 @@ def find_encounters(
         parameters: thresholds.
         joint: closed frame intervals in which a pair (a < b) was JOINT, for the contact phases.
         live: use only the past at each moment, and do not back-date the onset.
+        width: the picture's, pixels; None: as far as the boxes reach.
     """
     p = parameters or EncounterParameters()
     found: list[Encounter] = []
+    stretch = None if live else ground_of(histories, width).stretch
     for a, b in side_by_side(histories):
-        stretches = pairs(histories[a], histories[b], p.window_s, p.gap_s, causal=live)
+        stretches = pairs(histories[a], histories[b], p.window_s, p.gap_s, live, stretch)
         touching = (joint or {}).get((a, b), ())
         found += [e for pair in stretches for e in _of_pair(a, b, pair, p, touching, live)]
     return sorted(found, key=lambda e: (e.start_frame, e.a, e.b))
@@ -116,7 +147,7 @@ def _of_pair(
 ) -> Iterator[Encounter]:
     sure = (pair.distance <= p.near_sizes) & (pair.relative_speed <= p.pace_sizes_per_s)
     step = float(np.median(np.diff(pair.times_s)))
-    for start, end in _closed(spans(pair.distance <= p.far_sizes), pair, p.gap_s):
+    for start, end in _closed(spans(pair.gap <= p.far_gap_sizes), pair, p.gap_s):
         near = np.flatnonzero(sure[start : end + 1]) + start
         least_s = p.live_s if live else p.least_s
         enough = max(1, round(least_s / step)) if step > 0 else 1
@@ -127,14 +158,40 @@ def _of_pair(
         # live, the first moments cannot tell who goes through from who slows down to stay
         if not live:
             held = np.flatnonzero(drifts[proven:] <= p.drift_sizes_per_s)
-            if drifts[-1] > p.drift_sizes_per_s:
+            if drifts[-1] > p.drift_sizes_per_s or not _moved(pair, p):
                 continue
             proven += int(held[0])
+        together = settled(pair, (start, end), near, p)
+        if not live and _goes_through(pair, together, step, p):
+            continue
         sure_at = int(near[proven])
         found = _Evidence(
-            (sure_at if live else start, end), near, float(drifts[-1]), sure_at, step
+            (sure_at if live else start, end),
+            (max(sure_at, together[0]), max(sure_at, together[1])) if live else together,
+            near,
+            float(drifts[-1]),
+            sure_at,
+            step,
         )
         yield _encounter((a, b), pair, found, p, joint)
+
+
+def _moved(pair: Pair, p: EncounterParameters) -> bool:
+    """Whether one of the two ever gets away from where it was at first."""
+    ways = (length(x - x[:1]) for x in (pair.place_a, pair.place_b))
+    return any(float(w.max()) >= p.moved_sizes for w in ways)
+
+
+def _goes_through(pair: Pair, together: Span, step: float, p: EncounterParameters) -> bool:
+    """Whether all their time together is one straight, steady way past one another: most of
+    the time it is under way, so that who stops to talk does not.
+    """
+    first, last = together
+    way = float(length(pair.apart[last : last + 1] - pair.apart[first : first + 1])[0])
+    speeds = pair.relative_speed[first : last + 1]
+    steady = float(np.median(speeds)) * len(speeds) * step >= way / 2
+    straight = way > p.through_share * float(np.sum(speeds)) * step
+    return way >= p.moved_sizes and straight and steady
 
 
 def _drifts(pair: Pair, near: Ints) -> Floats:
@@ -159,11 +216,12 @@ def _closed(found: list[Span], pair: Pair, gap_s: float) -> list[Span]:
 
 @dataclass(frozen=True)
 class _Evidence:
-    """Where an encounter lies in its pair: index span, moments together for sure, the one that
-    proved it.
+    """Where an encounter lies in its pair: index span, that of the time together, moments
+    together for sure, the one that proved it.
     """
 
     span: Span
+    together: Span
     near: Ints
     drift: float
     proven: int
@@ -178,28 +236,73 @@ def _encounter(
     joint: Sequence[Span],
 ) -> Encounter:
     near, step, (start, end) = found.near, found.step_s, found.span
-    phases = cut(pair, found.span, int(near[-1]), p, joint)
+    first, last = found.together
+    phases = cut(pair, found.span, (first, last), p, joint)
     whole = slice(start, end + 1)
     seconds = {
-        k: sum(x.end_s - x.start_s + step for x in phases if x.kind == k) for k in KINDS
+        k: sum(x.end_s - x.start_s + step for x in phases if x.kind == k)
+        for k in TOGETHER_KINDS
     }
     near_s = len(near) * step
     distance, pace = (
         float(np.median(pair.distance[near])),
         float(np.median(pair.relative_speed[near])),
     )
-    support = near_s / (near_s + p.least_s) if near_s + p.least_s > 0 else 0.0
-    doubt = 0.25 * min(1.0, pace / p.pace_sizes_per_s) + 0.25 * min(
-        1.0, distance / p.near_sizes
-    )
+    held = np.searchsorted(pair.held, pair.frames[[first, last]])
+    seen = pair.held_seen[int(held[0]) : int(held[1]) + 1]
     return Encounter(
-        a=ids[0], b=ids[1], kind=max(KINDS, key=lambda k: (seconds[k], -KINDS.index(k))),
+        a=ids[0], b=ids[1],
+        kind=max(TOGETHER_KINDS, key=lambda k: (seconds[k], -TOGETHER_KINDS.index(k))),
         start_frame=int(pair.frames[start]), end_frame=int(pair.frames[end]),
         start_s=float(pair.times_s[start]), end_s=float(pair.times_s[end]),
-        confidence=round(support * (1 - doubt), 4), near_s=near_s, distance=distance, relative_speed=pace,
-        drift=found.drift,
+        together_frame=int(pair.frames[first]), apart_frame=int(pair.frames[last]),
+        together_s=float(pair.times_s[first]), apart_s=float(pair.times_s[last]),
+        confidence=confidence(
+            min(near_s, float(pair.times_s[last] - pair.times_s[first]) + step), distance
+        ),
+        seen_share=round(int(np.count_nonzero(seen)) / len(seen), 4),
+        near_s=near_s, distance=distance, relative_speed=pace, drift=found.drift,
         sure_frame=int(pair.frames[found.proven]), phases=phases,
         all_distance=float(np.median(pair.distance[whole])),
         all_relative_speed=float(np.median(pair.relative_speed[whole])),
-        abrupt=abrupt_stretches(pair, found.span, int(near[-1]), p),
+        abrupt=abrupt_stretches(pair, found.span, (first, last), p),
     )  # fmt: skip
+
+
+def settled(pair: Pair, span: Span, near: Ints, p: EncounterParameters) -> Span:
+    """First and last moment together: near without closing in on one another any more, or
+    drawing away already, on from the moments together for sure.
+    """
+    opening = _opening(pair)
+    stays = (opening > -p.walk_sizes_per_s, opening < p.walk_sizes_per_s)
+    firm = [near[s[near]] for s in stays]
+    first = int(firm[0][0] if len(firm[0]) else near[0])
+    last = int(firm[1][-1] if len(firm[1]) else near[-1])
+    if first > last:
+        return int(near[0]), int(near[-1])
+    close = pair.distance <= p.near_sizes
+    while first > span[0] and close[first - 1] and stays[0][first - 1]:
+        first -= 1
+    while last < span[1] and close[last + 1] and stays[1][last + 1]:
+        last += 1
+    return first, last
+
+
+def _opening(pair: Pair) -> Floats:
+    """(N,) body sizes per second by which the distance grows around each moment."""
+    step = float(np.median(np.diff(pair.times_s)))
+    half = max(1, round(_HALF_S / step)) if step > 0 else 1
+    along = np.stack([pair.distance, np.zeros_like(pair.distance)], axis=1)
+    opening: Floats = velocity(along, pair.times_s, half)[:, 0]
+    return opening
+
+
+def confidence(together_s: float, distance: float) -> float:
+    """How often two who looked like this were together, in [0, 1).
+
+    A logistic function of the seconds together and of the median distance in body sizes, fitted
+    to all encounters that the rule finds in the places that it was chosen on; relative speed and
+    drift add nothing to these two.
+    """
+    odds = 1.35 * together_s**1.5 * math.exp(-2.1 * distance)
+    return round(odds / (1.0 + odds), 4)

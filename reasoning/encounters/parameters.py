@@ -12,13 +12,17 @@ class EncounterParameters(Parameters):
     """Thresholds of the encounters. A body size is the mean diagonal of the two boxes."""
 
     near_sizes: float = param(
-        1.0, "together for sure within this distance", unit="body sizes", low=0.1, high=10
-    )
-    far_sizes: float = param(
-        2.0,
-        "an encounter begins and ends at this distance",
+        1.0,
+        "together for sure where they stand within this distance",
         unit="body sizes",
         low=0.1,
+        high=10,
+    )
+    far_gap_sizes: float = param(
+        0.7,
+        "approach begins and parting ends with this room between their boxes",
+        unit="body sizes",
+        low=0.0,
         high=20,
     )
     pace_sizes_per_s: float = param(
@@ -36,6 +40,13 @@ class EncounterParameters(Parameters):
         low=0.01,
         high=20,
     )
+    moved_sizes: float = param(
+        0.5,
+        "one of the two gets at least this far from where it was, from first to last moment",
+        unit="body sizes",
+        low=0.0,
+        high=20,
+    )
     least_s: float = param(1.5, "least time together for sure", unit="s", low=0.0, high=60)
     live_s: float = param(
         0.4, "live, an encounter is announced after this time", unit="s", low=0.0, high=60
@@ -45,7 +56,11 @@ class EncounterParameters(Parameters):
         0.5, "distances are median filtered over this time", unit="s", low=0.0, high=10
     )
     walk_sizes_per_s: float = param(
-        0.15, "who walks is at least this fast", unit="body sizes/s", low=0.0, high=10
+        0.15,
+        "who walks is at least this fast; two who approach or part do it at this speed",
+        unit="body sizes/s",
+        low=0.0,
+        high=10,
     )
     touch_sizes: float = param(
         0.6, "touching distance", unit="body sizes", low=0.05, high=5
@@ -66,8 +81,3 @@ class EncounterParameters(Parameters):
         low=0.0,
         high=10,
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.far_sizes < self.near_sizes:
-            object.__setattr__(self, "far_sizes", self.near_sizes)

@@ -1,5 +1,5 @@
-"""The parts of an encounter: meeting, moving, contact, separation, with what was measured in each
-of them.
+"""The parts of an encounter with what was measured in each of them: approach; meeting, moving
+and contact, which are the time together; separation, the parting.
 
 *Contact* is JOINT, or abrupt against one another at touching distance: candidates for a fight.
 From pixels two are JOINT whenever one walks before the other, and two who merely pass are abrupt
@@ -11,7 +11,7 @@ place.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -20,7 +20,14 @@ import numpy as np
 from reasoning.encounters.pair import Bools, Floats, Ints, Pair, length, spans
 from reasoning.encounters.parameters import EncounterParameters
 
-KINDS = ("meeting", "moving", "contact", "separation")
+KINDS = ("meeting", "moving", "contact", "separation", "approach")
+TOGETHER_KINDS = KINDS[:3]
+PHASES: Mapping[str, str] = {
+    **dict.fromkeys(TOGETHER_KINDS, "together"),
+    "separation": "parting",
+    "approach": "approach",
+}
+"""The phase of an encounter that a kind belongs to."""
 SAME_WAY = 0.5
 Span = tuple[int, int]
 
@@ -76,14 +83,14 @@ class Abrupt:
 
 
 def cut(
-    pair: Pair, span: Span, last_near: int, p: EncounterParameters, joint: Sequence[Span]
+    pair: Pair, span: Span, together: Span, p: EncounterParameters, joint: Sequence[Span]
 ) -> tuple[Phase, ...]:
     """The phases of an encounter, in order, without gaps.
 
     Args:
         pair: the two over time.
         span: the encounter, first and last index.
-        last_near: index of the last moment together for sure.
+        together: first and last index of the time together.
         p: thresholds.
         joint: closed frame intervals in which the two were JOINT.
     """
@@ -91,12 +98,12 @@ def cut(
     sudden = _sudden(pair, p)
     return tuple(
         _phase(pair, KINDS[code], start + s, start + e, sudden)
-        for code, s, e in _parts(pair, span, last_near, p, joint, sudden)
+        for code, s, e in _parts(pair, span, together, p, joint, sudden)
     )
 
 
 def abrupt_stretches(
-    pair: Pair, span: Span, last_near: int, p: EncounterParameters
+    pair: Pair, span: Span, together: Span, p: EncounterParameters
 ) -> tuple[Abrupt, ...]:
     """What would be the contacts of an encounter without any JOINT, those left out that go
     through.
@@ -105,7 +112,7 @@ def abrupt_stretches(
     sudden = _sudden(pair, p)
     found = [
         _abrupt(pair, start + s, start + e, sudden)
-        for code, s, e in _parts(pair, span, last_near, p, (), sudden)
+        for code, s, e in _parts(pair, span, together, p, (), sudden)
         if KINDS[code] == "contact"
     ]
     return tuple(a for a in found if a.through <= p.through_share)
@@ -130,7 +137,7 @@ def _moving(pair: Pair, p: EncounterParameters) -> Bools:
 def _parts(
     pair: Pair,
     span: Span,
-    last_near: int,
+    together: Span,
     p: EncounterParameters,
     joint: Sequence[Span],
     sudden: Bools,
@@ -140,11 +147,12 @@ def _parts(
     part = slice(start, end + 1)
     moving = _moving(pair, p)[part]
     contact = _contact(pair, part, p, joint, moving, sudden[part].copy())
-    apart = np.zeros(end - start + 1, bool)
-    if pair.distance[end] > p.near_sizes:
-        apart[max(0, last_near + 1 - start) :] = True
-    code = np.where(contact, 2, np.where(apart, 3, np.where(moving, 1, 0)))
-    code = _steady(code, pair.times_s[part], p.window_s)
+    code = np.where(contact, 2, np.where(moving, 1, 0))
+    first, last = together[0] - start, together[1] - start
+    code[first : last + 1] = _steady(
+        code[first : last + 1], pair.times_s[start + first : start + last + 1], p.window_s
+    )
+    code[:first], code[last + 1 :] = 4, 3
     cuts = [0, *(np.flatnonzero(np.diff(code)) + 1).tolist(), len(code)]
     return [(int(code[s]), s, e - 1) for s, e in pairwise(cuts)]
 

@@ -15,6 +15,7 @@ from reasoning.encounters.pair import (
     Bools,
     Floats,
     History,
+    both_seen,
     length,
     running_median,
     spans,
@@ -48,6 +49,7 @@ def still(history: History, parameters: EncounterParameters | None = None) -> li
     second.
     """
     p = parameters or EncounterParameters()
+    history = history.sights()
     if len(history.frames) < 2:
         return []
     step = float(np.median(np.diff(history.times_s)))
@@ -83,6 +85,8 @@ def near(
         common, in_a, in_b = np.intersect1d(
             one.frames, two.frames, assume_unique=True, return_indices=True
         )
+        kept = both_seen(one, two, in_a, in_b)
+        common, in_a, in_b = common[kept], in_a[kept], in_b[kept]
         if len(common) < 2:
             continue
         times, box_a, box_b = one.times_s[in_a], one.boxes[in_a], two.boxes[in_b]
