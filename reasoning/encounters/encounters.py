@@ -304,5 +304,5 @@ def confidence(together_s: float, distance: float) -> float:
     to all encounters that the rule finds in the places that it was chosen on; relative speed and
     drift add nothing to these two.
     """
-    odds = 1.35 * together_s**1.5 * math.exp(-2.1 * distance)
+    odds = 1.35 * math.sqrt(together_s) * together_s * math.exp(-2.1 * distance)
     return round(odds / (1.0 + odds), 4)

@@ -47,7 +47,9 @@ class History:
         """The frames in which it was seen, alone."""
         if self.seen is None:
             return self
-        return History(self.frames[self.seen], self.times_s[self.seen], self.boxes[self.seen])
+        return History(
+            self.frames[self.seen], self.times_s[self.seen], self.boxes[self.seen]
+        )
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from reasoning.questions.duckdb_tables import insert
 from reasoning.questions.ingest import file_digest, read_recordings
 from reasoning.questions.literals import Recordings
 from reasoning.questions.macros import macro_statements
-from reasoning.questions.schema import TABLES, create_statements
+from reasoning.questions.schema import SURE, TABLES, create_statements, shown
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 
@@ -172,7 +172,11 @@ class Case:
                 f"SELECT * FROM {place(table)}" for _, place in self._places
             )
             try:
-                self._con.execute(f"CREATE VIEW {table} AS {parts}")
+                self._con.execute(f"CREATE VIEW {SURE}{table} AS {parts}")
+                columns = ", ".join(shown(table))
+                self._con.execute(
+                    f"CREATE VIEW {table} AS SELECT {columns} FROM {SURE}{table}"
+                )
             except duckdb.Error as error:
                 raise RecordingError(
                     f"{table} cannot be read: {_first_line(error)}", self._damaged(table)
@@ -200,14 +204,21 @@ class Case:
         name = f"source_{len(self._places)}"
         try:
             self._con.execute(f"ATTACH {_quoted(path)} AS {name} (READ_ONLY)")
-            tables = {row[0] for row in self._con.execute(
-                "SELECT table_name FROM duckdb_tables() WHERE database_name = ?", [name]
+            columns = {(row[0], row[1]) for row in self._con.execute(
+                "SELECT table_name, column_name FROM duckdb_columns() WHERE database_name = ?",
+                [name],
             ).fetchall()}  # fmt: skip
         except duckdb.Error as error:
             raise RecordingError(
                 f"cannot be opened as an index: {_first_line(error)}", path
             ) from error
-        missing = [t for t in TABLES if t not in tables]
+        tables = {table for table, _ in columns}
+        missing = [f"table {t}" for t in TABLES if t not in tables] + [
+            f"column {c} of {t}"
+            for t in TABLES
+            for c, _ in TABLES[t]
+            if (t, c) not in columns
+        ]
         if missing:
             old = (
                 "an index of another version"
@@ -215,7 +226,7 @@ class Case:
                 else "no index of scenetrace"
             )
             raise RecordingError(
-                f"{old}: it has no table {missing[0]}; make it with `scenetrace index`",
+                f"{old}: it has no {missing[0]}; make it with `scenetrace index`",
                 path,
             )
         self._add(lambda table: f"{name}.{table}", path)
@@ -358,7 +369,7 @@ class Case:
         (by the average).
         """
         names = sorted(row[0] for row in self.rows("SELECT recording FROM recordings"))
-        words = set(re.findall(r"\w+", query))
+        words = {w.removeprefix(SURE) for w in re.findall(r"\w+", query)}
         counts = " + ".join(
             f"(SELECT count(*) FROM {t})"
             for t in TABLES

@@ -1,13 +1,14 @@
 """An annotated log as rows of the tables, reading its small channels alone: no picture is touched.
 
 The log is streamed; rows of tracks are handed on in batches. What stays in memory is one open
-interval per running relation, group, zone and track, and the boxes of the tracks (40 bytes per
-track and frame) for the encounters.
+interval per running relation, group, zone and track, and the boxes of the tracks (some hundred
+bytes per track and frame) for the encounters.
 """
 
 from __future__ import annotations
 
 import hashlib
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import asdict, astuple, dataclass, field
 from operator import itemgetter
@@ -18,7 +19,16 @@ import msgspec
 import numpy as np
 from msgspec import UNSET
 
-from reasoning.encounters import EncounterParameters, History, find_encounters, near, still
+from reasoning.encounters import (
+    PHASES,
+    Encounter,
+    EncounterParameters,
+    History,
+    find_encounters,
+    near,
+    still,
+)
+from reasoning.questions.runs import Belief, Interval, Run, Runs, Seen, Sight, sight
 from reasoning.questions.schema import TABLES
 from recorders import channels
 from recorders.annotated.frames import annotated_cameras
@@ -26,14 +36,15 @@ from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
-from recorders.messages import Event
+from recorders.messages import Box, Event, Track
 
 Row = tuple[Any, ...]
 Sink = Callable[[str, Sequence[Row]], None]
-Interval = tuple[int, int, float, float]
 BATCH_ROWS = 50_000
 BITS = ("grouping", "grouped", "splitting")
 ENDING = ("group_changed", "group_ended")
+JOINS = ("identity", "track_recovered")
+"""Kinds of events after which a track may be somebody else."""
 _READ = ("tracks", "relations", "groups", "events")
 _INT32 = 2**31 - 1
 
@@ -115,67 +126,39 @@ def read_recordings(
 
 
 @dataclass
-class _Open:
-    """A run of frames in which something stayed the same."""
-
-    value: Hashable
-    start_frame: int
-    start_t: float
-    end_frame: int
-    end_t: float
-
-    @property
-    def interval(self) -> Interval:
-        return self.start_frame, self.end_frame, self.start_t, self.end_t
-
-
-class Runs:
-    """Turns what holds frame by frame into intervals: a run ends with the first frame in which it
-    does not hold.
-    """
-
-    def __init__(self) -> None:
-        self._open: dict[Hashable, _Open] = {}
-
-    def step(
-        self, frame: int, t: float, now: dict[Hashable, Hashable]
-    ) -> list[tuple[Hashable, Hashable, Interval]]:
-        """Take what holds in this frame (key to value); the runs that are over, as (key, value,
-        interval).
-        """
-        over: list[tuple[Hashable, Hashable, Interval]] = []
-        for key in [
-            k for k, run in self._open.items() if k not in now or now[k] != run.value
-        ]:
-            run = self._open.pop(key)
-            over.append((key, run.value, run.interval))
-        for key, value in now.items():
-            held = self._open.get(key)
-            if held is None:
-                self._open[key] = _Open(value, frame, t, frame, t)
-            else:
-                held.end_frame, held.end_t = frame, t
-        return over
-
-    def close(self) -> list[tuple[Hashable, Hashable, Interval]]:
-        """All runs that are still open, as `step` gives them."""
-        over = [(key, run.value, run.interval) for key, run in self._open.items()]
-        self._open = {}
-        return over
-
-
-@dataclass
 class _Boxes:
     frames: list[int] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
-    boxes: list[tuple[float, float, float, float]] = field(default_factory=list)
+    boxes: list[Box] = field(default_factory=list)
+    seen: list[bool] = field(default_factory=list)
+    existence: list[float] = field(default_factory=list)
+    identity: list[float] = field(default_factory=list)
+    joins: list[tuple[int, int]] = field(default_factory=list)
 
     def history(self) -> History:
         return History(
             np.array(self.frames, np.int64),
             np.array(self.times),
             np.array(self.boxes, np.float64).reshape(-1, 4),
+            np.array(self.seen, np.bool_),
         )
+
+    def add(self, frame: int, t: float, s: Seen) -> None:
+        self.frames.append(frame)
+        self.times.append(t)
+        self.boxes.append(s.box)
+        self.seen.append(s.observed)
+        self.existence.append(s.existence)
+        self.identity.append(s.identity)
+        self.joins += [(frame, event) for event in s.joins]
+
+    def between(self, first: int, last: int) -> tuple[float, float, list[int]]:
+        """Mean existence where it was observed, least identity, joins, from frame to frame."""
+        span = slice(bisect_left(self.frames, first), bisect_right(self.frames, last))
+        seen = [e for e, s in zip(self.existence[span], self.seen[span], strict=True) if s]
+        joins = [event for frame, event in self.joins if first <= frame <= last]
+        mean = sum(seen) / len(seen) if seen else 0.0
+        return mean, min(self.identity[span], default=0.0), joins
 
 
 class _Camera:
@@ -197,9 +180,11 @@ class _Camera:
         self._zones, self._bits, self._hidden = Runs(), Runs(), Runs()
         self._formed: dict[int, tuple[int, ...]] = {}
         self._ended: dict[int, list[tuple[int, str]]] = {}
-        self._group_rows: list[tuple[int, tuple[int, ...], Interval]] = []
+        self._group_rows: list[Run] = []
         self._joint: dict[tuple[int, int], list[tuple[int, int]]] = {}
         self._boxes: dict[int, _Boxes] = {}
+        self._targets: dict[int, Seen] = {}
+        self._labels: dict[int, str] = {}
         self._t, self._frame = 0.0, -1
 
     def read(self) -> None:
@@ -228,6 +213,7 @@ class _Camera:
         self._frame, self._t = frame.index, t
         self._facts.frames += 1
         self._add("frames", frame.index, t)
+        self._targets = _targets(frame.tracks, frame.events)
         self._take_tracks(frame, t)
         self._take_relations(frame, t)
         self._take_groups(frame, t)
@@ -261,6 +247,8 @@ class _Camera:
                 track.grouping, track.grouped, track.splitting, track.group, track.scene,
                 None if track.label is UNSET else track.label, track.present,
             )  # fmt: skip
+            if track.label is not UNSET:
+                self._labels[track.id] = track.label
             if not track.present:
                 continue
             present[track.id] = True
@@ -269,24 +257,40 @@ class _Camera:
             for bit in BITS:
                 if getattr(track, bit):
                     bits[(track.id, bit)] = tuple(sorted(getattr(track, f"{bit}_partners")))
-            own = self._boxes.setdefault(track.id, _Boxes())
-            own.frames.append(frame.index)
-            own.times.append(t)
-            own.boxes.append(track.box)
-        for key, _, interval in self._presence.step(frame.index, t, present):
-            self._add("presence", key, *interval)
-        self._end_named("zones", self._zones.step(frame.index, t, zones))
-        self._end_bits(self._bits.step(frame.index, t, bits))
-        self._end_named("hidden", self._hidden.step(frame.index, t, hidden))
+            self._boxes.setdefault(track.id, _Boxes()).add(
+                frame.index, t, self._targets[track.id]
+            )
+        alone = {i: self._sight((i,)) for i in present if isinstance(i, int)}
 
-    def _end_named(self, table: str, over: list[tuple[Any, Any, Interval]]) -> None:
+        def of_one(key: Any, _: Hashable) -> Sight:
+            return alone[key[0] if isinstance(key, tuple) else key]
+
+        def with_partners(key: Any, partners: Any) -> Sight:
+            return self._sight((key[0], *partners))
+
+        now = frame.index
+        self._end_presence(self._presence.step(now, t, present, of_one))
+        self._end_named("zones", self._zones.step(now, t, zones, of_one))
+        self._end_bits(self._bits.step(now, t, bits, with_partners))
+        self._end_named("hidden", self._hidden.step(now, t, hidden, of_one))
+
+    def _sight(self, ids: Sequence[int]) -> Sight:
+        return sight(self._targets, ids)
+
+    def _end_presence(self, over: Sequence[Run]) -> None:
+        for run in over:
+            self._add("presence", run.key, *run.interval, *run.belief)
+
+    def _end_named(self, table: str, over: Sequence[Run]) -> None:
         """Intervals of a track and a name: a zone that it was in, a part of it that was hidden."""
-        for (track, name), _, interval in over:
-            self._add(table, track, name, *interval)
+        for key, _, interval, belief in over:
+            track, name = _pair(key)
+            self._add(table, track, name, *interval, *belief)
 
-    def _end_bits(self, over: list[tuple[Any, Any, Interval]]) -> None:
-        for (track, bit), partners, interval in over:
-            self._add("bits", track, bit, list(partners), *interval)
+    def _end_bits(self, over: Sequence[Run]) -> None:
+        for key, partners, interval, belief in over:
+            track, bit = _pair(key)
+            self._add("bits", track, bit, list(_ids(partners)), *interval, *belief)
 
     def _take_relations(self, frame: AnnotatedFrame, t: float) -> None:
         # A run is one interval of a state: the same state with a later `since` is a new interval.
@@ -294,11 +298,14 @@ class _Camera:
             (relation.a, relation.b): (relation.state, relation.since_frame)
             for relation in frame.relations
         }
-        self._end_relations(self._relations.step(frame.index, t, now))
+        self._end_relations(
+            self._relations.step(frame.index, t, now, lambda k, _: self._sight(_ids(k)))
+        )
 
-    def _end_relations(self, over: list[tuple[Any, Any, Interval]]) -> None:
-        for (a, b), (state, _), interval in over:
-            self._add("relations", a, b, state, *interval)
+    def _end_relations(self, over: Sequence[Run]) -> None:
+        for key, value, interval, belief in over:
+            (a, b), (state, _) = _pair(key), _pair(value)
+            self._add("relations", a, b, state, *interval, *belief)
             if state == "JOINT":
                 self._joint.setdefault((a, b), []).append(interval[:2])
 
@@ -308,52 +315,45 @@ class _Camera:
         }
         for group in frame.groups:
             self._formed.setdefault(group.label, tuple(group.formed_from))
-        self._end_groups(self._groups.step(frame.index, t, now))
-
-    def _end_groups(self, over: list[tuple[Any, Any, Interval]]) -> None:
-        self._group_rows += [
-            (label, members, interval) for label, members, interval in over
-        ]
-
-    def _take_event(self, event: Event) -> None:
-        t = (event.time_ns - self._facts.start_ns) / channels.NANOS
-        evidence = msgspec.json.encode(event.evidence).decode()
-        self._add(
-            "events",
-            event.id,
-            event.kind,
-            event.frame,
-            t,
-            list(event.subjects),
-            event.rule,
-            evidence,
-            event.text,
+        self._group_rows += self._groups.step(
+            frame.index, t, now, lambda _, members: self._sight(_ids(members))
         )
-        for label in event.groups:
-            self._add("event_groups", event.id, label)
-            if event.kind in ENDING:
-                self._ended.setdefault(label, []).append((event.frame, event.kind))
+
+    def _take_event(self, e: Event) -> None:
+        t = (e.time_ns - self._facts.start_ns) / channels.NANOS
+        evidence = msgspec.json.encode(e.evidence).decode()
+        told = self._sight(e.subjects)
+        belief = (
+            (float(told.seen), told.existence, told.identity)
+            if e.subjects
+            else (None, None, None)
+        )
+        self._add(
+            "events", e.id, e.kind, e.frame, t, list(e.subjects), e.rule, evidence, e.text,
+            *belief, list(told.joins),
+        )  # fmt: skip
+        for label in e.groups:
+            self._add("event_groups", e.id, label)
+            if e.kind in ENDING:
+                self._ended.setdefault(label, []).append((e.frame, e.kind))
 
     def _finish(self) -> None:
         self._facts.seconds = self._t
-        for key, _, interval in self._presence.close():
-            self._add("presence", key, *interval)
+        self._end_presence(self._presence.close())
         self._end_named("zones", self._zones.close())
         self._end_bits(self._bits.close())
         self._end_named("hidden", self._hidden.close())
         self._end_relations(self._relations.close())
-        self._end_groups(self._groups.close())
-        for label, members, interval in sorted(
-            self._group_rows, key=lambda g: (g[2][0], g[0])
+        self._group_rows += self._groups.close()
+        for key, members, interval, belief in sorted(
+            self._group_rows, key=lambda g: (g.interval[0], str(g.key).zfill(10))
         ):
+            label = int(str(key))
+            formed = list(self._formed[label])
             self._add(
-                "groups",
-                label,
-                list(members),
-                *interval,
-                list(self._formed[label]),
-                self._end(label, interval),
-            )
+                "groups", label, list(_ids(members)), *interval, formed,
+                self._end(label, interval), *belief,
+            )  # fmt: skip
         self._find_encounters()
 
     def _end(self, label: int, interval: Interval) -> str | None:
@@ -367,37 +367,73 @@ class _Camera:
         for name, value in asdict(self._parameters).items():
             self._add("encounter_parameters", name, value)
         histories = {track: self._boxes[track].history() for track in sorted(self._boxes)}
-        for encounter in find_encounters(histories, self._parameters, joint=self._joint):
-            self._add(
-                "encounters",
-                encounter.a,
-                encounter.b,
-                encounter.kind,
-                encounter.start_frame,
-                encounter.end_frame,
-                encounter.start_s,
-                encounter.end_s,
-                encounter.confidence,
-            )
-            for phase in encounter.phases:
-                self._add("phases", encounter.a, encounter.b, *astuple(phase))
-            for fierce in encounter.abrupt:
-                self._add("abrupt", encounter.a, encounter.b, *astuple(fierce))
-            self._add(
-                "encounter_evidence",
-                encounter.a,
-                encounter.b,
-                encounter.start_frame,
-                encounter.near_s,
-                encounter.distance,
-                encounter.relative_speed,
-                encounter.sure_frame,
-                encounter.drift,
-                encounter.all_distance,
-                encounter.all_relative_speed,
-            )
+        width = float(self._facts.width) or None
+        for e in find_encounters(
+            histories, self._parameters, joint=self._joint, width=width
+        ):
+            self._add_encounter(e)
+        self._add_targets()
         for track, history in histories.items():
             for stretch in still(history, self._parameters):
                 self._add("still", track, *astuple(stretch))
         for a, b, stretch in near(histories, self._parameters):
             self._add("near", a, b, *astuple(stretch))
+
+    def _add_targets(self) -> None:
+        for track in sorted(self._boxes):
+            own = self._boxes[track]
+            existence, identity, _ = own.between(own.frames[0], own.frames[-1])
+            share = round(sum(own.seen) / len(own.seen), 4)
+            self._add(
+                "targets", track, self._labels.get(track), own.times[0], own.times[-1], share,
+                round(identity, 4), None, None, None, round(existence, 4),
+            )  # fmt: skip
+
+    def _add_encounter(self, e: Encounter) -> None:
+        """The time together is the encounter's row; approach and parting are phases of it."""
+        seen_share, existence, identity, joins = self._belief_of_pair(e)
+        self._add(
+            "encounters", e.a, e.b, e.kind, e.together_frame, e.apart_frame, e.together_s,
+            e.apart_s, e.confidence, seen_share, identity, existence, joins,
+        )  # fmt: skip
+        for p in e.phases:
+            self._add("phases", e.a, e.b, *astuple(p), PHASES[p.kind])
+        for fierce in e.abrupt:
+            self._add("abrupt", e.a, e.b, *astuple(fierce))
+        self._add(
+            "encounter_evidence", e.a, e.b, e.together_frame, e.near_s, e.distance,
+            e.relative_speed, e.sure_frame, e.drift, e.all_distance, e.all_relative_speed,
+        )  # fmt: skip
+
+    def _belief_of_pair(self, e: Encounter) -> Belief:
+        of_a, of_b = (
+            self._boxes[i].between(e.together_frame, e.apart_frame) for i in (e.a, e.b)
+        )
+        existence, identity = min(of_a[0], of_b[0]), min(of_a[1], of_b[1])
+        joins = sorted({*of_a[2], *of_b[2]})
+        return e.seen_share, round(existence, 4), round(identity, 4), joins
+
+
+def _targets(tracks: Sequence[Track], events: Sequence[Event]) -> dict[int, Seen]:
+    """A frame's targets as they were seen, with the joins that were told in it."""
+    joins: dict[int, tuple[int, ...]] = {}
+    for e in events:
+        if e.kind in JOINS:
+            for i in e.subjects:
+                joins[i] = (*joins.get(i, ()), e.id)
+    return {k.id: _seen(k, joins.get(k.id, ())) for k in tracks}
+
+
+def _seen(k: Track, joins: tuple[int, ...]) -> Seen:
+    observed = k.observed and k.present
+    return Seen(k.box, observed, k.confidence, 1.0, joins)
+
+
+def _pair(value: Hashable) -> tuple[Any, Any]:
+    assert isinstance(value, tuple)
+    return value[0], value[1]
+
+
+def _ids(value: Hashable) -> tuple[int, ...]:
+    assert isinstance(value, tuple)
+    return value

@@ -38,6 +38,8 @@ class Options:
             leaving (left-with).
         depth: longest chain of contacts (3).
         by: what counts as a contact (relations).
+        certainty: rows less sure than this are left out (none; of contacts, chains do not run
+            over them).
     """
 
     recordings: Recordings | None = None
@@ -47,6 +49,7 @@ class Options:
     gap_s: float | None = None
     depth: int | None = None
     by: str | None = None
+    certainty: float | None = None
 
 
 FLAGS: Mapping[str, str] = {
@@ -56,9 +59,16 @@ FLAGS: Mapping[str, str] = {
     "gap_s": "--gap",
     "depth": "--depth",
     "by": "--by",
+    "certainty": "--certainty",
     "recordings": "--recording",
 }
+EVERY = ("recordings", "certainty")
+"""Options that every question takes."""
 _KINDS = {"A": "track", "B": "track", "ZONE": "zone", "LABEL": "group", "EVENT": "event"}
+DEFAULT_CERTAINTY = 0.5
+"""What the command leaves out unless told otherwise; see docs/questions.md for why."""
+SETTLED_S = 2.0
+"""Who is first seen so soon after the recording's start was there when it started."""
 Build = Callable[[Sequence[str], Options], Mapping[str, str]]
 
 
@@ -74,6 +84,7 @@ class Question:
         build: the values.
         nothing: what an empty answer means, and what to ask then.
         takes: names of the `Options` that it takes besides ``recordings``.
+        certain: whether rows that are not sure are left out unless asked for.
         few_from: with so many arguments or more it keeps few of the rows that it looks through
             (None: never).
     """
@@ -86,6 +97,7 @@ class Question:
     nothing: str = ""
     takes: tuple[str, ...] = ()
     few_from: int | None = None
+    certain: bool = True
 
     def _words(self) -> list[str]:
         wanted = self.arguments.split()
@@ -128,11 +140,8 @@ class Question:
                 f" {self.about}"
             )
         for field, flag in FLAGS.items():
-            if getattr(options, field) is not None and field not in (
-                *self.takes,
-                "recordings",
-            ):
-                taken = ", ".join(FLAGS[take] for take in (*self.takes, "recordings"))
+            if getattr(options, field) is not None and field not in (*self.takes, *EVERY):
+                taken = ", ".join(FLAGS[take] for take in (*self.takes, *EVERY))
                 raise UsageError(f"--ask {self.name} takes no {flag}; it takes: {taken}")
         try:
             values = {"only": _only(options), **self.build(words, options)}
@@ -142,6 +151,17 @@ class Question:
             raise UsageError(
                 f"--ask {self.name} {self.arguments}: {type(e).__name__}: {e}"
             ) from e
+
+    def sure_sql(self, words: Sequence[str], options: Options) -> str:
+        """The SQL whose rows are all at least as sure as the options ask for.
+
+        Raises:
+            UsageError: as `sql`.
+        """
+        sql = self.sql(words, options)
+        if options.certainty is None or "certainty" not in self.template:
+            return sql
+        return f"SELECT * FROM (\n{sql}\n) WHERE certainty >= {options.certainty!r}"
 
 
 def _only(options: Options) -> str:
@@ -204,7 +224,7 @@ def _loitered(words: Sequence[str], options: Options) -> Mapping[str, str]:
 
 
 def _nothing(_: Sequence[str], __: Options) -> Mapping[str, str]:
-    return {}
+    return {"settled": repr(SETTLED_S)}
 
 
 def _anybody(words: Sequence[str], _: Options) -> Mapping[str, str]:
@@ -220,6 +240,19 @@ def _before(words: Sequence[str], options: Options) -> Mapping[str, str]:
     return {"event": str(identity(words[0].removeprefix("event:"))), "within": repr(within)}
 
 
+def _contacts_of(by: str, options: Options, sure: float) -> str:
+    """The contacts of a sort that are sure enough."""
+    template = Template(SOURCES[by])
+    return template.substitute(only=_only(options), sure=repr(sure)).strip()
+
+
+def unsure_contacts_sql(options: Options) -> str:
+    """Counts the contacts that chains of `contacts` do not run over, because they are not sure."""
+    by, sure = options.by or "relations", options.certainty or 0.0
+    every, kept = (_contacts_of(by, options, least) for least in (-1.0, sure))
+    return f"SELECT (SELECT count(*) FROM ({every})) - (SELECT count(*) FROM ({kept}))"
+
+
 def _contacts(words: Sequence[str], options: Options) -> Mapping[str, str]:
     depth, by = 3 if options.depth is None else options.depth, options.by or "relations"
     if not 1 <= depth <= 100:
@@ -230,7 +263,7 @@ def _contacts(words: Sequence[str], options: Options) -> Mapping[str, str]:
     what = "encounter" if by == "encounters" else "relation"
     return {
         "a": str(_track(words[0])),
-        "contacts": Template(SOURCES[by]).substitute(only=_only(options)).strip(),
+        "contacts": _contacts_of(by, options, options.certainty or 0.0),
         "since": since,
         "why": (
             sql.GROUP_WHY

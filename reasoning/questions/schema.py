@@ -1,8 +1,9 @@
 """The tables that questions are asked of: names, columns, types, and what a column means.
 
 Times ``t`` are seconds from the recording's start, frames count from 0, intervals include both
-ends. Every table has a ``recording`` column. The first seven are the contract; those after them
-hold what the others cannot say.
+ends. Every table has a ``recording`` column. The first nine are the contract; those after them hold
+what the others cannot say. How sure a row is stands in it; rows of relations, groups, events and
+encounters show it in the views ``sure_relations`` and so on.
 """
 
 from __future__ import annotations
@@ -15,6 +16,15 @@ SPAN = (
     ("start_t", "DOUBLE"),
     ("end_t", "DOUBLE"),
 )
+BELIEF = (
+    ("seen_share", "DOUBLE"),
+    ("existence", "DOUBLE"),
+    ("identity", "DOUBLE"),
+    ("joins", "INTEGER[]"),
+)
+"""What a row rests on: the share of its frames in which all whom it names were seen, the least
+probability that they exist and are who they are said to be, and the events that joined tracks.
+"""
 Columns = tuple[tuple[str, str], ...]
 
 TABLES: Mapping[str, Columns] = {
@@ -46,6 +56,7 @@ TABLES: Mapping[str, Columns] = {
         ("b", "INTEGER"),
         ("state", "VARCHAR"),
         *SPAN,
+        *BELIEF,
     ),
     "groups": (
         ("recording", "VARCHAR"),
@@ -54,6 +65,7 @@ TABLES: Mapping[str, Columns] = {
         *SPAN,
         ("formed_from", "INTEGER[]"),
         ("ended_by", "VARCHAR"),
+        *BELIEF,
     ),
     "encounters": (
         ("recording", "VARCHAR"),
@@ -62,6 +74,10 @@ TABLES: Mapping[str, Columns] = {
         ("kind", "VARCHAR"),
         *SPAN,
         ("confidence", "DOUBLE"),
+        ("seen_share", "DOUBLE"),
+        ("identity", "DOUBLE"),
+        ("existence", "DOUBLE"),
+        ("joins", "INTEGER[]"),
     ),
     "events": (
         ("recording", "VARCHAR"),
@@ -73,6 +89,35 @@ TABLES: Mapping[str, Columns] = {
         ("rule", "VARCHAR"),
         ("evidence", "JSON"),
         ("text", "VARCHAR"),
+        *BELIEF,
+    ),
+    "targets": (
+        ("recording", "VARCHAR"),
+        ("track", "INTEGER"),
+        ("label", "VARCHAR"),
+        ("first_t", "DOUBLE"),
+        ("last_t", "DOUBLE"),
+        ("seen_share", "DOUBLE"),
+        ("identity", "DOUBLE"),
+        ("upper_colour", "VARCHAR"),
+        ("lower_colour", "VARCHAR"),
+        ("height", "DOUBLE"),
+        ("existence", "DOUBLE"),
+    ),
+    "held_back": (
+        ("recording", "VARCHAR"),
+        ("t", "DOUBLE"),
+        ("x", "DOUBLE"),
+        ("y", "DOUBLE"),
+        ("w", "DOUBLE"),
+        ("h", "DOUBLE"),
+        ("reason", "VARCHAR"),
+    ),
+    "quality": (
+        ("recording", "VARCHAR"),
+        ("name", "VARCHAR"),
+        ("value", "DOUBLE"),
+        ("verdict", "VARCHAR"),
     ),
     "recordings": (
         ("recording", "VARCHAR"),
@@ -88,16 +133,29 @@ TABLES: Mapping[str, Columns] = {
         ("output_digest", "VARCHAR"),
         ("first_frame", "INTEGER"),
     ),
-    "presence": (("recording", "VARCHAR"), ("track", "INTEGER"), *SPAN),
+    "presence": (("recording", "VARCHAR"), ("track", "INTEGER"), *SPAN, *BELIEF),
     "bits": (
         ("recording", "VARCHAR"),
         ("track", "INTEGER"),
         ("bit", "VARCHAR"),
         ("partners", "INTEGER[]"),
         *SPAN,
+        *BELIEF,
     ),
-    "zones": (("recording", "VARCHAR"), ("track", "INTEGER"), ("zone", "VARCHAR"), *SPAN),
-    "hidden": (("recording", "VARCHAR"), ("track", "INTEGER"), ("part", "VARCHAR"), *SPAN),
+    "zones": (
+        ("recording", "VARCHAR"),
+        ("track", "INTEGER"),
+        ("zone", "VARCHAR"),
+        *SPAN,
+        *BELIEF,
+    ),
+    "hidden": (
+        ("recording", "VARCHAR"),
+        ("track", "INTEGER"),
+        ("part", "VARCHAR"),
+        *SPAN,
+        *BELIEF,
+    ),
     "phases": (
         ("recording", "VARCHAR"),
         ("a", "INTEGER"),
@@ -111,6 +169,7 @@ TABLES: Mapping[str, Columns] = {
         ("heading", "DOUBLE"),
         ("end_distance", "DOUBLE"),
         ("abrupt_s", "DOUBLE"),
+        ("phase", "VARCHAR"),
     ),
     "abrupt": (
         ("recording", "VARCHAR"),
@@ -161,7 +220,27 @@ TABLES: Mapping[str, Columns] = {
         ("group_id", "INTEGER"),
     ),
 }
-CONTRACT = ("frames", "tracks", "relations", "groups", "encounters", "events")
+SURE = "sure_"
+"""What the views of contract tables with all their columns begin with."""
+
+KEPT_APART: Mapping[str, tuple[str, ...]] = {
+    **{t: tuple(name for name, _ in BELIEF) for t in ("relations", "groups", "events")},
+    "encounters": ("existence", "joins"),
+    "targets": ("existence",),
+}
+"""Columns that a contract table shows under its name with `SURE` alone."""
+
+CONTRACT = (
+    "frames",
+    "tracks",
+    "relations",
+    "groups",
+    "encounters",
+    "events",
+    "targets",
+    "held_back",
+    "quality",
+)
 
 MEANING: Mapping[str, str] = {
     "frames": "one row per frame",
@@ -178,9 +257,16 @@ MEANING: Mapping[str, str] = {
         " the recording's end"
     ),
     "encounters": (
-        "who was socially together, in hindsight: meeting, moving, contact or separation"
+        "who was socially together, in hindsight, without approach and parting: meeting,"
+        " moving or contact; confidence is how sure that is, existence that both are real"
     ),
     "events": "what happened, by which rule, with the measured values",
+    "targets": (
+        "one row per target: from when to when, which share of its frames it was seen in,"
+        " how sure it is that it exists and is one and the same"
+    ),
+    "held_back": "what was seen and held to be no body, with the reason",
+    "quality": "what was measured of the recording itself, with a verdict",
     "recordings": (
         "one row per recording: where it came from; start_ns is the log time of frame 0,"
         " seconds its end"
@@ -196,8 +282,8 @@ MEANING: Mapping[str, str] = {
         " parts)"
     ),
     "phases": (
-        "the parts of each encounter, in order, with medians over their own frames, in body"
-        " sizes and seconds"
+        "the parts of each encounter, in order (phase: approach, together, parting), with"
+        " medians over their own frames, in body sizes and seconds"
     ),
     "abrupt": (
         "one row per time in which a and b, touching, were abrupt against one another and"
@@ -218,6 +304,12 @@ MEANING: Mapping[str, str] = {
     "encounter_parameters": "the thresholds that a recording's encounters were found with",
     "event_groups": "the groups that an event names",
 }
+
+
+def shown(table: str) -> list[str]:
+    """The columns of a table under its own name."""
+    apart = KEPT_APART.get(table, ())
+    return [name for name, _ in TABLES[table] if name not in apart]
 
 
 def create_statements(temporary: bool = False) -> list[str]:

@@ -4,88 +4,115 @@ Times are compared as they are shown, to the millisecond: a row at a limit that 
 in the answer.
 """
 
-MET = """
+_SHOWN = """seen_share, existence, identity,
+  least(seen_share, existence, identity) AS certainty, joins"""
+"""How sure a row is; as many as its least sure part (see `schema.BELIEF`)."""
+
+_OF_ALL = """round(sum(seen_share * (end_frame - start_frame + 1)) / sum(end_frame - start_frame + 1), 4) AS seen_share,
+    min(existence) AS existence, min(identity) AS identity,
+    list_sort(list_distinct(flatten(list(joins)))) AS joins"""
+"""How sure several intervals together are."""
+
+_BELIEF = "seen_share, existence, identity, joins"
+
+MET = f"""
 -- intervals of A with one partner that follow one another without a gap are one meeting
 WITH mine AS (
-  SELECT recording, b AS other, state, start_frame, end_frame, start_t, end_t FROM relations WHERE a = $a$b$only
+  SELECT recording, b AS other, state, start_frame, end_frame, start_t, end_t, {_BELIEF}
+  FROM sure_relations WHERE a = $a$b$only
   UNION ALL
-  SELECT recording, a, state, start_frame, end_frame, start_t, end_t FROM relations WHERE b = $a$a_too$only),
+  SELECT recording, a, state, start_frame, end_frame, start_t, end_t, {_BELIEF}
+  FROM sure_relations WHERE b = $a$a_too$only),
 marked AS (
   SELECT *, start_frame > 1 + coalesce(max(end_frame) OVER (
     PARTITION BY recording, other ORDER BY start_frame, end_frame
     ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING), -2) AS fresh FROM mine),
 numbered AS (
   SELECT *, sum(fresh::INTEGER) OVER (PARTITION BY recording, other ORDER BY start_frame, end_frame) AS meeting
-  FROM marked)
-SELECT recording, $a AS track, other, min(start_frame) AS start_frame, max(end_frame) AS end_frame,
-  min(start_t) AS start_t, max(end_t) AS end_t, round(max(end_t) - min(start_t), 3) AS seconds,
-  round(coalesce(sum(end_t - start_t) FILTER (state = 'JOINT'), 0), 3) AS joint_s,
-  concat('relation:', least($a, other), '-', greatest($a, other), '@', min(start_frame)) AS explain
-FROM numbered GROUP BY recording, other, meeting ORDER BY recording, start_frame, other
+  FROM marked),
+whole AS (
+  SELECT recording, other, min(start_frame) AS first, max(end_frame) AS last, min(start_t) AS start_t,
+    max(end_t) AS end_t, round(max(end_t) - min(start_t), 3) AS seconds,
+    round(coalesce(sum(end_t - start_t) FILTER (state = 'JOINT'), 0), 3) AS joint_s, {_OF_ALL}
+  FROM numbered GROUP BY recording, other, meeting)
+SELECT recording, $a AS track, other, first AS start_frame, last AS end_frame, start_t, end_t, seconds, joint_s,
+  {_SHOWN},
+  concat('relation:', least($a, other), '-', greatest($a, other), '@', first) AS explain
+FROM whole ORDER BY recording, first, other
 """
 
 TOGETHER = """
 SELECT e.recording, e.a, e.b, e.kind, e.start_frame, e.end_frame, e.start_t, e.end_t,
   round(e.end_t - e.start_t, 3) AS seconds, e.confidence, round(v.distance, 2) AS body_sizes_apart,
-  round(v.relative_speed, 2) AS relative_speed, format('encounter:{}-{}@{}', e.a, e.b, e.start_frame) AS explain
-FROM encounters e LEFT JOIN encounter_evidence v USING (recording, a, b, start_frame)
+  round(v.relative_speed, 2) AS relative_speed, e.seen_share, e.existence, e.identity,
+  least(e.seen_share, e.existence, e.identity, e.confidence) AS certainty, e.joins,
+  format('encounter:{}-{}@{}', e.a, e.b, e.start_frame) AS explain
+FROM sure_encounters e LEFT JOIN encounter_evidence v USING (recording, a, b, start_frame)
 WHERE e.a = $a AND e.b = $b$only ORDER BY e.recording, e.start_frame
 """
 
 LEFT_WITH = """
 -- with: in contact until at most $gap s before the first of them left
--- leaving is the last exit; without one, the last sight of a track that was gone before the recording ended
+-- leaving is the last exit; without one, the last sight of a track that was gone before the recording ended: then
+-- nobody saw it leave, and it is half as sure
 WITH departures AS (
-  SELECT p.recording, p.track, p.end_frame AS frame, coalesce(x.t, p.end_t) AS t, x.event
-  FROM (SELECT recording, track, max(end_frame) AS end_frame, max(end_t) AS end_t FROM presence
+  SELECT p.recording, p.track, p.end_frame AS frame, coalesce(x.t, p.end_t) AS t, x.event, p.existence, p.identity,
+    p.joins, if(x.event IS NULL, 0.5, 1.0) AS seen_leaving
+  FROM (SELECT recording, track, max(end_frame) AS end_frame, max(end_t) AS end_t,
+          max(existence) AS existence, min(identity) AS identity,
+          list_sort(list_distinct(flatten(list(joins)))) AS joins FROM presence
         WHERE true$only GROUP BY recording, track) p
-  LEFT JOIN (SELECT recording, unnest(subjects) AS track, max(t) AS t, arg_max(event, t) AS event FROM events
+  LEFT JOIN (SELECT recording, unnest(subjects) AS track, max(t) AS t, arg_max(event, t) AS event FROM sure_events
              WHERE kind = 'exited'$only GROUP BY recording, track) x USING (recording, track)
   JOIN recordings r ON r.recording = p.recording
   WHERE x.event IS NOT NULL OR p.end_t < r.seconds),
 leaver AS (SELECT * FROM departures WHERE track = $a),
 both_left AS (
-  SELECT d.recording, d.track AS other, d.t, d.frame, d.event, l.t AS first_t, least(l.t, d.t) AS until_t
+  SELECT d.recording, d.track AS other, d.t, d.frame, d.event, l.t AS first_t, least(l.t, d.t) AS until_t,
+    least(l.existence, d.existence) AS existence, least(l.identity, d.identity) AS identity,
+    least(l.seen_leaving, d.seen_leaving) AS seen_leaving,
+    list_sort(list_distinct(list_concat(l.joins, d.joins))) AS joins
   FROM leaver l JOIN departures d ON d.recording = l.recording AND d.track <> l.track
     AND round(abs(d.t - l.t), 3) <= $within),
 contact AS (
-  SELECT recording, b AS other, start_t, end_t, 'relation' AS what, start_frame FROM relations WHERE a = $a$only
-  UNION ALL SELECT recording, a, start_t, end_t, 'relation', start_frame FROM relations WHERE b = $a$only
-  UNION ALL SELECT recording, b, start_t, end_t, 'phase', start_frame FROM phases
-    WHERE a = $a AND kind <> 'separation'$only
-  UNION ALL SELECT recording, a, start_t, end_t, 'phase', start_frame FROM phases
-    WHERE b = $a AND kind <> 'separation'$only),
+  SELECT recording, b AS other, start_t, end_t, 'relation' AS what, start_frame, seen_share FROM sure_relations
+    WHERE a = $a$only
+  UNION ALL SELECT recording, a, start_t, end_t, 'relation', start_frame, seen_share FROM sure_relations
+    WHERE b = $a$only
+  UNION ALL SELECT recording, b, start_t, end_t, 'encounter', start_frame, seen_share FROM sure_encounters
+    WHERE a = $a$only
+  UNION ALL SELECT recording, a, start_t, end_t, 'encounter', start_frame, seen_share FROM sure_encounters
+    WHERE b = $a$only),
 last_contact AS (
-  SELECT recording, other, max(c.end_t) AS end_t, max((c.end_t, c.what, c.start_frame)) AS which
+  SELECT recording, other, max(c.end_t) AS end_t,
+    max({'t': c.end_t, 'what': c.what, 'frame': c.start_frame, 'seen': c.seen_share}) AS which
   FROM both_left g JOIN contact c USING (recording, other)
   WHERE c.start_t <= g.until_t AND round(g.until_t - c.end_t, 3) <= $gap GROUP BY recording, other)
 SELECT g.recording, $a AS track, g.other, g.first_t AS track_left_t, g.t AS other_left_t,
-  round(g.t - g.first_t, 3) AS seconds_after, c.end_t AS last_contact_t,
-  concat_ws(' ', format('{}:{}-{}@{}', c.which[2], least($a, g.other), greatest($a, g.other),
-    c.which[3]), if(g.event IS NULL,
+  round(g.t - g.first_t, 3) AS seconds_after, c.end_t AS last_contact_t, c.which.seen AS seen_share, g.existence,
+  g.identity, least(c.which.seen, g.existence, g.identity, g.seen_leaving) AS certainty, g.joins,
+  concat_ws(' ', format('{}:{}-{}@{}', c.which.what, least($a, g.other), greatest($a, g.other),
+    c.which.frame), if(g.event IS NULL,
     format('track:{}@{}', g.other, g.frame), format('event:{}', g.event))) AS explain
 FROM both_left g JOIN last_contact c USING (recording, other)
 ORDER BY g.recording, abs(g.t - g.first_t), g.other
 """
 
-ZONE_STAYS = (
-    "SELECT recording, track, start_frame, end_frame, start_t, end_t FROM zones WHERE zone"
-    " = $zone"
-)
+_STAY = f"SELECT recording, track, start_frame, end_frame, start_t, end_t, {_BELIEF}"
 
-SCENE_STAYS = (
-    "SELECT recording, track, start_frame, end_frame, start_t, end_t FROM presence WHERE"
-    " true"
-)
+ZONE_STAYS = f"{_STAY} FROM zones WHERE zone = $zone"
 
-WHO_WAS_IN = """
+SCENE_STAYS = f"{_STAY} FROM presence WHERE true"
+
+WHO_WAS_IN = f"""
 WITH stays AS ($stays$only)
 SELECT s.recording, s.track, s.start_frame AS since_frame, s.end_frame AS until_frame,
-  s.start_t AS since_t, s.end_t AS until_t, concat('$what:', s.track, '@', s.start_frame, '$which') AS explain
+  s.start_t AS since_t, s.end_t AS until_t, {_SHOWN},
+  concat('$what:', s.track, '@', s.start_frame, '$which') AS explain
 FROM stays s WHERE $at BETWEEN s.start_t - 0.0005 AND s.end_t + 0.0005 ORDER BY s.recording, s.track
 """
 
-LOITERED = """
+LOITERED = f"""
 WITH stays AS ($stays$only),
 marked AS (
   SELECT *, round(start_t - coalesce(max(end_t) OVER (PARTITION BY recording, track ORDER BY start_frame
@@ -93,47 +120,62 @@ marked AS (
 numbered AS (
   SELECT *, sum(fresh::INTEGER) OVER (PARTITION BY recording, track ORDER BY start_frame) AS stay FROM marked),
 stay AS (
-  SELECT recording, track, min(start_frame) AS start_frame, max(end_frame) AS end_frame, min(start_t) AS start_t,
-    max(end_t) AS end_t FROM numbered GROUP BY recording, track, stay
+  SELECT recording, track, min(start_frame) AS first, max(end_frame) AS last, min(start_t) AS start_t,
+    max(end_t) AS end_t, {_OF_ALL} FROM numbered GROUP BY recording, track, stay
   HAVING round(max(end_t) - min(start_t), 3) >= $least)
-SELECT recording, track, start_frame, end_frame, start_t, end_t, round(end_t - start_t, 3) AS seconds,
-  concat('$what:', track, '@', start_frame, '$which') AS explain
-FROM stay ORDER BY recording, start_frame, track
+SELECT recording, track, first AS start_frame, last AS end_frame, start_t, end_t, round(end_t - start_t, 3) AS seconds,
+  {_SHOWN},
+  concat('$what:', track, '@', first, '$which') AS explain
+FROM stay ORDER BY recording, first, track
 """
 
-HIDDEN = """
+HIDDEN = f"""
 SELECT recording, track, part, start_frame, end_frame, start_t, end_t, round(end_t - start_t, 3) AS seconds,
-  format('track:{}@{}', track, start_frame) AS explain
+  {_SHOWN}, format('track:{{}}@{{}}', track, start_frame) AS explain
 FROM hidden WHERE $whose$only ORDER BY recording, start_frame, track, part
 """
 
-ENTERED_NEVER_LEFT = """
--- who was there in the first frame did not come in; of who left and came in again the last time counts
+ENTERED_NEVER_LEFT = f"""
+-- who was there in the first frames did not come in; of who left and came in again the last time counts
+-- who was not there at first and is now came in, seen or not (out of a group, through a door): from the first sight
+-- who is lost before the end without having been seen to leave may be gone all the same: half as sure
 WITH told AS (
-  SELECT recording, unnest(subjects) AS track, event, kind, frame, t FROM events
+  SELECT recording, unnest(subjects) AS track, event, kind, frame, t FROM sure_events
   WHERE kind IN ('entering', 'entered', 'exited')$only),
 gone AS (
   SELECT recording, track, max((frame, event)) AS at FROM told WHERE kind = 'exited' GROUP BY recording, track),
 entered AS (
-  SELECT t.recording, t.track, min(t.frame) AS frame, min(t.t) AS t, arg_min(t.event, (t.frame, t.event)) AS event,
-    any_value(g.at) AS left_before
+  SELECT t.recording, t.track, min(t.frame) AS frame, min(t.t) AS t, arg_min(t.event, (t.frame, t.event)) AS event
   FROM told t LEFT JOIN gone g USING (recording, track)
   WHERE t.kind <> 'exited' AND (g.at IS NULL OR (t.frame, t.event) > g.at) GROUP BY t.recording, t.track),
-seen AS (
-  SELECT recording, track, min(start_frame) AS first, max(end_frame) AS frame, max(end_t) AS t FROM presence
-  WHERE true$only GROUP BY recording, track)
-SELECT e.recording, e.track, e.frame AS entered_frame, e.t AS entered_t, s.frame AS last_seen_frame,
-  s.t AS last_seen_t, s.t >= r.seconds AS there_at_the_end,
-  format('event:{} track:{}@{}', e.event, e.track, s.frame) AS explain
-FROM entered e JOIN seen s USING (recording, track) JOIN recordings r USING (recording)
-WHERE s.first > r.first_frame OR e.left_before IS NOT NULL
-ORDER BY e.recording, e.frame, e.track
+stays AS (
+  SELECT p.recording, p.track, g.at IS NOT NULL AS left_before, min(p.start_frame) AS first, min(p.start_t) AS first_t,
+    max(p.end_frame) AS last, max(p.end_t) AS last_t, {_OF_ALL}
+  FROM (FROM presence WHERE true$only) p LEFT JOIN gone g USING (recording, track)
+  WHERE g.at IS NULL OR p.end_frame > g.at[1] GROUP BY ALL),
+stayed AS (
+  SELECT s.recording, s.track, coalesce(e.frame, s.first) AS entered_frame, coalesce(e.t, s.first_t) AS entered_t,
+    s.last, s.last_t, s.last_t >= r.seconds AS there_at_the_end, e.event, s.seen_share, s.existence, s.identity, s.joins
+  FROM stays s LEFT JOIN entered e USING (recording, track) JOIN recordings r USING (recording)
+  WHERE (e.event IS NOT NULL AND (s.first > r.first_frame OR s.left_before))
+    OR (e.event IS NULL AND s.first_t > $settled + coalesce((SELECT min(f.t) FROM frames f
+      WHERE f.recording = s.recording AND f.frame = r.first_frame), 0)))
+SELECT recording, track, entered_frame, entered_t, last AS last_seen_frame, last_t AS last_seen_t, there_at_the_end,
+  seen_share, existence, identity,
+  least(seen_share, existence, identity, if(there_at_the_end, 1.0, 0.5)) AS certainty, joins,
+  concat_ws(' ', if(event IS NULL, format('track:{{}}@{{}}', track, entered_frame), format('event:{{}}', event)),
+    format('track:{{}}@{{}}', track, last)) AS explain
+FROM stayed ORDER BY recording, entered_frame, track
 """
 
 GROUPING_AND_SPLITTING = """
 SELECT g.recording, g.track, greatest(g.start_frame, s.start_frame) AS start_frame,
   least(g.end_frame, s.end_frame) AS end_frame, greatest(g.start_t, s.start_t) AS start_t,
   least(g.end_t, s.end_t) AS end_t, g.partners AS grouping_with, s.partners AS splitting_from,
+  least(g.seen_share, s.seen_share) AS seen_share, least(g.existence, s.existence) AS existence,
+  least(g.identity, s.identity) AS identity,
+  least(g.seen_share, s.seen_share, g.existence, s.existence, g.identity, s.identity) AS certainty,
+  list_sort(list_distinct(list_concat(g.joins, s.joins))) AS joins,
   format('track:{}@{}', g.track, greatest(g.start_frame, s.start_frame)) AS explain
 FROM (FROM bits WHERE bit = 'grouping'$only) g JOIN (FROM bits WHERE bit = 'splitting'$only) s
   ON g.recording = s.recording AND g.track = s.track
@@ -143,13 +185,13 @@ ORDER BY g.recording, start_frame, g.track
 
 GROUP_HISTORY = """
 WITH RECURSIVE links AS MATERIALIZED (
-  SELECT recording, unnest(formed_from) AS parent, group_id AS child FROM groups WHERE len(formed_from) > 0$only),
+  SELECT recording, unnest(formed_from) AS parent, group_id AS child FROM sure_groups WHERE len(formed_from) > 0$only),
 older(recording, group_id, generation) AS (
-  SELECT recording, $label, 0 FROM groups WHERE group_id = $label$only
+  SELECT recording, $label, 0 FROM sure_groups WHERE group_id = $label$only
   UNION SELECT l.recording, l.parent, o.generation - 1 FROM older o
     JOIN links l ON l.recording = o.recording AND l.child = o.group_id WHERE o.generation > -1000),
 younger(recording, group_id, generation) AS (
-  SELECT recording, $label, 0 FROM groups WHERE group_id = $label$only
+  SELECT recording, $label, 0 FROM sure_groups WHERE group_id = $label$only
   UNION SELECT l.recording, l.child, y.generation + 1 FROM younger y
     JOIN links l ON l.recording = y.recording AND l.parent = y.group_id WHERE y.generation < 1000),
 family AS (
@@ -157,55 +199,66 @@ family AS (
   UNION SELECT recording, group_id, min(generation) FROM younger GROUP BY ALL)
 SELECT f.recording, CASE WHEN f.generation < 0 THEN 'ancestor' WHEN f.generation > 0 THEN 'descendant'
   ELSE 'itself' END AS is, f.generation, f.group_id, g.members, g.start_frame, g.end_frame, g.start_t, g.end_t,
-  g.formed_from, g.ended_by, format('group:{}', f.group_id) AS explain
-FROM family f JOIN (FROM groups WHERE true$only) g USING (recording, group_id)
+  g.formed_from, g.ended_by, g.seen_share, g.existence, g.identity,
+  least(g.seen_share, g.existence, g.identity) AS certainty, g.joins, format('group:{}', f.group_id) AS explain
+FROM family f JOIN (FROM sure_groups WHERE true$only) g USING (recording, group_id)
 -- labels rise with time: a family's lie close together, and no others need be looked through
 WHERE g.group_id BETWEEN (SELECT min(group_id) FROM family) AND (SELECT max(group_id) FROM family)
 ORDER BY f.recording, f.generation, g.start_frame, f.group_id
 """
 
-BEFORE = """
+BEFORE = f"""
 WITH event AS (
-  SELECT recording, event, t, frame, unnest(subjects) AS subject FROM events WHERE event = $event$only),
+  SELECT recording, event, t, frame, unnest(subjects) AS subject FROM sure_events WHERE event = $event$only),
 pairs AS (
-  SELECT recording, a, b, state AS how, 'relation' AS what, start_frame, start_t, end_t FROM relations
+  SELECT recording, a, b, state AS how, 'relation' AS what, start_frame, start_t, end_t, 1.0 AS confidence, {_BELIEF}
+  FROM sure_relations
   WHERE end_t >= (SELECT min(t) - $within - 0.001 FROM event)$only
   UNION ALL
-  SELECT recording, a, b, 'together: ' || kind, 'encounter', start_frame, start_t, end_t FROM encounters
+  SELECT recording, a, b, 'together: ' || kind, 'encounter', start_frame, start_t, end_t, confidence, {_BELIEF}
+  FROM sure_encounters
   WHERE end_t >= (SELECT min(t) - $within - 0.001 FROM event)$only),
 near AS (
-  SELECT e.*, if(p.a = e.subject, p.b, p.a) AS other, p.how, p.what, p.start_frame, p.start_t, p.end_t
+  SELECT e.*, if(p.a = e.subject, p.b, p.a) AS other, p.* EXCLUDE (recording, a, b)
   FROM event e JOIN pairs p ON p.recording = e.recording AND e.subject IN (p.a, p.b)
     AND p.start_t < e.t AND round(e.t - p.end_t, 3) <= $within)
 SELECT recording, event, subject, other, how, greatest(start_t, t - $within) AS from_t, least(end_t, t) AS until_t,
-  round(t - least(end_t, t), 3) AS seconds_before,
-  format('{}:{}-{}@{} event:{}', what, least(subject, other), greatest(subject, other), start_frame, event) AS explain
+  round(t - least(end_t, t), 3) AS seconds_before, seen_share, existence, identity,
+  least(seen_share, existence, identity, confidence) AS certainty, joins,
+  format('{{}}:{{}}-{{}}@{{}} event:{{}}', what, least(subject, other), greatest(subject, other), start_frame,
+    event) AS explain
 FROM near ORDER BY recording, seconds_before, from_t, subject, other, how
 """
 
 # Contacts: ``id`` is ascending with the start, and says which row it was: its first frame, or its
 # group's label.
-BY_RELATIONS = """
-SELECT recording, a, b, start_t, end_t, start_frame::BIGINT * 4294967296 AS id FROM relations WHERE true$only"""
+_CONTACT = """{'seen_share': seen_share, 'existence': existence, 'identity': identity, 'joins': joins} AS belief"""
+_SURE = " AND least(seen_share, existence, identity) >= $sure"
+
+BY_RELATIONS = f"""
+SELECT recording, a, b, start_t, end_t, start_frame::BIGINT * 4294967296 AS id, {_CONTACT}
+FROM sure_relations WHERE true{_SURE}$only"""
 
 BY_JOINT = BY_RELATIONS.replace("WHERE true", "WHERE state = 'JOINT'")
 
-BY_ENCOUNTERS = """
-SELECT recording, a, b, start_t, end_t, start_frame::BIGINT * 4294967296 AS id
-FROM encounters WHERE kind <> 'separation'$only"""
+BY_ENCOUNTERS = f"""
+SELECT recording, a, b, start_t, end_t, start_frame::BIGINT * 4294967296 AS id, {_CONTACT}
+FROM sure_encounters WHERE confidence >= $sure{_SURE}$only"""
 
-BY_GROUPS = """
-SELECT g.recording, m.a, n.b, g.start_t, g.end_t, g.start_frame::BIGINT * 4294967296 + g.group_id AS id
-FROM (FROM groups WHERE true$only) g, unnest(g.members) AS m(a), unnest(g.members) AS n(b) WHERE m.a < n.b"""
+BY_GROUPS = f"""
+SELECT g.recording, m.a, n.b, g.start_t, g.end_t, g.start_frame::BIGINT * 4294967296 + g.group_id AS id, {_CONTACT}
+FROM (FROM sure_groups WHERE true{_SURE}$only) g, unnest(g.members) AS m(a), unnest(g.members) AS n(b)
+WHERE m.a < n.b"""
 
 CONTACTS = """
 -- a contact passes on only what came before its end; per target the earliest arrival over at most so many contacts
 -- giver, taker, who: a target of a recording as one number, the recording's number * 2^32 + the track's id
+-- contacts that are less sure than --certainty pass nothing on; a chain is as sure as its least sure contact
 WITH RECURSIVE numbered AS MATERIALIZED (
   SELECT recording, row_number() OVER (ORDER BY recording) * 4294967296 AS base, CAST($since AS DOUBLE) AS since
   FROM recordings r WHERE true$only),
 pairs AS MATERIALIZED (
-  SELECT base + a AS a, base + b AS b, start_t, end_t, id FROM ($contacts) JOIN numbered USING (recording)),
+  SELECT base + a AS a, base + b AS b, start_t, end_t, id, belief FROM ($contacts) JOIN numbered USING (recording)),
 -- whom A met has it from A then: to them no contact that begins later passes it on first
 by_then AS MATERIALIZED (
   SELECT who, min(t) AS t FROM (
@@ -214,26 +267,30 @@ by_then AS MATERIALIZED (
     UNION ALL SELECT a, greatest(start_t, since) FROM pairs JOIN numbered ON b = base + $a WHERE end_t >= since)
   GROUP BY who),
 contact AS MATERIALIZED (
-  SELECT a AS giver, b AS taker, start_t, end_t, id FROM pairs LEFT JOIN by_then ON who = b
+  SELECT a AS giver, b AS taker, start_t, end_t, id, belief FROM pairs LEFT JOIN by_then ON who = b
   WHERE t IS NULL OR start_t <= t
-  UNION ALL SELECT b, a, start_t, end_t, id FROM pairs LEFT JOIN by_then ON who = a
+  UNION ALL SELECT b, a, start_t, end_t, id, belief FROM pairs LEFT JOIN by_then ON who = a
   WHERE t IS NULL OR start_t <= t),
-reached(who, t, contacts, via, ids) USING KEY (who) AS (
-  SELECT base + $a, since, 0, CAST([] AS INTEGER[]), CAST([] AS BIGINT[]) FROM numbered
+reached(who, t, contacts, via, ids, seen_share, existence, identity, joins) USING KEY (who) AS (
+  SELECT base + $a, since, 0, CAST([] AS INTEGER[]), CAST([] AS BIGINT[]),
+    CAST(1 AS DOUBLE), CAST(1 AS DOUBLE), CAST(1 AS DOUBLE), CAST([] AS INTEGER[]) FROM numbered
   UNION (
     SELECT taker, first.t, s.contacts + 1, list_append(s.via, CAST(first.giver % 4294967296 AS INTEGER)),
-      list_append(s.ids, first.id)
+      list_append(s.ids, first.id), least(s.seen_share, first.belief.seen_share),
+      least(s.existence, first.belief.existence), least(s.identity, first.belief.identity),
+      list_concat(s.joins, first.belief.joins)
     FROM (
-      SELECT n.taker, min({'t': greatest(s.t, n.first_t), 'giver': n.giver, 'id': n.id}) AS first
+      SELECT n.taker, min({'t': greatest(s.t, n.first_t), 'giver': n.giver, 'id': n.id, 'belief': n.belief}) AS first
       -- of each giver the contact that began first of those that had not ended: that one passes on first
       FROM (
-        SELECT d.giver, d.taker, min(d.start_t) AS first_t, min(d.id) AS id
+        SELECT d.giver, d.taker, min(d.start_t) AS first_t, min(d.id) AS id, arg_min(d.belief, d.id) AS belief
         FROM reached s JOIN contact d ON d.giver = s.who AND d.end_t >= s.t
         LEFT JOIN recurring.reached k ON k.who = d.taker
         WHERE s.contacts < $depth AND (k.t IS NULL OR s.t < k.t AND d.start_t < k.t) GROUP BY d.giver, d.taker) n
       JOIN reached s ON s.who = n.giver GROUP BY n.taker)
     JOIN reached s ON s.who = first.giver))
-SELECT recording, CAST(who - base AS INTEGER) AS track, contacts, t AS reached_t, via,
+SELECT recording, CAST(who - base AS INTEGER) AS track, contacts, t AS reached_t, via, seen_share, existence, identity,
+  least(seen_share, existence, identity) AS certainty, list_sort(list_distinct(joins)) AS joins,
   array_to_string(list_transform(range(1, contacts + 1), lambda i: $why), ' ') AS explain
 FROM reached JOIN numbered ON base = who - who % 4294967296
 WHERE contacts > 0 ORDER BY recording, t, contacts, track
@@ -245,27 +302,29 @@ PAIR_WHY = (
 )
 GROUP_WHY = "format('group:{}', ids[i] % 4294967296)"
 
-TIMELINE = """
+TIMELINE = f"""
 WITH told AS (
   SELECT recording, start_t, end_t, start_frame, 'present' AS what, CAST([] AS INTEGER[]) AS others, '' AS text,
-    format('track:{}@{}', track, start_frame) AS explain FROM presence WHERE track = $a$only
-  UNION ALL SELECT recording, start_t, end_t, start_frame, 'in ' || zone, [], '',
-    format('zone:{}@{}:{}', track, start_frame, url_encode(zone)) FROM zones WHERE track = $a$only
-  UNION ALL SELECT recording, start_t, end_t, start_frame, state, [b], '',
-    concat('relation:', a, '-', b, '@', start_frame) FROM relations WHERE a = $a$only
-  UNION ALL SELECT recording, start_t, end_t, start_frame, state, [a], '',
-    concat('relation:', a, '-', b, '@', start_frame) FROM relations WHERE b = $a$only
+    1.0 AS confidence, {_BELIEF}, format('track:{{}}@{{}}', track, start_frame) AS explain
+    FROM presence WHERE track = $a$only
+  UNION ALL SELECT recording, start_t, end_t, start_frame, 'in ' || zone, [], '', 1.0, {_BELIEF},
+    format('zone:{{}}@{{}}:{{}}', track, start_frame, url_encode(zone)) FROM zones WHERE track = $a$only
+  UNION ALL SELECT recording, start_t, end_t, start_frame, state, [b], '', 1.0, {_BELIEF},
+    concat('relation:', a, '-', b, '@', start_frame) FROM sure_relations WHERE a = $a$only
+  UNION ALL SELECT recording, start_t, end_t, start_frame, state, [a], '', 1.0, {_BELIEF},
+    concat('relation:', a, '-', b, '@', start_frame) FROM sure_relations WHERE b = $a$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'group ' || group_id,
-    list_filter(members, lambda x: x <> $a), coalesce(ended_by, ''), format('group:{}', group_id)
-    FROM groups WHERE list_contains(members, $a)$only
+    list_filter(members, lambda x: x <> $a), coalesce(ended_by, ''), 1.0, {_BELIEF}, format('group:{{}}', group_id)
+    FROM sure_groups WHERE list_contains(members, $a)$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'together: ' || kind, [b],
-    format('confidence {}', confidence), concat('encounter:', a, '-', b, '@', start_frame)
-    FROM encounters WHERE a = $a$only
+    format('confidence {{}}', confidence), confidence, {_BELIEF}, concat('encounter:', a, '-', b, '@', start_frame)
+    FROM sure_encounters WHERE a = $a$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'together: ' || kind, [a],
-    format('confidence {}', confidence), concat('encounter:', a, '-', b, '@', start_frame)
-    FROM encounters WHERE b = $a$only
+    format('confidence {{}}', confidence), confidence, {_BELIEF}, concat('encounter:', a, '-', b, '@', start_frame)
+    FROM sure_encounters WHERE b = $a$only
   UNION ALL SELECT recording, t, t, frame, 'event ' || kind, list_filter(subjects, lambda x: x <> $a), text,
-    format('event:{}', event) FROM events WHERE list_contains(subjects, $a)$only)
-SELECT recording, start_t, end_t, what, others, text, explain FROM told
+    1.0, {_BELIEF}, format('event:{{}}', event) FROM sure_events WHERE list_contains(subjects, $a)$only)
+SELECT recording, start_t, end_t, what, others, text, seen_share, existence, identity,
+  least(seen_share, existence, identity, confidence) AS certainty, joins, explain FROM told
 ORDER BY recording, start_t, end_t DESC, what, others, explain
 """

@@ -123,23 +123,18 @@ def encounter_measures(case: Case, row: Mapping[str, Any]) -> list[Measure]:
             drift,
             p.drift_sizes_per_s,
         ),
-        at_most(
-            "median distance over all its frames, body sizes (it begins and ends at)",
-            all_distance,
-            p.far_sizes,
-        ),
-        Measure("median relative speed over all its frames, body sizes/s", all_pace),
+        Measure("median distance with approach and parting, body sizes", all_distance),
+        Measure("median relative speed with approach and parting, body sizes/s", all_pace),
         Measure("confidence", row["confidence"]),
         Measure("evidence sufficed in frame", sure),
-        Measure("back-dated by frames", sure - row["start_frame"]),
+        Measure("back-dated by frames", max(0, sure - row["start_frame"])),
+        Measure("share of its frames in which both were seen", row["seen_share"]),
+        Measure("least identity", row["identity"]),
     ]
 
 
 PHASE_RULES = {
-    "meeting": (
-        "ours: together, and neither walking the same way, nor in contact, nor on the last"
-        " way apart"
-    ),
+    "meeting": ("ours: together, and neither walking the same way nor in contact"),
     "moving": (
         "ours: both walk, the same way (cosine between the two motions at least {same:g})"
     ),
@@ -147,7 +142,11 @@ PHASE_RULES = {
         "ours: JOINT, or within touching distance and abrupt against one another, and not"
         " walking the same way; lulls up to {gap:g} s are closed"
     ),
-    "separation": "ours: the last way apart, after the last moment together for sure",
+    "separation": (
+        "ours: the last way apart, after the last moment together in which they do not yet"
+        " draw away from one another"
+    ),
+    "approach": ("ours: the way to one another, until they are near and close in no more"),
 }
 
 
@@ -183,7 +182,7 @@ def phase_measures(case: Case, row: Mapping[str, Any]) -> list[Measure]:
         last = "distance in its last frame, body sizes"
         return [
             Measure(distance, row["distance"]),
-            at_least(last, row["end_distance"], p.near_sizes, ">"),
+            Measure(last, row["end_distance"]),
             pace,
         ]
     return [

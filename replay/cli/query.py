@@ -6,10 +6,10 @@ import argparse
 import os
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from recorders.errors import OutputExistsError, UsageError
 from replay.cli.common import Commands, add_configuration, command, say, take_words_anywhere
@@ -91,6 +91,13 @@ def add(commands: Commands) -> None:
         metavar="WHAT",
         help="a contact is: relations (default), joint, encounters, groups",
     )
+    asking.add_argument(
+        "--certainty",
+        type=float,
+        metavar="P",
+        help="leave out rows of a ready question that are less sure than P, 0 to 1"
+        " (default 0.5); stderr says how many",
+    )
     add_configuration(parser)
     limits = parser.add_argument_group("limits")
     limits.add_argument(
@@ -135,12 +142,55 @@ def run(args: argparse.Namespace) -> int:
     ) as case:
         check_thresholds(case, chosen_encounters(args.config, args.assignments))
         ask, nothing = _asked(case, query, args)
+        unsure = Unsure(_certainty(args) if args.ask else None)
         with guarded(case.limits):
-            answer = ask()
-            count = _answer(answer, form, args)
-        if count == 0 and nothing:
+            count = _answer(unsure.left_out_of(ask()), form, args)
+            unsure.add_contacts(case, args)
+        if unsure.count:
+            say(unsure.told())
+        elif count == 0 and nothing:
             say(f"no rows: {nothing}")
     return Exit.DONE
+
+
+class Unsure:
+    """Leaves rows out of an answer that are less sure than wanted, and counts them."""
+
+    def __init__(self, least: float | None) -> None:
+        self.least = least
+        self.count = 0
+
+    def left_out_of(self, answer: Answer) -> Answer:
+        """The answer without them; rows are counted as they are read."""
+        if self.least is None or "certainty" not in answer.columns:
+            return answer
+        column = answer.columns.index("certainty")
+        return replace(answer, rows=self._sure(answer.rows, column, self.least))
+
+    def _sure(
+        self, rows: Iterator[tuple[Any, ...]], column: int, least: float
+    ) -> Iterator[tuple[Any, ...]]:
+        for row in rows:
+            if row[column] is not None and row[column] < least:
+                self.count += 1
+            else:
+                yield row
+
+    def add_contacts(self, case: Case, args: argparse.Namespace) -> None:
+        """Chains of contacts do not run over unsure ones, so these are counted by themselves."""
+        if self.least is None or args.ask[0] != "contacts":
+            return
+        from reasoning.questions.ready_questions import unsure_contacts_sql
+
+        self.count += case.rows(unsure_contacts_sql(_options(args)))[0][0]
+
+    def told(self) -> str:
+        """What was left out, in a line."""
+        rows = "1 row is" if self.count == 1 else f"{self.count} rows are"
+        return (
+            f"{rows} less sure than {self.least:g} and left out; --certainty 0 shows all,"
+            " with how sure each is"
+        )
 
 
 def _check_options(args: argparse.Namespace) -> None:
@@ -161,6 +211,7 @@ def _check_options(args: argparse.Namespace) -> None:
         "--gap": args.gap,
         "--depth": args.depth,
         "--by": args.by,
+        "--certainty": args.certainty,
     }
     taken = ("--show-sql", FLAGS["recordings"]) if args.pattern is not None else ()
     for flag, value in given.items():
@@ -219,7 +270,19 @@ def _options(args: argparse.Namespace) -> Options:
         gap_s=seconds(args.gap),
         depth=args.depth,
         by=args.by,
+        certainty=_certainty(args),
     )
+
+
+def _certainty(args: argparse.Namespace) -> float | None:
+    """What a row must be, None where a question is asked however sure it is."""
+    from reasoning.questions.ready_questions import DEFAULT_CERTAINTY, question
+
+    if args.certainty is None:
+        return DEFAULT_CERTAINTY if question(args.ask[0]).certain else None
+    if not 0 <= args.certainty <= 1:
+        raise UsageError(f"--certainty {args.certainty:g}: must be 0 to 1")
+    return float(args.certainty)
 
 
 def _format(args: argparse.Namespace) -> str:
@@ -252,7 +315,7 @@ def _split(args: argparse.Namespace) -> tuple[list[Path], str]:
     if args.ask is not None:
         from reasoning.questions.ready_questions import question
 
-        query = question(args.ask[0]).sql(args.ask[1:], _options(args))
+        query = question(args.ask[0]).sure_sql(args.ask[1:], _options(args))
     elif args.pattern is not None:
         from reasoning.questions.literals import only
         from reasoning.questions.patterns import plan

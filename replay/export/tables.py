@@ -16,7 +16,7 @@ import msgspec
 
 from reasoning.questions.duckdb_tables import reason
 from reasoning.questions.ingest import read_recordings
-from reasoning.questions.schema import TABLES
+from reasoning.questions.schema import TABLES, shown
 from recorders.annotated.reader import AnnotatedLog
 from recorders.errors import SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
@@ -79,6 +79,7 @@ class TableSpool:
     def _take(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
         names = [name for name, _ in TABLES[table]]
         raw = [kind == "JSON" for _, kind in TABLES[table]]
+        columns = shown(table)
         kept = [row for row in rows if self._is_wanted(str(row[0]))]
         self._files[table].write(
             b"".join(
@@ -90,6 +91,7 @@ class TableSpool:
                             else value
                         )
                         for name, value, is_raw in zip(names, row, raw, strict=True)
+                        if name in columns
                     }
                 )
                 + b"\n"
@@ -174,7 +176,8 @@ def write_parquet(
 def _copy(spool: TableSpool, table: str, out: Path) -> None:
     import duckdb
 
-    columns = ", ".join(f"{name}: '{kind}'" for name, kind in TABLES[table])
+    kinds = dict(TABLES[table])
+    columns = ", ".join(f"{name}: '{kinds[name]}'" for name in shown(table))
     with duckdb.connect(config={"threads": 1}) as db:
         rows = (
             f"read_json($rows, format = 'newline_delimited', columns = {{{columns}}},"

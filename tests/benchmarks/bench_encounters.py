@@ -134,7 +134,11 @@ def simple_rule(
         )
         if len(frames) < 2:
             continue
-        times, one, two = people[a].times_s[in_a], people[a].boxes[in_a], people[b].boxes[in_b]
+        times, one, two = (
+            people[a].times_s[in_a],
+            people[a].boxes[in_a],
+            people[b].boxes[in_b],
+        )
         beyond = np.maximum(
             one[:, :2] - two[:, :2] - two[:, 2:], two[:, :2] - one[:, :2] - one[:, 2:]
         )
@@ -157,7 +161,10 @@ def middle(
     """Of the settings within one labelled item of the best, the one nearest to the grid's middle."""
     place = np.array(
         [
-            [axis.index(v) / (len(axis) - 1) for axis, v in zip(grid.values(), s, strict=True)]
+            [
+                axis.index(v) / (len(axis) - 1)
+                for axis, v in zip(grid.values(), s, strict=True)
+            ]
             for s in settings(grid)
         ]
     )
@@ -170,7 +177,9 @@ def chosen_parameters(setting: Setting) -> EncounterParameters:
     return replace(EncounterParameters(), **dict(zip(GRID, setting, strict=True)))
 
 
-def leave_one_out(sequences: list[caviar.Sequence], table: np.ndarray | None = None) -> Scored:
+def leave_one_out(
+    sequences: list[caviar.Sequence], table: np.ndarray | None = None
+) -> Scored:
     """Score every setting on every file, then choose for each file on the others."""
     shipped = EncounterParameters()
     if table is None:

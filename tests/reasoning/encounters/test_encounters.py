@@ -44,7 +44,9 @@ def walk(xs: np.ndarray, y: float = 200.0, first: int = 0) -> History:
 
 def arriving(frames: int, where: float) -> np.ndarray:
     """Comes from the right within a second and stays."""
-    return np.concatenate([where + np.arange(100.0, 0.0, -4.0), np.full(frames - 25, where)])
+    return np.concatenate(
+        [where + np.arange(100.0, 0.0, -4.0), np.full(frames - 25, where)]
+    )
 
 
 def meet_and_part() -> dict[int, History]:

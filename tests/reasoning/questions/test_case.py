@@ -35,8 +35,17 @@ def test_columns_are_the_contract(case: Case) -> None:
             "recording group_id members start_frame end_frame start_t end_t formed_from"
             " ended_by"
         ),
-        "encounters": "recording a b kind start_frame end_frame start_t end_t confidence",
+        "encounters": (
+            "recording a b kind start_frame end_frame start_t end_t confidence seen_share"
+            " identity"
+        ),
         "events": "recording event kind frame t subjects rule evidence text",
+        "targets": (
+            "recording track label first_t last_t seen_share identity upper_colour"
+            " lower_colour height"
+        ),
+        "held_back": "recording t x y w h reason",
+        "quality": "recording name value verdict",
     }
     assert tuple(wanted) == CONTRACT
     for table, columns in wanted.items():

@@ -58,11 +58,12 @@ def test_chains_equal_a_search_of_every_path(depth: int, since: float | None) ->
         for statement in create_statements():
             con.execute(statement)
         rows = [
-            (g, a, b, "JOINT", s, e, float(s), float(e))
+            (g, a, b, "JOINT", s, e, float(s), float(e), 1.0, 0.9, 0.8, [])
             for g, cs in made.items()
             for a, b, s, e in cs
         ]
         insert(con, "relations", rows)
+        con.execute("CREATE VIEW sure_relations AS FROM relations")
         insert(
             con,
             "recordings",
@@ -71,7 +72,8 @@ def test_chains_equal_a_search_of_every_path(depth: int, since: float | None) ->
         at = None if since is None else Moment(seconds=since)
         query = question("contacts").sql(["0"], Options(depth=depth, at=at))
         found: dict[str, dict[int, tuple[int, int]]] = {g: {} for g in made}
-        for g, track, hops, t, via, why in con.execute(query).fetchall():
+        for g, track, hops, t, via, *sure, joins, why in con.execute(query).fetchall():
+            assert (sure, joins) == ([1.0, 0.9, 0.8, 0.8], [])
             found[g][track] = (int(t), hops)
             assert len(via) == hops == len(why.split())
             assert via[0] == 0

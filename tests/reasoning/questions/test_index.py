@@ -51,7 +51,7 @@ def test_an_index_answers_like_the_logs(
     with Case(logs) as direct, Case([out]) as indexed:
         for table, columns in TABLES.items():
             order = ", ".join(f"CAST({c} AS VARCHAR)" for c, _ in columns)
-            query = f"SELECT * FROM {table} ORDER BY {order}"
+            query = f"SELECT * FROM sure_{table} ORDER BY {order}"
             assert indexed.rows(query) == direct.rows(query), table
         sql = question("contacts").sql(["1"], Options())
         assert indexed.rows(sql) == direct.rows(sql)
@@ -246,7 +246,7 @@ def test_killed_at_any_moment_and_run_again(
     with Case(logs) as direct, Case([out]) as indexed:
         for table, columns in TABLES.items():
             order = ", ".join(f"CAST({c} AS VARCHAR)" for c, _ in columns)
-            query = f"SELECT * FROM {table} ORDER BY {order}"
+            query = f"SELECT * FROM sure_{table} ORDER BY {order}"
             assert indexed.rows(query) == direct.rows(query), table
 
 

@@ -332,6 +332,9 @@ def happens(history, item, k, spans, bound, numbers) -> bool:
     return False
 
 
+SURE = (1.0, 1.0, 1.0, [])
+
+
 def load(made: dict[str, History]) -> duckdb.DuckDBPyConnection:
     con = duckdb.connect(":memory:", config={"threads": "1"})
     for statement in [*create_statements(), *macro_statements()]:
@@ -342,7 +345,7 @@ def load(made: dict[str, History]) -> duckdb.DuckDBPyConnection:
                 con,
                 "relations",
                 [
-                    (name, *p, state.upper(), s, e, s / FPS, e / FPS)
+                    (name, *p, state.upper(), s, e, s / FPS, e / FPS, *SURE)
                     for p, s, e in history[state]
                 ],
             )
@@ -350,16 +353,19 @@ def load(made: dict[str, History]) -> duckdb.DuckDBPyConnection:
             con,
             "encounters",
             [
-                (name, *p, "meeting", s, e, s / FPS, e / FPS, 0.5)
+                (name, *p, "meeting", s, e, s / FPS, e / FPS, 0.5, 1.0, 1.0, 1.0, [])
                 for p, s, e in history["together"]
             ],
         )
         insert(
             con,
             "zones",
-            [(name, *p, "door", s, e, s / FPS, e / FPS) for p, s, e in history["in"]],
+            [
+                (name, *p, "door", s, e, s / FPS, e / FPS, *SURE)
+                for p, s, e in history["in"]
+            ],
         )
-        insert(con, "events", [(name, k, "exited", s, s / FPS, list(p), "", "{}", "")
+        insert(con, "events", [(name, k, "exited", s, s / FPS, list(p), "", "{}", "", *SURE)
                                for k, (p, s, _) in enumerate(history["exited"])])  # fmt: skip
     return con
 

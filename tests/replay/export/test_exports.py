@@ -25,7 +25,8 @@ CONTRACT = {
     ],
     "relations": ["a", "b", "state", "start_frame", "end_frame", "start_t", "end_t"],
     "groups": ["group_id", "members", "start_frame", "end_frame", "start_t", "end_t", "formed_from", "ended_by"],
-    "encounters": ["a", "b", "kind", "start_frame", "end_frame", "start_t", "end_t", "confidence"],
+    "encounters": ["a", "b", "kind", "start_frame", "end_frame", "start_t", "end_t", "confidence",
+                   "seen_share", "identity"],
     "events": ["event", "kind", "frame", "t", "subjects", "rule", "evidence", "text"],
 }  # fmt: skip
 

@@ -236,7 +236,7 @@ def test_evidence_with_its_own_thresholds(
         "evidence",
         str(log),
         "--events",
-        "encounter:1-2@20",
+        "encounter:1-2@29",
         "-o",
         str(tmp_path / "e"),
     ]
