@@ -148,10 +148,12 @@ def choice_of(facts: Provenance) -> TrackerChoice:
             raise UsageError("no class with step, state and restore")
         return choice  # noqa: TRY300
     except UsageError as error:
+        named = facts.tracker if ":" in facts.tracker else "module:Class"
         raise UsageError(
             f"{facts.path}: was made with the tracker {facts.tracker!r}"
             f"{facts.tracker_version and f' ({facts.tracker_version})'}, which is not"
-            f" installed here ({error}); install it, or name it with --tracker module:Class"
+            f" installed here ({error}); install it, or, if you trust what is in this"
+            f" folder, name it: --tracker {named}"
         ) from error
 
 

@@ -166,7 +166,7 @@ def test_a_module_of_the_working_folder_must_be_named(
     status, said = run("replay", scene, "-o", out, *name, folder=site)
     assert status == 0, said
     status, said = run("verify", out, folder=site)
-    assert (status, "--tracker module:Class" in said) == (2, True), said
+    assert (status, "name it: --tracker nearest:Nearest" in said) == (2, True), said
     status, said = run("verify", out, *name, folder=site)
     assert (status, "identical" in said) == (0, True), said
     status, said = run("verify", out, site=site)
