@@ -119,8 +119,11 @@ def nominal_ns(times: Sequence[int]) -> int | None:
     if not any(steps):
         return None
     width = min(_BURST_STEPS, len(steps))
-    means = [sum(steps[k : k + width]) // width for k in range(len(steps) - width + 1)]
-    median, mean = median_low([s for s in steps if s]), median_low(means)
+    means = [
+        sum(steps[index : index + width]) // width
+        for index in range(len(steps) - width + 1)
+    ]
+    median, mean = median_low([step for step in steps if step]), median_low(means)
     return mean if mean > _BURST_RATIO * median else median
 
 

@@ -196,7 +196,7 @@ class SceneLog:
                 name: channels.topic(self.camera, name) for name in channels.RECORDED
             }
             self.unreadable.topic = self._topics["image"]
-            present = {c.topic for c in self._log.channels}
+            present = {channel.topic for channel in self._log.channels}
             self.info = self._describe(present)
         except BaseException:
             self._log.close()
@@ -549,7 +549,9 @@ def _choose_camera(log: LogReader, wanted: str | None) -> str:
         {
             c
             for c, name in (
-                channels.split(i.topic) for i in log.channels if _may_be_ours(i)
+                channels.split(channel.topic)
+                for channel in log.channels
+                if _may_be_ours(channel)
             )
             if c and name == "detections"
         }
@@ -561,7 +563,10 @@ def _choose_camera(log: LogReader, wanted: str | None) -> str:
             )
         return wanted
     if not cameras:
-        topics = ", ".join(c.topic[:60] for c in log.channels[:6]) or "no channels at all"
+        topics = (
+            ", ".join(channel.topic[:60] for channel in log.channels[:6])
+            or "no channels at all"
+        )
         raise RecordingError(
             "no detections to replay (a channel /<camera>/detections in JSON); it holds"
             f" {topics}. Make a scene log of a video, or of another log's pictures and"

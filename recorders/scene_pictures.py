@@ -123,8 +123,8 @@ class ScenePictures:
                 return self._sized(load(), "image", message)
             except LimitError:
                 raise
-            except (PayloadError, _BadPictureError) as e:
-                self._unreadable.note(message.log_time_ns, str(e))
+            except (PayloadError, _BadPictureError) as error:
+                self._unreadable.note(message.log_time_ns, str(error))
                 return None
 
         return guarded
@@ -146,15 +146,15 @@ class ScenePictures:
             return decode_still(picture.data, header, path=self._path, limits=self._limits)
         except LimitError:
             raise
-        except RecordingError as e:
-            raise _BadPictureError(e.reason) from e
+        except RecordingError as error:
+            raise _BadPictureError(error.reason) from error
 
     def append(self, message: Message) -> Callable[[], Image]:
         """Take a packet into its group of pictures; what decodes it."""
         try:
             packet = read_picture(message.channel, message.data)
-        except PayloadError as e:
-            return _failing(e)
+        except PayloadError as error:
+            return _failing(error)
         assert isinstance(packet, VideoPacket)
         if is_key(packet.codec, packet.data):
             self._group, self._group_bytes, self._keyed = [], 0, True
@@ -201,8 +201,8 @@ class ScenePictures:
             found: dict[int, Image] = dict(decoder.decode(position, data))
         except LimitError:
             raise
-        except RecordingError as e:
-            raise _BadPictureError(e.reason) from e
+        except RecordingError as error:
+            raise _BadPictureError(error.reason) from error
         return found.get(position)
 
 

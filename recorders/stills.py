@@ -64,8 +64,8 @@ def still_header(data: bytes, path: str | Path = "") -> StillHeader:
             return StillHeader("bmp", width, abs(height))
         if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
             return StillHeader("webp", *_webp_size(data))
-    except (struct.error, IndexError) as e:
-        raise RecordingError("a picture whose header is cut off", path) from e
+    except (struct.error, IndexError) as error:
+        raise RecordingError("a picture whose header is cut off", path) from error
     if not data.startswith((b"\xff\xd8", b"\x89PNG")):
         raise RecordingError(
             f"not a picture of a known format (it starts with {data[:8]!r})", path
@@ -99,10 +99,10 @@ def _tags(data: bytes, order: str, at: int) -> tuple[dict[int, int], int]:
     """The whole numbers of an image file directory, and where the next one is."""
     (count,) = struct.unpack_from(order + "H", data, at)
     found: dict[int, int] = {}
-    for k in range(min(count, _MOST_TAGS)):
-        tag, kind, _, value = struct.unpack_from(order + "HHII", data, at + 2 + 12 * k)
+    for index in range(min(count, _MOST_TAGS)):
+        tag, kind, _, value = struct.unpack_from(order + "HHII", data, at + 2 + 12 * index)
         if kind == 3:
-            (value,) = struct.unpack_from(order + "H", data, at + 2 + 12 * k + 8)
+            (value,) = struct.unpack_from(order + "H", data, at + 2 + 12 * index + 8)
         found[tag] = value
     (following,) = struct.unpack_from(order + "I", data, at + 2 + 12 * count)
     return found, following
@@ -196,8 +196,10 @@ def stored_values(data: bytes, header: StillHeader, path: str | Path) -> Any:
         image: Any = cv2.imdecode(
             np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION
         )
-    except cv2.error as e:
-        raise RecordingError(f"a damaged {header.format} picture: {e.err}", path) from e
+    except cv2.error as error:
+        raise RecordingError(
+            f"a damaged {header.format} picture: {error.err}", path
+        ) from error
     if image is None:
         raise RecordingError(f"a damaged {header.format} picture", path)
     return image

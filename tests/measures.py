@@ -1,4 +1,4 @@
-"""How dense the code is, counted: `python -m tests.measures` or `python tests/measures.py`.
+"""How dense the code is, counted: `python tests/measures.py [--all]`.
 
 Tokens per line of code (docstrings, comments and blank lines are no code), the share of names with
 one letter among all that are bound (parameters, targets of assignments, loops and comprehensions,

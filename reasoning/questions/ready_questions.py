@@ -146,11 +146,11 @@ class Question:
         try:
             values = {"only": _only(options), **self.build(words, options)}
             return Template(self.template).substitute(values).strip()
-        except (ValueError, KeyError) as e:
+        except (ValueError, KeyError) as error:
             # A question of the user's own need not know our errors.
             raise UsageError(
-                f"--ask {self.name} {self.arguments}: {type(e).__name__}: {e}"
-            ) from e
+                f"--ask {self.name} {self.arguments}: {type(error).__name__}: {error}"
+            ) from error
 
     def sure_sql(self, words: Sequence[str], options: Options) -> str:
         """The SQL whose rows are all at least as sure as the options ask for.
@@ -344,6 +344,6 @@ def all_questions() -> list[Question]:
         if name not in QUESTIONS:
             try:
                 found.append(replace(question(name), name=name))
-            except SceneTraceError as e:
-                found.append(Question(name, "", f"cannot be used: {e}", "", _nothing))
+            except SceneTraceError as error:
+                found.append(Question(name, "", f"cannot be used: {error}", "", _nothing))
     return found

@@ -129,7 +129,7 @@ def _span(blocks: list[Block]) -> tuple[int | None, int | None]:
     """The earliest and the latest log time, by the chunks: statistics may say anything. A chunk
     without messages says 0 of both.
     """
-    filled = [b for b in blocks if b.channels or b.end_ns] or blocks
+    filled = [block for block in blocks if block.channels or block.end_ns] or blocks
     return (
         min((b.start_ns for b in filled), default=None),
         max((b.end_ns for b in filled), default=None),

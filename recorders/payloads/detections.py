@@ -72,7 +72,7 @@ class _Rows:
 
     def add(self, box: tuple[Any, ...], score: Any = 1.0, label: Any = "") -> None:
         values = [*box, score]
-        if len(values) != 5 or not all(_is_number(v) for v in values):
+        if len(values) != 5 or not all(_is_number(value) for value in values):
             self.left_out += 1
             return
         x, y, w, h = (float(v) for v in box)
@@ -155,10 +155,13 @@ def _annotations(found: Any) -> Detected:
             corners.pop()
         if member(points, "type") not in _LOOPS or len(corners) != _CORNERS:
             continue
-        xs, ys = sorted({c[0] for c in corners}), sorted({c[1] for c in corners})
+        xs, ys = (
+            sorted({corner[0] for corner in corners}),
+            sorted({corner[1] for corner in corners}),
+        )
         if len(xs) != 2 or len(ys) != 2 or not all(map(_is_number, (*xs, *ys))):
             continue
-        label = next((texts[c] for c in corners if c in texts), "")
+        label = next((texts[corner] for corner in corners if corner in texts), "")
         rows.add((xs[0], ys[0], xs[1] - xs[0], ys[1] - ys[0]), 1.0, label)
     return rows.done(stamp)
 

@@ -211,8 +211,8 @@ def raw_pixels(
     """
     try:
         check_size(picture.width, picture.height, "", limits)
-    except RecordingError as e:
-        raise PayloadError(e.reason) from e
+    except RecordingError as error:
+        raise PayloadError(error.reason) from error
     if picture.encoding in _PLANES:
         even = picture.width % 2 == 0 and picture.height % 2 == 0
         rows = _rows(picture, 1, "u1", picture.height * 3 // 2)

@@ -77,8 +77,13 @@ def fields(channel: ChannelInfo, data: bytes) -> Any:
                 )
             definitions = _definitions(channel.schema.name, channel.schema.data)
             return ros.decode(channel.schema.name, definitions, data, encoding == "ros1")
-    except (DecodeError, msgspec.DecodeError, ros.DefinitionError, UnicodeDecodeError) as e:
-        raise PayloadError(f"not {described(channel)}: {e}") from e
+    except (
+        DecodeError,
+        msgspec.DecodeError,
+        ros.DefinitionError,
+        UnicodeDecodeError,
+    ) as error:
+        raise PayloadError(f"not {described(channel)}: {error}") from error
     raise PayloadError(
         f"{described(channel)} cannot be read; known are protobuf, json, cdr and ros1"
     )
@@ -108,13 +113,13 @@ def binary(value: Any) -> bytes:
     if isinstance(value, str):
         try:
             return base64.b64decode(value, validate=True)
-        except binascii.Error as e:
-            raise PayloadError(f"its data is no base64: {e}") from e
+        except binascii.Error as error:
+            raise PayloadError(f"its data is no base64: {error}") from error
     if isinstance(value, list):
         try:
             return bytes(value)
-        except (TypeError, ValueError) as e:
-            raise PayloadError(f"its data is no list of bytes: {e}") from e
+        except (TypeError, ValueError) as error:
+            raise PayloadError(f"its data is no list of bytes: {error}") from error
     raise PayloadError("it holds no data")
 
 

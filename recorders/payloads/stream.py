@@ -33,7 +33,9 @@ def annex_b(data: bytes) -> bytes:
             return data
         units.append(data[at + 4 : at + 4 + length])
         at += 4 + length
-    return data if at != len(data) else b"".join(b"\x00\x00\x00\x01" + u for u in units)
+    return (
+        data if at != len(data) else b"".join(b"\x00\x00\x00\x01" + unit for unit in units)
+    )
 
 
 def _units(data: bytes) -> Iterator[int]:
@@ -151,16 +153,16 @@ class VideoStream:
         try:
             frames = self._context.decode(packet)
             return pictures + [self._picture(frame) for frame in frames]
-        except (av.error.FFmpegError, ValueError, RecordingError) as e:
+        except (av.error.FFmpegError, ValueError, RecordingError) as error:
             context, self._context, self._waits_for_key = self._context, None, True
-            if isinstance(e, RecordingError):
+            if isinstance(error, RecordingError):
                 raise
             if min(context.width, context.height) > 0:
                 check_size(context.width, context.height, self._path, self._limits)
-            reason = str(getattr(e, "strerror", None) or e)
+            reason = str(getattr(error, "strerror", None) or error)
             raise RecordingError(
                 f"a damaged {self.codec} packet: {reason}", self._path
-            ) from e
+            ) from error
 
     @property
     def waits_for_key(self) -> bool:

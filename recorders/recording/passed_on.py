@@ -59,20 +59,27 @@ class Others:
                 self._log.metadata(name, values)
 
     def _write(self, message: Message) -> None:
-        c = message.channel
-        if c.topic in self._reserved:
+        channel = message.channel
+        if channel.topic in self._reserved:
             self._left_out.note(
-                f"a message of {c.topic}, a topic of the recording's own (--camera names it)",
+                f"a message of {channel.topic}, a topic of the recording's own (--camera names it)",
                 f"{message.log_time_ns} ns",
             )
             return
-        key = repr((c.topic, c.schema, c.message_encoding, sorted(c.metadata.items())))
+        key = repr(
+            (
+                channel.topic,
+                channel.schema,
+                channel.message_encoding,
+                sorted(channel.metadata.items()),
+            )
+        )
         if key not in self._ids:
             self._ids[key] = self._log.channel(
-                c.topic,
-                c.schema,
-                c.message_encoding,
-                c.metadata,
+                channel.topic,
+                channel.schema,
+                channel.message_encoding,
+                channel.metadata,
                 picture=_is_large(message),
             )
         self._log.write(

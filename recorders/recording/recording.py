@@ -106,16 +106,19 @@ def record_scenes(
         ],
         limits=options.limits,
     )
-    writers = [SceneWriter(log, s.source, s.options, s.regions, s.facts) for s in scenes]
+    writers = [
+        SceneWriter(log, scene.source, scene.options, scene.regions, scene.facts)
+        for scene in scenes
+    ]
     others = Others(log, next(iter(sources.values())), list(sources))
-    expected = [s.source.frame_count for s in scenes]
+    expected = [scene.source.frame_count for scene in scenes]
     total = None if None in expected else sum(n or 0 for n in expected)
     done = 0
     try:
         # Reading, segmenting and encoding run side by side; OpenCV's own threads would only take
         # turns with them.
         with opencv_threads(1), ExitStack() as stack:
-            streams = [stack.enter_context(closing(s.frames())) for s in scenes]
+            streams = [stack.enter_context(closing(scene.frames())) for scene in scenes]
             for time_ns, number, frame in _by_time(streams, scenes):
                 others.write_until(time_ns)
                 writers[number].write(frame)

@@ -87,8 +87,8 @@ def _decodable(
         if decode or needed:
             try:
                 missing = frame.image is None
-            except PictureError as e:
-                bad.note(e.what, e.where)
+            except PictureError as error:
+                bad.note(error.what, error.where)
                 frame.without_picture()
                 missing = True
             if missing and (needed or frame.detections is None):

@@ -45,9 +45,12 @@ class BagFiles:
                 [folder], default_typestore=get_typestore(Stores.ROS2_HUMBLE)
             )
             self._reader.open()
-        except Exception as e:  # whatever the library meets in a damaged bag
-            raise SourceError(f"not a bag that can be read ({e})", path) from e
-        self._connections = {id(c): self._channel(c) for c in self._reader.connections}
+        except Exception as error:  # whatever the library meets in a damaged bag
+            raise SourceError(f"not a bag that can be read ({error})", path) from error
+        self._connections = {
+            id(connection): self._channel(connection)
+            for connection in self._reader.connections
+        }
         self.channels = sorted(self._connections.values(), key=lambda c: (c.topic, c.id))
         # A source is dropped, not closed: its files are given back with it.
         self._closing = weakref.finalize(self, self._reader.close)
@@ -76,7 +79,9 @@ class BagFiles:
     ) -> Iterator[Message]:
         """See `recorders.sources.log_files.LogFiles`."""
         wanted = [
-            c for c in self._reader.connections if topics is None or c.topic in topics
+            connection
+            for connection in self._reader.connections
+            if topics is None or connection.topic in topics
         ]
         if not wanted:
             return
@@ -107,8 +112,8 @@ class BagFiles:
                 )
         except LimitError:
             raise
-        except Exception as e:  # whatever the library meets in a damaged bag
-            raise SourceError(f"the bag cannot be read on ({e})", self.path) from e
+        except Exception as error:  # whatever the library meets in a damaged bag
+            raise SourceError(f"the bag cannot be read on ({error})", self.path) from error
 
     def attachments(self) -> Iterator[Attachment]:
         """None: these bags have no attachments."""

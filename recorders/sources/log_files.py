@@ -88,22 +88,24 @@ class McapFiles:
         # A source is dropped, not closed: its files are given back with it.
         self._closing = weakref.finalize(self, _close_all, self._readers)
         try:
-            for k, file in enumerate(files):
-                self._readers.append(LogReader(self._unpacked(file, k), limits))
+            for index, file in enumerate(files):
+                self._readers.append(LogReader(self._unpacked(file, index), limits))
             self._packed = [_compresses_messages(reader) for reader in self._readers]
         except BaseException:
             self.close()
             raise
         found = {
-            (c.topic, r): c
-            for r, reader in enumerate(self._readers)
-            for c in reader.channels
+            (channel.topic, index): channel
+            for index, reader in enumerate(self._readers)
+            for channel in reader.channels
         }
         self.channels = _summed([found[key] for key in sorted(found)])
         profiles = {reader.index.header.profile for reader in self._readers}
         self.name = "ROS 2 bag (MCAP)" if profiles == {"ros2"} else "MCAP log"
-        starts = [r.start_ns for r in self._readers if r.start_ns is not None]
-        ends = [r.end_ns for r in self._readers if r.end_ns is not None]
+        starts = [
+            reader.start_ns for reader in self._readers if reader.start_ns is not None
+        ]
+        ends = [reader.end_ns for reader in self._readers if reader.end_ns is not None]
         self.start_ns = min(starts, default=None)
         self.end_ns = max(ends, default=None)
 
@@ -126,10 +128,10 @@ class McapFiles:
                             f"unpacks to over {limit} bytes (max_unpacked_bytes)", path
                         )
                     target.write(piece)
-        except zstandard.ZstdError as e:
-            raise SourceError(f"zstd cannot unpack it: {e}", path) from e
-        except OSError as e:
-            raise SourceError(f"cannot be unpacked: {e.strerror}", path) from e
+        except zstandard.ZstdError as error:
+            raise SourceError(f"zstd cannot unpack it: {error}", path) from error
+        except OSError as error:
+            raise SourceError(f"cannot be unpacked: {error.strerror}", path) from error
         return out
 
     def messages(
@@ -165,12 +167,12 @@ class McapFiles:
         limit = self._limits.max_message_bytes
         try:
             data = zstandard.ZstdDecompressor().stream_reader(message.data).read(limit + 1)
-        except zstandard.ZstdError as e:
+        except zstandard.ZstdError as error:
             raise RecordingError(
-                f"the message at {message.log_time_ns} ns is no zstd: {e}",
+                f"the message at {message.log_time_ns} ns is no zstd: {error}",
                 self.path,
                 record=message.topic,
-            ) from e
+            ) from error
         if len(data) > limit:
             raise LimitError(
                 f"the message at {message.log_time_ns} ns unpacks to over {limit} bytes"
@@ -225,16 +227,23 @@ def _compresses_messages(reader: LogReader) -> bool:
 def _summed(channels: list[ChannelInfo]) -> list[ChannelInfo]:
     """Channels of several files as one each: those that differ in nothing but id and count."""
     found: dict[str, ChannelInfo] = {}
-    for c in channels:
-        key = repr((c.topic, c.schema, c.message_encoding))
+    for channel in channels:
+        key = repr((channel.topic, channel.schema, channel.message_encoding))
         before = found.get(key)
         if before is None:
-            found[key] = c
+            found[key] = channel
             continue
-        known = before.message_count is not None and c.message_count is not None
-        total = (before.message_count or 0) + (c.message_count or 0) if known else None
+        known = before.message_count is not None and channel.message_count is not None
+        total = (
+            (before.message_count or 0) + (channel.message_count or 0) if known else None
+        )
         found[key] = ChannelInfo(
-            c.topic, c.schema, c.message_encoding, before.metadata, total, before.id
+            channel.topic,
+            channel.schema,
+            channel.message_encoding,
+            before.metadata,
+            total,
+            before.id,
         )
     return list(found.values())
 
@@ -245,8 +254,8 @@ def is_mcap(path: Path) -> bool:
     if name.endswith((".mcap", ".mcap.zstd", ".mcap.zst")):
         return True
     try:
-        with path.open("rb") as f:
-            return f.read(len(_MAGIC)) == _MAGIC
+        with path.open("rb") as file:
+            return file.read(len(_MAGIC)) == _MAGIC
     except OSError:
         return False
 

@@ -69,10 +69,10 @@ class PictureReader:
             return [self._still(message, found)]
         except LimitError:
             raise
-        except PayloadError as e:
-            return [self._lost(f"{e}", message)]
-        except RecordingError as e:
-            return [self._lost(e.reason, message)]
+        except PayloadError as error:
+            return [self._lost(f"{error}", message)]
+        except RecordingError as error:
+            return [self._lost(error.reason, message)]
 
     def rest(self) -> list[Pictured]:
         """What a video's decoder still holds back."""
@@ -108,10 +108,10 @@ class PictureReader:
             )
         except LimitError:
             raise
-        except RecordingError as e:
+        except RecordingError as error:
             raise PictureError(
-                e.reason, self._path, f"{message.topic} at {message.log_time_ns} ns"
-            ) from e
+                error.reason, self._path, f"{message.topic} at {message.log_time_ns} ns"
+            ) from error
 
     def _raw(self, message: Message, found: RawPicture) -> Pictured:
         if is_deep(found) and not self.bits:
@@ -131,9 +131,9 @@ class PictureReader:
             given = self._video.decode(index, found.data)
         except LimitError:
             raise
-        except RecordingError as e:
+        except RecordingError as error:
             del self._packets[index]
-            return [self._lost(e.reason, message, found.stamp_ns)]
+            return [self._lost(error.reason, message, found.stamp_ns)]
         if not given and self._video.waits_for_key:
             del self._packets[index]
             reason = f"a packet of {found.codec} without a whole key frame before it"
@@ -150,7 +150,7 @@ class PictureReader:
                 found.append(Pictured(entry[0], entry[1], size, partial(_same, image)))
         # What came before and gave nothing never will: parameter sets sent apart.
         newest = max((index for index, _ in given), default=-1)
-        for index in [k for k in self._packets if k < newest - 64]:
+        for index in [packet for packet in self._packets if packet < newest - 64]:
             del self._packets[index]
         return found
 

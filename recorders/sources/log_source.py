@@ -251,8 +251,12 @@ class LogSource:
         topic = self.topics.image
         if topic is None or self._every > 1:
             topic = self.topics.detections
-        counts = [c.message_count for c in self._log.channels if c.topic == topic]
-        known = [c for c in counts if c is not None]
+        counts = [
+            channel.message_count
+            for channel in self._log.channels
+            if channel.topic == topic
+        ]
+        known = [count for count in counts if count is not None]
         return sum(known) if len(known) == len(counts) else None
 
     # Reading.
@@ -327,9 +331,9 @@ class LogSource:
     def _detected(self, message: Message) -> Detected | None:
         try:
             found = read_detections(message.channel, message.data)
-        except PayloadError as e:
+        except PayloadError as error:
             where = f"{message.log_time_ns} ns on {message.topic}"
-            self._left_out.note(f"detections that cannot be read ({e})", where)
+            self._left_out.note(f"detections that cannot be read ({error})", where)
             return None
         if found.left_out:
             self._left_out.note(
@@ -468,7 +472,9 @@ class LogSource:
     def others(self) -> Iterator[Message]:
         """Every message that is passed on as it is, by log time; to be read beside the frames."""
         taken = {self.topics.image, self.topics.detections}
-        wanted = sorted({c.topic for c in self._log.channels} - {t for t in taken if t})
+        wanted = sorted(
+            {channel.topic for channel in self._log.channels} - {t for t in taken if t}
+        )
         chosen = [t for t in wanted if self._passes(t)]
         if not chosen:
             return

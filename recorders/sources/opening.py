@@ -127,9 +127,11 @@ def _beside(files: LogFiles, topic: str) -> str:
 
     space = topic.rsplit("/", 1)[0] + "/"
     near = [
-        c.topic
-        for c in files.channels
-        if payload_kind(c) in DETECTIONS and c.topic.startswith(space) and space != "/"
+        channel.topic
+        for channel in files.channels
+        if payload_kind(channel) in DETECTIONS
+        and channel.topic.startswith(space)
+        and space != "/"
     ]
     return near[0] if len(near) == 1 else "none"
 

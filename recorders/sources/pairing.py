@@ -139,12 +139,19 @@ class Pairing:
     def _match(self, first: _Waiting) -> _Found | None:
         if self._by_stamp:
             stamp = first.picture.stamp_ns
-            return next((d for d in self._detections if d.detected.stamp_ns == stamp), None)
+            return next(
+                (
+                    detection
+                    for detection in self._detections
+                    if detection.detected.stamp_ns == stamp
+                ),
+                None,
+            )
         near = [
-            d
-            for d in self._detections
-            if abs(d.time_ns - first.time_ns) <= self._tolerance_ns
-            and not self._nearer_to_next(d, first)
+            detection
+            for detection in self._detections
+            if abs(detection.time_ns - first.time_ns) <= self._tolerance_ns
+            and not self._nearer_to_next(detection, first)
         ]
         return min(near, key=lambda d: abs(d.time_ns - first.time_ns), default=None)
 

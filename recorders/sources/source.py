@@ -204,10 +204,17 @@ def detections_of(
     labels: Sequence[str] = (),
 ) -> Detections:
     """The detections of a frame that come without pixels."""
-    n = len(boxes)
-    named = list(labels) or [""] * n
+    count = len(boxes)
+    named = list(labels) or [""] * count
     return Detections(
-        frame, width, height, list(boxes), list(scores), named, [None] * n, [NO_BLOB] * n
+        frame,
+        width,
+        height,
+        list(boxes),
+        list(scores),
+        named,
+        [None] * count,
+        [NO_BLOB] * count,
     )
 
 

@@ -68,17 +68,19 @@ def _candidates(
 ) -> list[ChannelInfo]:
     if named is None:
         return [
-            c
-            for c in log.channels
-            if payload_kind(c) in kinds
-            and c.message_count != 0
-            and channels.split(c.topic)[1] not in _OURS
+            channel
+            for channel in log.channels
+            if payload_kind(channel) in kinds
+            and channel.message_count != 0
+            and channels.split(channel.topic)[1] not in _OURS
         ]
     if named == "none":
         return []
-    there = [c for c in log.channels if c.topic == named]
+    there = [channel for channel in log.channels if channel.topic == named]
     if not there:
-        offered = [c for c in log.channels if payload_kind(c) in kinds] or log.channels
+        offered = [
+            channel for channel in log.channels if payload_kind(channel) in kinds
+        ] or log.channels
         raise UsageError(
             f"{option} {named}: {log.path} has no such topic; it has"
             f" {_listed_shortly(offered)}"

@@ -90,7 +90,7 @@ def parse_limits(words: Sequence[str]) -> Limits:
     Raises:
         UsageError: no such limit, or its value is no whole number over 0.
     """
-    known = {f.name: f.default for f in dataclasses.fields(Limits)}
+    known = {field.name: field.default for field in dataclasses.fields(Limits)}
     changed = {}
     for word in words:
         name, _, value = word.partition("=")

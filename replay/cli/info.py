@@ -125,7 +125,7 @@ def _print(info: LogInfo) -> None:
         + (f" over {span}" if info.message_count else "")
     )
     topics = [common.printable(channel.topic) or '""' for channel in info.channels]
-    width = min(_MOST_TOPIC, max((len(t) for t in topics), default=0))
+    width = min(_MOST_TOPIC, max((len(topic) for topic in topics), default=0))
     for channel, topic in zip(info.channels, topics, strict=True):
         schema = (
             "no schema"

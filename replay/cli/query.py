@@ -297,8 +297,8 @@ def _listed(args: argparse.Namespace) -> bool:
     if args.ask == ["list"]:
         from reasoning.questions.ready_questions import all_questions
 
-        for q in all_questions():
-            print(f"{q.name + ' ' + q.arguments:34s} {q.about}")
+        for question in all_questions():
+            print(f"{question.name + ' ' + question.arguments:34s} {question.about}")
         return True
     if args.pattern == "list":
         from reasoning.questions.patterns import SHIPPED

@@ -271,7 +271,7 @@ def _recorded(
                 common.say(f"scenetrace: {note}")
             said.add(note)
     counts = [source.frame_count for source in sources.values()]
-    total = None if None in counts else sum(n or 0 for n in counts)
+    total = None if None in counts else sum(count or 0 for count in counts)
     with common.progress(total) as bar:
 
         def progress(stage: str, done: int, expected: int | None) -> None:
