@@ -267,9 +267,9 @@ class InteractionBook:
                 pair,
                 rows,
                 m,
-                one_group,
-                areas.squared(*rows),
-                rows in collides,
+                one_group=one_group,
+                squared=areas.squared(*rows),
+                collides=rows in collides,
             )
             if change is not None:
                 number = regions[rows[0]]
@@ -302,6 +302,7 @@ class InteractionBook:
         pair: Pair,
         rows: Pair,
         m: TargetRows,
+        *,
         one_group: bool,
         squared: float,
         collides: bool,
@@ -330,7 +331,16 @@ class InteractionBook:
             and not collides
             and not (pair[0] in m.leaving or pair[1] in m.leaving)
         )
-        return PairChange(*pair, before, after, distance, since, ns - began, split, jumped)
+        return PairChange(
+            *pair,
+            before,
+            after,
+            distance,
+            since,
+            ns - began,
+            of_split=split,
+            jumped=jumped,
+        )
 
     def _regions(
         self, m: TargetRows, areas: SafetyAreas, tracks: Sequence[GroupTrack] | None

@@ -61,5 +61,9 @@ class HindsightParameters(Parameters):
         1.0, "standard deviation of acceleration", unit="sizes/s^2", low=0.001, high=1000.0
     )
     size_agility: float = param(
-        0.1, "the same of width and height", unit="sizes/s^2", low=0.001, high=1000.0
+        0.1,
+        "standard deviation of the acceleration of width and height",
+        unit="sizes/s^2",
+        low=0.001,
+        high=1000.0,
     )

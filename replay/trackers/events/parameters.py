@@ -86,7 +86,11 @@ class EventsParameters(Parameters):
         0.25, "a tentative track is confirmed after this time", unit="s", low=0.0, high=60.0
     )
     confirm_hits: int = param(
-        3, "and after this many sightings", unit="frames", low=1, high=1000
+        3,
+        "a tentative track is confirmed after this many sightings",
+        unit="frames",
+        low=1,
+        high=1000,
     )
     tentative_s: float = param(
         0.3, "a tentative track unseen for longer is dropped", unit="s", low=0.0, high=60.0

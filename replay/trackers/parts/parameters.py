@@ -119,10 +119,17 @@ class PartsParameters(Parameters):
         high=10,
     )
     pieces_near: float = param(
-        0.5, "its pieces lie within its box grown by this", unit="widths", low=0, high=5
+        0.5,
+        "the pieces of a target behind something lie within its box grown by this",
+        unit="widths",
+        low=0,
+        high=5,
     )
     pieces_least: float = param(
-        0.03, "they have at least this share of its box in foreground", low=0.0, high=1.0
+        0.03,
+        "a target behind something has at least this share of its box in foreground",
+        low=0.0,
+        high=1.0,
     )
     pieces_s: float = param(
         20.0, "and hold it for so long after its last match", unit="s", low=0.0, high=3600.0
@@ -170,7 +177,11 @@ class PartsParameters(Parameters):
         high=1e3,
     )
     size_agility: float = param(
-        0.05, "the same of width and height", unit="heights/s^2", low=0, high=1e3
+        0.05,
+        "standard deviation of the acceleration of a target's width and height",
+        unit="heights/s^2",
+        low=0,
+        high=1e3,
     )
     high_score: float = param(
         0.7, "lone detections from this score on may start targets", low=0.0, high=1.0
@@ -179,7 +190,11 @@ class PartsParameters(Parameters):
         0.25, "a new target is confirmed after this time", unit="s", low=0.0, high=60.0
     )
     confirm_hits: int = param(
-        3, "and after this many observations", unit="frames", low=1, high=1000
+        3,
+        "a new target is confirmed after this many observations",
+        unit="frames",
+        low=1,
+        high=1000,
     )
     tentative_s: float = param(
         0.3, "a new target unseen for longer is dropped", unit="s", low=0.0, high=60.0

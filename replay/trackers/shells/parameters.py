@@ -39,7 +39,10 @@ class ShellsParameters(Parameters):
         " rule",
     )
     size_blend: float = param(
-        0.5, "the same for width and height of a lone object", low=0.01, high=1.0
+        0.5,
+        "weight of the pixels against the prediction in the width and height of a lone object",
+        low=0.01,
+        high=1.0,
     )
     prior: float = param(
         1.0,
@@ -175,7 +178,11 @@ class ShellsParameters(Parameters):
         high=60.0,
     )
     depth_limit: float = param(
-        0.15, "and told from this much evidence on", unit="areas", low=0.0, high=2.0
+        0.15,
+        "who is in front is told from this much evidence on",
+        unit="areas",
+        low=0.0,
+        high=2.0,
     )
     learn_s: float = param(
         0.12,
@@ -201,7 +208,11 @@ class ShellsParameters(Parameters):
         0.25, "a new object is confirmed after this time", unit="s", low=0.0, high=60.0
     )
     confirm_hits: int = param(
-        3, "and after this many sightings", unit="frames", low=1, high=1000
+        3,
+        "a new object is confirmed after this many sightings",
+        unit="frames",
+        low=1,
+        high=1000,
     )
     tentative_s: float = param(
         0.3, "a new object unseen for longer is dropped", unit="s", low=0.0, high=60.0
@@ -237,7 +248,8 @@ class ShellsParameters(Parameters):
     )
     recover_path: float = param(
         0.4,
-        "the same without colours: half the squared miss of its path, and of its size",
+        "largest miss of an object without colours that comes back: half the squared miss of its"
+        " path, and of its size",
         low=0.0,
         high=100.0,
     )
