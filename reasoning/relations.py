@@ -313,12 +313,12 @@ class RelationBook:
             step.after,
             step.case,
             step.rule,
-            distance,
-            ra,
-            rb,
-            same,
-            0,
-            frame,
+            distance=distance,
+            radius_a=ra,
+            radius_b=rb,
+            same_blob=same,
+            lasted_ns=0,
+            since_frame=frame,
         )
 
     def _advance(
@@ -363,12 +363,12 @@ class RelationBook:
             step.after,
             case,
             rule,
-            distance,
-            ra,
-            rb,
-            same,
-            ns - began,
-            since,
+            distance=distance,
+            radius_a=ra,
+            radius_b=rb,
+            same_blob=same,
+            lasted_ns=ns - began,
+            since_frame=since,
             unseen=tuple(i for i, k in zip(pair, m, strict=True) if o.blobs[k] == NO_BLOB),
         )
 
@@ -380,19 +380,19 @@ class RelationBook:
     def _end_of_gone(self, pair: Pair, row: Mapping[int, int], ns: int) -> RelationChange:
         e = self._edges.pop(pair)
         gone = tuple(i for i in pair if i not in row)
-        radii, lasted = (e.radius_a, e.radius_b), ns - e.since_ns
         return RelationChange(
             *pair,
             e.state,
             "INDEPENDENT",
             "gone",
             GONE,
-            e.distance,
-            *radii,
-            None,
-            lasted,
-            e.since_frame,
-            gone,
+            distance=e.distance,
+            radius_a=e.radius_a,
+            radius_b=e.radius_b,
+            same_blob=None,
+            lasted_ns=ns - e.since_ns,
+            since_frame=e.since_frame,
+            gone=gone,
         )
 
     def state(self) -> dict[str, Any]:
