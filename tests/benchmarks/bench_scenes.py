@@ -49,7 +49,6 @@ DATA = Path(os.environ.get("SCENETRACE_DATA", ROOT.parent / "shared" / "data"))
 MODEL = DATA / "models" / "fastestdet.onnx"
 TRACKERS = ("events", "shells", "parts")
 INPUTS = ("pixels", "detector", "both")
-MEASURED_AS = {"pixels": "px", "detector": "fd", "both": "both"}
 Image = NDArray[np.uint8]
 Scores = tuple[float, float, float, float]
 
@@ -201,11 +200,10 @@ def run(*words: str | Path) -> None:
 
 def input_words(scene: Scene, chosen: str) -> list[str]:
     """The options of `record` for an input."""
-    pixels = ["--detect", scene.detect]
-    model = ["--detect", "onnx", "--model", str(MODEL)]
-    if scene.detector:
-        model += ["--labels", "person"]
-    return {"pixels": pixels, "detector": model, "both": [*pixels, *model]}[chosen]
+    if chosen == "pixels":
+        return ["--detect", scene.detect]
+    detect = "onnx" if chosen == "detector" else f"{scene.detect},onnx"
+    return ["--detect", detect, "--model", str(MODEL), "--labels", "person"]
 
 
 def recorded(
