@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from recorders import channels
 from recorders.clock import nominal_ns
 from recorders.errors import RecordingError, UsageError
+from recorders.format_version import check_version
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import ChannelInfo, LogReader, Message
 from recorders.log.moments import by_time
@@ -187,6 +188,7 @@ class SceneLog:
         self._log = LogReader(path, limits)
         try:
             self.camera = _choose_camera(self._log, camera)
+            check_version(self._log.metadata(), self.path)
             self.recorded = [
                 channel
                 for channel in self._log.channels

@@ -12,7 +12,6 @@ from recorders import channels
 from recorders.annotated import checkpoint, digest
 from recorders.annotated.checkpoint import Checkpoint
 from recorders.annotated.provenance import (
-    FORMAT_VERSION,
     KIND,
     METADATA,
     canonical,
@@ -21,6 +20,7 @@ from recorders.annotated.provenance import (
     with_fact_digests,
 )
 from recorders.errors import OutputExistsError, UsageError
+from recorders.format_version import FORMAT_VERSION
 from recorders.log import Attachment, LogWriter, Message
 from recorders.machine import machine, opencv_build, python_version
 from recorders.parameters import as_plain

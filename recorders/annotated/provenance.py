@@ -20,10 +20,10 @@ import msgspec
 from recorders import channels
 from recorders.annotated.checkpoint import PREFIX
 from recorders.errors import RecordingError
+from recorders.format_version import check_version
 from recorders.log import Attachment, LogReader
 
 METADATA = "scenetrace"
-FORMAT_VERSION = "1"
 KIND = "annotated"
 GOLDEN = "scenetrace.golden"
 DIGESTS = "fact_digests"
@@ -197,12 +197,7 @@ def provenance_of(log: LogReader) -> Provenance:
 
 
 def _parsed(path: Path, v: dict[str, str]) -> Provenance:
-    if v.get("format_version") != FORMAT_VERSION:
-        raise RecordingError(
-            f"annotated log of format {v.get('format_version')!r}, this scenetrace reads"
-            f" {FORMAT_VERSION!r}",
-            path,
-        )
+    check_version([(METADATA, {"format_version": "unknown", **v})], path)
     return Provenance(
         path=path,
         values=v,

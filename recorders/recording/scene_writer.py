@@ -12,6 +12,7 @@ import msgspec
 
 from recorders import channels
 from recorders.errors import SourceError
+from recorders.format_version import FORMAT_VERSION
 from recorders.log import LogWriter
 from recorders.machine import machine, opencv_build, python_version
 from recorders.message_checks import check_detections
@@ -23,7 +24,6 @@ from recorders.sources import Source
 
 METADATA = "scenetrace"
 METADATA_AT_START = "scenetrace.started"
-FORMAT_VERSION = "1"
 DIGESTS_ATTACHMENT = "source.sha256"
 OWN_RECORDS = frozenset(
     {METADATA, METADATA_AT_START, DIGESTS_ATTACHMENT, "scenetrace.recording"}
