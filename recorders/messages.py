@@ -157,6 +157,8 @@ class Target(Struct, frozen=True):
         hidden_parts: names of the parts held to be occluded (PARTS 2.2), empty without a part
             model.
         score: the association's or appearance's raw score, for explanations.
+        likely: how likely the detection that it was observed in is somebody, in [0, 1]; None
+            where it was not observed, or pixels of its own speak for it.
         measured: the box that was measured in this frame, before any filter, for the hindsight
             step.
         signature: a compact histogram of its colours where one was taken in this frame, for the
@@ -182,6 +184,7 @@ class Target(Struct, frozen=True):
     shell_radius: float | None = None
     hidden_parts: list[str] = []
     score: float | None = None
+    likely: float | None = None
     measured: Box | None = None
     signature: list[int] = []
     gate: Box | UnsetType = UNSET

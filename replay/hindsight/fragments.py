@@ -10,6 +10,8 @@ from operator import add
 
 from recorders.messages import Box, Notice, Targets
 
+_SUREST = 0.001
+"""No sighting is surer than that."""
 ENDS_S = 1.0
 """The path's ends, over which its speed is measured, in seconds."""
 _MOST_ENDS = 64
@@ -75,6 +77,8 @@ class Fragment:
         head, tail: the first and the last observations, at most `ENDS_S` long.
         hits: number of observations.
         sizes: sum of the observations' sizes.
+        odds: sum of the log-odds that the detections it was observed in are somebody, of
+            ``judged`` observations.
         left: it went out of the scene: whoever comes in later is not held to be the same by the
             path alone.
         signature: sum of the appearance signatures, of ``signatures`` frames.
@@ -92,6 +96,8 @@ class Fragment:
     born_of_split: bool = False
     left: bool = False
     sizes: float = 0.0
+    odds: float = 0.0
+    judged: int = 0
     told: bool = False
 
     @property
@@ -122,6 +128,12 @@ class Fragment:
             self.tail.drop(len(self.tail) - _MOST_ENDS)
         while time_ns - self.tail.first_ns > ENDS_S * 1e9:
             self.tail.drop(1)
+
+    def judge(self, likely: float) -> None:
+        """Take the probability that what it was observed in is somebody."""
+        inside = min(max(likely, _SUREST), 1.0 - _SUREST)
+        self.odds += math.log(inside / (1.0 - inside))
+        self.judged += 1
 
     def forget(self) -> None:
         """Keep no more of the ends than the first and the last sighting: the joins are made."""
@@ -205,6 +217,8 @@ def gather(stream: Iterable[Targets], times: Sequence[int]) -> dict[int, Fragmen
             fragment.told |= target.present
             if target.observed:
                 fragment.add(at, times[at], target.measured or target.box)
+            if target.likely is not None:
+                fragment.judge(target.likely)
             if target.signature:
                 fragment.sign(target.signature)
         for notice in answer.notices:
@@ -239,16 +253,3 @@ def _back_date(
         fragment.sizes += math.fsum(
             math.sqrt(max(s.box[2] * s.box[3], 1.0)) for s in fragment.earlier
         )
-
-
-def typical_size(fragments: Sequence[Fragment]) -> float:
-    """The median of the fragments' sizes, each counted as often as it was observed; 0 without
-    any.
-    """
-    ordered = sorted((f.size, f.hits) for f in fragments)
-    half, below = sum(hits for _, hits in ordered) / 2, 0
-    for size, hits in ordered:
-        below += hits
-        if below >= half:
-            return size
-    return 0.0

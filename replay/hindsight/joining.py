@@ -22,6 +22,8 @@ from replay.hindsight.parameters import HindsightParameters
 
 _QUANTUM = 2.0**-20
 _NEVER = 2.0**20
+UNKNOWN = 0.4
+"""Colours that are not known differ as strangers' do: nothing is won by that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +78,7 @@ def price(
         motion
         + 0.5 * ratio
         + p.gap_weight * gap
-        + (p.appearance_weight * colours if colours is not None else 0.0)
+        + p.appearance_weight * (UNKNOWN if colours is None else colours)
     )
     return (
         Join(a.id, b.id, gap, cost, motion, ratio, colours) if cost < p.join_cost else None

@@ -34,6 +34,13 @@ class HindsightParameters(Parameters):
     fill_s: float = param(
         3.0, "longest gap that is filled with a path", unit="s", low=0.0, high=60.0
     )
+    blur: float = param(
+        0.15,
+        "a gap is filled where the path through it is known at least so well",
+        unit="sizes",
+        low=0.0,
+        high=100.0,
+    )
     min_life_s: float = param(
         0.8,
         "a path shorter than this (half of it where the recording cuts it off) is dropped",
@@ -43,13 +50,6 @@ class HindsightParameters(Parameters):
     )
     min_support: float = param(
         0.3, "least share of frames with an observation", low=0.0, high=1.0
-    )
-    min_size: float = param(
-        0.5,
-        "a path of smaller targets, too far away to be judged, is dropped; 0 keeps all",
-        unit="median sizes",
-        low=0.0,
-        high=1.0,
     )
     place_noise: float = param(
         0.10, "standard deviation of an observed centre", unit="sizes", low=0.001, high=10.0

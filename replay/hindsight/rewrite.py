@@ -24,7 +24,7 @@ from recorders.messages import NO_BLOB, Box, GroupTrack, Notice, Target, Targets
 from recorders.parameters import Config
 from recorders.scene import SceneInfo
 from replay.hindsight.exchanges import Exchange, exchanges_of, undone
-from replay.hindsight.fragments import Fragment, gather, typical_size
+from replay.hindsight.fragments import Fragment, gather
 from replay.hindsight.joining import Join, join
 from replay.hindsight.parameters import HindsightParameters
 from replay.hindsight.smoothing import filtered
@@ -135,7 +135,6 @@ def _lives(
         root[f.id] = f.id if before is None else root[before.earlier]
         chains.setdefault(root[f.id], []).append(f.id)
     lives: dict[int, _Life] = {}
-    smallest = p.min_size * typical_size(list(fragments.values()))
     for identity, chain in chains.items():
         parts = [fragments[k] for k in chain]
         first, last = parts[0].first, parts[-1].last
@@ -149,7 +148,9 @@ def _lives(
         )
         if not parts[0].told or seconds < least or hits < p.min_support * frames:
             continue
-        if math.fsum(f.sizes for f in parts) < smallest * hits:
+        judged = sum(f.judged for f in parts)
+        odds = math.fsum(f.odds for f in parts) / judged if judged else None
+        if odds is not None and odds < 0:
             continue
         life = _Life(
             identity,
@@ -211,7 +212,7 @@ class _Writer:
         self._go_on(start, start + len(window))
         rows = self._rows(window, start)
         rows = [r for r in rows if r.at[0] < end and r.at[-1] >= block]
-        values, rates, lively = self._smooth(rows, start, len(window))
+        values, rates, blurred, lively = self._smooth(rows, start, len(window))
         known = [
             {t.id: t for t in answer.targets}
             for answer in window[block - start : end - start]
@@ -221,7 +222,7 @@ class _Writer:
             answer, forward = window[at - start], known[at - block]
             out: list[Target] = []
             for k, row in enumerate(rows):
-                if row.at[0] <= at <= row.at[-1]:
+                if row.at[0] <= at <= row.at[-1] and not blurred[at - start, k]:
                     seen = row.life.of(forward)
                     value = values[at - start, k]
                     if self._has_masks and lively[k] and seen is not None and seen.observed:
@@ -308,7 +309,7 @@ class _Writer:
 
     def _smooth(
         self, rows: list[_Row], start: int, frames: int
-    ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    ) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.bool_]]:
         p = self._p
         measured = np.zeros((frames, len(rows), 4))
         seen = np.zeros((frames, len(rows)), bool)
@@ -322,7 +323,7 @@ class _Writer:
             seen[index, k] = True
             size[k] = np.sqrt(np.maximum(b[:, 2] * b[:, 3], 1.0)).mean()
         if not rows:
-            return measured, measured, np.zeros(0, bool)
+            return measured, measured, seen, np.zeros(0, bool)
         steps = (
             np.diff(np.array(self._times[start : start + frames], np.float64), prepend=0.0)
             * 1e-9
@@ -334,7 +335,11 @@ class _Writer:
             (size[:, None] * agility) ** 2,
         )
         rate = (size[:, None] * np.array([1.5, 1.5, 0.2, 0.2])) ** 2
-        return _smooth_lively(measured, seen, steps, (variance, acceleration, rate))
+        values, rates, doubt, lively = _smooth_lively(
+            measured, seen, steps, (variance, acceleration, rate)
+        )
+        blurred = doubt[:, :, :2].max(axis=2) > (p.blur * size) ** 2
+        return values, rates, blurred & ~seen, lively
 
     def _groups(self, answer: Targets, out: list[Target]) -> list[GroupTrack] | None:
         """The group tracks under the members' final ids; one with fewer than two members left is
@@ -443,9 +448,9 @@ def _smooth_lively(
     seen: NDArray[np.bool_],
     steps: Floats,
     model: tuple[Floats, Floats, Floats],
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Smooth paths (T, N, 4), each as lively or calm as is likeliest of it; values, rates, whose
-    places are lively.
+) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+    """Smooth paths (T, N, 4), each as lively or calm as is likeliest of it; values, rates,
+    variances of the values, whose places are lively.
 
     Tried are `_CALM` and `_LIVELY`, and the likeliest is kept, one for the place and one for the
     size; of equals the calmer.

@@ -41,7 +41,7 @@ def smooth(
         Smoothed values and rates, (T, N, D) each; rows before their first measurement hold that
         measurement.
     """
-    return filtered(measured, seen, steps_s, variance, acceleration, rate).smoothed()
+    return filtered(measured, seen, steps_s, variance, acceleration, rate).smoothed()[:2]
 
 
 def likelihood(
@@ -97,14 +97,15 @@ class Filtered:
         )
         return Filtered(after, before, self.first, self.steps_s)
 
-    def smoothed(self) -> tuple[Floats, Floats]:
-        """Smoothed values and rates, (T, N, D) each.
+    def smoothed(self) -> tuple[Floats, Floats, Floats]:
+        """Smoothed values and rates, and the variances of the values, (T, N, D) each.
 
-        x_t + C (x_t+1|T - x_t+1|t), C = P_t F' P_t+1|t^-1, the two-by-two inverse written out.
+        x_t + C (x_t+1|T - x_t+1|t), C = P_t F' P_t+1|t^-1 and
+        P_t|T = P_t + C (P_t+1|T - P_t+1|t) C', the two-by-two products written out.
         """
-        value, rate = self.after[0].copy(), self.after[1].copy()
+        value, rate, s00, s01, s11 = (table.copy() for table in self.after)
         if len(value) < 2:
-            return value, rate
+            return value, rate, s00
         dt = self.steps_s[1:, None, None]
         p00, p01, p11 = self.after[2:, :-1]
         q00, q01, q11 = self.before[2:, 1:]
@@ -124,7 +125,16 @@ class Filtered:
             rate[t] += np.where(
                 started[t], (to_rate[0][t] * dv + to_rate[1][t] * dr) / determinant[t], 0.0
             )
-        return value, rate
+            a, b = to_value[0][t] / determinant[t], to_value[1][t] / determinant[t]
+            c, d = to_rate[0][t] / determinant[t], to_rate[1][t] / determinant[t]
+            d00, d01, d11 = (
+                s[t + 1] - p[t] for s, p in ((s00, q00), (s01, q01), (s11, q11))
+            )
+            on = started[t]
+            s00[t] += np.where(on, a * a * d00 + 2 * a * b * d01 + b * b * d11, 0.0)
+            s01[t] += np.where(on, a * c * d00 + (a * d + b * c) * d01 + b * d * d11, 0.0)
+            s11[t] += np.where(on, c * c * d00 + 2 * c * d * d01 + d * d * d11, 0.0)
+        return value, rate, s00
 
 
 def filtered(

@@ -46,6 +46,30 @@ def iou(a: Floats, b: Floats) -> Floats:
     return np.asarray(inside / np.maximum(union, 1e-12))
 
 
+def widened_iou(a: Floats, b: Floats, by: Floats) -> Floats:
+    """Pairwise intersection over union, (N, M), of boxes (N, 4) and (M, 4) that are both wider by
+    ``by`` (N, 2) pixels on the left and the right, at the top and the bottom.
+
+    Boxes of somebody who went further than his own width do not overlap; widened ones do (Yang
+    et al. 2023, "Hard to Track Objects with Irregular Motions ...", buffered IoU).
+    """
+    x, y = by[:, None, 0], by[:, None, 1]
+    wide = (
+        np.minimum(a[:, None, 0] + a[:, None, 2], b[None, :, 0] + b[None, :, 2])
+        - np.maximum(a[:, None, 0], b[None, :, 0])
+        + 2 * x
+    )
+    high = (
+        np.minimum(a[:, None, 1] + a[:, None, 3], b[None, :, 1] + b[None, :, 3])
+        - np.maximum(a[:, None, 1], b[None, :, 1])
+        + 2 * y
+    )
+    inside = np.maximum(wide, 0.0) * np.maximum(high, 0.0)
+    of_a = (a[:, None, 2] + 2 * x) * (a[:, None, 3] + 2 * y)
+    of_b = (b[None, :, 2] + 2 * x) * (b[None, :, 3] + 2 * y)
+    return np.asarray(inside / np.maximum(of_a + of_b - inside, 1e-12))
+
+
 def iou_of_pairs(a: Floats, b: Floats) -> Floats:
     """Intersection over union of boxes (N, 4) and (N, 4), one by one, (N,) in [0, 1]."""
     low, high = (

@@ -10,13 +10,18 @@ from numpy.typing import NDArray
 
 from recorders.messages import NO_BLOB, Ellipse
 from replay.trackers.appearance import distance
-from replay.trackers.association import assign, iou
+from replay.trackers.association import assign, widened_iou
+from replay.trackers.belief import LIKELY
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.places import Foreground
 from replay.trackers.events.tracks import Tracks
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
+WIDENED = 2.0
+"""Boxes are widened by so many times the scene's unrest."""
+KNOWN = 5
+"""Sightings from which on a target's motion is known."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,8 @@ def match(
     distance2 = (residual * residual / (bank.p00[rows, None, :2] + variance[:, None])).sum(
         axis=2
     )
-    overlap = iou(tracks.boxes[rows], boxes)
+    sizes = tracks.sizes[rows, None]
+    overlap = widened_iou(tracks.boxes[rows], boxes, WIDENED * sizes * tracks.unrest.off)
     gate2 = p.gate * p.gate
     allowed = (distance2 <= gate2) & (overlap >= p.min_overlap)
     cost = (
@@ -65,7 +71,13 @@ def match(
         + distance2 / gate2
         + p.colour_cost * _colour_costs(tracks, rows, seen, columns, allowed)
     )
-    return [(int(rows[i]), int(columns[j])) for i, j in assign(cost, allowed)]
+    pairs = assign(cost, allowed)
+    known = [(i, j) for i, j in pairs if tracks.items[rows[i]].hits >= KNOWN]
+    known = [(i, j) for i, j in known if seen.scores[columns[j]] >= LIKELY]
+    if known:
+        i, j = (list(side) for side in zip(*known, strict=True))
+        tracks.unrest.take(residual[i, j] / sizes[i])
+    return [(int(rows[i]), int(columns[j])) for i, j in pairs]
 
 
 def one_each(

@@ -77,13 +77,10 @@ class EventsParameters(Parameters):
         high=100.0,
     )
     min_overlap: float = param(
-        0.2, "least IoU of a detection with the predicted box", low=0.0, high=1.0
-    )
-    high_score: float = param(
-        0.7, "detections from this score on may start tracks", low=0.0, high=1.0
+        0.3, "least IoU of a detection with the predicted box", low=0.0, high=1.0
     )
     confirm_s: float = param(
-        0.25, "a tentative track is confirmed after this time", unit="s", low=0.0, high=60.0
+        0.0, "a tentative track is confirmed after this time", unit="s", low=0.0, high=60.0
     )
     confirm_hits: int = param(
         3,

@@ -15,6 +15,7 @@ order of their birth.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from reasoning.regions import RegionParameters
 from recorders.messages import NO_BLOB, Box, Ellipse, Mode, Notice, Targets
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.association import intersection
+from replay.trackers.belief import LIKELY, Scores, stamped
 from replay.trackers.events.answer import answer, shared_regions
 from replay.trackers.events.associate import Seen, match, one_each
 from replay.trackers.events.colours import learn, likenesses, look_at
@@ -49,6 +51,8 @@ from replay.trackers.tracker import Frame, SceneInfo
 
 Floats = NDArray[np.float64]
 NS = 1e-9
+UNEXPLAINED = 0.7
+"""Least score of a detection whose foreground nobody explains."""
 
 
 class EventsTracker:
@@ -63,6 +67,7 @@ class EventsTracker:
         self._scene = scene
         self._p = parameters
         self._tracks = Tracks(parameters)
+        self._scores = Scores()
         self._groups = GroupTracks(parameters.tentative_s)
         self._together = Together()
         self._life = Life(
@@ -82,10 +87,13 @@ class EventsTracker:
         self._lean(SizeModel.from_list(frame.detections.size_model), dt)
         for track in self._tracks.items:
             track.begin_frame()
-        seen = _seen(frame, self._scene.has_images)
+        seen, likely = _seen(frame, self._scene.has_images), None
         mask = frame.mask if self._scene.has_masks else None
         if mask is not None:
             seen = self._explain(frame, mask, seen, dt)
+        else:
+            likely = self._scores.take(frame.detections)
+            seen = replace(seen, scores=likely)
         used = self._associate(frame, seen)
         if mask is None:
             share_detections(self._tracks, seen, used, self._p)
@@ -98,9 +106,9 @@ class EventsTracker:
         notices = self._learn(frame)
         notices += confirm(self._tracks, self._life, frame, self._p)
         self._together.step(self._tracks, frame.time_ns)
-        kept, told = self._life.age(self._tracks.items, self._tracks.boxes, frame.time_ns)
+        kept, ended = self._life.age(self._tracks.items, self._tracks.boxes, frame.time_ns)
         self._tracks.keep(kept)
-        notices += told
+        notices += ended
         shared = shared_regions(self._tracks, frame)
         keep_company(
             self._tracks, [members for members, _ in shared], frame.index, frame.time_ns
@@ -109,7 +117,8 @@ class EventsTracker:
         remember_regions(self._tracks, frame.detections.components, frame.time_ns)
         shared = shared_regions(self._tracks, frame)
         groups = self._groups.step(frame.time_ns, shared)
-        return answer(self._tracks, frame, groups, notices)
+        told = answer(self._tracks, frame, groups, notices)
+        return told if likely is None else stamped(told, frame.boxes, likely)
 
     def _lean(self, model: SizeModel | None, dt: float) -> None:
         """Targets whose size was not measured in the last frame lean towards the size usual at
@@ -211,7 +220,7 @@ class EventsTracker:
         followed = [k for k, t in enumerate(items) if t.id != TENTATIVE and not t.lost]
         missing = [k for k, t in enumerate(items) if t.id != TENTATIVE and t.lost]
         tentative = [k for k, t in enumerate(items) if t.id == TENTATIVE]
-        high = seen.scores >= self._p.high_score
+        high = seen.scores >= LIKELY
         for who, which in (
             (followed, high),
             (followed, ~high),
@@ -287,7 +296,7 @@ class EventsTracker:
         """A tentative track for every unassociated detection whose centroid lies in ROI or border
         (EVENTS 3.2).
         """
-        columns = np.flatnonzero(~used & (seen.scores >= self._p.high_score))
+        columns = np.flatnonzero(~used & (seen.scores >= LIKELY))
         if not len(columns):
             return
         boxes = seen.boxes[columns]
@@ -357,6 +366,7 @@ class EventsTracker:
         return {
             "time_ns": self._time_ns,
             "tracks": self._tracks.state(),
+            "scores": self._scores.state(),
             "groups": self._groups.state(),
             "together": self._together.state(),
             "life": self._life.state(),
@@ -366,6 +376,7 @@ class EventsTracker:
         """Continue from what `state` gave; the regions come with the next frame."""
         self._time_ns = state["time_ns"]
         self._tracks.restore(state["tracks"])
+        self._scores.restore(state["scores"])
         self._groups.restore(state["groups"])
         self._together.restore(state["together"])
         self._life.restore(state["life"])
@@ -428,12 +439,12 @@ def _left_over(
             boxes[k] = fg.boxes[blob - 1]
     # What nobody explains may start a track whatever its score: how well a body's shape fits says
     # little here.
-    scores = np.maximum(seen.scores, p.high_score)
+    scores = np.maximum(seen.scores, UNEXPLAINED)
     ellipses = [seen.ellipses[k] for k in free.tolist()]
     more, bodies = _overlooked(fg, rest, claimed, seen.boxes, model, p)
     return Seen(
         np.concatenate([boxes[free], bodies]),
-        np.concatenate([scores[free], np.full(len(more), p.high_score)]),
+        np.concatenate([scores[free], np.full(len(more), UNEXPLAINED)]),
         np.concatenate([seen.blobs[free], np.array(more, np.int64) + 1]),
         ellipses + [None] * len(more),
         None,

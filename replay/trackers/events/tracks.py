@@ -25,6 +25,8 @@ from replay.trackers.life import Living
 Floats = NDArray[np.float64]
 COMPONENTS = 7
 _PLACE, _SHAPE = slice(0, 2), slice(2, 7)
+_CALM, _CALM_LOOKS = 0.08, 20
+"""What a calm scene's targets are off by, in sizes, and how many looks that is worth."""
 _TURN = 0.2
 """Standard deviation of a measured orientation, radians, and of its change in a second."""
 
@@ -82,6 +84,39 @@ class Track(Living):
         return self.now if self.observed else "predicted"
 
 
+class Unrest:
+    """How much further than their measurements' noise targets are off their predictions here.
+
+    A camera that moves, or few frames in a second, put everybody off in every frame; the gates of
+    such a recording have to be wider than those of a calm one.
+    """
+
+    def __init__(self) -> None:
+        self._squares: Floats = np.full(2, _CALM_LOOKS * _CALM * _CALM)
+        self._looks = float(_CALM_LOOKS)
+
+    @property
+    def off(self) -> Floats:
+        """Standard deviation along x and y, (2,), in units of a target's size."""
+        return np.asarray(
+            np.sqrt(np.maximum(self._squares / self._looks - _CALM * _CALM, 0.0))
+        )
+
+    def take(self, off: Floats) -> None:
+        """Learn from targets (N, 2) that were off so much, in sizes."""
+        self._squares += (off * off).sum(axis=0)
+        self._looks += len(off)
+
+    def state(self) -> dict[str, Any]:
+        """Plain data for a checkpoint."""
+        return {"squares": self._squares.copy(), "looks": self._looks}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from what `state` gave."""
+        self._squares = np.array(state["squares"], np.float64)
+        self._looks = float(state["looks"])
+
+
 class Tracks:
     """All tracks, tentative and confirmed, in the order of their birth; row k of the bank belongs
     to item k.
@@ -93,6 +128,7 @@ class Tracks:
         self._agility = np.array([p.agility] * 2 + [0.0] * 5)
         self.bank = KalmanBank(COMPONENTS)
         self.items: list[Track] = []
+        self.unrest = Unrest()
 
     def __len__(self) -> int:
         return len(self.items)
@@ -236,12 +272,17 @@ class Tracks:
 
     def state(self) -> dict[str, Any]:
         """Plain data for a checkpoint."""
-        return {"bank": self.bank.state(), "items": [_plain(t) for t in self.items]}
+        return {
+            "bank": self.bank.state(),
+            "items": [_plain(t) for t in self.items],
+            "unrest": self.unrest.state(),
+        }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` gave."""
         self.bank.restore(state["bank"])
         self.items = [_track(t) for t in state["items"]]
+        self.unrest.restore(state["unrest"])
 
 
 def _awakening(surprise: Floats) -> Floats:

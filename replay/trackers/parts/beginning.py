@@ -15,6 +15,7 @@ from reasoning.regions import SceneRegions
 from recorders.errors import ConfigError
 from recorders.messages import NO_BLOB, Notice
 from replay.trackers.association import intersection, iou
+from replay.trackers.belief import LIKELY
 from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.parts.candidates import Observed
 from replay.trackers.parts.parameters import PartsParameters
@@ -119,7 +120,7 @@ class Beginning:
         for k in free[regions.may_start_low_level_all(centroids)].tolist():
             # Whatever its score: the score of a body within a blob means little once nobody
             # explains it.
-            if not has_mask and seen.scores[k] < self._p.high_score:
+            if not has_mask and seen.scores[k] < LIKELY:
                 continue
             blob = int(seen.blobs[k])
             target = Target(TENTATIVE, frame.index, frame.time_ns, frame.time_ns, blob=blob)

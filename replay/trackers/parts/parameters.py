@@ -183,9 +183,6 @@ class PartsParameters(Parameters):
         low=0,
         high=1e3,
     )
-    high_score: float = param(
-        0.7, "lone detections from this score on may start targets", low=0.0, high=1.0
-    )
     confirm_s: float = param(
         0.25, "a new target is confirmed after this time", unit="s", low=0.0, high=60.0
     )

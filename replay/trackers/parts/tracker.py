@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import numpy as np
 from msgspec import UNSET
+from msgspec.structs import replace
 
 from reasoning.regions import RegionParameters
 from recorders.messages import NO_BLOB, Box, Notice
 from recorders.messages import Target as Answer
 from recorders.messages import Targets as Answers
 from recorders.segmentation.sizes import SizeModel
+from replay.trackers.belief import Scores, stamped
 from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.parts.beginning import Beginning, parse_init
 from replay.trackers.parts.candidates import observe
@@ -65,6 +67,7 @@ class PartsTracker:
         self._by_hand = parse_init(parameters.init)
         self._targets = Targets(parameters)
         self._next_bystander = BYSTANDERS
+        self._scores = Scores()
         self._time_ns: int | None = None
         self._room = Room((scene.width, scene.height)) if scene.has_masks else None
 
@@ -79,7 +82,11 @@ class PartsTracker:
         self._lean(SizeModel.from_list(frame.detections.size_model))
         for item in targets.items:
             item.begin_frame()
-        seen = observe(frame.detections)
+        detections, likely = frame.detections, None
+        if not self._scene.has_masks:
+            likely = self._scores.take(detections)
+            detections = replace(detections, scores=likely.tolist())
+        seen = observe(detections)
         matching = Matching(
             self._scene,
             frame,
@@ -99,11 +106,12 @@ class PartsTracker:
         begin.by_hand(frame, self._by_hand)
         begin.automatic(frame, seen, matching.unexplained(), self._life.regions)
         matching.learn_new()
-        self._next_bystander, told = begin.confirm(
+        self._next_bystander, begun = begin.confirm(
             frame, self._life, self._next_bystander, bool(self._by_hand)
         )
-        notices += told + self._age(frame)
-        return self._answer(frame, notices, gates)
+        notices += begun + self._age(frame)
+        told = self._answer(frame, notices, gates)
+        return told if likely is None else stamped(told, frame.boxes, likely)
 
     def _lean(self, model: SizeModel | None) -> None:
         """Predicted sizes of targets that are not seen whole lean towards those usual at their
@@ -186,6 +194,7 @@ class PartsTracker:
             "next_bystander": self._next_bystander,
             "time_ns": self._time_ns,
             "targets": self._targets.state(),
+            "scores": self._scores.state(),
         }
 
     def restore(self, state: State) -> None:
@@ -194,3 +203,4 @@ class PartsTracker:
         self._next_bystander = state["next_bystander"]
         self._time_ns = state["time_ns"]
         self._targets.restore(state["targets"])
+        self._scores.restore(state["scores"])

@@ -33,7 +33,7 @@ class Free:
         boxes: (N, 4) x, y, w, h in pixels.
         blobs: (N,) labels of the blobs.
         whole: (N,) bool, the box is that of a blob that is nobody else's.
-        scores: (N,) how sure the detector was, in [0, 1] for most of them.
+        scores: (N,) how likely each is somebody, in [0, 1].
     """
 
     boxes: Floats
@@ -42,19 +42,10 @@ class Free:
     scores: Floats
 
 
-def boxes_alone(frame: Frame) -> Free:
-    """Without masks every detection is a blob of its own."""
+def boxes_alone(frame: Frame, likely: Floats) -> Free:
+    """Without masks every detection is a blob of its own; how ``likely`` each is somebody (N,)."""
     n = len(frame.boxes)
-    return Free(frame.boxes, np.arange(1, n + 1), np.zeros(n, bool), _scores(frame))
-
-
-def _scores(frame: Frame) -> Floats:
-    scores = frame.detections.scores
-    return (
-        np.array(scores, np.float64)
-        if len(scores) == len(frame.boxes)
-        else np.ones(len(frame.boxes))
-    )
+    return Free(frame.boxes, np.arange(1, n + 1), np.zeros(n, bool), likely)
 
 
 def unexplained(frame: Frame, resolver: Resolver, p: ShellsParameters) -> Free:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay.trackers.association import assign, intersection, iou, sizes_of
+from replay.trackers.belief import LIKELY
 from replay.trackers.life import TENTATIVE
 from replay.trackers.shells.births import Free
 from replay.trackers.shells.colours import colours_in, distance
@@ -69,7 +70,7 @@ def match(bodies: Bodies, free: Free, looks: Looks, p: ShellsParameters) -> Pair
     followed = [k for k, b in enumerate(items) if b.id != TENTATIVE and not b.lost]
     lost = [k for k, b in enumerate(items) if b.id != TENTATIVE and b.lost]
     tentative = [k for k, b in enumerate(items) if b.id == TENTATIVE]
-    sure = free.scores >= p.start_score
+    sure = free.scores >= LIKELY
     out: Pairs = []
     left = np.ones(len(free.boxes), bool)
     near = partial(_near, looks=looks, p=p)
@@ -154,7 +155,7 @@ def learn(
         bool,
     )
     found = free.boxes[columns]
-    sure = free.scores[columns] >= p.start_score
+    sure = free.scores[columns] >= LIKELY
     if bodies.manner is not None:
         bodies.manner.see(
             rows, found[:, :2] + found[:, 2:] / 2, sizes_of(found), steady & sure & ~near

@@ -68,12 +68,6 @@ class ShellsParameters(Parameters):
         low=0.0,
         high=10.0,
     )
-    start_score: float = param(
-        0.7,
-        "detections from this score on may start objects, where there are no pixels",
-        low=0.0,
-        high=1.0,
-    )
     box_noise: float = param(
         0.15,
         "standard deviation of a detected box's centre, where there are no pixels",

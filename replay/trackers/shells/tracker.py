@@ -21,6 +21,7 @@ from recorders.annotated.membership import PATCHES, Patches
 from recorders.messages import NO_BLOB, Box, Notice, Target, Targets
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.association import assign, iou
+from replay.trackers.belief import LIKELY, Scores, stamped
 from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.shells import births, boxes
 from replay.trackers.shells.births import Free
@@ -56,6 +57,7 @@ class ShellsTracker:
         self._bodies = Bodies(parameters, scene.has_masks)
         self._book = RelationBook(relation)
         self._doubts = Doubts()
+        self._scores = Scores()
         self._order = Order(parameters)
         frame_s = max(1e-3, scene.frame_ns * NS)
         self._learn_every = max(1, round(parameters.learn_s / frame_s))
@@ -79,9 +81,10 @@ class ShellsTracker:
             body.begin_frame()
         radii = self._bodies.radii(self._k_s)
         resolver = self._resolve(frame, radii, dt)
+        likely = self._scores.take(frame.detections) if resolver is None else None
         free = (
-            births.boxes_alone(frame)
-            if resolver is None
+            births.boxes_alone(frame, likely)
+            if likely is not None
             else births.unexplained(frame, resolver, self._p)
         )
         taken = (
@@ -111,7 +114,8 @@ class ShellsTracker:
         kept, told = self._life.age(self._bodies.items, self._bodies.boxes, frame.time_ns)
         self._bodies.keep(kept)
         notices += told
-        return self._answer(frame, notices)
+        answer = self._answer(frame, notices)
+        return answer if likely is None else stamped(answer, frame.boxes, likely)
 
     def extra_payloads(self, *, finished: bool) -> Payloads:
         """The membership channel's payload for the last frame; unfinished, it is painted once
@@ -318,7 +322,7 @@ class ShellsTracker:
         begun: dict[int, int] = {}
         centres = free.boxes[:, :2] + free.boxes[:, 2:] / 2
         inside = self._life.regions.may_start_low_level_all(centres)
-        inside &= free.scores >= self._p.start_score
+        inside &= free.scores >= LIKELY
         for column in range(len(free.boxes)):
             if column in taken or not inside[column]:
                 continue
@@ -507,6 +511,7 @@ class ShellsTracker:
             "book": self._book.state(),
             "doubts": self._doubts.state(),
             "order": self._order.state(),
+            "scores": self._scores.state(),
         }
 
     def restore(self, state: State) -> None:
@@ -517,3 +522,4 @@ class ShellsTracker:
         self._book.restore(state["book"])
         self._doubts.restore(state["doubts"])
         self._order.restore(state["order"])
+        self._scores.restore(state["scores"])
