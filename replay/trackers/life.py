@@ -33,6 +33,7 @@ Floats = NDArray[np.float64]
 NANOS = 1e9
 TENTATIVE = -1
 """The identity of who is not confirmed."""
+ADRIFT = "ours: where it is by now is not known, and there are no colours to know it by"
 _REMEMBERED = 10
 """Observations that the quality is a running mean of, at most."""
 
@@ -90,6 +91,11 @@ class Living:
     @property
     def anywhere(self) -> bool:
         """Whether it may be outside of the region of interest."""
+        return False
+
+    @property
+    def adrift(self) -> bool:
+        """Whether it may be anywhere by now, so that nothing can be told to be it."""
         return False
 
     @property
@@ -360,6 +366,8 @@ class Life:
     def _must_go(self, item: Living, box: Floats, place: int, unseen: float) -> str | None:
         if unseen > self._p.keep_s:
             return self._paper.kept
+        if item.lost and item.adrift:
+            return ADRIFT
         x, y, w, h = box.tolist()
         width, height = self._size
         within = 0 <= x + w / 2 < width and 0 <= y + h / 2 < height

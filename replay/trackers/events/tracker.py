@@ -106,6 +106,8 @@ class EventsTracker:
         notices = self._learn(frame)
         notices += confirm(self._tracks, self._life, frame, self._p)
         self._together.step(self._tracks, frame.time_ns)
+        if not self._scene.has_images:
+            self._tracks.loosen(frame.time_ns, max(1e-3, self._scene.frame_ns * NS))
         kept, ended = self._life.age(self._tracks.items, self._tracks.boxes, frame.time_ns)
         self._tracks.keep(kept)
         notices += ended

@@ -27,6 +27,8 @@ COMPONENTS = 7
 _PLACE, _SHAPE = slice(0, 2), slice(2, 7)
 _CALM, _CALM_LOOKS = 0.08, 20
 """What a calm scene's targets are off by, in sizes, and how many looks that is worth."""
+ADRIFT = 0.4
+"""By so many sizes (standard deviation) a place may be off that still tells who somebody is."""
 _TURN = 0.2
 """Standard deviation of a measured orientation, radians, and of its change in a second."""
 
@@ -45,9 +47,11 @@ class Track(Living):
         known: [frame, time in ns, x, y, w, h] of when and where its colours last were its own.
         held: it has come apart from others just now, and still counts as being in one region with
             them.
+        loose: unseen for so long in so restless a scene that its place tells nothing.
         stranger: other colours that its blob has had since frame `since`.
     """
 
+    loose: bool = False
     sized: bool = True
     misfit_s: float = 0.0
     hidden: bool = False
@@ -75,6 +79,11 @@ class Track(Living):
     def hiding(self) -> bool:
         """Behind somebody who explains the pixels where it should be, it can be nowhere else."""
         return self.hidden
+
+    @property
+    def adrift(self) -> bool:
+        """Whether it may be anywhere by now."""
+        return self.loose
 
     @property
     def way(self) -> Mode:
@@ -173,6 +182,13 @@ class Tracks:
         self.bank.predict(dt, (sizes * self._agility) ** 2)
         self.bank.p00[:, 2:6] += (sizes * p.size_drift) ** 2 * dt
         self.bank.p00[:, 6] += _TURN * _TURN * dt
+
+    def loosen(self, time_ns: int, frame_s: float) -> None:
+        """Note whose place is not known any more: the scene's unrest adds up while one is unseen."""
+        off = float(self.unrest.off.max())
+        for track in self.items:
+            frames = track.unseen_s(time_ns) / frame_s
+            track.loose = off * off * frames > ADRIFT * ADRIFT
 
     def lean(self, rows: NDArray[np.intp], expected: Floats, dt: float) -> None:
         """Let sizes that were not measured lean towards those that are expected at their places
