@@ -490,6 +490,7 @@ class Reasoner:
                     target.gate,
                     target.centroid,
                     self._classes.of(i) or UNSET,
+                    target.identity,
                 )
             )
         return answer

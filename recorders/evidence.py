@@ -85,6 +85,7 @@ EVIDENCE: Mapping[str, tuple[EvidenceShape, ...]] = {
             ("gap_s", "cost"), ("fragment", "after", "motion", "size"), ("appearance",)
         ),
         EvidenceShape(("gap_s",)),
+        EvidenceShape((), ("gap_s",)),  # its place was not known meanwhile
         _UNTOLD,
     ),
     "track_removed": (
@@ -170,6 +171,13 @@ EVIDENCE: Mapping[str, tuple[EvidenceShape, ...]] = {
         EvidenceShape((), ("zone", "time_in_zone_s", "reason", "box", "regions")),
     ),
     "occluded": (EvidenceShape(("evidence",), ("confidence",)),),
+    "identity": (
+        EvidenceShape(
+            ("same",),
+            ("gap_s", "identity", "alternative", "alternative_probability"),
+            ("fragment", "after"),
+        ),
+    ),
 }
 """Every kind's evidence, in all the ways in which it is found."""
 

@@ -55,6 +55,7 @@ EVENT_WORDS = {
     "zone_entered": ("enters a zone", "enter a zone"),
     "zone_left": ("leaves a zone", "leave a zone"),
     "occluded": ("is behind another", "are behind others"),
+    "identity": ("may be another", "may be others"),
 }
 """Every kind of event: what one subject does, what several do."""
 
@@ -189,6 +190,7 @@ class Target(Struct, frozen=True):
     signature: list[int] = []
     gate: Box | UnsetType = UNSET
     centroid: tuple[float, float] | UnsetType = UNSET
+    identity: float = 1.0
 
 
 class GroupTrack(Struct, frozen=True):
@@ -239,22 +241,38 @@ class Notice(Struct, frozen=True):
     since_frame: int | None = None
 
 
+class Withheld(Struct, frozen=True):
+    """Something that was followed and is not told.
+
+    Attributes:
+        box: where it was seen.
+        reason: in words, with the value and the limit.
+        likely: how likely its detection is somebody, None where no score speaks of it.
+    """
+
+    box: Box
+    reason: str
+    likely: float | None = None
+
+
 class Targets(Struct, frozen=True):
     """A tracker's whole answer for one frame; ``group_tracks`` None means: derive groups from
-    shared blobs.
+    shared blobs. ``held_back`` is what hindsight does not tell.
     """
 
     frame: Count
     targets: list[Target] = []
     group_tracks: list[GroupTrack] | None = None
     notices: list[Notice] = []
+    held_back: list[Withheld] | UnsetType = UNSET
 
 
 class Track(Struct, frozen=True):
     """A target with everything the reasoning found about it in this frame.
 
-    ``label`` is the class that its sightings have voted for so far; left out where no detector
-    said any.
+    ``confidence`` is the probability that it is somebody, ``identity`` that it is still whom its id
+    began as. ``label`` is the class that its sightings have voted for so far; left out where no
+    detector said any.
     """
 
     id: Identity
@@ -280,6 +298,14 @@ class Track(Struct, frozen=True):
     gate: Box | UnsetType = UNSET
     centroid: tuple[float, float] | UnsetType = UNSET
     label: str | UnsetType = UNSET
+    identity: float = 1.0
+
+
+class HeldBack(Struct, frozen=True):
+    """What was followed in a frame and is not told; written for frames that have any."""
+
+    frame: Count
+    withheld: list[Withheld]
 
 
 class Tracks(Struct, frozen=True):

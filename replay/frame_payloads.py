@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from msgspec import UNSET, UnsetType
+
 from reasoning.reasoner import SceneAnnotation
 from recorders import channels
-from recorders.messages import Regions, Targets
+from recorders.messages import HeldBack, Regions, Targets, Withheld
 from replay.image_annotations import drawing
 
 
@@ -15,6 +17,7 @@ def payloads(
     time_ns: int,
     stamp_ns: int,
     extra: tuple[tuple[str, bytes], ...],
+    held_back: list[Withheld] | UnsetType = UNSET,
 ) -> list[tuple[str, bytes]]:
     """Channel names and payloads of one frame.
 
@@ -26,6 +29,7 @@ def payloads(
         time_ns: the frame's log time.
         stamp_ns: of the picture that the drawings belong to.
         extra: further payloads of the tracker (a membership image).
+        held_back: what was followed and is not told.
     """
     drawn = None if regions.source == "default" else regions
     out = [
@@ -34,6 +38,9 @@ def payloads(
         ("relations", channels.encode("relations", scene.relations)),
         ("groups", channels.encode("groups", scene.groups)),
     ]
+    if held_back:
+        told = HeldBack(forward.frame, held_back)
+        out.append(("held_back", channels.encode("held_back", told)))
     out += [("events", channels.encode("events", event)) for event in scene.events]
     if scene.graph is not None:
         out.append(("graph", channels.encode("graph", scene.graph)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import islice, pairwise
 from pathlib import Path
@@ -21,12 +21,14 @@ from recorders.annotated.provenance import METADATA
 from recorders.errors import LimitError, RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
-from recorders.messages import Event, Graph, Group, Regions, Relation, Track
+from recorders.messages import Event, Graph, Group, Regions, Relation, Track, Withheld
 from recorders.scene import Frame, SceneLog
 from recorders.vision import cv2
 
 Image = NDArray[np.uint8]
-SCENE = ("tracks", "relations", "groups", "events", "graph", "regions", "membership")
+SCENE = (
+    "tracks", "relations", "groups", "held_back", "events", "graph", "regions", "membership"
+)  # fmt: skip
 SAMPLED_FRAMES = 65
 _GROUND, _WORDS = 96, (255, 255, 255)
 _NO_PICTURE = "no picture at this time"
@@ -44,6 +46,7 @@ class AnnotatedFrame:
         regions: the latest recorded regions, None without.
         graph: the latest graph, None before the first.
         membership: the encoded picture of which pixel belongs to whom, None without.
+        held_back: what was followed in this frame and is not told.
     """
 
     index: int
@@ -55,6 +58,7 @@ class AnnotatedFrame:
     regions: Regions | None = None
     graph: Graph | None = None
     membership: bytes | None = None
+    held_back: list[Withheld] = field(default_factory=list)
 
 
 class AnnotatedLog:
@@ -306,4 +310,5 @@ def _frame(
         regions=regions,
         graph=graph,
         membership=None if membership is None else membership.data,
+        held_back=found["held_back"].withheld if "held_back" in found else [],
     )

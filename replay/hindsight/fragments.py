@@ -10,6 +10,8 @@ from operator import add
 
 from recorders.messages import Box, Notice, Targets
 
+GAP_S = 0.2
+"""Who is not seen for longer may be another one afterwards."""
 _SUREST = 0.001
 """No sighting is surer than that."""
 ENDS_S = 1.0
@@ -82,6 +84,7 @@ class Fragment:
         left: it went out of the scene: whoever comes in later is not held to be the same by the
             path alone.
         signature: sum of the appearance signatures, of ``signatures`` frames.
+        gaps: (position in the stream, seconds) of every observation that came after a gap.
         told: the tracker held it present at some time. Of who was only ever followed aside
             nothing is told, but such a fragment may be where somebody else's life goes on.
     """
@@ -98,6 +101,7 @@ class Fragment:
     sizes: float = 0.0
     odds: float = 0.0
     judged: int = 0
+    gaps: list[tuple[int, float]] = field(default_factory=list)
     told: bool = False
 
     @property
@@ -117,6 +121,11 @@ class Fragment:
 
     def add(self, at: int, time_ns: int, box: Box) -> None:
         """Take the next observation."""
+        if len(self.tail):
+            last = self.tail[-1]
+            gap = (time_ns - last.time_ns) * 1e-9
+            if at > last.at + 1 and gap > GAP_S:
+                self.gaps.append((at, gap))
         self.hits += 1
         self.sizes += math.sqrt(max(box[2] * box[3], 1.0))
         if not len(self.head) or (

@@ -28,6 +28,15 @@ from replay.hindsight.fragments import Fragment, gather
 from replay.hindsight.joining import Join, join
 from replay.hindsight.parameters import HindsightParameters
 from replay.hindsight.smoothing import filtered
+from replay.hindsight.verdicts import (
+    Doubt,
+    confidence,
+    doubts,
+    mean_odds,
+    told_doubt,
+    why_not,
+    withheld,
+)
 
 _CUT_OFF = 0.5
 """Share of the least life that a path needs which a recording's start or end cut off."""
@@ -58,6 +67,26 @@ class _Life:
     seen_at: int = 0
     mode: str = "motion"
     why: dict[str, float] = field(default_factory=dict)
+    odds: float | None = None
+    doubts: list[Doubt] = field(default_factory=list)
+    identity: float = 1.0
+    doubted: int = 0
+
+    def go_on(self, at: int) -> list[Notice]:
+        """Come to a frame: what is left of its identity, and what is to be told of that."""
+        told: list[Notice] = []
+        while self.doubted < len(self.doubts) and self.doubts[self.doubted].at <= at:
+            doubt = self.doubts[self.doubted]
+            self.identity *= doubt.same
+            self.doubted += 1
+            notice = told_doubt(self.id, doubt, self.identity)
+            told += [] if notice is None else [notice]
+        return told
+
+    def believed(self, target: Target) -> Target:
+        """A target of this life with what is believed of it."""
+        sure = target.confidence if self.odds is None else confidence(self.odds, target)
+        return replace(target, confidence=sure, identity=self.identity)
 
     def of(self, forward: dict[int, Target]) -> Target | None:
         """What the forward pass said of it in a frame."""
@@ -104,11 +133,11 @@ def rewrite(
     fragments = gather(_noting(targets(), exchanges), times)
     if exchanges:
         fragments = gather(undone(targets(), exchanges), times)
-    lives = _lives(fragments, join(fragments, p), p, scene, times)
+    lives, reasons = _lives(fragments, join(fragments, p), p, scene, times)
     del fragments  # and with them those of dropped paths
     if names is not None:
         names.update((k, lives[k].id) for k in sorted(lives))
-    yield from _Writer(lives, scene, times, p).run(undone(targets(), exchanges))
+    yield from _Writer(lives, reasons, scene, times, p).run(undone(targets(), exchanges))
 
 
 def _noting(stream: Iterable[Targets], exchanges: list[Exchange]) -> Iterator[Targets]:
@@ -123,8 +152,8 @@ def _lives(
     p: HindsightParameters,
     scene: SceneInfo,
     times: Sequence[int],
-) -> dict[int, _Life]:
-    """Every forward id's life; ids of dropped paths are left out. A life has the id of its first
+) -> tuple[dict[int, _Life], dict[int, str]]:
+    """Every forward id's life, and of those that are not told why. A life has the id of its first
     fragment.
     """
     followed = {j.later: j for j in joins}
@@ -135,6 +164,7 @@ def _lives(
         root[f.id] = f.id if before is None else root[before.earlier]
         chains.setdefault(root[f.id], []).append(f.id)
     lives: dict[int, _Life] = {}
+    reasons: dict[int, str] = {}
     for identity, chain in chains.items():
         parts = [fragments[k] for k in chain]
         first, last = parts[0].first, parts[-1].last
@@ -146,18 +176,19 @@ def _lives(
         least = p.min_life_s * (
             _CUT_OFF if first.at == 0 or last.at == len(times) - 1 else 1.0
         )
-        if not parts[0].told or seconds < least or hits < p.min_support * frames:
+        reason = why_not(parts, seconds, least, p)
+        if reason:
+            reasons.update((k, reason) for k in chain)
             continue
-        judged = sum(f.judged for f in parts)
-        odds = math.fsum(f.odds for f in parts) / judged if judged else None
-        if odds is not None and odds < 0:
-            continue
+        joined = [followed[k] for k in chain if k in followed]
         life = _Life(
             identity,
             parts,
-            [followed[k] for k in chain if k in followed],
+            joined,
             first.at,
             last.at,
+            odds=mean_odds(parts),
+            doubts=doubts(parts, joined, scene.has_images),
         )
         life.why = {
             "life_s": seconds, "life_s_at_least": least,
@@ -167,7 +198,7 @@ def _lives(
             f.forget()
         for k in chain:
             lives[k] = life
-    return lives
+    return lives, reasons
 
 
 class _Writer:
@@ -176,11 +207,13 @@ class _Writer:
     def __init__(
         self,
         lives: dict[int, _Life],
+        reasons: dict[int, str],
         scene: SceneInfo,
         times: Sequence[int],
         p: HindsightParameters,
     ) -> None:
         self._lives = lives
+        self._reasons = reasons
         self._p = p
         self._times = times
         self._has_masks = scene.has_masks
@@ -221,6 +254,7 @@ class _Writer:
         for at in range(block, end):
             answer, forward = window[at - start], known[at - block]
             out: list[Target] = []
+            doubted = [n for life in living for n in life.go_on(at)]
             for k, row in enumerate(rows):
                 if row.at[0] <= at <= row.at[-1] and not blurred[at - start, k]:
                     seen = row.life.of(forward)
@@ -229,14 +263,16 @@ class _Writer:
                         # Pixels say where who dashes about is better than any path through them.
                         x, y, w, h = seen.measured or seen.box
                         value = np.array([x + w / 2, y + h / 2, w, h])
-                    out.append(_target(row, at, seen, value, rates[at - start, k]))
+                    target = _target(row, at, seen, value, rates[at - start, k])
+                    out.append(row.life.believed(target))
             out += self._unseen(living, at, forward, {t.id for t in out})
             out.sort(key=lambda t: t.id)
             yield Targets(
                 answer.frame,
                 out,
                 self._groups(answer, out),
-                self._notices(living, answer, at, out),
+                self._notices(living, answer, at, out) + doubted,
+                withheld(answer, self._reasons),
             )
 
     def _go_on(self, start: int, end: int) -> None:
@@ -277,7 +313,8 @@ class _Writer:
             if known is not None:
                 gone = replace(
                     known, id=life.id, mode="predicted", present=False, observed=False, newborn=False,
-                    blob=NO_BLOB, measured=None, signature=[],
+                    blob=NO_BLOB, measured=None, signature=[], likely=None,
+                    identity=life.identity,
                 )  # fmt: skip
                 out.append(gone)
         return out
@@ -391,7 +428,7 @@ class _Writer:
                     Notice(
                         "track_lost",
                         [life.id],
-                        f"{_RULE}: a gap too long to fill",
+                        f"{_RULE}: a gap too long to fill, or its place is not known in it",
                         {"fill_s": self._p.fill_s},
                     )
                 ]
@@ -413,7 +450,8 @@ class _Writer:
             life.mode = target.mode
         elif not life.present:
             gap = (self._times[at] - self._times[life.seen_at]) * 1e-9
-            waited = {"gap_s": gap, "gap_s_over": self._fill * self._frame_s}
+            waited, most = {"gap_s": gap}, self._fill * self._frame_s
+            waited |= {"gap_s_over": most} if gap > most else {}
             notices.append(
                 Notice("track_recovered", [life.id], f"{_RULE}: seen again", waited)
             )

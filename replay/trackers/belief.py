@@ -35,15 +35,15 @@ LIKELY = 0.5
 """More likely than not."""
 _BEST = 0.9
 _SAME = 0.5
-_FINE, _REACH = 16, 7
+_FINE, _REACH = 16, 5
 """Bins to one unit of log-odds, and the log-odds at which scores are cut."""
 
 
 def logit(share: Floats) -> Floats:
-    """Log-odds of probabilities (N,), cut at +-7 (.0009 and .9991).
+    """Log-odds of probabilities (N,), cut at +-5 (.007 and .993).
 
     >>> logit(np.array([0.5, 1.0])).tolist()
-    [0.0, 7.0]
+    [0.0, 5.0]
     """
     edge = 1.0 / (1.0 + np.exp(_REACH))
     inside = np.clip(share, edge, 1.0 - edge)
@@ -84,9 +84,7 @@ class Scores:
         scores = np.asarray(given, np.float64)
         odds = logit(scores)
         bins = np.round((odds + _REACH) * _FINE).astype(np.intp)
-        self._weights += np.bincount(
-            bins, np.clip(scores, 1e-6, None), len(self._weights)
-        )
+        self._weights += np.bincount(bins, np.clip(scores, 1e-6, None), len(self._weights))
         best = self.best
         reached = 1.0 + (odds - best) / max(best, 1.0)
         return probability(STEEPNESS * (reached - HALF))

@@ -140,7 +140,6 @@ def learn(
     free: Free,
     looks: Looks,
     due: bool,
-    p: ShellsParameters,
 ) -> None:
     """Learn from {detection: row}, where no other detection is near: how who was in sight moves,
     and its colours.

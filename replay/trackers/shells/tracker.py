@@ -81,12 +81,12 @@ class ShellsTracker:
             body.begin_frame()
         radii = self._bodies.radii(self._k_s)
         resolver = self._resolve(frame, radii, dt)
-        likely = self._scores.take(frame.detections) if resolver is None else None
-        free = (
-            births.boxes_alone(frame, likely)
-            if likely is not None
-            else births.unexplained(frame, resolver, self._p)
-        )
+        likely = None
+        if resolver is None:
+            likely = self._scores.take(frame.detections)
+            free = births.boxes_alone(frame, likely)
+        else:
+            free = births.unexplained(frame, resolver, self._p)
         taken = (
             self._follow_boxes(frame, free, radii)
             if resolver is None
@@ -274,9 +274,7 @@ class ShellsTracker:
         taken = {
             column: row for row, column in boxes.match(self._bodies, free, looks, self._p)
         }
-        boxes.learn(
-            self._bodies, taken, free, looks, frame.index % self._learn_every == 0, self._p
-        )
+        boxes.learn(self._bodies, taken, free, looks, frame.index % self._learn_every == 0)
         for column, row in taken.items():
             self._sight(row, frame, free, column)
         boxes.hide(self._bodies, self._p)

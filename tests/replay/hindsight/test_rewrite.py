@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from recorders.messages import GroupTrack, Notice, Sighting, Target, Targets
@@ -150,35 +152,72 @@ def test_births_are_back_dated_to_the_first_sighting() -> None:
     assert [f for f, _ in _notices(out, "track_confirmed")] == [2]
 
 
-def test_short_and_tiny_paths_are_dropped_unless_asked_for() -> None:
+def test_a_short_path_is_held_back_with_the_reason_and_a_tiny_one_is_told() -> None:
     frames = _walk(60, range(0))
     frames = [
         Targets(
             t.frame,
-            [*t.targets, _target(9, t.frame, 400.0)] if 10 <= t.frame < 14 else t.targets,
-        )
-        for t in frames
-    ]
-    small = [
-        Targets(
-            t.frame,
             [
                 *t.targets,
+                *([_target(9, t.frame, 400.0)] if 10 <= t.frame < 14 else []),
                 Target(10, (300.0, 50.0, 4.0, 8.0), measured=(300.0, 50.0, 4.0, 8.0)),
             ],
         )
         for t in frames
     ]
-    assert {t.id for f in _run(small) for t in f.targets} == {2}
-    assert {
-        t.id
-        for f in _run(small, "hindsight.min_life_s=0", "hindsight.min_size=0")
-        for t in f.targets
-    } == {
-        2,
-        9,
-        10,
+    out = _run(frames)
+    assert {t.id for f in out for t in f.targets} == {2, 10}
+    held = {f.frame: f.held_back for f in out if f.held_back}
+    assert sorted(held) == [10, 11, 12, 13]
+    assert [w.box for w in held[10]] == [(400.0, 200.0, 20.0, 40.0)]
+    assert held[10][0].reason == "short: 0.40 s, under 0.80 s"
+    out = _run(frames, "hindsight.min_life_s=0")
+    assert {t.id for f in out for t in f.targets} == {2, 9, 10}
+    assert not any(f.held_back for f in out)
+
+
+def test_who_is_seen_in_unlikely_detections_alone_is_held_back() -> None:
+    def frame(k: int) -> Targets:
+        return Targets(
+            k,
+            [
+                _target(1, k, 50 + 5.0 * k, likely=0.9),
+                _target(2, k, 400.0, likely=0.2),
+                _target(3, k, 500.0, likely=0.95 if k % 2 else 0.3),
+            ],
+        )
+
+    out = _run([frame(k) for k in range(30)])
+    assert {t.id for f in out for t in f.targets} == {1, 3}
+    assert {w.reason for f in out for w in f.held_back} == {
+        "unlikely: its detections are somebody with 0.20, under 0.50"
     }
+    sure = {t.id: t.confidence for t in out[15].targets}
+    doubtful = {t.id: t.confidence for t in out[16].targets}
+    assert sure[1] == doubtful[1] > 0.9
+    assert sure[3] > doubtful[3], "a frame's own detection counts, too"
+
+
+@given(gaps=st.lists(st.integers(3, 25), min_size=1, max_size=4))
+def test_an_identity_never_grows_surer_and_every_long_gap_is_told(gaps: list[int]) -> None:
+    seen, k = [], 0
+    for gap in gaps:
+        seen += range(k, k + 10)
+        k += 10 + gap
+    seen += range(k, k + 10)
+    frames = [
+        Targets(f, [_target(1, f, 100.0)] if f in seen else []) for f in range(k + 10)
+    ]
+    out = _run(frames, "hindsight.min_support=0")
+    left = [t.identity for f in out for t in f.targets]
+    assert left == sorted(left, reverse=True)
+    assert left[0] == 1.0
+    told = [n for _, n in _notices(out, "identity")]
+    assert len(told) == len(gaps)
+    for notice, gap in zip(told, gaps, strict=True):
+        assert notice.evidence["gap_s"] == pytest.approx(0.1 * (gap + 1))
+        assert notice.evidence["same"] == pytest.approx(math.exp(-0.1 * (gap + 1) / 1.9))
+    assert left[-1] == pytest.approx(told[-1].evidence["identity"])
 
 
 @pytest.mark.parametrize(

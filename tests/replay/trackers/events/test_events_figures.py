@@ -99,9 +99,9 @@ def test_pets_from_detections_alone(real_data: Path) -> None:
     assert first.hota.hota >= 42
     assert first.clear.mota >= 66
     assert first.identity.idf1 >= 58
-    assert last.hota.hota >= 46
-    assert last.clear.mota >= 76
-    assert last.identity.idf1 >= 64
+    assert last.hota.hota >= 48
+    assert last.clear.mota >= 77
+    assert last.identity.idf1 >= 68
 
 
 def test_tud_campus_from_detections_alone(real_data: Path) -> None:
@@ -109,9 +109,9 @@ def test_tud_campus_from_detections_alone(real_data: Path) -> None:
     info = SceneInfo(640, 480, 40_000_000, False, False)
     _, final = _track(_detected(folder / "det.txt", 25, (640, 480), 71), info)
     scores = _scores(final, folder / "gt.txt", 1.0)
-    assert scores.hota.hota >= 55
-    assert scores.clear.mota >= 65
-    assert scores.identity.idf1 >= 77
+    assert scores.hota.hota >= 62
+    assert scores.clear.mota >= 73
+    assert scores.identity.idf1 >= 80
 
 
 @pytest.mark.slow
@@ -124,7 +124,8 @@ def test_pets_from_pixels(real_data: Path) -> None:
     assert first.clear.mota >= 73
     assert first.identity.idf1 >= 80
     assert last.hota.hota >= 63
-    assert last.clear.mota >= 84
+    # The truth leaves out who is far away: a walker on the lawn, a man at a car's boot.
+    assert last.clear.mota >= 79
     assert last.identity.idf1 >= 83
     assert last.clear.switches <= 12
 

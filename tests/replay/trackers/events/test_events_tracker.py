@@ -97,11 +97,11 @@ def _passing(k: int) -> list[Actor]:
 def test_a_target_is_confirmed_after_enough_sightings_and_keeps_them_all() -> None:
     tracker = _boxes_only()
     out = [tracker.step(_box_frame(k, [_body(100 + 3.0 * k, 80)])) for k in range(10)]
-    assert [len(t.targets) for t in out] == [0, 0, 0, 1, 1, 1, 1, 1, 1, 1]
+    assert [len(t.targets) for t in out] == [0, 0, 1, 1, 1, 1, 1, 1, 1, 1]
     [(frame, notice)] = _told(out, "track_confirmed")
-    assert frame == 3
+    assert frame == 2
     assert notice.evidence["first_frame"] == 0
-    assert [s.frame for s in notice.sightings] == [0, 1, 2]
+    assert [s.frame for s in notice.sightings] == [0, 1]
     target = out[9].targets[0]
     assert target.box == pytest.approx(_body(127, 80), abs=2.0)
     assert target.velocity == pytest.approx((30.0, 0.0), abs=4.0)

@@ -1,0 +1,246 @@
+"""MOTChallenge 2015 sequences from their detection files alone, through record, replay and eval.
+
+    python tests/benchmarks/bench_mot15.py                      every tracker's scores and curve
+    python tests/benchmarks/bench_mot15.py --trackers events --set hindsight.blur=0.3
+    python tests/benchmarks/bench_mot15.py --thresholds 0 0.9   plain SORT at these scores beside it
+    python tests/benchmarks/bench_mot15.py --parameters         one by one, 5 % up and down
+
+"together" pools the counts of the four MOT15 sequences, as TrackEval's COMBINED does; PETS and TUD
+stand beside them. The curve says how many of the boxes that are told with a confidence are right;
+the calibration error is the mean distance of the two, weighted by boxes, in tenths of confidence.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+from plain_sort import PlainSort
+
+from recorders.annotated.reader import AnnotatedLog
+from recorders.parameters import as_plain
+from recorders.recording import RecordOptions, record
+from recorders.sources import open_source
+from replay.annotated_writer import replay
+from replay.configuration import replay_config
+from replay.evaluate import MotTable, evaluate, read_truth
+from replay.evaluate.clear import match
+from replay.evaluate.hota import Hota
+from replay.evaluate.overlap import overlap
+from replay.evaluate.track_table import read_tracks
+from replay.run import ReplayOptions
+
+DATA = Path(
+    os.environ.get("SCENETRACE_DATA", Path(__file__).parents[3] / "shared" / "data")
+)
+SEQUENCES = {
+    "ADL-Rundle-8": ("mot15/ADL-Rundle-8", 30.0, (1920, 1080)),
+    "ETH-Bahnhof": ("mot15/ETH-Bahnhof", 14.0, (640, 480)),
+    "KITTI-13": ("mot15/KITTI-13", 10.0, (1242, 375)),
+    "Venice-2": ("mot15/Venice-2", 30.0, (1920, 1080)),
+    "PETS09-S2L1": ("pets09-s2l1", 7.0, (768, 576)),
+    "TUD-Campus": ("tud-campus", 25.0, (640, 480)),
+}
+TOGETHER = 4
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Result:
+    """One sequence's counts, for pooling.
+
+    Attributes:
+        counts: true boxes, hits, extras, switches, IDTP, boxes told.
+        parts: (19, 4) by alpha: hits, result boxes, true boxes, sum of the hits' association.
+        sure, right: (N,) confidence of every box told, and whether it is a hit at IoU .5.
+    """
+
+    counts: Floats
+    parts: Floats
+    sure: Floats
+    right: NDArray[np.bool_]
+
+    @property
+    def scores(self) -> tuple[float, float, float]:
+        """HOTA, MOTA, IDF1."""
+        true, hits, extras, switches, idtp, told = self.counts.tolist()
+        found, result, truth, associated = self.parts.T
+        det = found / np.maximum(result + truth - found, 1)
+        ass = associated / np.maximum(found, 1)
+        return (
+            100 * float(np.sqrt(det * ass).mean()),
+            100 * (hits - extras - switches) / true,
+            200 * idtp / (true + told),
+        )
+
+
+def judged(truth: MotTable, table: MotTable) -> Result:
+    """Count what a result has right."""
+    truth = truth.select(truth.confidences > 0)
+    s, both = evaluate(truth, table), overlap(truth, table)
+    rows = _parts(s.hota, len(truth), len(table))
+    right = np.zeros(len(table), np.bool_)
+    right[both.result_row[match(both, 0.5).pairs]] = True
+    c = s.clear
+    counts = [
+        len(truth), c.true_positives, c.false_positives, c.switches, s.identity.idtp, len(table)
+    ]  # fmt: skip
+    return Result(
+        np.array(counts, np.float64), np.array(rows), both.result.confidences, right
+    )
+
+
+def _parts(hota: Hota, truth: int, told: int) -> list[list[float]]:
+    """Hits by alpha from DetA: hits / (true + told - hits)."""
+    rows = []
+    for det, ass in zip(hota.det_a_alpha, hota.ass_a_alpha, strict=True):
+        share = det / 100
+        hits = share * (truth + told) / (1 + share)
+        rows.append([hits, told, truth, hits * ass / 100])
+    return rows
+
+
+def pooled(results: Sequence[Result]) -> Result:
+    """Several sequences as one."""
+    return Result(
+        np.sum([r.counts for r in results], axis=0),
+        np.sum([r.parts for r in results], axis=0),
+        np.concatenate([r.sure for r in results]),
+        np.concatenate([r.right for r in results]),
+    )
+
+
+def curve(result: Result) -> tuple[list[tuple[float, float, int]], float]:
+    """(mean confidence, share that is right, boxes) by tenths, and the calibration error."""
+    rows, off = [], 0.0
+    tenth = np.minimum((result.sure * 10).astype(np.intp), 9)
+    for k in range(10):
+        here = tenth == k
+        if here.any():
+            said, true = float(result.sure[here].mean()), float(result.right[here].mean())
+            rows.append((said, true, int(here.sum())))
+            off += abs(said - true) * int(here.sum())
+    return rows, off / max(1, len(result.sure))
+
+
+def tracked(name: str, log: Path, tracker: str, settings: Sequence[str]) -> Result:
+    """A sequence through one tracker."""
+    out = log.with_suffix(".annotated.mcap")
+    config = replay_config(tracker, assignments=settings)
+    replay(
+        log,
+        out,
+        ReplayOptions(tracker=tracker, config=config, annotations_only=True, force=True),
+    )
+    with AnnotatedLog(out) as annotated:
+        return judged(
+            read_truth(DATA / SEQUENCES[name][0] / "gt.txt"), read_tracks(annotated).table
+        )
+
+
+def plain(name: str, least: float) -> Result:
+    """The same sequence through plain SORT, detections of lower scores thrown away first."""
+    rows = np.loadtxt(
+        DATA / SEQUENCES[name][0] / "det.txt", delimiter=",", usecols=range(7)
+    )
+    sort, told = PlainSort(), []
+    for frame in range(int(rows[:, 0].max())):
+        here = rows[(rows[:, 0] == frame + 1) & (rows[:, 6] >= least)]
+        told += [(frame, i, *box, 1.0) for i, box in sort.step(here[:, 2:6])]
+    return judged(
+        read_truth(DATA / SEQUENCES[name][0] / "gt.txt"), MotTable.from_rows(told)
+    )
+
+
+def line(what: str, results: Sequence[Result]) -> str:
+    """One row of the table: the four together, each sequence, mean and worst HOTA."""
+    cells = [pooled(results[:TOGETHER]).scores, *(r.scores for r in results)]
+    hota = [c[0] for c in cells[1:]]
+    scores = "".join(f"{h:>8.1f}/{m:5.1f}/{i:4.1f}" for h, m, i in cells)
+    return f"{what:24}{scores}{np.mean(hota):>7.1f}{min(hota):>7.1f}"
+
+
+def recorded(folder: Path) -> dict[str, Path]:
+    """Scene logs by sequence."""
+    logs = {}
+    for name, (where, fps, size) in SEQUENCES.items():
+        logs[name] = folder / f"{name}.mcap"
+        source = open_source(DATA / where / "det.txt", fps=fps, size=size)
+        record(source, logs[name], RecordOptions(force=True))
+    return logs
+
+
+def shaken(logs: dict[str, Path], tracker: str) -> None:
+    """What 5 % more or less of each parameter does to the mean HOTA over the sequences."""
+
+    def mean(settings: Sequence[str]) -> float:
+        return float(
+            np.mean(
+                [tracked(n, log, tracker, settings).scores[0] for n, log in logs.items()]
+            )
+        )
+
+    base = mean(())
+    print(f"{tracker}: mean HOTA {base:.2f}; by 5 % less, by 5 % more:")
+    config = replay_config(tracker)
+    for section in (tracker, "hindsight"):
+        for name, value in as_plain(config)[section].items():
+            if isinstance(value, float) and value:
+                low, high = (mean([f"{section}.{name}={value * f}"]) for f in (0.95, 1.05))
+                print(
+                    f"  {section}.{name:24}{low - base:>+7.2f}{high - base:>+7.2f}",
+                    flush=True,
+                )
+
+
+def main() -> int:
+    """All trackers, all sequences."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--trackers", nargs="*", default=["events", "shells", "parts"])
+    parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE")
+    parser.add_argument("--thresholds", nargs="*", type=float, default=[0.0, 0.7, 0.9])
+    parser.add_argument("--parameters", action="store_true")
+    args = parser.parse_args()
+    if not (DATA / "mot15").exists():
+        print(f"no MOT15 at {DATA}; set SCENETRACE_DATA", file=sys.stderr)
+        return 0
+    with TemporaryDirectory() as temporary:
+        logs = recorded(Path(temporary))
+        if args.parameters:
+            for tracker in args.trackers:
+                shaken(logs, tracker)
+            return 0
+        print(
+            f"{'HOTA/MOTA/IDF1':24}"
+            + "".join(f"{n:>19}" for n in ("together", *SEQUENCES)),
+            "  mean  worst",
+        )
+        for least in args.thresholds:
+            print(
+                line(f"plain SORT from {least}", [plain(n, least) for n in SEQUENCES]),
+                flush=True,
+            )
+        for tracker in args.trackers:
+            results = [tracked(n, log, tracker, args.set) for n, log in logs.items()]
+            print(line(tracker, results), flush=True)
+            rows, off = curve(pooled(results))
+            each = [curve(r)[1] for r in results]
+            print(
+                f"  calibration error {off:.3f}, of one sequence at worst {max(each):.3f};"
+                " told, right, boxes: "
+                + ", ".join(f"{s:.2f} {t:.2f} {n}" for s, t, n in rows)
+            )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
