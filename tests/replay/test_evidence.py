@@ -92,7 +92,13 @@ def test_of_the_reasoning_alone():
     kinds = set()
     for name in SCRIPTS:
         kinds |= _check(_from_truth(name))
-    told = set(EVENT_KINDS) - {"track_lost", "mode_changed", "occluded", "anomaly"}
+    told = set(EVENT_KINDS) - {
+        "track_lost",
+        "mode_changed",
+        "occluded",
+        "anomaly",
+        "identity",
+    }
     assert kinds >= told - {"disagreement", "group_entered_scene"}
 
 
