@@ -207,7 +207,7 @@ def _check_png(data: bytes, path: str | Path) -> None:
         at = end + 4
 
 
-def is_whole(data: bytes, picture_format: Format) -> bool:
+def is_whole(data: bytes, picture_format: str) -> bool:
     """Whether a JPEG or PNG has its end: what a cut-off copy lacks."""
     # Decoders fill what is missing with grey and say nothing: look for the end that the format
     # demands.

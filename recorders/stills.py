@@ -68,7 +68,7 @@ def still_header(data: bytes, path: str | Path = "") -> StillHeader:
         raise RecordingError("a picture whose header is cut off", path) from error
     if not data.startswith((b"\xff\xd8", b"\x89PNG")):
         raise RecordingError(
-            f"not a picture of a known format (it starts with {data[:8]!r})", path
+            "neither a JPEG nor a PNG picture, nor TIFF, WebP or BMP", path
         )
     header = read_header(data, path)
     width, height, orientation, bits = header.width, header.height, 1, 8
@@ -189,7 +189,7 @@ def stored_values(data: bytes, header: StillHeader, path: str | Path) -> Any:
     Raises:
         RecordingError: it is damaged.
     """
-    if header.format in ("jpeg", "png") and not is_whole(data, header.format):  # type: ignore[arg-type]
+    if header.format in ("jpeg", "png") and not is_whole(data, header.format):
         raise RecordingError(f"a {header.format} picture that is cut off", path)
     flags = cv2.IMREAD_UNCHANGED if header.bits > 8 else cv2.IMREAD_COLOR
     try:

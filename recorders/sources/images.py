@@ -1,103 +1,217 @@
-"""Folders of JPEG and PNG pictures, in the order of their numbers; their bytes are recorded as
-they are.
+"""Folders of pictures, in the order of their numbers or times; the bytes of upright JPEG and PNG
+pictures of eight bits are recorded as they are.
 """
 
 from __future__ import annotations
 
+import configparser
 import hashlib
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 
+from recorders.clock import nominal_ns
 from recorders.errors import LimitError, RecordingError, SourceError
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.pictures import (
-    PictureHeader,
-    check_size,
-    decode_picture,
-    is_whole,
-    read_header,
+from recorders.pictures import check_size, is_whole
+from recorders.sources.left_out import LeftOut
+from recorders.sources.picture_names import ordered
+from recorders.sources.source import (
+    Image,
+    PictureError,
+    Rate,
+    SourceFrame,
+    fitted,
+    rate_or_assumed,
+    spread,
 )
-from recorders.sources.source import Image, SourceFrame, rate_or_assumed, spread
+from recorders.stills import (
+    SUFFIXES,
+    StillHeader,
+    bits_used,
+    decode_still,
+    still_header,
+    stored_values,
+)
 
-_SUFFIXES = frozenset({".jpg", ".jpeg", ".png"})
-_HEADER_BYTES = 1 << 20
-_DIGITS = re.compile(r"(\d+)")
+_DEEP_SAMPLES = 16
+_MOT_FOLDER = "img1"
 
 
-class _CutOffError(SourceError):
-    """A picture without its end."""
+def picture_names(folder: Path) -> list[str]:
+    """The pictures in a folder, hidden files and folders left alone.
+
+    Raises:
+        SourceError: the folder cannot be read.
+    """
+    try:
+        return sorted(
+            p.name
+            for p in folder.iterdir()
+            if p.suffix.lower() in SUFFIXES and not p.name.startswith(".") and p.is_file()
+        )
+    except OSError as error:
+        raise SourceError(f"cannot be read: {error.strerror}", folder) from error
+
+
+def holds_pictures(folder: Path) -> bool:
+    """Whether there are pictures in a folder, or in its ``img1`` as MOTChallenge has them."""
+    if picture_names(folder):
+        return True
+    return (folder / _MOT_FOLDER).is_dir() and bool(picture_names(folder / _MOT_FOLDER))
 
 
 class ImageFolderSource:
     """A folder of pictures: frame k is the k-th by number (``2.jpg`` before ``10.jpg``), at a
-    constant rate.
+    constant rate; or by the times that their names are.
 
-    Other files in the folder are left alone. All pictures must be of one size. A last picture
-    that is cut off is left out, any other one that is damaged ends the reading.
+    Other files in the folder are left alone. A picture of another size than the first is scaled to
+    it; one that is damaged is left out. Both are told.
+
+    Args:
+        path: the folder.
+        fps: the rate; None: the times in the names, or the folder's ``seqinfo.ini``, or 25.
+        limits: what a picture may ask for.
+        names: these pictures alone.
+
+    Attributes:
+        numbers: of each picture from 1, where some between them are missing.
 
     Raises:
-        SourceError: no such folder, no picture in it, or one that is not a JPEG or PNG.
+        SourceError: no such folder, no picture in it, or none that can be read.
+        UsageError: several series of pictures.
         LimitError: a picture claims more pixels than the limits allow.
     """
 
     name = "images"
     has_images = True
-    stills = True
     has_detections = False
 
     def __init__(
-        self, path: Path, fps: Fraction | None = None, limits: Limits = DEFAULT_LIMITS
+        self,
+        path: Path,
+        fps: Fraction | None = None,
+        limits: Limits = DEFAULT_LIMITS,
+        names: Sequence[str] | None = None,
     ) -> None:
         self.path = path
         self.notes: list[str] = []
         self.losses: list[str] = []
         self._limits = limits
         self._digests: list[tuple[str, str]] = []
-        try:
-            names = [
-                p.name
-                for p in path.iterdir()
-                if p.suffix.lower() in _SUFFIXES and not p.name.startswith(".")
-            ]
-        except OSError as error:
-            raise SourceError(f"cannot be read: {error.strerror}", path) from error
-        if not names:
-            inside = sorted(p.name for p in path.iterdir() if p.is_dir())
-            hint = f"; it holds the folders {', '.join(inside[:5])}" if inside else ""
-            raise SourceError(f"no JPEG or PNG pictures in this folder{hint}", path)
-        self._names = sorted(names, key=by_number)
-        header = self._header(self._names[0])
+        self._left_out = LeftOut()
+        found = list(names) if names is not None else self._found()
+        self._ordered = ordered(found, self.path)
+        self._names = self._ordered.names
+        self._doubled = self._ordered.doubled
+        header = self._first_header()
         self.width, self.height = header.width, header.height
+        self.stills = header.as_is
+        self._bits = self._bits_used(header)
         self.frame_count: int | None = len(self._names)
+        self.numbers: list[int] | None = None
+        self._rate: Rate | None = None
+        self._set_times(fps)
+        self._note_gaps()
+        self._said = list(self.notes)
+
+    def _found(self) -> list[str]:
+        names = picture_names(self.path)
+        inner = self.path / _MOT_FOLDER
+        if not names and inner.is_dir() and picture_names(inner):
+            self.path = inner
+            return picture_names(inner)
+        if not names:
+            inside = sorted(p.name for p in self.path.iterdir() if p.is_dir())
+            hint = f"; it holds the folders {', '.join(inside[:5])}" if inside else ""
+            raise SourceError(
+                f"no JPEG or PNG pictures in this folder (nor TIFF, WebP, BMP){hint}",
+                self.path,
+            )
+        return names
+
+    def _set_times(self, fps: Fraction | None) -> None:
+        times = self._ordered.times_ns
+        if fps is None and times is not None:
+            self._times: list[int] | None = [t - times[0] for t in times]
+            self.frame_ns = nominal_ns(times) or 1
+            self.notes.append("times are those in the pictures' names")
+            return
+        self._times = None
+        if fps is None:
+            fps = self._sequence_rate()
         self._rate = rate_or_assumed(fps, self.notes)
         self.frame_ns = self._rate.frame_ns
-        self._note_gaps()
+
+    def _sequence_rate(self) -> Fraction | None:
+        """What MOTChallenge's ``seqinfo.ini`` beside the folder says."""
+        for folder in (self.path, self.path.parent):
+            file = folder / "seqinfo.ini"
+            if not file.is_file() or file.stat().st_size > 1 << 16:
+                continue
+            parser = configparser.ConfigParser()
+            try:
+                parser.read(file, encoding="utf-8")
+                rate = Fraction(parser.get("Sequence", "frameRate"))
+            except (configparser.Error, ValueError, ZeroDivisionError, UnicodeDecodeError):
+                continue
+            if 0 < rate <= 1000:
+                self.notes.append(f"{float(rate):g} frames per second, as {file.name} says")
+                return rate
+        return None
 
     def _note_gaps(self) -> None:
-        numbers = [_number(name) for name in self._names]
-        known = [number for number in numbers if number is not None]
-        missing = known[-1] - known[0] + 1 - len(known) if known else 0
-        if len(known) == len(numbers) and missing > 0:
+        numbers = self._ordered.numbers
+        if numbers is None or len(set(numbers)) != len(numbers):
+            return
+        missing = numbers[-1] - numbers[0] + 1 - len(numbers)
+        if missing > 0:
             self.notes.append(
-                f"the pictures' numbers run from {known[0]} to {known[-1]} with {missing} missing: "
-                "frames are counted by position, without gaps"
+                f"the pictures' numbers run from {numbers[0]} to {numbers[-1]} with {missing}"
+                " missing: frames are counted by position, without gaps"
             )
+            if numbers[0] in (0, 1) and missing < len(numbers):
+                self.numbers = [n + 1 - numbers[0] for n in numbers]
 
-    def _header(self, name: str) -> PictureHeader:
-        path = self.path / name
-        try:
-            with path.open("rb") as file:
-                header = read_header(file.read(_HEADER_BYTES), path)
-        except OSError as error:
-            raise SourceError(f"cannot be read: {error.strerror}", path) from error
-        except RecordingError as error:
-            raise SourceError(error.reason, path) from error
-        check_size(header.width, header.height, path, self._limits)
-        return header
+    def time_ns(self, index: int) -> int:
+        """See `recorders.sources.source.NumberedSource`."""
+        assert self._rate is not None
+        return self._rate.time_ns(index)
 
-    def _read(self, name: str) -> tuple[bytes, PictureHeader]:
+    # Single pictures.
+
+    def _first_header(self) -> StillHeader:
+        """Of the first picture that can be read."""
+        first: SourceError | None = None
+        for name in self._names:
+            try:
+                return self._read(name)[1]
+            except LimitError:
+                raise
+            except SourceError as error:
+                first = first or error
+        assert first is not None
+        raise first
+
+    def _bits_used(self, header: StillHeader) -> int:
+        """How many bits the values of pictures of more than eight fill, by a sample of them."""
+        if header.bits <= 8:
+            return 16
+        bits = 8
+        for k, name in enumerate(self._names):
+            if spread(k, _DEEP_SAMPLES, len(self._names)):
+                try:
+                    data, one = self._read(name)
+                    bits = max(bits, bits_used(stored_values(data, one, self.path / name)))
+                except (SourceError, RecordingError):
+                    continue
+        self.notes.append(
+            f"pictures of {header.bits} bits whose values fill {bits}: the upper 8 of those are kept"
+        )
+        return bits
+
+    def _read(self, name: str) -> tuple[bytes, StillHeader]:
         path = self.path / name
         try:
             size = path.stat().st_size
@@ -111,53 +225,73 @@ class ImageFolderSource:
         except OSError as error:
             raise SourceError(f"cannot be read: {error.strerror}", path) from error
         if not data:
-            raise SourceError("the file is empty", path)
+            raise SourceError("the file is empty: neither a JPEG nor a PNG picture", path)
         try:
-            header = read_header(data, path)
+            header = still_header(data, path)
         except RecordingError as error:
             raise SourceError(error.reason, path) from error
         check_size(header.width, header.height, path, self._limits)
-        if (header.width, header.height) != (self.width, self.height):
-            first = f"{self._names[0]} is {self.width} x {self.height}"
-            raise SourceError(
-                f"is {header.width} x {header.height}, but {first}: one size is wanted",
-                path,
-            )
-        if not is_whole(data, header.format):
-            raise _CutOffError(f"a {header.format} picture that is cut off", path)
+        if header.format in ("jpeg", "png") and not is_whole(data, header.format):
+            raise SourceError(f"a {header.format} picture that is cut off", path)
         return data, header
 
-    def _loader(self, name: str, data: bytes) -> Callable[[], Image]:
-        def load() -> Image:
-            try:
-                return decode_picture(data, path=self.path / name, limits=self._limits)
-            except LimitError:
-                raise
-            except RecordingError as error:
-                raise SourceError(error.reason, error.path) from error
-
-        return load
+    def _load(self, name: str, data: bytes, header: StillHeader) -> Image:
+        path = self.path / name
+        try:
+            return decode_still(
+                data, header, bits=self._bits, path=path, limits=self._limits
+            )
+        except LimitError:
+            raise
+        except RecordingError as error:
+            raise PictureError(error.reason, path, name) from error
 
     def frames(self) -> Iterator[SourceFrame]:
         """All pictures in order."""
         self._digests.clear()
         self.losses.clear()
+        self._left_out.clear()
+        scaled = 0
+        first = ""
         for index, name in enumerate(self._names):
             try:
                 data, header = self._read(name)
-            except _CutOffError as error:
-                if index == 0 or index < len(self._names) - 1:
-                    raise
-                # What an interrupted capture or copy leaves: the last picture, cut off.
-                self.losses.append(f"{name}, the last picture: {error.reason}")
-                return
+            except LimitError:
+                raise
+            except SourceError as error:
+                self._left_out.note(error.reason, name)
+                continue
             self._digests.append((name, hashlib.sha256(data).hexdigest()))
-            yield SourceFrame(
-                index,
-                self._rate.time_ns(index),
-                self._loader(name, data),
-                data,
-                header.format,
+            now = self._rate.time_ns(index) if self._rate else self._time(index)
+            load: Callable[[], Image] = partial(self._load, name, data, header)
+            if (header.width, header.height) != (self.width, self.height):
+                scaled += 1
+                first = first or f"{name} of {header.width}x{header.height}"
+                yield SourceFrame(index, now, partial(self._fitted, load))
+            elif header.as_is:
+                yield SourceFrame(index, now, load, data, header.format)
+            else:
+                yield SourceFrame(index, now, load)
+        self._sum_up(scaled, first)
+
+    def _time(self, index: int) -> int:
+        assert self._times is not None
+        return self._times[index]
+
+    def _fitted(self, load: Callable[[], Image]) -> Image:
+        return fitted(load(), self.width, self.height)
+
+    def _sum_up(self, scaled: int, first: str) -> None:
+        self.losses += self._left_out.lines()
+        if scaled:
+            self.losses.append(
+                f"{scaled} pictures of another size were scaled to"
+                f" {self.width}x{self.height}, the first is {first}"
+            )
+        if self._doubled:
+            self.losses.append(
+                f"{len(self._doubled)} pictures have the name of another but for the format,"
+                f" the first is {self._doubled[0]}"
             )
 
     def sample(self, count: int) -> Iterator[Image]:
@@ -165,24 +299,14 @@ class ImageFolderSource:
         for index, name in enumerate(self._names):
             if spread(index, count, len(self._names)):
                 try:
-                    data, _ = self._read(name)
-                except _CutOffError:
-                    return
-                yield self._loader(name, data)()
+                    data, header = self._read(name)
+                    image = self._load(name, data, header)
+                except LimitError:
+                    raise
+                except SourceError:
+                    continue
+                yield fitted(image, self.width, self.height)
 
     def digests(self) -> list[tuple[str, str]]:
         """Each picture's SHA-256."""
         return list(self._digests)
-
-
-def by_number(name: str) -> tuple[list[tuple[int, str]], str]:
-    """A key that orders names by the numbers in them."""
-    parts = _DIGITS.split(Path(name).stem)
-    return [
-        (int(part), "") if index % 2 else (0, part) for index, part in enumerate(parts)
-    ], name
-
-
-def _number(name: str) -> int | None:
-    digits = _DIGITS.findall(Path(name).stem)
-    return int(digits[-1]) if digits else None

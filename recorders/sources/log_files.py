@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import shutil
 import tempfile
 import weakref
 from collections.abc import Collection, Iterator, Sequence
@@ -15,6 +16,7 @@ import zstandard
 from recorders.errors import LimitError, RecordingError, SourceError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import Attachment, ChannelInfo, LogReader, Message
+from recorders.names import by_number
 
 _MOST_FILES = 4096
 _STEP = 1 << 20
@@ -81,12 +83,12 @@ class McapFiles:
         self.path = path
         self._given = list(files)
         self._limits = limits
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._folders: list[str] = []
         if len(files) > _MOST_FILES:
             raise LimitError(f"{len(files)} files, at most {_MOST_FILES} are read", path)
         self._readers: list[LogReader] = []
         # A source is dropped, not closed: its files are given back with it.
-        self._closing = weakref.finalize(self, _close_all, self._readers)
+        self._closing = weakref.finalize(self, _close_all, self._readers, self._folders)
         try:
             for index, file in enumerate(files):
                 self._readers.append(LogReader(self._unpacked(file, index), limits))
@@ -112,9 +114,9 @@ class McapFiles:
     def _unpacked(self, path: Path, number: int) -> Path:
         if path.suffix.lower() not in (".zstd", ".zst"):
             return path
-        if self._folder is None:
-            self._folder = tempfile.TemporaryDirectory(prefix="scenetrace-")
-        out = Path(self._folder.name) / f"{number}-{path.with_suffix('').name}"
+        if not self._folders:
+            self._folders.append(tempfile.mkdtemp(prefix="scenetrace-"))
+        out = Path(self._folders[0]) / f"{number}-{path.with_suffix('').name}"
         limit, size = self._limits.max_unpacked_bytes, 0
         try:
             with path.open("rb") as source, out.open("wb") as target:
@@ -207,13 +209,13 @@ class McapFiles:
     def close(self) -> None:
         """See `LogFiles`."""
         self._closing()
-        if self._folder is not None:
-            self._folder.cleanup()
 
 
-def _close_all(readers: list[LogReader]) -> None:
+def _close_all(readers: list[LogReader], folders: list[str]) -> None:
     for reader in readers:
         reader.close()
+    for folder in folders:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _compresses_messages(reader: LogReader) -> bool:
@@ -262,7 +264,5 @@ def is_mcap(path: Path) -> bool:
 
 def mcap_files(folder: Path) -> list[Path]:
     """The MCAP files in a folder, by the numbers in their names."""
-    from recorders.sources.images import by_number
-
     found = [p for p in folder.iterdir() if p.is_file() and is_mcap(p) and p.name[0] != "."]
     return sorted(found, key=lambda p: by_number(p.name))

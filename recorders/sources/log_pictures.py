@@ -86,7 +86,7 @@ class PictureReader:
 
     def _still(self, message: Message, found: Still) -> Pictured:
         header = still_header(found.data, self._path)
-        if header.format in ("jpeg", "png") and not is_whole(found.data, header.format):  # type: ignore[arg-type]
+        if header.format in ("jpeg", "png") and not is_whole(found.data, header.format):
             raise RecordingError(f"a {header.format} picture that is cut off", self._path)
         if header.bits > 8 and not self.bits:
             self.bits = still_bits(stored_values(found.data, header, self._path))

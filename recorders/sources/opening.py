@@ -8,19 +8,23 @@ from fractions import Fraction
 from pathlib import Path
 
 from recorders.errors import SourceError, UsageError
+from recorders.files import existing_file
+from recorders.formats.folders import box_files
+from recorders.formats.opening import OTHERS, TEXT, BoxOptions
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.sources.bags import BagFiles
+from recorders.sources.boxes import BoxSource
 from recorders.sources.caviar import CaviarSource
-from recorders.sources.images import ImageFolderSource
+from recorders.sources.images import ImageFolderSource, holds_pictures
 from recorders.sources.log_files import LogFiles, McapFiles, is_mcap, mcap_files
 from recorders.sources.log_source import LogOptions, LogSource
-from recorders.sources.mot import MotSource
 from recorders.sources.plugin_source import plugin_source
 from recorders.sources.source import Source, parse_fps
+from recorders.sources.stacks import TiffStackSource
 from recorders.sources.video import VideoSource
 from recorders.sources.with_detections import WithDetections
+from recorders.stills import SUFFIXES
 
-_TEXT = frozenset({".txt", ".csv"})
 _PICTURES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".webp"})
 _BAGS = frozenset({".bag", ".db3"})
 Paths = str | Path | Sequence[str | Path]
@@ -33,6 +37,7 @@ def open_source(
     fps: float | Fraction | str | None = None,
     size: tuple[int, int] | None = None,
     log: LogOptions | None = None,
+    boxes: BoxOptions | None = None,
     limits: Limits = DEFAULT_LIMITS,
 ) -> Source:
     """Open a source of frames by what it is: a folder of images, ``.txt`` (MOTChallenge),
@@ -41,14 +46,15 @@ def open_source(
 
     Args:
         path: the folder or file; several files of one recording: logs.
-        detections: a MOTChallenge file whose detections go beside the pictures, its frame 1 with
-            the first.
+        detections: a file of boxes (MOTChallenge, COCO, YOLO ...) whose detections go beside the
+            pictures, its first frame with the first.
         fps: a constant frame rate; None takes a video's own presentation times, CAVIAR's 25, and
             else assumes 25 with a note.
         size: the picture size (width, height) that the boxes were made for. Beside pictures the
             boxes are scaled from it; without pictures it is the recording's size (None: as far as
             the boxes reach, with a note).
         log: which topics of a log are read, and how.
+        boxes: what a file of boxes does not say of itself.
         limits: what the source may make us allocate.
 
     Raises:
@@ -59,7 +65,7 @@ def open_source(
     words = [path] if isinstance(path, str | Path) else path
     foreign = plugin_source(words[0]) if len(words) == 1 else None
     if foreign is not None:
-        return _beside_detections(foreign, detections, size, limits)
+        return _beside_pictures(foreign, detections, size, boxes or BoxOptions(), limits)
     paths = _paths(path)
     rate = None if fps is None else parse_fps(fps)
     if size is not None and min(size) < 1:
@@ -77,11 +83,19 @@ def open_source(
             f"{paths[0]} is no log: --image-topic, --detections-topic, --time, --tolerance,"
             " --topics and --exclude go with logs"
         )
-    if len(paths) > 1:
-        raise UsageError(
-            f"{len(paths)} sources: several files are read as one where they are logs"
-        )
-    return _open_file(paths[0], detections, rate, size, limits)
+    if len(paths) > 1 or (paths[0].suffix.lower() in _PICTURES and "*" in str(path)):
+        if not all(
+            p.suffix.lower() in SUFFIXES and p.parent == paths[0].parent for p in paths
+        ):
+            raise UsageError(
+                f"{len(paths)} sources: several files are read as one where they are logs, or"
+                " pictures in one folder"
+            )
+        series = ImageFolderSource(paths[0].parent, rate, limits, [p.name for p in paths])
+        return _beside_pictures(series, detections, size, boxes or BoxOptions(), limits)
+    given = boxes or BoxOptions()
+    boxes = replace(given, fps=float(rate or given.fps))
+    return _open_file(paths[0], detections, rate, size, boxes, limits)
 
 
 def open_cameras(
@@ -140,6 +154,10 @@ def _paths(path: Paths) -> list[Path]:
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path]
     if not paths:
         raise UsageError("no source is named")
+    if len(paths) == 1 and not paths[0].exists() and "*" in paths[0].name:
+        paths = sorted(paths[0].parent.glob(paths[0].name))
+        if not paths:
+            raise SourceError("no file has such a name", Path(str(path)))
     for one in paths:
         if not one.exists():
             raise SourceError("no such file or folder", one)
@@ -178,25 +196,41 @@ def _alone(paths: Sequence[Path], opened: Callable[[], LogFiles]) -> LogFiles:
     return opened()
 
 
+def _holds_boxes(path: Path) -> bool:
+    """Whether a path is a file of boxes, or a folder that holds such files and no pictures."""
+    if path.is_dir():
+        return not holds_pictures(path) and bool(box_files(path))
+    return path.suffix.lower() in TEXT | OTHERS
+
+
+def _is_caviar(path: Path) -> bool:
+    """CAVIAR's root is a dataset; what is no XML that can be told is refused in its words."""
+    if path.suffix.lower() != ".xml" or path.is_dir():
+        return False
+    with existing_file(path).open("rb") as file:
+        return b"<annotations" not in file.read(4096)
+
+
 def _open_file(
     path: Path,
     detections: str | Path | None,
     rate: Fraction | None,
     size: tuple[int, int] | None,
+    boxes: BoxOptions,
     limits: Limits,
 ) -> Source:
     kind = path.suffix.lower()
-    if kind in _TEXT or kind == ".xml":
+    if _holds_boxes(path):
         if detections is not None:
             raise UsageError(
                 f"--detections goes with pictures; {path} holds detections itself"
             )
-        source: Source = (
-            MotSource(path, rate, size, limits)
-            if kind in _TEXT
-            else CaviarSource(path, rate, size, limits)
-        )
-        return source
+        if _is_caviar(path):
+            return CaviarSource(path, rate, size, limits)
+        return BoxSource(path, rate, size, boxes, limits)
+    if path.is_file() and kind in (".tif", ".tiff"):
+        stack: Source = TiffStackSource(path, rate, limits)
+        return _beside_pictures(stack, detections, size, boxes, limits)
     if path.is_file() and kind in _PICTURES:
         raise SourceError(
             "one picture is not a recording: give the folder that it lies in", path
@@ -206,17 +240,19 @@ def _open_file(
         if path.is_dir()
         else VideoSource(path, rate, limits)
     )
-    return _beside_detections(pictures, detections, size, limits)
+    return _beside_pictures(pictures, detections, size, boxes, limits)
 
 
-def _beside_detections(
+def _beside_pictures(
     pictures: Source,
     detections: str | Path | None,
     size: tuple[int, int] | None,
+    boxes: BoxOptions,
     limits: Limits,
 ) -> Source:
+    """The pictures, with the detections of a file where one is named."""
     if detections is not None:
-        return WithDetections(pictures, Path(detections), size, limits)
+        return WithDetections(pictures, Path(detections), size, boxes, limits)
     if size is not None:
         raise UsageError(
             f"--size says what size detections were made for; {pictures.path} is"

@@ -128,6 +128,21 @@ class Source(Protocol):
 
 
 @runtime_checkable
+class NumberedSource(Protocol):
+    """A source of pictures that may have numbers of their own.
+
+    Attributes:
+        numbers: of each picture from 1, where some numbers between them are missing; else None.
+    """
+
+    numbers: list[int] | None
+
+    def time_ns(self, index: int) -> int:
+        """When the picture of number ``index + 1`` was taken, since the first number."""
+        ...
+
+
+@runtime_checkable
 class LoggedSource(Protocol):
     """A source that is a log: its frames have times of their own, and it holds more than frames.
 

@@ -1,30 +1,39 @@
-"""Pictures from one source with the detections of a MOTChallenge file beside them."""
+"""Pictures from one source with the detections of a file beside them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import chain
 from pathlib import Path
 
-from recorders.files import sha256
+from recorders.formats.opening import BoxOptions
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.messages import Box
-from recorders.sources.mot import FrameRows, MotText
-from recorders.sources.source import Image, Source, SourceFrame, detections_of
+from recorders.messages import Box, Detections
+from recorders.sources.boxes import BoxFile, FrameRows
+from recorders.sources.source import (
+    Image,
+    NumberedSource,
+    Source,
+    SourceFrame,
+    detections_of,
+)
 
 
 class WithDetections:
-    """A source of pictures whose frame k has the detections of the file's frame k + 1.
+    """A source of pictures whose frame k has the detections of the file's k-th frame.
+
+    Where pictures have numbers with gaps between, numbers decide: a picture has the detections of
+    the frame of its own number, and a frame whose picture is missing is a frame without one.
 
     Args:
         pictures: the pictures.
-        detections: the MOTChallenge file.
+        detections: the file of boxes.
         size: the picture size that the file was made for, its boxes are scaled from it; None: the
             pictures' own.
+        options: what the file does not say of itself.
         limits: what a source may make us allocate.
 
     Raises:
-        SourceError, LimitError: as `MotText`; or boxes lie beyond the pictures.
+        SourceError, UsageError, LimitError: as `BoxFile`; or most boxes lie beyond the pictures.
     """
 
     has_images = True
@@ -35,58 +44,97 @@ class WithDetections:
         pictures: Source,
         detections: Path,
         size: tuple[int, int] | None = None,
+        options: BoxOptions | None = None,
         limits: Limits = DEFAULT_LIMITS,
     ) -> None:
         self._pictures = pictures
-        self._text = MotText(detections, limits)
+        made_for = size or (pictures.width, pictures.height)
+        self._file = BoxFile(detections, made_for, options, limits, pictures.frame_count)
         self.path = pictures.path
-        self.name = f"{pictures.name} with MOTChallenge text"
+        self.name = f"{pictures.name} with {self._file.name}"
         self.stills = pictures.stills
         self.width, self.height = pictures.width, pictures.height
         self.frame_ns, self.frame_count = pictures.frame_ns, pictures.frame_count
-        self.notes = [*pictures.notes, *self._text.notes()]
         self.losses: list[str] = []
-        made_for = size or (self.width, self.height)
+        self._numbers = pictures.numbers if isinstance(pictures, NumberedSource) else None
+        self.notes = [*pictures.notes, *self._own_notes()]
         self._scale = self.width / made_for[0], self.height / made_for[1]
         what = f"pictures are {self.width}x{self.height}"
         if size is not None:
             what = f"size given is {size[0]}x{size[1]} and the {what}"
-        self._text.check_inside(*made_for, what)
+        self._file.check_inside(*made_for, what)
+
+    def _own_notes(self) -> list[str]:
+        found = self._file.notes()
+        if self._numbers is not None:
+            found.append(
+                "the detections belong to the pictures of the same number, and times follow"
+                " the numbers"
+            )
+        return found
 
     def _scaled(self, box: Box) -> Box:
         x, y, w, h = box
         across, down = self._scale
         return x * across, y * down, w * across, h * down
 
+    def _detections(self, index: int, rows: FrameRows | None) -> Detections:
+        if rows is None:
+            return detections_of(index, self.width, self.height, [], [])
+        boxes = [self._scaled(b) for b in rows.boxes]
+        return detections_of(
+            index, self.width, self.height, boxes, rows.scores, rows.labels
+        )
+
+    def _number(self, frame: SourceFrame) -> int:
+        """The frame's number, from 1."""
+        return frame.index + 1 if self._numbers is None else self._numbers[frame.index]
+
     def frames(self) -> Iterator[SourceFrame]:
         """All pictures, each with its detections, if only none."""
         self.losses.clear()
-        self.notes[:] = self._pictures.notes + self._text.notes()
-        rows = self._text.by_frame()
+        self.notes[:] = [*self._pictures.notes, *self._own_notes()]
+        rows = self._file.by_frame()
         ahead = next(rows, None)
         for frame in self._pictures.frames():
-            mine: FrameRows | None = None
-            if ahead is not None and ahead.number == frame.index + 1:
+            number = self._number(frame)
+            while ahead is not None and ahead.number < number:
+                if self._numbers is not None:
+                    yield self._without_picture(ahead)
+                ahead = next(rows, None)
+            mine = None
+            if ahead is not None and ahead.number == number:
                 mine, ahead = ahead, next(rows, None)
-            boxes = [self._scaled(box) for box in mine.boxes] if mine else []
-            frame.detections = detections_of(
-                frame.index, self.width, self.height, boxes, mine.scores if mine else []
-            )
+            if self._numbers is not None:
+                frame.index = number - 1
+                frame.time_ns = self._time_ns(number)
+            frame.detections = self._detections(frame.index, mine)
             yield frame
-        self._sum_up([] if ahead is None else chain([ahead], rows))
+        self._sum_up(ahead, rows)
 
-    def _sum_up(self, after: Iterator[FrameRows] | list[FrameRows]) -> None:
+    def _time_ns(self, number: int) -> int:
+        assert isinstance(self._pictures, NumberedSource)
+        return self._pictures.time_ns(number - 1)
+
+    def _without_picture(self, rows: FrameRows) -> SourceFrame:
+        index = rows.number - 1
+        return SourceFrame(
+            index, self._time_ns(rows.number), detections=self._detections(index, rows)
+        )
+
+    def _sum_up(self, ahead: FrameRows | None, rest: Iterator[FrameRows]) -> None:
         count = first = 0
-        for rows in after:
-            first = first or rows.number
-            count += len(rows.boxes)
-        self.notes[:] = self._pictures.notes + self._text.notes()
-        self.losses += self._pictures.losses + self._text.losses()
+        while ahead is not None:
+            first = first or ahead.number
+            count += len(ahead.boxes)
+            ahead = next(rest, None)
+        self.notes[:] = [*self._pictures.notes, *self._own_notes()]
+        self.losses += self._pictures.losses + self._file.losses()
         self.frame_count = self._pictures.frame_count
         if count:
             last = self.frame_count
             self.losses.append(
-                f"{self._text.path.name}: {count} detections from frame {first} on come"
+                f"{self._file.path.name}: {count} detections from frame {first} on come"
                 f" after the last picture ({last} pictures) and were left out"
             )
 
@@ -95,5 +143,5 @@ class WithDetections:
         return self._pictures.sample(count)
 
     def digests(self) -> list[tuple[str, str]]:
-        """Of the pictures, then of the detections' file."""
-        return [*self._pictures.digests(), (self._text.path.name, sha256(self._text.path))]
+        """Of the pictures, then of the detections' files."""
+        return [*self._pictures.digests(), *self._file.digests()]

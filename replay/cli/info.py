@@ -102,6 +102,8 @@ def _shortened(text: str, width: int) -> str:
 
 
 def _print(info: LogInfo) -> None:
+    from rich.cells import cell_len, set_cell_size
+
     packed = (
         ", ".join(
             f"{c.chunks} chunks {c.compression or 'uncompressed'}" for c in info.compression
@@ -125,7 +127,8 @@ def _print(info: LogInfo) -> None:
         + (f" over {span}" if info.message_count else "")
     )
     topics = [common.printable(channel.topic) or '""' for channel in info.channels]
-    width = min(_MOST_TOPIC, max((len(topic) for topic in topics), default=0))
+    usual = [cell_len(t) for t in topics if cell_len(t) <= _MOST_TOPIC]
+    width = max(usual, default=_MOST_TOPIC)
     for channel, topic in zip(info.channels, topics, strict=True):
         schema = (
             "no schema"
@@ -135,7 +138,7 @@ def _print(info: LogInfo) -> None:
         count = channel.message_count if channel.message_count is not None else "?"
         room = max(_LEAST_SCHEMA, _COLUMNS - width - 13)
         print(
-            f"  {_shortened(topic, width):<{width}}  {count:>7} "
+            f"  {set_cell_size(_shortened(topic, width), width)}  {count:>7} "
             f" {_shortened(common.printable(schema), room)}"
         )
     for attachment in info.attachments:

@@ -51,7 +51,16 @@ def add(commands: common.Commands) -> None:
     )
     parser.add_argument(
         "--detections", type=Path, metavar="DET.TXT",
-        help="MOTChallenge detections beside the pictures, its frame 1 with the first picture",
+        help="detections beside the pictures, their first frame with the first picture: MOTChallenge, KITTI, CSV,"
+        " JSON lines, Parquet, COCO, YOLO or LabelMe or VOC folders, CVAT, Label Studio, Frigate",
+    )  # fmt: skip
+    parser.add_argument(
+        "--columns", metavar="NAMES",
+        help="what the columns of a table of detections are, where it does not name them: frame,id,x1,y1,x2,y2,score",
+    )  # fmt: skip
+    parser.add_argument(
+        "--first-frame", type=int, choices=(0, 1), metavar="N",
+        help="what a file of detections calls the first frame, 0 or 1; default 0 where some frame is 0, else 1",
     )  # fmt: skip
     parser.add_argument(
         "--detect", metavar="METHOD", action="append",
@@ -194,6 +203,8 @@ def _model(args: argparse.Namespace) -> ModelOptions | None:
 def run(args: argparse.Namespace) -> int:
     """Record."""
     from recorders.errors import OutputExistsError
+    from recorders.formats.columns import parse_columns
+    from recorders.formats.opening import BoxOptions
     from recorders.parameters import configure
     from recorders.recording import SECTIONS, RecordOptions
     from recorders.sources import LogOptions, open_cameras, open_source
@@ -218,6 +229,9 @@ def run(args: argparse.Namespace) -> int:
         None if args.topics is None else tuple(args.topics),
         tuple(args.exclude),
     )
+    boxes = BoxOptions(
+        None if args.columns is None else parse_columns(args.columns), args.first_frame
+    )
     if topics:
         sources = open_cameras(
             args.source, topics, fps=args.fps, size=args.size, log=log, limits=limits
@@ -230,6 +244,7 @@ def run(args: argparse.Namespace) -> int:
                 fps=args.fps,
                 size=args.size,
                 log=log,
+                boxes=boxes,
                 limits=limits,
             )
         }

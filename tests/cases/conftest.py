@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import runpy
 import shutil
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -36,7 +38,11 @@ def _run(script: Path, out: Path, *words: str) -> Path:
     sys.path.insert(0, str(script.parent))
     sys.dont_write_bytecode = True
     try:
-        runpy.run_path(str(script), run_name="__main__")
+        # The scripts leave their files to the end of the process.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            runpy.run_path(str(script), run_name="__main__")
+            gc.collect()
     except SystemExit as e:
         if e.code:
             raise RuntimeError(f"{script}: {e.code}") from e

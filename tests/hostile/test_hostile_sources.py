@@ -253,7 +253,7 @@ def test_detections_are_checked_before_anything_is_written(tmp_path: Path) -> No
         "1,-1,900,900,5,5,1",
     ):
         det.write_text(row + "\n")
-        with pytest.raises(SourceError, match=r"det\.txt:1: "):
+        with pytest.raises(SourceError, match=r"det\.txt:1"):
             record(
                 open_source(tmp_path, detections=det, fps=5),
                 tmp_path / "a.mcap",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -311,20 +312,22 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(
 def test_a_source_that_breaks_leaves_a_part_file_and_says_how_to_recover_it(
     tmp_path: Path, folder: Path
 ) -> None:
-    (folder / "000021.jpg").write_bytes((folder / "000021.jpg").read_bytes()[:-30])
+    vast = struct.pack(">IIBBBBB", 30_000, 30_000, 8, 2, 0, 0, 0)
+    (folder / "000021.jpg").write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + vast + bytes(99))
     with pytest.raises(InterruptedRecordingError) as e:
         record(
             open_source(folder, fps=8), tmp_path / "a.mcap", RecordOptions(detect="none")
         )
-    assert "000021.jpg: a jpeg picture that is cut off after 20 frames" in str(e.value)
+    assert "a picture claims 30000 x 30000 pixels" in str(e.value)
+    assert "after 20 frames" in str(e.value)
     assert f"scenetrace recover {tmp_path / 'a.mcap.part'} -o " in str(e.value)
     assert (tmp_path / "a.mcap.part").exists()
     assert not (tmp_path / "a.mcap").exists()
 
 
 def test_a_source_that_breaks_at_once_leaves_nothing(tmp_path: Path, folder: Path) -> None:
-    first = folder / "000001.jpg"
-    first.write_bytes(first.read_bytes()[:-30])
+    for picture in folder.iterdir():
+        picture.write_bytes(picture.read_bytes()[:-30])
     with pytest.raises(SourceError, match=r"000001\.jpg"):
         record(
             open_source(folder, fps=8), tmp_path / "a.mcap", RecordOptions(detect="none")

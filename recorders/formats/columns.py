@@ -1,0 +1,260 @@
+"""Named columns: which of them is a frame, a box, a score, a class, whatever a file calls them.
+
+A box is given by its corner and size (``x, y, w, h``), by two corners (``x1, y1, x2, y2``), or by
+its centre and size (``cx, cy, w, h``); each in pixels, or, with ``n`` behind the name, as a share
+of the picture (``xn``, ``cxn`` ...). One column may hold all four (``bbox``).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from recorders.errors import UsageError
+from recorders.formats.boxes import NOBODY, BoxRow
+from recorders.messages import Box
+
+_ROLES: dict[str, tuple[str, ...]] = {
+    "frame": (
+        "frame", "frame_id", "frame_number", "frame_index", "frame_idx", "frameid", "framenumber",
+        "frame_num", "fn", "image_id", "imageid",
+    ),
+    "file": ("file", "file_name", "filename", "image", "image_name", "image_path", "img", "path"),
+    "id": (
+        "id", "identity", "track", "track_id", "trackid", "tracker_id", "target", "target_id",
+        "object_id", "objectid", "obj_id", "person_id",
+    ),
+    "score": ("score", "conf", "confidence", "prob", "probability", "det_score"),
+    "label": (
+        "label", "class", "class_name", "classname", "cls", "category", "name", "type", "class_id",
+        "classid", "category_id", "object_class", "species",
+    ),
+    "x": ("x", "left", "bb_left", "bbox_left", "bbox_x", "bb_x", "x_left", "top_left_x", "box_x"),
+    "y": ("y", "top", "bb_top", "bbox_top", "bbox_y", "bb_y", "y_top", "top_left_y", "box_y"),
+    "w": ("w", "width", "bb_width", "bbox_width", "bbox_w", "bb_w", "box_width", "box_w"),
+    "h": ("h", "height", "bb_height", "bbox_height", "bbox_h", "bb_h", "box_height", "box_h"),
+    "x1": ("x1", "xmin", "x_min", "xtl", "bbox_x1", "bbox_xmin", "min_x", "minx"),
+    "y1": ("y1", "ymin", "y_min", "ytl", "bbox_y1", "bbox_ymin", "min_y", "miny"),
+    "x2": ("x2", "xmax", "x_max", "xbr", "bbox_x2", "bbox_xmax", "max_x", "maxx", "right"),
+    "y2": ("y2", "ymax", "y_max", "ybr", "bbox_y2", "bbox_ymax", "max_y", "maxy", "bottom"),
+    "cx": ("cx", "xc", "x_center", "center_x", "x_centre", "centre_x", "xcenter", "bbox_cx"),
+    "cy": ("cy", "yc", "y_center", "center_y", "y_centre", "centre_y", "ycenter", "bbox_cy"),
+    "bbox": ("bbox", "box", "xywh", "bbox_xywh", "tlwh", "bounding_box"),
+    "corners": ("xyxy", "bbox_xyxy", "tlbr", "ltrb", "box_xyxy"),
+    "skip": ("-", "_", "skip"),
+}  # fmt: skip
+_PLACES = ("x", "y", "w", "h", "x1", "y1", "x2", "y2", "cx", "cy")
+_NAMES = {name: role for role, names in _ROLES.items() for name in names}
+_NAMES |= {f"{role}n": f"{role}n" for role in _PLACES} | {
+    "xywhn": "bboxn",
+    "xyxyn": "cornersn",
+}
+_SHAPES = (("x", "y", "w", "h"), ("x1", "y1", "x2", "y2"), ("cx", "cy", "w", "h"))
+_NUMBER = re.compile(r"\d+")
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Which column holds what.
+
+    Attributes:
+        roles: role of each column by its position, empty where it holds nothing that is read.
+    """
+
+    roles: tuple[str, ...]
+
+    @classmethod
+    def of(cls, names: Sequence[str]) -> Columns:
+        """The roles of columns with these names.
+
+        Raises:
+            ValueError: they give no frame, or no box.
+        """
+        roles = [
+            _NAMES.get(name.strip().strip('"').lower().replace(" ", "_"), "")
+            for name in names
+        ]
+        if "x1" not in roles and "left" in _plain(names) and "x2" in roles:
+            roles = ["x1" if r == "x" else "y1" if r == "y" else r for r in roles]
+        for k, role in enumerate(roles):
+            if role and role in roles[:k]:
+                roles[k] = ""  # the first of two of one kind (class_id beside class_name)
+        found = set(roles)
+        if not {"frame", "file"} & found:
+            raise ValueError("no column of frames (frame, frame_id, file_name)")
+        if not _shape_of(found):
+            raise ValueError(
+                "no columns of boxes (x,y,w,h or x1,y1,x2,y2 or cx,cy,w,h or bbox)"
+            )
+        return cls(tuple(roles))
+
+    @property
+    def is_relative(self) -> bool:
+        """Whether boxes are shares of the picture."""
+        return any(role.endswith("n") for role in self.roles if role)
+
+    def row(self, values: Sequence[Any], size: tuple[int, int] | None, line: int) -> BoxRow:
+        """A row's box; the frame is as the file counts it.
+
+        Raises:
+            ValueError: a value is missing, or no number.
+        """
+        held = {r: v for r, v in zip(self.roles, values, strict=False) if r}
+        return row_of(held, size, line)
+
+
+def _plain(names: Sequence[str]) -> set[str]:
+    return {n.strip().strip('"').lower() for n in names}
+
+
+def _shape_of(roles: set[str]) -> tuple[str, ...] | None:
+    for end in ("", "n"):
+        for shape in _SHAPES:
+            if {name + end for name in shape} <= roles:
+                return tuple(name + end for name in shape)
+        for one in ("bbox", "corners"):
+            if one + end in roles:
+                return (one + end,)
+    return None
+
+
+def row_of(held: Mapping[str, Any], size: tuple[int, int] | None, line: int) -> BoxRow:
+    """The box in values by role.
+
+    Raises:
+        ValueError: a value is missing, or no number; or shares without the picture's size.
+    """
+    label = held.get("label")
+    score = held.get("score")
+    return BoxRow(
+        _frame(held),
+        _identity(held.get("id")),
+        box_of(held, size),
+        1.0 if _empty(score) else number(score, "score"),
+        "" if _empty(label) else str(label).strip(),
+        line,
+    )
+
+
+def _empty(value: Any) -> bool:
+    if isinstance(value, float):
+        return math.isnan(value)
+    return value is None or (isinstance(value, str) and not value.strip())
+
+
+def _frame(held: Mapping[str, Any]) -> int:
+    value = held.get("frame")
+    if _empty(value):
+        return number_in(str(held.get("file", "")))
+    found = number(value, "frame")
+    if found != int(found) or found < 0:
+        raise ValueError(f"frame {value}: frames are whole numbers from 0 or 1")
+    return int(found)
+
+
+def number_in(name: str) -> int:
+    """The last number in a file's name without its suffix: ``video_12.jpg`` is frame 12.
+
+    Raises:
+        ValueError: there is none.
+    """
+    stem = name.replace("\\", "/").rsplit("/", 1)[-1]
+    stem = stem.rsplit(".", 1)[0] if "." in stem else stem
+    digits = _NUMBER.findall(stem)
+    if not digits:
+        raise ValueError(f"{name[:60]!r} holds no frame number")
+    return int(digits[-1])
+
+
+def _identity(value: Any) -> int:
+    """An identity as a whole number; one that is none (a name) is nobody's: detections do without."""
+    if _empty(value):
+        return NOBODY
+    try:
+        found = float(value)
+    except (TypeError, ValueError):
+        return NOBODY
+    return int(found) if found == int(found) and abs(found) < 2**53 else NOBODY
+
+
+def number(value: Any, what: str) -> float:
+    """A number, also where it is written as text.
+
+    Raises:
+        ValueError: it is none.
+    """
+    if isinstance(value, bool):
+        raise ValueError(f"{what} is {value}")  # noqa: TRY004 (a value, not a type, is wrong)
+    if isinstance(value, str):
+        text = value.strip()
+        if "_" in text:
+            raise ValueError(f"{what} {text[:40]!r} is not a number")
+        value = text
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} {str(value)[:40]!r} is not a number") from None
+
+
+def box_of(held: Mapping[str, Any], size: tuple[int, int] | None) -> Box:
+    """x, y, w, h in pixels.
+
+    Raises:
+        ValueError: a value is missing, or no number; or shares without the picture's size.
+    """
+    shape = _shape_of({r for r in held if r})
+    if shape is None:
+        raise ValueError("a box lacks a value")
+    if len(shape) == 1:
+        four = held[shape[0]]
+        if isinstance(four, str):
+            four = re.split(r"[\s,;]+", four.strip().strip("[]()"))
+        if not hasattr(four, "__len__") or len(four) != 4:
+            raise ValueError(f"a box of {str(four)[:40]!r}: four numbers are wanted")
+        values = [number(v, "box") for v in four]
+        corners, centred = shape[0].startswith("corners"), False
+    else:
+        values = [number(held[name], name) for name in shape]
+        corners, centred = shape[0].startswith("x1"), shape[0].startswith("c")
+    a, b, c, d = values
+    if corners:
+        c, d = c - a, d - b
+    if centred:
+        a, b = a - c / 2, b - d / 2
+    if shape[0].endswith("n"):
+        if size is None:
+            raise ValueError("boxes are shares of the picture, whose size is not known")
+        a, b, c, d = a * size[0], b * size[1], c * size[0], d * size[1]
+    return a, b, c, d
+
+
+def parse_columns(text: str) -> Columns:
+    """Columns from ``frame,id,x1,y1,x2,y2,score``.
+
+    Raises:
+        UsageError: a name is not known, or there is no frame or no box among them.
+    """
+    names = [n.strip() for n in text.split(",")]
+    unknown = [n for n in names if n.lower() not in _NAMES]
+    if unknown:
+        raise UsageError(
+            f"--columns {text}: {unknown[0]!r} is not known; known are frame, file, id, x, y,"
+            " w, h, x1, y1, x2, y2, cx, cy (each also with n behind it, as a share of the"
+            " picture), bbox, score, label, skip"
+        )
+    try:
+        return Columns.of(names)
+    except ValueError as e:
+        raise UsageError(f"--columns {text}: {e}") from e
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell's text is a number (also one that is not finite)."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell

@@ -1,0 +1,363 @@
+"""Tables of boxes as text: MOTChallenge of every width and separator, KITTI tracking, columns with
+names; and tables with names that are no text (JSON lines, JSON lists, Parquet).
+"""
+
+from __future__ import annotations
+
+import codecs
+import io
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from recorders.errors import SourceError, UsageError
+from recorders.files import open_to_read
+from recorders.formats.boxes import BoxRow
+from recorders.formats.columns import Columns, is_number, number, row_of
+from recorders.formats.readers import Bad, checked, read_json
+from recorders.limits import DEFAULT_LIMITS, Limits
+
+_LONGEST_LINE = 1 << 16
+_MOT = Columns(("frame", "id", "x", "y", "w", "h", "score"))
+_KITTI = Columns(
+    ("frame", "id", "label", "", "", "", "x1", "y1", "x2", "y2", *[""] * 7, "score")
+)
+_LEAST_COLUMNS = 6
+_SAMPLED = 400
+_ASK_FROM = 8
+
+
+class TextTable:
+    """A text of boxes, one a line.
+
+    Columns that the first line names may come in any order; without names they are MOTChallenge's:
+    ``frame,id,x,y,w,h[,score[,class...]]``, or KITTI's where the third is a word. A text whose
+    columns may as well mean something else is asked about, not guessed.
+
+    Args:
+        path: the file.
+        columns: what the columns are, where the caller says it.
+        size: the picture's, for boxes that are shares of it.
+
+    Raises:
+        SourceError: no such text.
+        UsageError: it may be read in two ways.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        columns: Columns | None = None,
+        size: tuple[int, int] | None = None,
+    ) -> None:
+        self.first_frame: int | None = None
+        self.is_certain = False
+        self.path = path
+        self.size: tuple[int, int] | None = None
+        self.notes: list[str] = []
+        self._picture = size
+        self._encoding = _encoding_of(path)
+        self._separator: str | None = None
+        self._given = columns
+        self._columns = columns or _MOT
+        self._named = False
+        self._least = min(_LEAST_COLUMNS, len(self._columns.roles) - 1)
+        self._labelled = False
+        self.name = "a table of boxes"
+        self._look()
+
+    def _look(self) -> None:
+        """Learn the separator and the columns from the first lines."""
+        first: list[list[str]] = []
+        for _, text in self._texts():
+            if not first:
+                self._separator = _separator_of(text)
+            first.append(self._cells(text))
+            if len(first) == _SAMPLED:
+                break
+        if not first:
+            raise SourceError("no detections in this file", self.path)
+        names = first[0]
+        if self._given is not None:
+            self._named = not any(is_number(c) for c in names)
+        elif not any(map(is_number, names[:_LEAST_COLUMNS])) and len(names) > 1:
+            self._take_names(names)
+        elif len(names) > 10 and not is_number(names[2]) and is_number(names[0]):
+            self._columns, self.name = _KITTI, "KITTI tracking text"
+            self.first_frame, self.is_certain = 0, True
+        else:
+            self.name, self.is_certain = "MOTChallenge text", True
+            self._check_mot(first)
+
+    def _take_names(self, names: list[str]) -> None:
+        self._named = True
+        try:
+            self._columns = Columns.of(names)
+        except ValueError as e:
+            raise SourceError(
+                f"the columns {','.join(names)[:80]!r}: {e}", self.path, 1
+            ) from e
+        self.name = "a table with named columns"
+        if not {"x", "y", "w", "h"} <= set(self._columns.roles):
+            self.first_frame = 0  # a program's own output counts from 0
+
+    def _check_mot(self, first: list[list[str]]) -> None:
+        """Whether the columns can only be MOTChallenge's, and whether the eighth is a class."""
+        widths = {len(cells) for cells in first}
+        common = sum(len(cells) == len(first[0]) for cells in first)
+        if 10 * common > 9 * len(first) or len(first) == 2:
+            self._least = len(first[0])  # a shorter row was cut
+        if max(widths) < _LEAST_COLUMNS:
+            wanted = "frame,id,x,y,w,h and more"
+            raise SourceError(
+                f"{max(widths)} columns, wanted {wanted}, separated by commas, semicolons,"
+                " blanks or tabs",
+                self.path,
+                1,
+            )
+        numbers = [_numbers(cells[:7]) for cells in first]
+        whole = [n for n in numbers if n is not None]
+        if widths == {_LEAST_COLUMNS}:
+            self._check_six(whole)
+        self._check_corners(whole)
+        self._check_shares(whole)
+        eighth = [cells[7].strip() for cells in first if len(cells) > 7]
+        self._labelled = bool(eighth) and not all(
+            c in ("-1", "-1.0", "") or "." in c for c in eighth
+        )
+        scores = [n[6] for n in whole if len(n) > 6]
+        if scores and all(s == -1 for s in scores):
+            self._unsure = True
+
+    _unsure = False
+
+    def _ask(self, why: str, *ways: str) -> UsageError:
+        choice = " or ".join(f"--columns {way}" for way in ways)
+        return UsageError(f"{self.path}: {why}; say which it is: {choice}")
+
+    def _check_six(self, rows: list[list[float]]) -> None:
+        ids = [r[1] for r in rows]
+        last = [r[5] for r in rows]
+        fractions = any(v != int(v) for v in ids if abs(v) < 2**53)
+        if rows and (fractions or (all(0 <= v <= 1 for v in last))):
+            raise self._ask(
+                "six columns, of which the second is no identity or the sixth a score",
+                "frame,x1,y1,x2,y2,score",
+                "frame,x,y,w,h,score",
+                "frame,id,x,y,w,h",
+            )
+
+    def _check_corners(self, rows: list[list[float]]) -> None:
+        """Whether the fifth and sixth number follow the third and fourth, as a second corner does."""
+        if len(rows) < _ASK_FROM or not all(r[4] > r[2] and r[5] > r[3] for r in rows):
+            return
+        across = [(r[2], r[4]) for r in rows]
+        spread = _variance([a for a, _ in across])
+        if spread > 0 and _variance([b - a for a, b in across]) < spread / 4:
+            raise self._ask(
+                "the fifth column grows with the third, as x2 does with x1",
+                "frame,id,x1,y1,x2,y2,score",
+                "frame,id,x,y,w,h,score",
+            )
+
+    def _check_shares(self, rows: list[list[float]]) -> None:
+        if len(rows) >= _ASK_FROM and all(
+            abs(r[2]) <= 1.5 and abs(r[3]) <= 1.5 and 0 < r[4] <= 1 and 0 < r[5] <= 1
+            for r in rows
+        ):
+            raise self._ask(
+                "all boxes lie between 0 and 1, as shares of the picture do",
+                "frame,id,xn,yn,wn,hn,score",
+                "frame,id,cxn,cyn,wn,hn,score",
+                "frame,id,x,y,w,h,score",
+            )
+
+    def _cells(self, text: str) -> list[str]:
+        if self._separator == ";":
+            # Where commas do not separate, they are decimal points.
+            return [c.strip().replace(",", ".") for c in text.rstrip(";").split(";")]
+        if self._separator is None:
+            return text.split()
+        cells = [c.strip().strip('"') for c in text.split(self._separator)]
+        return (
+            cells[:-1] if cells and not cells[-1] and len(cells) > _LEAST_COLUMNS else cells
+        )
+
+    def _texts(self) -> Iterator[tuple[int, str]]:
+        """Number and text of every line that is neither blank nor a comment."""
+        with open_to_read(self.path) as data:
+            file = io.TextIOWrapper(data, self._encoding, newline=None)
+            line = 0
+            try:
+                while text := file.readline(_LONGEST_LINE + 1):
+                    line += 1
+                    if len(text) > _LONGEST_LINE:
+                        raise SourceError(
+                            f"a line of over {_LONGEST_LINE} characters: no table of boxes",
+                            self.path,
+                            line,
+                        )
+                    stripped = text.strip().lstrip("\ufeff")
+                    if "\0" in stripped:
+                        raise SourceError("not text: no table of boxes", self.path, line)
+                    if stripped and not stripped.startswith("#"):
+                        yield line, stripped
+            except UnicodeDecodeError:
+                raise SourceError(
+                    "not text: no table of boxes", self.path, line + 1
+                ) from None
+
+    def rows(self, bad: Bad) -> Iterator[BoxRow]:
+        """See `recorders.formats.readers.RowReader`."""
+        texts = self._texts()
+        if self._named:
+            next(texts, None)
+        for line, text in texts:
+            cells = self._cells(text)
+            where = f"{self.path.name}:{line}"
+            if len(cells) < self._least:
+                bad("a row that is cut short", where)
+                continue
+            try:
+                row = self._columns.row(cells, self._picture, line)
+            except ValueError as e:
+                raise SourceError(f"{e}: {text[:60]!r}", self.path, line) from e
+            if self._labelled and len(cells) > 7 and cells[7] not in ("", "-1"):
+                row = row._replace(label=cells[7])
+            if self._unsure:
+                row = row._replace(score=1.0)
+            kept = checked(row, self.path, where, bad)
+            if kept is not None:
+                yield kept
+
+    def files(self) -> list[Path]:
+        """See `recorders.formats.readers.RowReader`."""
+        return [self.path]
+
+
+def _encoding_of(path: Path) -> str:
+    with open_to_read(path) as file:
+        start = file.read(4)
+    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    return "utf-8-sig"
+
+
+def _separator_of(text: str) -> str | None:
+    if ";" in text:
+        return ";"
+    if "," in text:
+        return ","
+    return "\t" if "\t" in text else None
+
+
+def _numbers(cells: Sequence[str]) -> list[float] | None:
+    if len(cells) < _LEAST_COLUMNS or not all(map(is_number, (cells[0], *cells[2:6]))):
+        return None
+    return [float(c) if is_number(c) else 0.0 for c in cells]
+
+
+def _variance(values: Sequence[float]) -> float:
+    mean = sum(values) / len(values)
+    return sum((v - mean) ** 2 for v in values) / len(values)
+
+
+class Records:
+    """Boxes as objects with named values: JSON lines, a JSON list, Parquet.
+
+    Raises:
+        SourceError: they name no frames or no boxes.
+    """
+
+    first_frame: int | None = 0
+    is_certain = False
+
+    def __init__(
+        self,
+        path: Path,
+        kind: str,
+        columns: Columns | None = None,
+        size: tuple[int, int] | None = None,
+        limits: Limits = DEFAULT_LIMITS,
+    ) -> None:
+        self.path = path
+        self.name = {"lines": "JSON lines", "list": "a JSON list"}.get(kind, "Parquet")
+        self.size: tuple[int, int] | None = None
+        self.notes: list[str] = []
+        self._kind = kind
+        self._picture = size
+        self._limits = limits
+        first = next(self._objects(), None)
+        if first is None:
+            raise SourceError("no detections in this file", path)
+        self._names = list(first[1])
+        if columns is not None and len(columns.roles) == len(self._names):
+            self._columns = columns
+            return
+        try:
+            self._columns = Columns.of(self._names)
+        except ValueError as e:
+            raise SourceError(f"{e}; it holds {', '.join(self._names)[:80]}", path) from e
+
+    def _objects(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        found = {"lines": self._lines, "list": self._list}.get(self._kind, self._parquet)
+        for line, one in found():
+            if not isinstance(one, dict):
+                raise SourceError("a row that is no object", self.path, line)
+            yield line, one
+
+    def _lines(self) -> Iterator[tuple[int, Any]]:
+        with open_to_read(self.path) as file:
+            line = 0
+            while data := file.readline(_LONGEST_LINE * 16 + 1):
+                line += 1
+                if data.strip():
+                    try:
+                        yield line, msgspec.json.decode(data)
+                    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
+                        raise SourceError(f"not JSON: {e}", self.path, line) from e
+
+    def _list(self) -> Iterator[tuple[int, Any]]:
+        found = read_json(self.path, self._limits)
+        yield from enumerate(found if isinstance(found, list) else [], 1)
+
+    def _parquet(self) -> Iterator[tuple[int, Any]]:
+        import duckdb
+
+        try:
+            with duckdb.connect(config={"enable_external_access": True}) as database:
+                cursor = database.execute("SELECT * FROM read_parquet(?)", [str(self.path)])
+                names = [d[0] for d in cursor.description or []]
+                line = 0
+                while rows := cursor.fetchmany(10_000):
+                    for row in rows:
+                        line += 1
+                        yield line, dict(zip(names, row, strict=True))
+        except duckdb.Error as e:
+            raise SourceError(f"not Parquet: {str(e).splitlines()[0]}", self.path) from e
+
+    def rows(self, bad: Bad) -> Iterator[BoxRow]:
+        """See `recorders.formats.readers.RowReader`."""
+        roles = dict(zip(self._names, self._columns.roles, strict=True))
+        for line, one in self._objects():
+            held = {roles[k]: v for k, v in one.items() if roles.get(k)}
+            where = f"{self.path.name}:{line}"
+            try:
+                row = row_of(held, self._picture, line)
+            except ValueError as e:
+                if "not a number" not in str(e) and "lacks" not in str(e):
+                    raise SourceError(str(e), self.path, line) from e
+                bad("a row without a number where one belongs", where)
+                continue
+            kept = checked(row, self.path, where, bad)
+            if kept is not None:
+                yield kept
+
+    def files(self) -> list[Path]:
+        """See `recorders.formats.readers.RowReader`."""
+        return [self.path]
+
+
+__all__ = ["Records", "TextTable", "number"]
