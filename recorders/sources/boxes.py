@@ -36,6 +36,8 @@ from recorders.sources.source import (
 
 _MOST_OUTSIDE = 0.25
 _SURE = 1.5
+_LATE = 2
+"""A first frame after this does not tell whether frames count from 0 or from 1."""
 _TABLES = ("MOTChallenge text",)
 
 
@@ -212,7 +214,7 @@ class BoxFile:
     def notes(self) -> list[str]:
         """What a reader of the recording should know."""
         found = list(self._reader.notes)
-        if self.name not in _TABLES or self.base == 0 or self._lowest > 1:
+        if self.name not in _TABLES or self.base == 0 or self._lowest > _LATE:
             unseen = self._lowest > self.base and self.name in _TABLES
             certain = self._reader.is_certain and not unseen
             hint = "" if certain else " (--first-frame says otherwise)"
