@@ -2,7 +2,7 @@
 payloads.
 
 Pictures, drawings and log lines are Foxglove's protobuf messages, so that Foxglove and Lichtblick
-show them; our own messages are JSON with a JSON Schema that is generated from
+show them; our own messages are JSON with a JSON Schema that `recorders.json_schemas` makes of
 `recorders.messages`.
 """
 
@@ -22,7 +22,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
 
-from recorders import messages
+from recorders import json_schemas, messages
 from recorders.errors import RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import Schema
@@ -115,8 +115,7 @@ def schema(name: str) -> Schema:
         kind = PROTOBUF_CHANNELS[name]
         return Schema(kind.DESCRIPTOR.full_name, "protobuf", _descriptor_set(kind))
     kind = JSON_CHANNELS[name]
-    document = _inlined(msgspec.json.schema(kind))
-    data = msgspec.json.encode(document, order="deterministic")
+    data = msgspec.json.encode(json_schemas.document(kind), order="deterministic")
     return Schema(
         _SCHEMA_NAMES.get(name, f"scenetrace.{kind.__name__}"), "jsonschema", data
     )
@@ -141,24 +140,6 @@ def _descriptor_set(kind: Any) -> bytes:
     for descriptor in found.values():
         descriptor.CopyToProto(files.file.add())
     return bytes(files.SerializeToString(deterministic=True))
-
-
-def _inlined(document: dict[str, Any]) -> dict[str, Any]:
-    """Replace every ``$ref`` by what it names: viewers read flat schemas only. Ours are not
-    recursive.
-    """
-    definitions = document.pop("$defs", {})
-
-    def walk(node: Any) -> Any:
-        if isinstance(node, dict):
-            if "$ref" in node:
-                return walk(definitions[node["$ref"].rsplit("/", 1)[1]])
-            return {key: walk(value) for key, value in node.items()}
-        return [walk(value) for value in node] if isinstance(node, list) else node
-
-    flat = walk(document)
-    assert isinstance(flat, dict)
-    return flat
 
 
 @cache

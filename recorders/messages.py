@@ -60,6 +60,19 @@ EVENT_WORDS = {
 """Every kind of event: what one subject does, what several do."""
 
 EVENT_KINDS = tuple(EVENT_WORDS)
+EVENT_LEVELS = {
+    "track_confirmed": "DEBUG",
+    "track_lost": "DEBUG",
+    "track_recovered": "DEBUG",
+    "track_removed": "DEBUG",
+    "mode_changed": "DEBUG",
+    "occluded": "DEBUG",
+    "disagreement": "WARNING",
+    "anomaly": "WARNING",
+}
+"""Levels of the log's lines that are not INFO: what a tracker says of itself is DEBUG, what
+contradicts itself is WARNING.
+"""
 
 
 class Ellipse(Struct, frozen=True):

@@ -6,7 +6,7 @@ from msgspec import UNSET, UnsetType
 
 from reasoning.reasoner import SceneAnnotation
 from recorders import channels
-from recorders.messages import HeldBack, Regions, Targets, Withheld
+from recorders.messages import EVENT_LEVELS, HeldBack, Regions, Targets, Withheld
 from replay.image_annotations import drawing
 
 
@@ -45,13 +45,20 @@ def payloads(
     if scene.graph is not None:
         out.append(("graph", channels.encode("graph", scene.graph)))
     out += extra
-    out.append(("annotations", drawing(scene.tracks, scene.relations, drawn, stamp_ns)))
+    size = regions.width, regions.height
+    shown = drawing(scene.tracks, scene.relations, drawn, stamp_ns, size)
+    out.append(("annotations", shown))
     if forward.frame == 0 and regions.source == "default":
         out.append(
             ("log", channels.log_line(_default_regions(regions), time_ns, "regions"))
         )
     out += [
-        ("log", channels.log_line(event.text, time_ns, event.kind))
+        (
+            "log",
+            channels.log_line(
+                event.text, time_ns, event.kind, EVENT_LEVELS.get(event.kind, "INFO")
+            ),
+        )
         for event in scene.events
     ]
     return out

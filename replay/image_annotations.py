@@ -5,27 +5,29 @@ A foxglove.ImageAnnotations is written in protobuf's wire format directly: the t
 objects that would be built otherwise, only to be serialised at once, costs six times as much. The
 bytes are those that protobuf's own deterministic serialisation gives, which a test holds them
 against.
+
+Every circle, line and text has the picture's stamp, and no frame is without an item: viewers that
+match annotations to pictures by time look for the stamps of the items, and stop at a frame that
+has none. Lines and letters have the picture's height as their measure.
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterable
+from functools import lru_cache
 
 from msgspec import UNSET
 
 from recorders.channels import NANOS
 from recorders.messages import Box, Regions, Relations, Track, Tracks
 from replay.draw import part_box
-from replay.palette import COLOUR_COUNT, track_colour
+from replay.palette import COLOUR_COUNT, letter_colour, track_colour
 
 # Tags: field number times 8 plus wire type (0 number, 1 double, 2 length and bytes).
-_CIRCLES, _POINTS, _TEXTS, _TIMESTAMP = (
-    b"\x0a",
-    b"\x12",
-    b"\x1a",
-    b"\x2a",
-)  # ImageAnnotations 1, 2, 3, 5
+# ImageAnnotations 1, 2, 3, 5; every item of the first three has its timestamp as field 1.
+_CIRCLES, _POINTS, _TEXTS, _TIMESTAMP = b"\x0a", b"\x12", b"\x1a", b"\x2a"
+_ITEM_TIMESTAMP = b"\x0a"
 _POINT = struct.Struct("<3sdBd")
 _TWO_POINTS = struct.Struct("<" + "3sdBd" * 2)
 _FOUR_POINTS = struct.Struct("<" + "3sdBd" * 4)
@@ -35,7 +37,8 @@ _CORNER = (
     b"\x1a\x12\x09"  # PointsAnnotation.points: a Point2 of 18 bytes, x; y has the tag 0x11
 )
 _PLACE = b"\x12\x12\x09"  # CircleAnnotation.position, TextAnnotation.position: the same
-_LOOP, _LINES = b"\x10\x02", b"\x10\x04"  # PointsAnnotation.type: LINE_LOOP, LINE_LIST
+# PointsAnnotation.type: POINTS, LINE_LOOP, LINE_LIST
+_DOTS, _LOOP, _LINES = b"\x10\x01", b"\x10\x02", b"\x10\x04"
 
 
 def _varint(value: int) -> bytes:
@@ -80,88 +83,168 @@ def _line(colour: bytes, thickness: float) -> bytes:
     return _framed(b"\x22", colour) + _double(0x39, thickness)
 
 
-_INTERACTION = _line(_colour(1.0, 0.85, 0.2, 0.9), 1.5)
-_JOINT = _line(_colour(1.0, 0.25, 0.2, 1.0), 4.0)
-_ROI = _line(_colour(0.3, 0.9, 0.4, 0.8), 1.0)
-_BORDER = _line(_colour(0.95, 0.6, 0.2, 0.8), 1.0)
-_ZONE = _line(_colour(0.3, 0.7, 1.0, 0.8), 1.0)
-_BLACK = _framed(b"\x32", _colour(0.0, 0.0, 0.0, 0.6))
+_YELLOW = _colour(1.0, 0.85, 0.2, 0.9)
+_RED = _colour(1.0, 0.25, 0.2, 1.0)
+_ROI = _colour(0.3, 0.9, 0.4, 0.8)
+_BORDER = _colour(0.95, 0.6, 0.2, 0.8)
+_ZONE = _colour(0.3, 0.7, 1.0, 0.8)
+_CLEAR = _colour(0.0, 0.0, 0.0, 0.0)
 _COLOURS = tuple(_colour(*track_colour(index), 1.0) for index in range(COLOUR_COUNT))
-_OUTLINES = tuple(_line(c, 2.0) for c in _COLOURS)
-_CROSSES = tuple(_line(c, 0.5) for c in _COLOURS)
-_RINGS = tuple(_double(0x21, 1.0) + _framed(b"\x32", c) for c in _COLOURS)
-_LETTERS = tuple(_double(0x21, 12.0) + _framed(b"\x2a", c) + _BLACK for c in _COLOURS)
+_LETTERS = tuple(_colour(*letter_colour(index), 1.0) for index in range(COLOUR_COUNT))
 
-
-def _head(tag: bytes, *parts: int) -> bytes:
-    """Tag and length of a message whose parts have these lengths."""
-    return tag + _LENGTHS[sum(parts)]
-
-
-# What every box, circle and edge begins with, unless a coordinate is 0 and so left out.
-_BOX_HEADS = tuple(
-    _head(_POINTS, 2, _FOUR_POINTS.size, len(style)) + _LOOP for style in _OUTLINES
-)
-_DISC_HEADS = tuple(_head(_CIRCLES, _DISC.size, len(ring)) for ring in _RINGS)
-_EDGE_HEAD = _head(_POINTS, 2, _TWO_POINTS.size, len(_JOINT)) + _LINES
-assert len(_JOINT) == len(_INTERACTION)
-
-
-def _polyline(kind: bytes, places: Iterable[tuple[float, float]], style: bytes) -> bytes:
-    points = b"".join([_point(_CORNER, x, y) for x, y in places])
-    return _framed(_POINTS, kind + points + style)
-
-
-def _box(box: Box, k: int) -> bytes:
-    """A box, from its top left corner clockwise."""
-    x, y, w, h = box
-    right, bottom, c = x + w, y + h, _CORNER
-    if x and y and right and bottom:
-        points = _FOUR_POINTS.pack(
-            c, x, 0x11, y, c, right, 0x11, y, c, right, 0x11, bottom, c, x, 0x11, bottom
-        )
-        return _BOX_HEADS[k] + points + _OUTLINES[k]
-    return _polyline(
-        _LOOP, ((x, y), (right, y), (right, bottom), (x, bottom)), _OUTLINES[k]
-    )
-
-
-def _disc(x: float, y: float, diameter: float, k: int) -> bytes:
-    if x and y and diameter:
-        return _DISC_HEADS[k] + _DISC.pack(_PLACE, x, 0x11, y, 0x19, diameter) + _RINGS[k]
-    return _framed(_CIRCLES, _point(_PLACE, x, y) + _double(0x19, diameter) + _RINGS[k])
-
-
-def _edge(start: tuple[float, float], end: tuple[float, float], style: bytes) -> bytes:
-    if all(start) and all(end):
-        return (
-            _EDGE_HEAD
-            + _TWO_POINTS.pack(
-                _CORNER, start[0], 0x11, start[1], _CORNER, end[0], 0x11, end[1]
-            )
-            + style
-        )
-    return _polyline(_LINES, (start, end), style)
+# In heights of the picture: of 480 rows, letters of 14, boxes with lines of 2.
+_FONT = 14 / 480
+_BOX, _THIN, _FINE, _MEDIUM, _THICK = 2 / 480, 1 / 480, 0.5 / 480, 1.5 / 480, 4 / 480
+_LETTER_WIDTH = 0.6
+"""Of a letter's height: about what the viewers' font takes."""
 
 
 def label(track: Track) -> str:
-    """A track's label: id, and how it is held where that is not plain motion."""
-    words = f"{track.id}"
-    if track.mode != "motion":
-        words += f" {track.mode} {track.confidence:.2f}"
-    words += " grouping" if track.grouping else ""
-    words += " grouped" if track.grouped else ""
-    return words + (" splitting" if track.splitting else "")
+    """A track's label: its id and the one thing to know of its state, nothing where it is plain.
+
+    Splitting comes before grouped and grouping, these before how it is held.
+    """
+    states = ("splitting", "grouped", "grouping")
+    state = next((name for name in states if getattr(track, name)), "")
+    if not state and track.mode != "motion":
+        state = track.mode
+    return f"{track.id} {state}".rstrip()
+
+
+class _Pen:
+    """What draws the items of one frame: their stamp, and lines and letters for the picture's
+    size.
+    """
+
+    def __init__(self, width: int, height: int, time_ns: int) -> None:
+        self._width, self._height = width, height
+        self._stamp = _timestamp(_ITEM_TIMESTAMP, time_ns)
+        self._styles = _styles(height)
+        self._labels: list[tuple[float, float, float]] = []
+
+    def polyline(
+        self, kind: bytes, places: Iterable[tuple[float, float]], style: bytes
+    ) -> bytes:
+        points = b"".join([_point(_CORNER, x, y) for x, y in places])
+        return _framed(_POINTS, self._stamp + kind + points + style)
+
+    def loop(
+        self, places: Iterable[tuple[float, float]], colour: bytes, thickness: float
+    ) -> bytes:
+        return self.polyline(_LOOP, places, _line(colour, thickness * self._height))
+
+    def box(self, box: Box, k: int) -> bytes:
+        """A box, from its top left corner clockwise."""
+        x, y, w, h = box
+        right, bottom, c = x + w, y + h, _CORNER
+        style = self._styles.outlines[k]
+        if x and y and right and bottom:
+            points = _FOUR_POINTS.pack(
+                c, x, 0x11, y, c, right, 0x11, y, c, right, 0x11, bottom, c, x, 0x11, bottom
+            )
+            return _framed(_POINTS, self._stamp + _LOOP + points + style)
+        corners = ((x, y), (right, y), (right, bottom), (x, bottom))
+        return self.polyline(_LOOP, corners, style)
+
+    def disc(self, x: float, y: float, diameter: float, k: int) -> bytes:
+        ring = self._styles.rings[k]
+        if x and y and diameter:
+            place = _DISC.pack(_PLACE, x, 0x11, y, 0x19, diameter)
+        else:
+            place = _point(_PLACE, x, y) + _double(0x19, diameter)
+        return _framed(_CIRCLES, self._stamp + place + ring)
+
+    def edge(
+        self, start: tuple[float, float], end: tuple[float, float], *, joint: bool
+    ) -> bytes:
+        style = self._styles.joint if joint else self._styles.interaction
+        if all(start) and all(end):
+            (x1, y1), (x2, y2) = start, end
+            points = _TWO_POINTS.pack(_CORNER, x1, 0x11, y1, _CORNER, x2, 0x11, y2)
+            return _framed(_POINTS, self._stamp + _LINES + points + style)
+        return self.polyline(_LINES, (start, end), style)
+
+    def gate(self, gate: Box, k: int) -> bytes:
+        x, y, w, h = gate
+        corners = (x, y), (x + w, y), (x + w, y + h), (x, y + h)
+        return self.polyline(_LOOP, corners, self._styles.crosses[k])
+
+    def cross(self, box: Box, k: int) -> bytes:
+        x, y, w, h = box
+        lines = (x, y), (x + w, y + h), (x + w, y), (x, y + h)
+        return self.polyline(_LINES, lines, self._styles.crosses[k])
+
+    def text(self, words: str, x: float, y: float, k: int) -> bytes:
+        """A label whose lower left corner is there, moved so that it lies inside the picture and
+        hides no label before it, where there is room above.
+        """
+        place = _point(_PLACE, *self._room(x, y, len(words)))
+        said = _framed(b"\x1a", words.encode())
+        return _framed(_TEXTS, self._stamp + place + said + self._styles.letters[k])
+
+    def _room(self, x: float, y: float, letters: int) -> tuple[float, float]:
+        font = _FONT * self._height
+        width = _LETTER_WIDTH * font * letters
+        x = max(min(x, self._width - width), 0.0)
+        y = first = max(min(y, float(self._height)), font)
+        hidden = True
+        while hidden and y >= font:
+            hidden = any(
+                x < right and left < x + width and abs(y - bottom) < font
+                for left, right, bottom in self._labels
+            )
+            y -= font if hidden else 0.0
+        y = first if hidden else y
+        self._labels.append((x, x + width, y))
+        return x, y
+
+    def nothing(self) -> bytes:
+        """An item that is not seen."""
+        style = _line(_CLEAR, _THIN * self._height)
+        return self.polyline(_DOTS, [(0.0, 0.0)], style)
+
+
+class _Styles:
+    """How items end: colours, thickness, letters, for pictures of one height."""
+
+    def __init__(self, height: int) -> None:
+        self.outlines = tuple(_line(c, _BOX * height) for c in _COLOURS)
+        self.crosses = tuple(_line(c, _FINE * height) for c in _COLOURS)
+        self.interaction = _line(_YELLOW, _MEDIUM * height)
+        self.joint = _line(_RED, _THICK * height)
+        thin, font = _double(0x21, _THIN * height), _double(0x21, _FONT * height)
+        self.rings = tuple(thin + _framed(b"\x32", c) for c in _COLOURS)
+        self.letters = tuple(
+            font + _framed(b"\x2a", letters) + _framed(b"\x32", ground)
+            for letters, ground in zip(_LETTERS, _COLOURS, strict=True)
+        )
+
+
+@lru_cache(maxsize=16)
+def _styles(height: int) -> _Styles:
+    return _Styles(height)
 
 
 def drawing(
-    tracks: Tracks, relations: Relations, regions: Regions | None, time_ns: int
+    tracks: Tracks,
+    relations: Relations,
+    regions: Regions | None,
+    time_ns: int,
+    size: tuple[int, int],
 ) -> bytes:
     """The payload of a foxglove.ImageAnnotations of one frame.
 
     Shells are circles around the boxes' centres (SHELLS 2.2); edges are thin for INTERACTION and
     thick for JOINT, as in SHELLS Figure 1d.
+
+    Args:
+        tracks: of the frame.
+        relations: of the frame.
+        regions: to be drawn as well, None: none.
+        time_ns: the picture's stamp, which every item gets.
+        size: the picture's width and height in pixels.
     """
+    pen = _Pen(*size, time_ns)
     circles: list[bytes] = []
     lines: list[bytes] = []
     texts: list[bytes] = []
@@ -170,36 +253,32 @@ def drawing(
         x, y, w, h = track.box
         cx, cy = centres[track.id] = (x + w / 2, y + h / 2)
         k = track.id % COLOUR_COUNT
-        lines.append(_box(track.box, k))
-        circles.append(_disc(cx, cy, 2 * track.shell_radius, k))
+        lines.append(pen.box(track.box, k))
+        circles.append(pen.disc(cx, cy, 2 * track.shell_radius, k))
         if track.gate is not UNSET:
-            x1, y1, gw, gh = track.gate
-            corners = (x1, y1), (x1 + gw, y1), (x1 + gw, y1 + gh), (x1, y1 + gh)
-            lines.append(_polyline(_LOOP, corners, _CROSSES[k]))
-        for name in track.hidden_parts:
-            # The format knows no dashes; a cross says that nothing is to be seen there (PARTS,
-            # Figure 7).
-            px, py, pw, ph = part_box(track, name)
-            cross = (px, py), (px + pw, py + ph), (px + pw, py), (px, py + ph)
-            lines.append(_polyline(_LINES, cross, _CROSSES[k]))
-        text = _framed(b"\x1a", label(track).encode())
-        texts.append(_framed(_TEXTS, _point(_PLACE, x, y) + text + _LETTERS[k]))
+            lines.append(pen.gate(track.gate, k))
+        # The format knows no dashes; a cross says that nothing is to be seen there (PARTS,
+        # Figure 7).
+        lines += [pen.cross(part_box(track, name), k) for name in track.hidden_parts]
+        texts.append(pen.text(label(track), x, y, k))
     for edge in relations.relations:
         if edge.a in centres and edge.b in centres:
-            style = _JOINT if edge.state == "JOINT" else _INTERACTION
-            lines.append(_edge(centres[edge.a], centres[edge.b], style))
+            joint = edge.state == "JOINT"
+            lines.append(pen.edge(centres[edge.a], centres[edge.b], joint=joint))
     if regions is not None:
-        lines += _region_lines(regions)
-    return b"".join((*circles, *lines, *texts, _timestamp(time_ns)))
+        lines += _region_lines(pen, regions)
+    if not circles and not lines:
+        lines.append(pen.nothing())
+    return b"".join((*circles, *lines, *texts, _timestamp(_TIMESTAMP, time_ns)))
 
 
-def _region_lines(regions: Regions) -> list[bytes]:
+def _region_lines(pen: _Pen, regions: Regions) -> list[bytes]:
     polygons = [(_BORDER, p) for p in regions.border] + [(_ROI, p) for p in regions.roi]
     polygons += [(_ZONE, zone.polygon) for zone in regions.zones]
-    return [_polyline(_LOOP, polygon, style) for style, polygon in polygons]
+    return [pen.loop(polygon, colour, _THIN) for colour, polygon in polygons]
 
 
-def _timestamp(time_ns: int) -> bytes:
+def _timestamp(tag: bytes, time_ns: int) -> bytes:
     seconds, nanos = divmod(time_ns, NANOS)
     body = b"\x08" + _varint(seconds) if seconds else b""
-    return _framed(_TIMESTAMP, body + (b"\x10" + _varint(nanos) if nanos else b""))
+    return _framed(tag, body + (b"\x10" + _varint(nanos) if nanos else b""))

@@ -23,6 +23,28 @@ def track_colour(identity: int) -> tuple[float, float, float]:
     return _TRACKS[identity % COLOUR_COUNT]
 
 
+def luminance(red: float, green: float, blue: float) -> float:
+    """Relative luminance of an sRGB colour, 0 to 1 (WCAG 2.2)."""
+    linear = [
+        v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4
+        for v in (red, green, blue)
+    ]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def letter_colour(identity: int) -> tuple[float, float, float]:
+    """Black or white, whichever can be read better on the track's colour: a contrast of 4.5 to 1
+    at least.
+
+    >>> letter_colour(0), letter_colour(7)
+    ((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
+    """
+    ground = luminance(*track_colour(identity))
+    # Contrast with white is 1.05 over, with black what is over 0.05 (WCAG 2.2): equal here.
+    value = 1.0 if (ground + 0.05) ** 2 < 1.05 * 0.05 else 0.0
+    return value, value, value
+
+
 def track_bgr(identity: int) -> Colour:
     """Blue, green and red from 0 to 255, as OpenCV wants them.
 

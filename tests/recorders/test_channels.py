@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -12,6 +13,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from recorders import channels
 from recorders.errors import RecordingError, UsageError
 from recorders.limits import Limits
+from recorders.log import LogReader
 from recorders.messages import (
     Blob,
     Detections,
@@ -32,13 +34,94 @@ def test_topics() -> None:
         channels.topic("a//b", "tracks")
 
 
+PLAIN = {"boolean", "integer", "number", "string"}
+
+
+def fields_of(schema: dict) -> dict[str, str]:
+    """Fields and types as viewers' parsers take them: one type each, arrays of values or objects.
+
+    Raises:
+        ValueError: what makes such a parser give a topic up.
+    """
+    if schema.get("type") != "object":
+        raise ValueError("not an object")
+    found = {}
+    for name, field in schema.get("properties", {}).items():
+        kind = field.get("type")
+        if kind == "array":
+            kind = field["items"].get("type")
+            if kind == "object":
+                fields_of(field["items"])
+            elif kind not in PLAIN:
+                raise ValueError(f"{name}: an array of {kind}")
+        elif kind == "object":
+            fields_of(field)
+        elif kind not in PLAIN:
+            raise ValueError(f"{name}: of type {kind}")
+        found[name] = kind
+    return found
+
+
 @pytest.mark.parametrize("name", sorted(channels.JSON_CHANNELS))
-def test_json_schemas_are_flat_objects(name: str) -> None:
+def test_json_schemas_are_those_that_viewers_parse(name: str) -> None:
     schema = channels.schema(name)
-    document = json.loads(schema.data)
     assert schema.encoding == "jsonschema"
-    assert document["type"] == "object"
-    assert "$ref" not in schema.data.decode()
+    assert "frame" in fields_of(json.loads(schema.data)) or name == "regions"
+    for word in ("$ref", "$defs", "anyOf", "oneOf", "allOf", "prefixItems", "null"):
+        assert f'"{word}"' not in schema.data.decode()
+
+
+def holds(schema: dict, value: object) -> bool:
+    """Whether a value is what a schema of that part says; further fields are allowed."""
+    kind = schema["type"]
+    if kind == "object":
+        return (
+            isinstance(value, dict)
+            and set(schema.get("required", [])) <= set(value)
+            and all(
+                holds(field, value[name])
+                for name, field in schema.get("properties", {}).items()
+                if name in value
+            )
+        )
+    if kind == "array":
+        least, most = schema.get("minItems", 0), schema.get("maxItems", 1 << 30)
+        return (
+            isinstance(value, list)
+            and least <= len(value) <= most
+            and all(holds(schema["items"], item) for item in value)
+        )
+    if kind == "boolean":
+        return isinstance(value, bool)
+    if kind == "string":
+        return isinstance(value, str) and value in schema.get("enum", [value])
+    numbers = int if kind == "integer" else int | float
+    return isinstance(value, numbers) and not isinstance(value, bool)
+
+
+def test_payloads_hold_to_their_schemas(golden_logs: list[Path]) -> None:
+    seen = set()
+    for path in golden_logs:
+        with LogReader(path) as log:
+            for message in log.messages():
+                name = channels.split(message.topic)[1]
+                schema = json.loads(channels.schema(name).data)
+                assert holds(schema, json.loads(message.data)), (name, message.data)
+                seen.add(name)
+    assert seen == {"tracks", "relations", "groups", "events"}
+
+
+def test_detections_with_ellipses_that_are_missing_hold_to_their_schema() -> None:
+    sent = Detections(3, 640, 480, [(1.5, 2, 3, 4)], [0.5], [""], [None], [-1])
+    schema = json.loads(channels.schema("detections").data)
+    assert holds(schema, json.loads(channels.encode("detections", sent)))
+    assert "boxes" in schema["$comment"]
+    assert "ellipses" in schema["$comment"]
+
+
+@pytest.fixture
+def golden_logs() -> list[Path]:
+    return sorted((Path(__file__).parents[1] / "golden").glob("*.mcap"))
 
 
 @pytest.mark.parametrize("name", sorted(channels.PROTOBUF_CHANNELS))

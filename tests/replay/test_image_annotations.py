@@ -12,48 +12,53 @@ from msgspec import UNSET
 
 from recorders.messages import Regions, Relation, Relations, Track, Tracks, Zone
 from replay.draw import part_box
-from replay.image_annotations import drawing
+from replay.image_annotations import drawing, label
+from replay.palette import COLOUR_COUNT, letter_colour, luminance, track_colour
 
-PALETTE = [
-    (0.12, 0.47, 0.71), (1.00, 0.50, 0.05), (0.17, 0.63, 0.17), (0.84, 0.15, 0.16),
-    (0.58, 0.40, 0.74), (0.09, 0.75, 0.81), (0.89, 0.47, 0.76), (0.74, 0.74, 0.13),
-]  # fmt: skip
+WIDTH, HEIGHT = 640, 480
+LETTERS = "WKKWKKKK"
+"""White or black on each of the eight colours: which has the higher contrast."""
 
 
 def by_protobuf(tracks, relations, regions, time_ns):
+    """The same with protobuf's own objects; labels stand where the drawing put them."""
     out = ImageAnnotations()
-    out.timestamp.seconds, out.timestamp.nanos = divmod(time_ns, 1_000_000_000)
     lines = PointsAnnotation.LINE_LIST
     centres = {}
+    placed = iter(
+        ImageAnnotations.FromString(
+            drawing(tracks, relations, regions, time_ns, (WIDTH, HEIGHT))
+        ).texts
+    )
     for track in tracks.tracks:
         x, y, w, h = track.box
         centres[track.id] = x + w / 2, y + h / 2
-        red, green, blue = PALETTE[track.id % 8]
-        color = Color(r=red, g=green, b=blue, a=1.0)
-        loop(out, corners(track.box), color, 2.0)
+        color = color_of(track.id)
+        loop(out, corners(track.box), color, 2 / 480 * HEIGHT)
         circle = out.circles.add(
-            diameter=2 * track.shell_radius, thickness=1.0, outline_color=color
+            diameter=2 * track.shell_radius,
+            thickness=1 / 480 * HEIGHT,
+            outline_color=color,
         )
         circle.position.x, circle.position.y = centres[track.id]
         if track.gate is not UNSET:
-            loop(out, corners(track.gate), color, 0.5)
+            loop(out, corners(track.gate), color, 0.5 / 480 * HEIGHT)
         for name in track.hidden_parts:
             a, b, c, d = corners(part_box(track, name))
             out.points.add(
-                type=lines, points=points([a, c, b, d]), outline_color=color, thickness=0.5
+                type=lines,
+                points=points([a, c, b, d]),
+                outline_color=color,
+                thickness=0.5 / 480 * HEIGHT,
             )
-        words = [str(track.id)]
-        words += [f"{track.mode} {track.confidence:.2f}"] if track.mode != "motion" else []
-        words += [
-            bit for bit in ("grouping", "grouped", "splitting") if getattr(track, bit)
-        ]
+        white = LETTERS[track.id % 8] == "W"
         text = out.texts.add(
-            text=" ".join(words),
-            font_size=12.0,
-            text_color=color,
-            background_color=Color(a=0.6),
+            text=label(track),
+            font_size=14 / 480 * HEIGHT,
+            text_color=Color(r=white, g=white, b=white, a=1.0),
+            background_color=color,
         )
-        text.position.x, text.position.y = x, y
+        text.position.CopyFrom(next(placed).position)
     for e in relations.relations:
         if e.a in centres and e.b in centres:
             color = (
@@ -61,19 +66,33 @@ def by_protobuf(tracks, relations, regions, time_ns):
                 if e.state == "JOINT"
                 else Color(r=1.0, g=0.85, b=0.2, a=0.9)
             )
-            thickness = 4.0 if e.state == "JOINT" else 1.5
+            thickness = (4.0 if e.state == "JOINT" else 1.5) / 480 * HEIGHT
             ends = points([centres[e.a], centres[e.b]])
             out.points.add(
                 type=lines, points=ends, outline_color=color, thickness=thickness
             )
     if regions is not None:
         for polygon in regions.border:
-            loop(out, polygon, Color(r=0.95, g=0.6, b=0.2, a=0.8), 1.0)
+            loop(out, polygon, Color(r=0.95, g=0.6, b=0.2, a=0.8), 1 / 480 * HEIGHT)
         for polygon in regions.roi:
-            loop(out, polygon, Color(r=0.3, g=0.9, b=0.4, a=0.8), 1.0)
+            loop(out, polygon, Color(r=0.3, g=0.9, b=0.4, a=0.8), 1 / 480 * HEIGHT)
         for zone in regions.zones:
-            loop(out, zone.polygon, Color(r=0.3, g=0.7, b=1.0, a=0.8), 1.0)
+            loop(out, zone.polygon, Color(r=0.3, g=0.7, b=1.0, a=0.8), 1 / 480 * HEIGHT)
+    if not out.circles and not out.points:
+        out.points.add(
+            type=PointsAnnotation.POINTS,
+            points=[Point2()],
+            outline_color=Color(),
+            thickness=1 / 480 * HEIGHT,
+        )
+    for item in (out, *out.circles, *out.points, *out.texts):
+        item.timestamp.seconds, item.timestamp.nanos = divmod(time_ns, 1_000_000_000)
     return out.SerializeToString(deterministic=True)
+
+
+def color_of(identity):
+    red, green, blue = track_colour(identity)
+    return Color(r=red, g=green, b=blue, a=1.0)
 
 
 def corners(box):
@@ -130,12 +149,68 @@ def scenes(draw):
 @settings(deadline=None, max_examples=300, database=None)
 @given(scenes(), st.sampled_from([0, 1, 10**9, 1_700_000_000_123_456_789, 2**63 - 1]))
 def test_bytes_are_those_of_protobuf(scene, time_ns):
-    assert drawing(*scene, time_ns) == by_protobuf(*scene, time_ns)
+    assert drawing(*scene, time_ns, (WIDTH, HEIGHT)) == by_protobuf(*scene, time_ns)
 
 
 def test_long_lines_and_labels_have_lengths_of_several_bytes():
     polygon = [(float(k) + 0.5, 2.0 * k + 1) for k in range(2000)]
     regions = Regions(100, 100, [polygon], [[]], [])
-    made = drawing(Tracks(0), Relations(0), regions, 5)
+    made = drawing(Tracks(0), Relations(0), regions, 5, (WIDTH, HEIGHT))
     assert made == by_protobuf(Tracks(0), Relations(0), regions, 5)
     assert len(ImageAnnotations.FromString(made).points[1].points) == 2000
+
+
+def drawn(*tracks, size=(WIDTH, HEIGHT), time_ns=7):
+    made = drawing(Tracks(0, list(tracks)), Relations(0), None, time_ns, size)
+    return ImageAnnotations.FromString(made)
+
+
+@settings(deadline=None, max_examples=50, database=None)
+@given(scenes(), st.sampled_from([0, 1_700_000_000_123_456_789]))
+def test_every_item_has_the_stamp_and_no_frame_is_without_one(scene, time_ns):
+    made = ImageAnnotations.FromString(drawing(*scene, time_ns, (WIDTH, HEIGHT)))
+    items = [*made.circles, *made.points, *made.texts]
+    assert items
+    for item in items:
+        assert item.HasField("timestamp")
+        assert item.timestamp.ToNanoseconds() == time_ns
+
+
+def test_an_empty_frame_has_one_item_that_is_not_seen():
+    (item,) = drawn().points
+    assert item.outline_color.a == 0
+
+
+def test_labels_are_short_and_lie_in_the_picture_side_by_side():
+    plain = make_track(1, 630.0, 2.0)
+    same = make_track(12345, 630.0, 100.0, mode="predicted", grouped=True)
+    below = make_track(3, 600.0, 104.0, mode="predicted")
+    made = drawn(plain, same, below)
+    assert [t.text for t in made.texts] == ["1", "12345 grouped", "3 predicted"]
+    for text in made.texts:
+        assert text.position.x + 0.6 * text.font_size * len(text.text) <= WIDTH
+        assert text.font_size <= text.position.y <= HEIGHT
+    assert abs(made.texts[1].position.y - made.texts[2].position.y) >= 14
+
+
+def test_sizes_follow_the_height_of_the_picture():
+    small, large = (
+        drawn(make_track(1, 9.0, 90.0), size=s) for s in ((320, 240), (2560, 1920))
+    )
+    assert (small.texts[0].font_size, large.texts[0].font_size) == (7, 56)
+    assert (small.points[0].thickness, large.points[0].thickness) == (1, 8)
+
+
+def test_letters_have_a_contrast_of_four_and_a_half():
+    for identity in range(COLOUR_COUNT):
+        a, b = sorted(
+            luminance(*c) for c in (letter_colour(identity), track_colour(identity))
+        )
+        assert (b + 0.05) / (a + 0.05) >= 4.5
+
+
+def make_track(identity, x, y, mode="motion", grouped=False):
+    return Track(
+        identity, (x, y, 20.0, 40.0), None, (0.0, 0.0), 9.0, mode, 1.0, True, True, -1,
+        False, grouped, False, [], [], [], None, "inside",
+    )  # fmt: skip
