@@ -57,27 +57,22 @@ def share_inside(box: Box, other: Box) -> float:
     return w * h / area if w > 0 and h > 0 and area > 0 else 0.0
 
 
-HIDDEN_INSIDE = 0.75
-"""Share of a predicted box that must lie in the box of somebody seen, to be hidden by him."""
-
-
 def hidden_by(behind: Box, front: Box) -> bool:
-    """Whether somebody with this predicted box is wholly hidden by somebody who is seen there.
+    """Whether somebody with this predicted box is wholly hidden by somebody who is seen there:
+    the middle of the one lies within the box of the other.
 
-    SHELLS 2.3 lets an occluded object be anywhere within its occluder; a prediction is rough, so
-    three quarters of it are enough.
+    SHELLS 2.3 lets an occluded object be anywhere within its occluder's shell, which reaches
+    beyond the box.
     """
-    return share_inside(behind, front) >= HIDDEN_INSIDE
+    x, y = behind[0] + behind[2] / 2, behind[1] + behind[3] / 2
+    return front[0] <= x <= front[0] + front[2] and front[1] <= y <= front[1] + front[3]
 
 
-def shares_inside(boxes: Floats, others: Floats) -> Floats:
-    """(N,) share of each box's area that lies in the other one of its row."""
-    low = np.maximum(boxes[:, :2], others[:, :2])
-    high = np.minimum(boxes[:, :2] + boxes[:, 2:], others[:, :2] + others[:, 2:])
-    room = np.maximum(high - low, 0.0)
-    area = np.maximum(boxes[:, 2] * boxes[:, 3], 1e-9)
-    share: Floats = room[:, 0] * room[:, 1] / area
-    return share
+def middles_inside(boxes: Floats, others: Floats) -> Bools:
+    """(N,) which boxes' middles lie in the other box of their row: `hidden_by` for many."""
+    middle = boxes[:, :2] + boxes[:, 2:] / 2
+    low, high = others[:, :2], others[:, :2] + others[:, 2:]
+    return np.asarray(((middle >= low) & (middle <= high)).all(axis=1))
 
 
 def boxes_touch(boxes: Floats, others: Floats) -> Bools:

@@ -14,9 +14,11 @@ What the paper leaves open, and what is done here:
   that was there before ("stable trackers are instantiated over the group region"), is taken to be
   born of a split, whether or not the tracker says so. Doors within the region are the price: who
   comes out of one beside somebody must not touch him.
-- A target that is not in the picture keeps its partners while it collides, and gets no new ones.
-- A grouped target that is hidden (no observation, no blob) counts into the blob of the nearest
-  partner that it was grouped with and still collides with.
+- A target that is not in the picture keeps its partners while it collides, and gets no new ones;
+  neither does one that is only predicted and hidden by nobody.
+- A grouped target that is hidden (not observed, its predicted box within that of a partner who is)
+  counts into the blob of the nearest such partner that it was grouped with and still collides
+  with; or into the group tracker that it lies within.
 - Grouped targets that stop colliding at once are splitting for one frame. Where they lie over
   different regions then (a jump, a frame rate too low), they were not seen to split, and it is
   told as an anomaly.
@@ -32,7 +34,7 @@ from typing import Any
 import numpy as np
 
 from reasoning.candidate_pairs import near_pairs
-from reasoning.geometry import Bools, Floats, share_inside
+from reasoning.geometry import Bools, Floats, hidden_by, share_inside
 from reasoning.transitions import GROUPED, GROUPING, SINGLE, SPLITTING
 from recorders.messages import NO_BLOB, Box, GroupTrack
 from recorders.parameters import Parameters, param
@@ -90,6 +92,21 @@ class TargetRows:
     newborn: Sequence[bool]
     of_split: Sequence[bool]
     leaving: Collection[int] = ()
+
+    def box(self, k: int) -> Box:
+        """A row's box as plain numbers."""
+        x, y, w, h = self.boxes[k]
+        return float(x), float(y), float(w), float(h)
+
+    def hidden(self, behind: int, front: int) -> bool:
+        """Whether a row is not seen and lies within another one that is."""
+        if self.seen[behind] or not self.seen[front]:
+            return False
+        return hidden_by(self.box(behind), self.box(front))
+
+    def show(self, i: int, j: int) -> bool:
+        """Whether two rows show anything together: both are seen, or one hides the other."""
+        return (self.seen[i] and self.seen[j]) or self.hidden(i, j) or self.hidden(j, i)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -152,7 +169,7 @@ def pair_bit(
         over_group: both lie over one group tracker that has an observation at t.
         newborn: one of them is in its first frame.
         of_split: one of them is born of a split in this frame.
-        starts: both are in the picture.
+        starts: both are in the picture, and seen or one hidden by the other.
 
     >>> pair_bit(GROUPED, collides=True, over_group=False, newborn=False, of_split=False) == SPLITTING
     True
@@ -162,7 +179,7 @@ def pair_bit(
     if before in (GROUPED, SPLITTING) and not over_group:
         return SPLITTING
     if newborn and not before:
-        return SPLITTING if of_split else 0
+        return SPLITTING if of_split and starts else 0
     if not before and not starts:
         return 0
     return GROUPED if over_group else GROUPING
@@ -311,7 +328,7 @@ class InteractionBook:
         bond = self.bonds.get(pair)
         before = bond.bit if bond is not None else 0
         newborn, of_split = m.newborn[i] or m.newborn[j], m.of_split[i] or m.of_split[j]
-        starts = m.present[i] and m.present[j]
+        starts = m.present[i] and m.present[j] and m.show(i, j)
         after = pair_bit(before, collides, one_group, newborn, of_split, starts)
         distance = math.sqrt(squared)
         if bond is not None:
@@ -364,13 +381,12 @@ class InteractionBook:
 
     def _blob_regions(self, m: TargetRows, areas: SafetyAreas) -> list[int]:
         regions = [
-            blob if blob >= 0 and self._may_lie_over(index, m) else NO_BLOB
+            blob if m.seen[index] and self._may_lie_over(index, m) else NO_BLOB
             for index, blob in enumerate(m.blobs)
         ]
         for index, i in enumerate(m.ids):
             if (
-                m.blobs[index] >= 0
-                or m.seen[index]
+                m.seen[index]
                 or not self.states.get(i, 0) & GROUPED
                 or not self._may_lie_over(index, m)
             ):
@@ -381,7 +397,7 @@ class InteractionBook:
                 for partner in self.partners(i, GROUPED)
                 if partner in row
                 and m.blobs[row[partner]] >= 0
-                and m.seen[row[partner]]
+                and m.hidden(index, row[partner])
                 and areas.squared(index, row[partner]) <= self._reach
             ]
             if near:
@@ -390,17 +406,18 @@ class InteractionBook:
 
     def _track_of(self, k: int, m: TargetRows, tracks: Sequence[GroupTrack]) -> int:
         """The one of some observed group trackers that target k lies over: named by the tracker,
-        else the largest share of its box, ties by the lower id; NO_BLOB if none.
+        else the largest share of its box, ties by the lower id; NO_BLOB if none. Who is not seen
+        is hidden in it where he lies within it, whatever it names.
         """
         if not self._may_lie_over(k, m):
             return NO_BLOB
-        x, y, w, h = m.boxes[k]
-        box: Box = (float(x), float(y), float(w), float(h))
+        box = m.box(k)
         best = (0.0, 0)
         for track in tracks:
             named = 2.0 if m.ids[k] in track.members else 0.0
             share = named if track.members else share_inside(box, track.box)
-            if share >= self._p.over_share:
+            within = m.seen[k] or hidden_by(box, track.box)
+            if within and share >= self._p.over_share:
                 best = max(best, (share, -track.id - 1))
         return -best[1] - 1 if best[0] else NO_BLOB
 

@@ -28,8 +28,8 @@ from typing import Any, Literal
 import numpy as np
 
 from reasoning.candidate_pairs import near_pairs
-from reasoning.geometry import Floats
-from recorders.messages import NO_BLOB
+from reasoning.geometry import Floats, hidden_by
+from recorders.messages import NO_BLOB, Box
 from recorders.parameters import Parameters, param
 
 RelationName = Literal["INDEPENDENT", "INTERACTION", "JOINT"]
@@ -126,14 +126,15 @@ def resolve(before: RelationName, meets: bool, same_blob: bool) -> RelationStep:
     return _TABLE[before, meets, same_blob]
 
 
-def same_blob(blob_i: int, seen_i: bool, blob_j: int, seen_j: bool) -> bool | None:
-    """Whether two objects lie in one blob; None: one of them is hidden, so nothing is known of
-    its blob.
+def same_blob(
+    blob_i: int, seen_i: bool, blob_j: int, seen_j: bool, hidden: bool = True
+) -> bool | None:
+    """Whether two objects lie in one blob; None: one of them is not seen, but may be ``hidden`` by
+    the other, so nothing is known of its blob. What is only predicted lies in nobody's blob.
     """
-    if NO_BLOB not in (blob_i, blob_j):
-        return blob_i == blob_j
-    hidden_i, hidden_j = not seen_i and blob_i == NO_BLOB, not seen_j and blob_j == NO_BLOB
-    return None if hidden_i != hidden_j else False
+    if seen_i and seen_j:
+        return NO_BLOB != blob_i == blob_j
+    return None if seen_i != seen_j and hidden else False
 
 
 @dataclasses.dataclass(slots=True)
@@ -200,7 +201,7 @@ class Objects:
 
     ``ids`` ascending; ``centres`` (N, 2), ``radii`` (N,) in pixels; ``blobs`` region ids;
     ``seen`` observed in this frame; ``starts`` may start relations; ``leaving``: ids that must
-    not stay JOINT (their last frame).
+    not stay JOINT (their last frame); ``boxes`` say who hides whom, None: whoever is near.
     """
 
     ids: Sequence[int]
@@ -210,6 +211,23 @@ class Objects:
     seen: Sequence[bool]
     starts: Sequence[bool]
     leaving: Collection[int] = ()
+    boxes: Sequence[Box] | None = None
+
+    def hidden(self, i: int, j: int) -> bool:
+        """Whether one of two rows is not seen and lies within the other one, which is."""
+        if self.seen[i] == self.seen[j]:
+            return False
+        front, behind = (i, j) if self.seen[i] else (j, i)
+        return self.boxes is None or hidden_by(self.boxes[behind], self.boxes[front])
+
+    def same_blob(self, i: int, j: int) -> bool | None:
+        """Whether two rows lie in one blob, see `same_blob`."""
+        hidden = self.hidden(i, j)
+        return same_blob(self.blobs[i], self.seen[i], self.blobs[j], self.seen[j], hidden)
+
+    def show(self, i: int, j: int) -> bool:
+        """Whether two rows show anything together: both are seen, or one hides the other."""
+        return (self.seen[i] and self.seen[j]) or self.hidden(i, j)
 
 
 class _Discs:
@@ -280,7 +298,7 @@ class RelationBook:
             if (
                 pair in self._edges
                 or pair in held
-                or not (objects.starts[i] and objects.starts[j])
+                or not (objects.starts[i] and objects.starts[j] and objects.show(i, j))
             ):
                 continue
             distance = discs.distance(i, j)
@@ -306,7 +324,7 @@ class RelationBook:
         self._edges[pair] = Edge(
             *pair, step.after, frame, ns, step.rule, distance, ra, rb, frame, ns
         )
-        same = same_blob(o.blobs[m[0]], o.seen[m[0]], o.blobs[m[1]], o.seen[m[1]])
+        same = o.same_blob(*m)
         return RelationChange(
             *pair,
             "INDEPENDENT",
@@ -331,7 +349,7 @@ class RelationBook:
         distance, ra, rb = discs.distance(*m), discs.radii[m[0]], discs.radii[m[1]]
         edge.distance, edge.radius_a, edge.radius_b = distance, ra, rb
         meets = distance - (ra + rb) <= self._p.leave_margin * min(ra, rb)
-        same = same_blob(o.blobs[m[0]], o.seen[m[0]], o.blobs[m[1]], o.seen[m[1]])
+        same = o.same_blob(*m)
         leaving = pair[0] in o.leaving or pair[1] in o.leaving
         one_blob = (edge.state == "JOINT" and not leaving) if same is None else same
         step = resolve(edge.state, meets, one_blob)
@@ -354,7 +372,12 @@ class RelationBook:
             del self._edges[pair]
         case: str = step.case
         rule = step.rule
-        if case == "IV" and (leaving or NO_BLOB in (o.blobs[m[0]], o.blobs[m[1]])):
+        unseen = tuple(
+            i
+            for i, k in zip(pair, m, strict=True)
+            if o.blobs[k] == NO_BLOB or not o.seen[k]
+        )
+        if case == "IV" and (leaving or unseen):
             # Case IV asks for two blobs, and there are not two.
             case, rule, edge.rule = "unseen", UNSEEN, UNSEEN
         return RelationChange(
@@ -369,7 +392,7 @@ class RelationBook:
             same_blob=same,
             lasted_ns=ns - began,
             since_frame=since,
-            unseen=tuple(i for i, k in zip(pair, m, strict=True) if o.blobs[k] == NO_BLOB),
+            unseen=unseen,
         )
 
     def _needed_ns(self, case: str) -> float:

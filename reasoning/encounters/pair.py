@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from reasoning.geometry import HIDDEN_INSIDE, shares_inside
+from reasoning.geometry import middles_inside
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -195,7 +195,7 @@ def both_seen(a: History, b: History, in_a: Ints, in_b: Ints) -> Bools:
     ):
         hidden = front & ~behind
         if hidden.any():
-            seen |= hidden & (shares_inside(boxes_behind, boxes_front) >= HIDDEN_INSIDE)
+            seen |= hidden & middles_inside(boxes_behind, boxes_front)
     return seen
 
 

@@ -145,13 +145,10 @@ class Oracle:
             before = self.relation.get((a, b))
             meets = shells_meet(here[a], here[b])
             same = blob[a] == blob[b] != -1
-            if (
-                before == "JOINT"
-                and not {a, b} & self.ghosts
-                and (blob[a] == -1) != (blob[b] == -1)
-            ):
-                same = not seen[a] if blob[a] == -1 else not seen[b]
-            if before is None and meets and not {a, b} & self.ghosts:
+            shows = self.shows(here, seen, a, b)
+            if not (seen[a] and seen[b]):
+                same = before == "JOINT" and shows and not {a, b} & self.ghosts
+            if before is None and meets and shows and not {a, b} & self.ghosts:
                 self.relation[a, b] = "INTERACTION"
                 out.append(("interaction_started", (a, b)))
             elif before == "INTERACTION" and meets and same:
@@ -164,6 +161,18 @@ class Oracle:
                 del self.relation[a, b]
                 out.append(("interaction_ended", (a, b)))
         return out
+
+    def shows(self, here, seen, a, b):
+        """Both are seen, or the one lies with its middle in the box of the other, who is."""
+        if seen[a] == seen[b]:
+            return seen[a]
+        front, behind = (a, b) if seen[a] else (b, a)
+        return self.hides(here[front].box, here[behind].box)
+
+    @staticmethod
+    def hides(front, behind):
+        middle = [behind[k] + behind[k + 2] / 2 for k in (0, 1)]
+        return all(front[k] <= middle[k] <= front[k] + front[k + 2] for k in (0, 1))
 
     def interactions(self, here, blob, seen, new):
         out = []
@@ -183,7 +192,9 @@ class Oracle:
                 now = "splitting" if was == "grouped" else None
             elif was in ("grouped", "splitting") and not over:
                 now = "splitting"
-            elif was is None and (set(p) & new or set(p) & self.ghosts):
+            elif was is None and (
+                set(p) & new or set(p) & self.ghosts or not self.shows(here, seen, *p)
+            ):
                 now = None
             else:
                 now = "grouped" if over else "grouping"
@@ -201,10 +212,10 @@ class Oracle:
         region = {
             i: blob[i]
             for i in here
-            if blob[i] >= 0 and i not in new and i not in self.ghosts
+            if blob[i] >= 0 and seen[i] and i not in new and i not in self.ghosts
         }
         for i in here:
-            if blob[i] >= 0 or seen[i] or i in new or i in self.ghosts:
+            if seen[i] or i in new or i in self.ghosts:
                 continue
             mates = [
                 a + b - i
@@ -214,7 +225,10 @@ class Oracle:
             near = [
                 (safety(here[i], here[j]), j)
                 for j in mates
-                if blob[j] >= 0 and seen[j] and tuple(sorted((i, j))) in collide
+                if blob[j] >= 0
+                and seen[j]
+                and self.hides(here[j].box, here[i].box)
+                and tuple(sorted((i, j))) in collide
             ]
             if near:
                 region[i] = blob[min(near)[1]]

@@ -95,12 +95,17 @@ class Check:
         meets = (
             math.sqrt((ax - bx) ** 2 + (ay - by) ** 2) <= a.shell_radius + b.shell_radius
         )
-        hidden = [not t.observed and t.blob < 0 for t in (a, b)]
         one = a.blob >= 0 and a.blob == b.blob
-        if hidden[0] != hidden[1] and not self.ghosts & {a.id, b.id}:
-            one = was == "JOINT"
+        shows = a.observed and b.observed
+        if a.observed != b.observed:
+            front, behind = (a.box, b.box) if a.observed else (b.box, a.box)
+            middle = [behind[k] + behind[k + 2] / 2 for k in (0, 1)]
+            shows = all(front[k] <= middle[k] <= front[k] + front[k + 2] for k in (0, 1))
+        if not (a.observed and b.observed):
+            one = was == "JOINT" and shows and not self.ghosts & {a.id, b.id}
         if was == "INDEPENDENT":
-            return "INTERACTION" if meets and a.present and b.present else was
+            begins = meets and shows and a.present and b.present
+            return "INTERACTION" if begins else was
         if was == "INTERACTION":
             return ("JOINT" if one else was) if meets else "INDEPENDENT"
         return "JOINT" if meets and one else "INTERACTION"
