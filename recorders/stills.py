@@ -235,10 +235,11 @@ def to_bgr(values: Any, orientation: int = 1, bits: int = 16) -> Image:
         values = cv2.cvtColor(values, cv2.COLOR_GRAY2BGR)
     elif values.shape[2] == 4:
         values = cv2.cvtColor(values, cv2.COLOR_BGRA2BGR)
-    return np.ascontiguousarray(_upright(values, orientation))
+    return np.ascontiguousarray(upright(values, orientation))
 
 
-def _upright(image: Any, orientation: int) -> Any:
+def upright(image: Any, orientation: int) -> Any:
+    """A picture turned and mirrored as EXIF's orientation says."""
     if orientation > 4:
         image = image.transpose(1, 0, 2)
     if orientation in (2, 3, 6, 7):

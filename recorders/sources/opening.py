@@ -16,6 +16,7 @@ from recorders.sources.bags import BagFiles
 from recorders.sources.boxes import BoxSource
 from recorders.sources.caviar import CaviarSource
 from recorders.sources.images import ImageFolderSource, holds_pictures
+from recorders.sources.joined import JoinedVideos
 from recorders.sources.log_files import LogFiles, McapFiles, is_mcap, mcap_files
 from recorders.sources.log_source import LogOptions, LogSource
 from recorders.sources.plugin_source import plugin_source
@@ -38,6 +39,7 @@ def open_source(
     size: tuple[int, int] | None = None,
     log: LogOptions | None = None,
     boxes: BoxOptions | None = None,
+    stream: int | None = None,
     limits: Limits = DEFAULT_LIMITS,
 ) -> Source:
     """Open a source of frames by what it is: a folder of images, ``.txt`` (MOTChallenge),
@@ -45,7 +47,8 @@ def open_source(
     (`plugin_source`), whose frames have the times that it gives.
 
     Args:
-        path: the folder or file; several files of one recording: logs.
+        path: the folder or file; several files of one recording: logs,
+            videos one after the other, pictures.
         detections: a file of boxes (MOTChallenge, COCO, YOLO ...) whose detections go beside the
             pictures, its first frame with the first.
         fps: a constant frame rate; None takes a video's own presentation times, CAVIAR's 25, and
@@ -55,6 +58,7 @@ def open_source(
             the boxes reach, with a note).
         log: which topics of a log are read, and how.
         boxes: what a file of boxes does not say of itself.
+        stream: which of a video's streams of pictures, from 0; None: the first.
         limits: what the source may make us allocate.
 
     Raises:
@@ -84,18 +88,35 @@ def open_source(
             " --topics and --exclude go with logs"
         )
     if len(paths) > 1 or (paths[0].suffix.lower() in _PICTURES and "*" in str(path)):
-        if not all(
-            p.suffix.lower() in SUFFIXES and p.parent == paths[0].parent for p in paths
-        ):
-            raise UsageError(
-                f"{len(paths)} sources: several files are read as one where they are logs, or"
-                " pictures in one folder"
-            )
-        series = ImageFolderSource(paths[0].parent, rate, limits, [p.name for p in paths])
-        return _beside_pictures(series, detections, size, boxes or BoxOptions(), limits)
+        several = _open_several(paths, rate, stream, limits)
+        return _beside_pictures(several, detections, size, boxes or BoxOptions(), limits)
     given = boxes or BoxOptions()
     boxes = replace(given, fps=float(rate or given.fps))
+    if not paths[0].is_dir() and not _holds_boxes(paths[0]) and not _is_picture(paths[0]):
+        video = VideoSource(paths[0], rate, limits, stream)
+        return _beside_pictures(video, detections, size, boxes, limits)
+    if stream is not None:
+        raise UsageError(f"--stream goes with videos; {paths[0]} is none")
     return _open_file(paths[0], detections, rate, size, boxes, limits)
+
+
+def _open_several(
+    paths: Sequence[Path], rate: Fraction | None, stream: int | None, limits: Limits
+) -> Source:
+    """Pictures of one folder, or videos one after the other."""
+    if all(map(_is_picture, paths)) and len({p.parent for p in paths}) == 1:
+        return ImageFolderSource(paths[0].parent, rate, limits, [p.name for p in paths])
+    for path in paths:
+        if path.is_dir() or _is_picture(path) or _holds_boxes(path):
+            raise UsageError(
+                f"{len(paths)} sources: several files are read as one where they are logs,"
+                f" videos, or pictures in one folder; {path} is not"
+            )
+    return JoinedVideos([VideoSource(path, rate, limits, stream) for path in paths])
+
+
+def _is_picture(path: Path) -> bool:
+    return path.suffix.lower() in SUFFIXES and path.is_file()
 
 
 def open_cameras(
@@ -235,11 +256,7 @@ def _open_file(
         raise SourceError(
             "one picture is not a recording: give the folder that it lies in", path
         )
-    pictures: Source = (
-        ImageFolderSource(path, rate, limits)
-        if path.is_dir()
-        else VideoSource(path, rate, limits)
-    )
+    pictures = ImageFolderSource(path, rate, limits)
     return _beside_pictures(pictures, detections, size, boxes, limits)
 
 

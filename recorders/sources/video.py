@@ -5,42 +5,55 @@ thread.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from recorders.clock import Clock
 from recorders.errors import LimitError, SourceError
 from recorders.files import existing_file, sha256
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.pictures import FrameConverter, check_size
+from recorders.sources import containers
 from recorders.sources.source import (
     NANOS,
     Image,
     Rate,
     SourceFrame,
+    fitted,
     rate_or_assumed,
     spread,
 )
+from recorders.stills import upright
 
 if TYPE_CHECKING:
     import av
 
-# Only containers that hold their pictures themselves: playlists would reach for other files, and
-# FFmpeg draws plain text as video where nothing forbids it.
-_CONTAINERS = "avi,mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,mpeg,mpegvideo,mpegts,h264,hevc,m4v,mjpeg,flv,asf,ogg,dv,mxf,gif,nut,ivf"  # noqa: E501
 _PROBED_PACKETS = 64
+_SLACK_S = 0.1
 
 
 class VideoSource:
     """A video file.
 
     Times are the file's presentation times, counted from the first frame. A container that stores
-    none (AVI with B-frames) and ``fps`` both give a constant rate. Pictures are turned upright as
-    the file asks.
+    none (AVI with B-frames, elementary streams) and ``fps`` both give a constant rate. Pictures are
+    turned and mirrored as the file asks; where they change their size they are scaled to the
+    first's.
+
+    Args:
+        path: the file.
+        fps: a constant rate.
+        limits: what a picture may ask for.
+        stream: which of several video streams, from 0; None: the first, and the others are told.
 
     Raises:
         SourceError: no such file, empty, not a video, no picture in it.
+        UsageError: no such stream.
         LimitError: the pictures are over the limits.
     """
 
@@ -50,45 +63,64 @@ class VideoSource:
     has_detections = False
 
     def __init__(
-        self, path: Path, fps: Fraction | None = None, limits: Limits = DEFAULT_LIMITS
+        self,
+        path: Path,
+        fps: Fraction | None = None,
+        limits: Limits = DEFAULT_LIMITS,
+        stream: int | None = None,
     ) -> None:
         self.path = existing_file(path)
+        self._chosen = stream
         self.notes: list[str] = []
         self.losses: list[str] = []
         self._limits = limits
         with self._open() as container:
-            stream = self._stream(container)
-            self._turns = 0
-            self.width, self.height = stream.width, stream.height
-            if not self.width or not self.height:
-                limit = (
-                    f"the limit of {limits.max_picture_pixels} pixels (max_picture_pixels)"
-                )
-                raise LimitError(
-                    f"the video's pictures have no known size, or one over {limit}", path
-                )
-            check_size(self.width, self.height, path, limits)
-            self.frame_count: int | None = stream.frames or None
-            self._announced = stream.frames
-            nominal = stream.guessed_rate or stream.average_rate
-            timed = fps is None and _has_times(container, stream)
-            self._rate: Rate | None = None
-            if fps is None and not nominal:
-                self._rate = rate_or_assumed(None, self.notes)
-            elif not timed:
-                self._rate = Rate(fps or Fraction(nominal))
-            self.frame_ns = (
-                self._rate.frame_ns if self._rate else Rate(Fraction(nominal)).frame_ns
-            )
-            if self.frame_count is None and stream.duration and nominal:
-                self.frame_count = round(stream.duration * stream.time_base * nominal)
+            found = containers.streams(container, path)
+            self._others = "" if len(found) == 1 or stream is not None else _others(found)
+            self._open_stream(container, fps)
         self._look_at_first()
+
+    def _open_stream(self, container: Any, fps: Fraction | None) -> None:
+        """Size, rate and length, as the container says them."""
+        stream, path, limits = self._stream(container), self.path, self._limits
+        self._orientation = 1
+        self.width, self.height = stream.width, stream.height
+        if not self.width or not self.height:
+            limit = f"the limit of {limits.max_picture_pixels} pixels (max_picture_pixels)"
+            raise LimitError(
+                f"the video's pictures have no known size, or one over {limit}", path
+            )
+        check_size(self.width, self.height, path, limits)
+        self.frame_count: int | None = stream.frames or None
+        self._announced = stream.frames
+        nominal = stream.guessed_rate or stream.average_rate
+        timed = fps is None and _has_times(container, stream)
+        self._rate: Rate | None = None
+        if fps is None and not nominal:
+            self._rate = rate_or_assumed(None, self.notes)
+        elif fps is None and containers.is_elementary(container):
+            self._rate = Rate(Fraction(nominal))
+            self.notes.append(
+                f"a bare stream without times: assuming {float(nominal):g} frames per second;"
+                " say it with --fps"
+            )
+        elif not timed:
+            self._rate = Rate(fps or Fraction(nominal))
+        self.frame_ns = (
+            self._rate.frame_ns if self._rate else Rate(Fraction(nominal)).frame_ns
+        )
+        if self.frame_count is None and stream.duration and nominal:
+            self.frame_count = round(stream.duration * stream.time_base * nominal)
+        self._stated_s = containers.stated_seconds(container, stream)
+        aspect = containers.pixel_aspect(stream)
+        if aspect:
+            self.notes.append(aspect)
 
     def _look_at_first(self) -> None:
         with self._open() as container:
             for frame in self._decoded(container, _Trouble()):
-                self._turns = round(frame.rotation / 90) % 4
-                if self._turns % 2:
+                self._orientation = containers.orientation(frame)
+                if self._orientation > 4:
                     self.width, self.height = self.height, self.width
                 return
         raise SourceError("no picture of the video can be decoded", self.path)
@@ -97,20 +129,29 @@ class VideoSource:
         import av
 
         options = {
-            "format_whitelist": _CONTAINERS,
+            "format_whitelist": containers.CONTAINERS,
+            # A clock that starts anew is a new segment, not a counter that ran over.
+            "correct_ts_overflow": "0",
             "max_pixels": str(self._limits.max_picture_pixels),
         }
         try:
             return av.open(f"file:{self.path.resolve()}", options=options)
         except (av.error.FFmpegError, ValueError) as error:
+            if containers.lacks_index(self.path):
+                raise SourceError(
+                    "the video's index (moov) is missing: its recording was cut off before"
+                    " the end, where the index is written; the pictures are there, and tools"
+                    " that rebuild it from a sound file of the same camera (untrunc) may save"
+                    " them",
+                    self.path,
+                ) from error
             raise SourceError(
                 f"not a video that can be read ({_reason(error)})", self.path
             ) from error
 
     def _stream(self, container: Any) -> Any:
-        if not container.streams.video:
-            raise SourceError("holds no video stream", self.path)
-        stream = container.streams.video[0]
+        found = containers.streams(container, self.path)
+        stream = containers.chosen(found, self._chosen, self.path)
         if stream.codec_context is None:
             raise SourceError("its video stream has a codec that is not known", self.path)
         stream.codec_context.thread_count = 1
@@ -125,13 +166,13 @@ class VideoSource:
         stream = self._stream(container)
         if keys_only:
             stream.codec_context.skip_frame = "NONKEY"
-        size = (stream.width, stream.height)
         packets = container.demux(stream)
         while True:
             try:
                 packet = next(packets, None)
                 if packet is None:
                     return
+                trouble.seen(packet)
                 frames = packet.decode()
             except (av.error.EOFError, StopIteration):
                 return
@@ -146,60 +187,65 @@ class VideoSource:
                     return
                 continue
             for frame in frames:
-                if (frame.width, frame.height) != size:
-                    now = (
-                        f"{frame.width} x {frame.height}, it began with {size[0]} x"
-                        f" {size[1]}"
-                    )
-                    raise SourceError(
-                        f"the pictures change size: after frame {trouble.frames} they are"
-                        f" {now}",
-                        self.path,
-                    )
-                trouble.frame(frame.is_corrupt)
+                trouble.frame(frame)
                 yield frame
 
     def frames(self) -> Iterator[SourceFrame]:
         """All frames in the order of their presentation."""
         self.losses.clear()
         trouble = _Trouble()
-        mended = 0
+        clock: Clock[Any] = Clock(self.frame_ns)
+        scaled, first_scaled, last = 0, "", 0
         with self._open() as container:
-            time_base = container.streams.video[0].time_base
-            to_bgr = FrameConverter(self._turns)
-            first, last = 0, -1
-            for index, frame in enumerate(self._decoded(container, trouble)):
+            base = self._stream(container).time_base
+            to_bgr = FrameConverter()
+            decoded = self._decoded(container, trouble)
+            stamped = ((_stamp_ns(frame.pts, base), frame) for frame in decoded)
+            for index, (now, frame) in enumerate(clock.times(stamped)):
                 if self._rate is not None:
-                    now = self._rate.time_ns(index)
-                elif frame.pts is None:
-                    now = last + self.frame_ns if index else 0
-                else:
-                    stamp = int(
-                        frame.pts * time_base.numerator * NANOS // time_base.denominator
-                    )
-                    first = first if index else stamp
-                    now = stamp - first
-                if now <= last:
-                    now = last + self.frame_ns
-                    mended += 1
+                    now = self._rate.time_ns(index)  # noqa: PLW2901 (the rate's time instead)
+                if self._size_of(frame) != (self.width, self.height):
+                    scaled += 1
+                    first_scaled = first_scaled or _named(index, self._size_of(frame))
                 last = now
-                yield SourceFrame(index, now, _loader(to_bgr, frame))
-        self._sum_up(trouble, mended)
-
-    def _sum_up(self, trouble: _Trouble, mended: int) -> None:
-        if mended:
-            note = (
-                f"{mended} frames had times that did not increase; they follow their"
-                " predecessors by one frame time"
-            )
-            if note not in self.notes:
-                self.notes.append(note)
-        self.losses += trouble.lines()
-        if trouble.frames < self._announced:
+                yield SourceFrame(index, now, partial(self._upright, to_bgr, frame))
+        self._sum_up(trouble, clock, last)
+        if scaled:
             self.losses.append(
-                f"the file announces {self._announced} frames, {trouble.frames} could be"
-                " read"
+                f"{scaled} pictures of another size were scaled to"
+                f" {self.width}x{self.height}, the first is {first_scaled}"
             )
+
+    def _size_of(self, frame: Any) -> tuple[int, int]:
+        if self._orientation > 4:
+            return frame.height, frame.width
+        return frame.width, frame.height
+
+    def _upright(self, to_bgr: FrameConverter, frame: Any) -> Image:
+        check_size(frame.width, frame.height, self.path, self._limits)
+        image = upright(to_bgr(frame), self._orientation)
+        return fitted(np.ascontiguousarray(image), self.width, self.height)
+
+    def _sum_up(self, trouble: _Trouble, clock: Clock[Any], last_ns: int) -> None:
+        if self._rate is None:
+            self.notes += [note for note in clock.notes() if note not in self.notes]
+        self.losses += trouble.lines()
+        announced = self._announced - trouble.hidden
+        if trouble.frames < announced:
+            self.losses.append(
+                f"the file announces {announced} frames, {trouble.frames} could be read"
+            )
+        elif self._stated_s is not None and self._rate is None and not clock.joined:
+            # Some files state how long they are, some when they end.
+            end_s = (max(last_ns, trouble.latest_ns) + 2 * self.frame_ns) / NANOS
+            whole = self._announced or trouble.starts_in_the_middle
+            if self._stated_s > end_s + _SLACK_S and not whole:
+                self.losses.append(
+                    f"the file announces {self._stated_s:.2f} s, its pictures end after"
+                    f" {last_ns / NANOS:.2f} s: it was cut short"
+                )
+        if self._others:
+            self.losses.append(self._others)
         self.frame_count = trouble.frames
 
     def sample(self, count: int) -> Iterator[Image]:
@@ -214,11 +260,11 @@ class VideoSource:
                 total += packet.size > 0
         keys_only = keys >= count
         among = keys if keys_only else total
-        to_bgr = FrameConverter(self._turns)
+        to_bgr = FrameConverter()
         with self._open() as container:
             for index, frame in enumerate(self._decoded(container, _Trouble(), keys_only)):
                 if spread(index, count, among):
-                    yield to_bgr(frame)
+                    yield self._upright(to_bgr, frame)
 
     def digests(self) -> list[tuple[str, str]]:
         """The video's SHA-256."""
@@ -236,6 +282,18 @@ class _Trouble:
         self._first_damaged = 0
         self._packets = 0
         self._first: tuple[int, str] = (0, "")
+        self._early = 0
+        self.latest_ns = 0
+        self._key = False
+        self.hidden = 0
+
+    def seen(self, packet: Any) -> None:
+        """Note a packet before it is decoded: those that an edit list hides, and those before the
+        first key frame, which nothing can be made of.
+        """
+        self.hidden += bool(packet.is_discard)
+        self._key = self._key or packet.is_keyframe
+        self._early += not self._key and packet.size > 0
 
     def packet(self, reason: str) -> bool:
         """Note a packet that cannot be decoded; False where there are so many that reading on is
@@ -246,9 +304,16 @@ class _Trouble:
         self._packets += 1
         return self._packets < self._MOST
 
-    def frame(self, corrupt: bool) -> None:
+    @property
+    def starts_in_the_middle(self) -> bool:
+        """Packets came before the first key frame."""
+        return self._early > 0
+
+    def frame(self, frame: Any) -> None:
         """Note a decoded frame."""
-        if corrupt:
+        if frame.pts is not None and frame.time_base is not None:
+            self.latest_ns = max(self.latest_ns, int(frame.pts * frame.time_base * NANOS))
+        if frame.is_corrupt:
             self._first_damaged = self._first_damaged if self._damaged else self.frames
             self._damaged += 1
         self.frames += 1
@@ -256,6 +321,12 @@ class _Trouble:
     def lines(self) -> list[str]:
         """One line for each kind of trouble."""
         found = []
+        if self._early:
+            found.append(
+                f"{self._early} packets of the video before its first key frame: it starts in"
+                " the middle"
+            )
+            self._packets = max(0, self._packets - self._early)
         if self._packets:
             after, reason = self._first
             found.append(
@@ -270,8 +341,19 @@ class _Trouble:
         return found
 
 
-def _loader(to_bgr: FrameConverter, frame: Any) -> Callable[[], Image]:
-    return lambda: to_bgr(frame)
+def _stamp_ns(pts: int | None, base: Fraction) -> int | None:
+    return None if pts is None else int(pts * base.numerator * NANOS // base.denominator)
+
+
+def _named(index: int, size: tuple[int, int]) -> str:
+    return f"frame {index} of {size[0]}x{size[1]}"
+
+
+def _others(found: list[Any]) -> str:
+    return (
+        f"{len(found) - 1} of {len(found)} video streams ({containers.described(found)}):"
+        " --stream N chooses one"
+    )
 
 
 def _has_times(container: Any, stream: Any) -> bool:

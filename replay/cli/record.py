@@ -55,6 +55,10 @@ def add(commands: common.Commands) -> None:
         " JSON lines, Parquet, COCO, YOLO or LabelMe or VOC folders, CVAT, Label Studio, Frigate",
     )  # fmt: skip
     parser.add_argument(
+        "--stream", type=int, metavar="N",
+        help="which of a video's streams of pictures, from 0; default the first",
+    )  # fmt: skip
+    parser.add_argument(
         "--columns", metavar="NAMES",
         help="what the columns of a table of detections are, where it does not name them: frame,id,x1,y1,x2,y2,score",
     )  # fmt: skip
@@ -245,6 +249,7 @@ def run(args: argparse.Namespace) -> int:
                 size=args.size,
                 log=log,
                 boxes=boxes,
+                stream=args.stream,
                 limits=limits,
             )
         }
