@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -141,7 +142,7 @@ def test_odd_stamps(case: Case, kind: str, seconds: float, notes: int) -> None:
     source, frames = read(case("video/t_pts", kind, suffix=".mkv"))
     times = [f.time_ns for f in frames]
     assert len(times) == 100
-    assert all(a < b for a, b in zip(times, times[1:], strict=False))
+    assert all(a < b for a, b in itertools.pairwise(times))
     assert times[-1] / 1e9 == pytest.approx(seconds, abs=0.1)
     assert (len(source.notes), source.losses) == (notes, [])
 
