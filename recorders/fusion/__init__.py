@@ -1,0 +1,10 @@
+"""Detector and masks together: one set of detections, each source believed as far as it proves
+reliable in this recording.
+"""
+
+from __future__ import annotations
+
+from recorders.fusion.fusion import Fusion
+from recorders.fusion.parameters import FusionParameters
+
+__all__ = ["Fusion", "FusionParameters"]

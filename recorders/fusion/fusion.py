@@ -1,0 +1,178 @@
+"""The fusion of detector and masks: hypotheses, followed, believed, and decided on a little
+later.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.detectors.suppression import suppress
+from recorders.fusion.belief import (
+    GAP,
+    SURE_STEP,
+    UNKNOWN,
+    Belief,
+    Heights,
+    sigmoid,
+    sign_of,
+)
+from recorders.fusion.chains import Chain, Chains
+from recorders.fusion.hypotheses import Hypothesis, corners_of, hypotheses
+from recorders.fusion.parameters import FusionParameters
+from recorders.fusion.steadiness import Steadiness
+from recorders.messages import Box, Detections
+
+Floats = NDArray[np.float64]
+
+AGREED = 0.9
+"""Bodies believed this much, in which both sources agree, teach sizes."""
+PIECE = 0.6
+"""A box of the masks that shares this much of the smaller of the two with a detected body says
+nothing new.
+"""
+DOUBLE = 0.6
+"""Of decided boxes that overlap by this, the one believed more stays."""
+
+
+@dataclass(frozen=True)
+class Decided:
+    """One detection of the fused set.
+
+    Attributes:
+        box: where.
+        belief: the probability that it is a body.
+        hypothesis: what it came from.
+    """
+
+    box: Box
+    belief: float
+    hypothesis: Hypothesis
+
+
+@dataclass(frozen=True)
+class _Waiting:
+    frame: int
+    found: list[Hypothesis]
+    chains: list[Chain]
+    spanned: list[Chain]
+
+
+class Fusion:
+    """One set of detections out of two, frame after frame, each decided on `ahead_s` later.
+
+    Args:
+        parameters: see there.
+        height: of the pictures, px.
+        fps: frames per second.
+        sure_rate: of how many bodies in a frame the detector is sure (`sure_of`), on the average
+            over this recording.
+    """
+
+    def __init__(
+        self, parameters: FusionParameters, height: int, fps: float, sure_rate: float
+    ) -> None:
+        self._p = parameters
+        self._ahead = round(parameters.ahead_s * fps)
+        self._memory = parameters.memory_s * fps
+        self._chains = Chains(fps)
+        self._belief = Belief(fps, sure_rate)
+        self._heights = Heights(height)
+        self._steady = Steadiness()
+        self._waiting: deque[_Waiting] = deque()
+
+    def add(self, frame: int, masked: Detections, detected: Detections) -> list[list[Decided]]:
+        """Take the next frame; the frames that are decided now, in order."""
+        found = hypotheses(masked, detected)
+        before = list(self._chains.alive)
+        chains = self._chains.link(frame, found)
+        for hypothesis, chain in zip(found, chains, strict=True):
+            x, y, w, h = hypothesis.box
+            for gap in range(chain.frames[-1] + 1 if chain.frames else frame, frame):
+                _show(chain, gap, GAP, UNKNOWN)
+            _show(chain, frame, sign_of(hypothesis), self._heights.size_of(y + h, h))
+            self._steady.take(chain, frame, hypothesis)
+        missed = [c for c in before if c.last < frame]
+        self._waiting.append(_Waiting(frame, found, chains, missed))
+        return self._ready(self._ahead)
+
+    def finish(self) -> list[list[Decided]]:
+        """The frames that were still waiting, in order."""
+        return self._ready(0)
+
+    def _ready(self, keep: int) -> list[list[Decided]]:
+        decided = []
+        while len(self._waiting) > keep:
+            decided.append(self._decide(self._waiting.popleft()))
+        return decided
+
+    def _decide(self, at: _Waiting) -> list[Decided]:
+        made: list[Decided] = []
+        for hypothesis, chain in zip(at.found, at.chains, strict=True):
+            logit = self._believed(chain, at.frame)
+            place = chain.frames.index(at.frame)
+            sign, size = chain.signs[place], chain.sizes[place]
+            belief = self._belief.now(logit, sign, size)
+            self._belief.learn(sign, size, sigmoid(logit))
+            both = hypothesis.masked is not None and hypothesis.step >= SURE_STEP
+            if both and belief >= AGREED:
+                x, y, w, h = hypothesis.box
+                self._heights.learn(y + h, h, belief)
+            if belief >= self._p.min_belief:
+                box = self._steady.box(hypothesis)
+                made.append(Decided(box, belief, hypothesis))
+        for chain in at.spanned:
+            if at.frame in chain.frames:
+                logit = self._believed(chain, at.frame)
+                self._belief.learn(GAP, UNKNOWN, sigmoid(logit))
+        return _without_doubles(made)
+
+    def _believed(self, chain: Chain, frame: int) -> float:
+        chain.forget(frame - round(3 * self._memory))
+        distance = np.abs(np.array(chain.frames, np.float64) - frame)
+        weights = np.exp(-distance / self._memory)
+        return self._belief.of(
+            np.array(chain.signs, np.intp), np.array(chain.sizes, np.intp), weights
+        )
+
+
+def sure_of(detected: Detections) -> int:
+    """Of how many bodies in a frame a detector is sure."""
+    nothing = Detections(detected.frame, detected.width, detected.height)
+    return sum(h.step >= SURE_STEP for h in hypotheses(nothing, detected))
+
+
+def _show(chain: Chain, frame: int, sign: int, size: int) -> None:
+    chain.frames.append(frame)
+    chain.signs.append(sign)
+    chain.sizes.append(size)
+
+
+def _without_doubles(made: list[Decided]) -> list[Decided]:
+    beliefs = np.array([d.belief for d in made], np.float64)
+    one_kind = np.zeros(len(made), np.intp)
+    corners = corners_of([d.box for d in made])
+    kept = sorted(suppress(corners, beliefs, one_kind, DOUBLE).tolist())
+    seen = [k for k in kept if made[k].hypothesis.detected is not None]
+    out = []
+    for k in kept:
+        masked = made[k].hypothesis.detected is None
+        if not masked or not _explained(corners[k], corners[seen]):
+            out.append(made[k])
+    return out
+
+
+def _explained(box: Floats, others: Floats) -> bool:
+    """Whether a box of the masks alone is a piece of a detected body, or several run together."""
+    if not len(others):
+        return False
+    low = np.maximum(box[:2], others[:, :2])
+    high = np.minimum(box[2:], others[:, 2:])
+    shared = np.maximum(high - low, 0.0).prod(axis=1)
+    smaller = np.minimum(
+        (box[2:] - box[:2]).prod(), (others[:, 2:] - others[:, :2]).prod(axis=1)
+    )
+    return bool((shared >= PIECE * smaller).any())

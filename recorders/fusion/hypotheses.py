@@ -1,0 +1,108 @@
+"""A frame's hypotheses: the detector's boxes and the masks', each pair that is one body taken
+together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.detectors.suppression import overlaps, suppress
+from recorders.messages import NO_BLOB, Box, Detections
+
+Floats = NDArray[np.float64]
+
+SAME_BODY = 0.35
+"""From this intersection over union on a detector's box and one of the masks are one body."""
+DOUBLE = 0.35
+"""Boxes of one source that overlap by this are doubles, but for those of the masks, which are not
+thinned out.
+"""
+SCORE_STEPS = (0.4, 0.55, 0.7, 0.85)
+"""Scores are told apart by these steps; what a step is worth is learnt from the recording."""
+NOTHING = 0
+"""The detector's step where it has no box; its boxes have the steps 1 to 5."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Something that may be a body.
+
+    Attributes:
+        masked: the box that the masks gave, None without one.
+        detected: the box that the detector gave, None without one.
+        step: the detector's score by `SCORE_STEPS`, `NOTHING` without a box.
+        score: the detector's score, 0 without a box.
+        label: what the detector calls it.
+        row: of the masks' detection, or -1.
+    """
+
+    masked: Box | None
+    detected: Box | None
+    step: int
+    score: float
+    label: str
+    row: int
+
+    @property
+    def box(self) -> Box:
+        """The masks' box, else the detector's."""
+        box = self.masked or self.detected
+        assert box is not None
+        return box
+
+
+def hypotheses(masked: Detections, detected: Detections) -> list[Hypothesis]:
+    """A frame's hypotheses: those with a mask's box in its order, then the detector's own, best
+    score first.
+    """
+    mine, theirs = corners_of(masked.boxes), corners_of(detected.boxes)
+    scores = np.array(detected.scores or [1.0] * len(theirs), np.float64)
+    alone = np.zeros(len(theirs), np.intp)
+    kept = suppress(theirs, scores, alone, DOUBLE).tolist()
+    pairs = _pairs(overlaps(mine, theirs[kept]))
+    made = []
+    for row, box in enumerate(masked.boxes):
+        column = pairs.get(row)
+        made.append(_made(box, row, detected, None if column is None else kept[column]))
+    taken = list(pairs.values())
+    rest = [
+        k
+        for column, k in enumerate(kept)
+        if column not in taken and scores[k] >= SCORE_STEPS[0]
+    ]
+    return made + [_made(None, NO_BLOB, detected, k) for k in rest]
+
+
+def corners_of(boxes: list[Box]) -> Floats:
+    """(N, 4) x1, y1, x2, y2 of boxes x, y, w, h."""
+    out = np.array(boxes, np.float64).reshape(-1, 4)
+    out[:, 2:] += out[:, :2]
+    return out
+
+
+def _made(box: Box | None, row: int, detected: Detections, k: int | None) -> Hypothesis:
+    if k is None:
+        return Hypothesis(box, None, NOTHING, 0.0, "", row)
+    score = detected.scores[k] if detected.scores else 1.0
+    label = detected.labels[k] if detected.labels else ""
+    step = 1 + sum(score >= s for s in SCORE_STEPS)
+    return Hypothesis(box, detected.boxes[k], step, score, label, row)
+
+
+def _pairs(overlap: Floats) -> dict[int, int]:
+    """Rows and columns that are one body: the best overlap first, of equals the lower row, then
+    column.
+    """
+    found: dict[int, int] = {}
+    rows, columns = np.nonzero(overlap >= SAME_BODY)
+    order = np.argsort(-overlap[rows, columns], kind="stable")
+    used: list[int] = []
+    for k in order.tolist():
+        row, column = int(rows[k]), int(columns[k])
+        if row not in found and column not in used:
+            found[row] = column
+            used.append(column)
+    return found
