@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 
 AGREED = 0.9
 """Bodies believed this much, in which both sources agree, teach sizes."""
-PIECE = 0.6
+PIECE = 0.8
 """A box of the masks that shares this much of the smaller of the two with a detected body says
 nothing new.
 """
@@ -84,7 +84,9 @@ class Fusion:
         self._steady = Steadiness()
         self._waiting: deque[_Waiting] = deque()
 
-    def add(self, frame: int, masked: Detections, detected: Detections) -> list[list[Decided]]:
+    def add(
+        self, frame: int, masked: Detections, detected: Detections
+    ) -> list[list[Decided]]:
         """Take the next frame; the frames that are decided now, in order."""
         found = hypotheses(masked, detected)
         before = list(self._chains.alive)

@@ -1,60 +1,90 @@
-"""Where a body is when both sources have a box of it: nearer to the one that is steadier.
+"""Where a body is: between the boxes of the two sources, nearer to the one that is steadier.
 
-Bodies move smoothly; a box that jumps from frame to frame was measured badly. A box's second
-difference in time, relative to its size, is its error alone.
+Bodies move smoothly; a box that jumps from frame to frame was measured badly. A side's second
+difference in time, relative to the box's size, is its error alone, and how large it is on the
+average over the recording says how much the source's boxes count. Sources also differ in what they
+take for the body's outline (feet, shadow, a bicycle): that difference is learnt where both have a
+box, and a box of one source alone is moved to where both together would have put it.
 """
 
 from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
 
 from recorders.fusion.chains import Chain
 from recorders.fusion.hypotheses import Hypothesis
 from recorders.messages import Box
 
-USUAL = 0.003
-"""Square of the usual second difference, of the box's size."""
+Floats = NDArray[np.float64]
+USUAL = 0.03
+"""Usual second difference, of the box's size."""
 USUAL_WEIGHT = 20.0
-MOST = 0.04
-"""A larger one is a jump to something else, and counts as this."""
+MASKS, DETECTOR = 0, 1
 
 
 class Steadiness:
-    """The errors of the masks' and the detector's boxes in this recording."""
+    """The errors of the masks' and the detector's boxes in this recording, across and down, and
+    how they differ.
+    """
 
     def __init__(self) -> None:
-        self._sums = [USUAL * USUAL_WEIGHT] * 2
-        self._counts = [USUAL_WEIGHT] * 2
+        self._jumps = np.full((2, 2), USUAL_WEIGHT * USUAL)
+        self._counts = np.full(2, USUAL_WEIGHT)
+        self._offset = np.zeros(4)
+        self._pairs = USUAL_WEIGHT
 
     def take(self, chain: Chain, frame: int, hypothesis: Hypothesis) -> None:
         """Take in the next boxes of a chain."""
-        past = chain.past
-        for source, box in enumerate((hypothesis.masked, hypothesis.detected)):
+        boxes = hypothesis.masked, hypothesis.detected
+        for source, box in enumerate(boxes):
+            past = chain.past[source]
             if box is None:
-                past[source].clear()
+                past.clear()
                 continue
-            past[source].append((frame, box))
-            del past[source][:-3]
-            if hypothesis.masked is None or hypothesis.detected is None:
-                continue
-            if [f for f, _ in past[source]] == [frame - 2, frame - 1, frame]:
-                self._count(source, [b for _, b in past[source]])
+            past.append((frame, box))
+            del past[:-3]
+            if None not in boxes and [f for f, _ in past] == [frame - 2, frame - 1, frame]:
+                self._count(source, [b for _, b in past])
+        if hypothesis.masked is not None and hypothesis.detected is not None:
+            masked, detected = _sides(hypothesis.masked), _sides(hypothesis.detected)
+            self._offset += (detected - masked) / _size(hypothesis.masked)
+            self._pairs += 1
 
     def _count(self, source: int, boxes: list[Box]) -> None:
-        sides = [(x, y, x + w, y + h) for x, y, w, h in boxes]
-        size = boxes[1][2] + boxes[1][3]
-        total = 0.0
-        for a, b, c in zip(*sides, strict=True):
-            total += ((a - 2 * b + c) / size) ** 2
-        self._sums[source] += min(MOST, total)
+        before, now, after = map(_sides, boxes)
+        jump = (before - 2 * now + after) / _size(boxes[1])
+        squares = (jump * jump).reshape(2, 2).mean(axis=0)
+        self._jumps[source] += np.sqrt(squares)
         self._counts[source] += 1
+
+    def shares(self) -> Floats:
+        """What the masks' box counts, of 1, for each side (4,)."""
+        errors = (self._jumps / self._counts[:, None]) ** 2
+        share = errors[DETECTOR] / errors.sum(axis=0)
+        return np.concatenate([share, share])
 
     def box(self, hypothesis: Hypothesis) -> Box:
         """The box of a hypothesis."""
-        if hypothesis.masked is None or hypothesis.detected is None:
-            return hypothesis.box
-        masks, detector = (s / n for s, n in zip(self._sums, self._counts, strict=True))
-        share = detector / (masks + detector)
-        x, y, w, h = (
-            share * m + (1 - share) * d
-            for m, d in zip(hypothesis.masked, hypothesis.detected, strict=True)
-        )
-        return x, y, w, h
+        share = self.shares()
+        offset = self._offset / self._pairs
+        if hypothesis.detected is None:
+            box = hypothesis.box
+            sides = _sides(box) + (1 - share) * offset * _size(box)
+        elif hypothesis.masked is None:
+            box = hypothesis.box
+            sides = _sides(box) - share * offset * _size(box)
+        else:
+            sides = share * _sides(hypothesis.masked)
+            sides += (1 - share) * _sides(hypothesis.detected)
+        left, top, right, bottom = sides.tolist()
+        return left, top, right - left, bottom - top
+
+
+def _sides(box: Box) -> Floats:
+    x, y, w, h = box
+    return np.array([x, y, x + w, y + h])
+
+
+def _size(box: Box) -> Floats:
+    return np.array([box[2], box[3]] * 2)
