@@ -111,7 +111,8 @@ class Detections(Struct, frozen=True):
     the mask, whatever boxes were drawn into them. ``labels[k]`` is what detection k shows, as its
     detector calls it; those of `NO_CLASS` where nothing is known of that. ``size_model`` holds the numbers of the size
     model that the segmentation had learnt (`recorders.segmentation.sizes.SizeModel.from_list`),
-    empty where there is none.
+    empty where there is none. ``fused`` says that a detector and the masks both went into the
+    boxes: then they say where bodies are, and the mask only which of them share a blob.
     """
 
     frame: Count
@@ -124,6 +125,7 @@ class Detections(Struct, frozen=True):
     blobs: list[int] = []
     components: list[Blob] = []
     size_model: list[float] = []
+    fused: bool = False
 
 
 class Zone(Struct, frozen=True):

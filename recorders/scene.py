@@ -52,7 +52,8 @@ class SceneInfo:
         width, height: the picture's size in pixels.
         frame_ns: the nominal (median) time between frames in ns.
         has_images: there are pictures; without, a tracker works on boxes alone.
-        has_masks: there are foreground masks.
+        has_masks: there are foreground masks that say where bodies are (fused detections say it
+            better).
     """
 
     width: int
@@ -250,7 +251,7 @@ class SceneLog:
             first.height,
             nominal_ns([t for t, _ in sample]) or channels.NANOS // 25,
             self._topics["image"] in present,
-            self._topics["foreground"] in present,
+            self._topics["foreground"] in present and not first.fused,
         )
 
     def frame_times(self) -> Iterator[int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from recorders.detectors.detector import Detector, Sighting, as_detections
+from recorders.detectors.detector import Detector, Sighting, as_detections, cut
 from recorders.detectors.onnx import ModelOptions, OnnxDetector
 from recorders.detectors.parameters import DetectorParameters
 
@@ -13,4 +13,5 @@ __all__ = [
     "OnnxDetector",
     "Sighting",
     "as_detections",
+    "cut",
 ]

@@ -4,7 +4,8 @@ reliable in this recording.
 
 from __future__ import annotations
 
+from recorders.fusion.frames import FusedFrames
 from recorders.fusion.fusion import Fusion
 from recorders.fusion.parameters import FusionParameters
 
-__all__ = ["Fusion", "FusionParameters"]
+__all__ = ["FusedFrames", "Fusion", "FusionParameters"]

@@ -95,7 +95,8 @@ class Belief:
         """The logit of the probability that a chain is a body.
 
         Args:
-            signs, sizes: (N,) of its frames.
+            signs: (N,) of its frames.
+            sizes: (N,) likewise.
             weights: (N,) how much each frame counts.
         """
         of_signs, of_sizes = self.worth

@@ -70,13 +70,16 @@ class Fusion:
         fps: frames per second.
         sure_rate: of how many bodies in a frame the detector is sure (`sure_of`), on the average
             over this recording.
+
+    Attributes:
+        ahead: a frame is decided on so many frames later.
     """
 
     def __init__(
         self, parameters: FusionParameters, height: int, fps: float, sure_rate: float
     ) -> None:
         self._p = parameters
-        self._ahead = round(parameters.ahead_s * fps)
+        self.ahead = round(parameters.ahead_s * fps)
         self._memory = parameters.memory_s * fps
         self._chains = Chains(fps)
         self._belief = Belief(fps, sure_rate)
@@ -92,14 +95,14 @@ class Fusion:
         before = list(self._chains.alive)
         chains = self._chains.link(frame, found)
         for hypothesis, chain in zip(found, chains, strict=True):
-            x, y, w, h = hypothesis.box
+            _, y, _, h = hypothesis.box
             for gap in range(chain.frames[-1] + 1 if chain.frames else frame, frame):
                 _show(chain, gap, GAP, UNKNOWN)
             _show(chain, frame, sign_of(hypothesis), self._heights.size_of(y + h, h))
             self._steady.take(chain, frame, hypothesis)
         missed = [c for c in before if c.last < frame]
         self._waiting.append(_Waiting(frame, found, chains, missed))
-        return self._ready(self._ahead)
+        return self._ready(self.ahead)
 
     def finish(self) -> list[list[Decided]]:
         """The frames that were still waiting, in order."""
@@ -121,7 +124,7 @@ class Fusion:
             self._belief.learn(sign, size, sigmoid(logit))
             both = hypothesis.masked is not None and hypothesis.step >= SURE_STEP
             if both and belief >= AGREED:
-                x, y, w, h = hypothesis.box
+                _, y, _, h = hypothesis.box
                 self._heights.learn(y + h, h, belief)
             if belief >= self._p.min_belief:
                 box = self._steady.box(hypothesis)

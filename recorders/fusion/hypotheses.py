@@ -36,7 +36,7 @@ class Hypothesis:
         step: the detector's score by `SCORE_STEPS`, `NOTHING` without a box.
         score: the detector's score, 0 without a box.
         label: what the detector calls it.
-        row: of the masks' detection, or -1.
+        row, column: of the masks' detection and of the detector's, -1 without one.
     """
 
     masked: Box | None
@@ -45,6 +45,7 @@ class Hypothesis:
     score: float
     label: str
     row: int
+    column: int = -1
 
     @property
     def box(self) -> Box:
@@ -59,7 +60,7 @@ def hypotheses(masked: Detections, detected: Detections) -> list[Hypothesis]:
     score first.
     """
     mine, theirs = corners_of(masked.boxes), corners_of(detected.boxes)
-    scores = np.array(detected.scores or [1.0] * len(theirs), np.float64)
+    scores = np.array([_score(detected, k) for k in range(len(theirs))], np.float64)
     alone = np.zeros(len(theirs), np.intp)
     kept = suppress(theirs, scores, alone, DOUBLE).tolist()
     pairs = _pairs(overlaps(mine, theirs[kept]))
@@ -83,13 +84,19 @@ def corners_of(boxes: list[Box]) -> Floats:
     return out
 
 
+def _score(detected: Detections, k: int) -> float:
+    """A detection's score; boxes without one, or with one on another scale, were chosen."""
+    score = detected.scores[k] if detected.scores else 1.0
+    return score if 0 <= score <= 1 else 1.0
+
+
 def _made(box: Box | None, row: int, detected: Detections, k: int | None) -> Hypothesis:
     if k is None:
         return Hypothesis(box, None, NOTHING, 0.0, "", row)
-    score = detected.scores[k] if detected.scores else 1.0
+    score = _score(detected, k)
     label = detected.labels[k] if detected.labels else ""
     step = 1 + sum(score >= s for s in SCORE_STEPS)
-    return Hypothesis(box, detected.boxes[k], step, score, label, row)
+    return Hypothesis(box, detected.boxes[k], step, score, label, row, k)
 
 
 def _pairs(overlap: Floats) -> dict[int, int]:

@@ -11,6 +11,11 @@ from recorders.parameters import Parameters, param
 class FusionParameters(Parameters):
     """How boxes of a detector and of masks become one set."""
 
+    fuse: bool = param(
+        True,
+        "make one set of detections of masks and detector; else the detector's stay as they"
+        " are, each with the blob that it lies in",
+    )
     ahead_s: float = param(
         1.0, "how far ahead a hypothesis is followed before it is decided on", unit="s",
         low=0.0, high=30.0,

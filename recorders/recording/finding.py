@@ -5,23 +5,22 @@ together.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import msgspec
 import numpy as np
 
 from recorders.detectors import Detector, as_detections
 from recorders.errors import SceneTraceError
+from recorders.fusion import FusedFrames
 from recorders.messages import NO_BLOB, Detections
 from recorders.pictures import Image
 from recorders.segmentation import Segmented, Segmenter, SegmenterInParts
 from recorders.sources import Source, SourceFrame
 from recorders.vision import cv2
 
-Detect = Callable[[], Detections]
+Detect = Callable[[], list[Detections]]
 
 
-@dataclass(frozen=True)
 class Finder:
     """Looks through a source's frames, in their order.
 
@@ -30,30 +29,40 @@ class Finder:
         segmenter: gives masks, and what lies in them; None: no masks.
         detector: looks at each picture; None: what the source says, if anything.
         detector_name: for its errors.
+        fusion: makes one set of detections of masks and detector; None: what the detector or the
+            source says gets blobs, and nothing else is done to it.
     """
 
-    source: Source
-    segmenter: Segmenter | None = None
-    detector: Detector | None = None
-    detector_name: str = ""
+    def __init__(
+        self,
+        source: Source,
+        segmenter: Segmenter | None = None,
+        detector: Detector | None = None,
+        detector_name: str = "",
+        fusion: FusedFrames | None = None,
+    ) -> None:
+        self.source = source
+        self.segmenter = segmenter
+        self.detector = detector
+        self.detector_name = detector_name
+        self.fusion = fusion
 
     @property
     def sees(self) -> bool:
         """It needs the pictures."""
         return self.segmenter is not None or self.detector is not None
 
+    @property
+    def behind(self) -> int:
+        """A frame's detections are known so many frames later."""
+        return 0 if self.fusion is None else self.fusion.ahead
+
     def begin(self, frame: SourceFrame) -> tuple[Image | None, Detect]:
-        """The frame's mask, and what gives its detections: called once, in the frames' order, from
-        whatever thread.
+        """The frame's mask, and what gives the detections that are known with it: called once, in
+        the frames' order, from whatever thread.
         """
         if self.segmenter is None:
-            return (
-                None,
-                lambda: (
-                    self._given(frame)
-                    or Detections(frame.index, self.source.width, self.source.height)
-                ),
-            )
+            return None, lambda: [self._given(frame) or self._nothing(frame.index)]
         assert frame.image is not None
         if isinstance(self.segmenter, SegmenterInParts):
             mask, detect = self.segmenter.begin(frame.index, frame.image)
@@ -62,26 +71,47 @@ class Finder:
             mask, detect = whole.mask, lambda: whole.detections
         return mask, lambda: self._together(frame, mask, detect)
 
-    def _together(self, frame: SourceFrame, mask: Image, detect: Detect) -> Detections:
+    def finish(self) -> list[Detections]:
+        """The detections that are known once there are no more frames."""
+        return [] if self.fusion is None else self.fusion.finish()
+
+    def _nothing(self, index: int) -> Detections:
+        return Detections(index, self.source.width, self.source.height)
+
+    def _together(
+        self, frame: SourceFrame, mask: Image, detect: Callable[[], Detections]
+    ) -> list[Detections]:
         found, given = detect(), self._given(frame)
-        return found if given is None else with_blobs(given, Segmented(mask, found))
+        if given is None:
+            return [found]
+        given = with_blobs(given, Segmented(mask, found))
+        return [given] if self.fusion is None else self.fusion.add(found, given)
 
     def _given(self, frame: SourceFrame) -> Detections | None:
         """What the detector finds in the frame, or the source says of it."""
         if self.detector is None:
             return frame.detections
         assert frame.image is not None
+        return self.detected(frame.index, frame.image)
+
+    def detected(self, index: int, image: Image) -> Detections:
+        """What the detector finds in a picture.
+
+        Raises:
+            SceneTraceError: it fails, or its answer is none.
+        """
+        assert self.detector is not None
         size = self.source.width, self.source.height
         try:
-            found = list(self.detector.detect(frame.image))
+            found = list(self.detector.detect(image))
         except SceneTraceError:
             raise
         except Exception as error:  # of others' code anything may come
             raise SceneTraceError(
-                f"the detector {self.detector_name} in frame {frame.index}:"
+                f"the detector {self.detector_name} in frame {index}:"
                 f" {type(error).__name__}: {error}"
             ) from error
-        return as_detections(self.detector_name, frame.index, *size, found)
+        return as_detections(self.detector_name, index, *size, found)
 
 
 def with_blobs(given: Detections, found: Segmented) -> Detections:

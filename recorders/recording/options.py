@@ -9,6 +9,7 @@ from typing import Literal, get_args
 from recorders import channels
 from recorders.detectors import DetectorParameters, ModelOptions
 from recorders.errors import UsageError
+from recorders.fusion import FusionParameters
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.parameters import Config, Parameters, configure
 from recorders.recording.methods import NO_DETECTION, methods_of
@@ -21,6 +22,7 @@ CODECS: tuple[str, ...] = get_args(Codec)
 SECTIONS: dict[str, type[Parameters]] = {
     "segmentation": SegmentationParameters,
     "detector": DetectorParameters,
+    "fusion": FusionParameters,
 }
 
 

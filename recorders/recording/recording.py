@@ -15,17 +15,19 @@ from pathlib import Path
 from recorders import channels
 from recorders.detectors import Detector
 from recorders.errors import OutputExistsError, SceneTraceError, UsageError
+from recorders.fusion import FusedFrames, FusionParameters
 from recorders.log import LogWriter
+from recorders.messages import Detections
 from recorders.pictures import Image
 from recorders.recording.finding import Finder
-from recorders.recording.methods import Methods, methods_of, open_detector
+from recorders.recording.methods import methods_of, open_detector
 from recorders.recording.options import RecordOptions, with_defaults
 from recorders.recording.passed_on import Others
 from recorders.recording.scene_writer import RecordSummary, SceneWriter
 from recorders.recording.stages import Encoded, encoded
 from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmenter
 from recorders.sources import Source, read_regions
-from recorders.sources.source import NANOS
+from recorders.sources.source import NANOS, GivenDetections
 from recorders.vision import opencv_threads
 
 FIRST_READING_PICTURES = 120
@@ -193,26 +195,33 @@ def _finder(
     facts: dict[str, str] = {}
     if methods.detect is not None:
         detector, facts = open_detector(methods.detect, options.model, options.config)
-    segmenter = _segmenter(methods, source, options, report)
-    return Finder(source, segmenter, detector, methods.detect or ""), facts
-
-
-def _segmenter(
-    methods: Methods, source: Source, options: RecordOptions, report: Progress
-) -> Segmenter | None:
-    """The segmenter, having read the source once to know its background in hindsight."""
+    finder = Finder(source, None, detector, methods.detect or "")
     if methods.segment is None:
-        return None
-    parameters = options.config["segmentation"]
-    assert isinstance(parameters, SegmentationParameters)
-    segmenter = SEGMENTERS[methods.segment](
-        parameters, source.width, source.height, NANOS / source.frame_ns
-    )
+        return finder, facts
+    sample: list[Detections] = []
 
     def sampled() -> Iterator[Image]:
         for index, image in enumerate(source.sample(FIRST_READING_PICTURES)):
             report("looking", index, FIRST_READING_PICTURES)
+            if detector is not None:
+                sample.append(finder.detected(index, image))
             yield image
 
-    segmenter.prepare(sampled())
-    return segmenter
+    finder.segmenter = _segmenter(methods.segment, source, options)
+    finder.segmenter.prepare(sampled())
+    fusion = options.config["fusion"]
+    assert isinstance(fusion, FusionParameters)
+    if fusion.fuse and (detector is not None or source.has_detections):
+        if isinstance(source, GivenDetections):
+            sample.extend(source.given(FIRST_READING_PICTURES))
+        fps = NANOS / source.frame_ns
+        finder.fusion = FusedFrames(fusion, source.height, fps, sample)
+    return finder, facts
+
+
+def _segmenter(name: str, source: Source, options: RecordOptions) -> Segmenter:
+    parameters = options.config["segmentation"]
+    assert isinstance(parameters, SegmentationParameters)
+    return SEGMENTERS[name](
+        parameters, source.width, source.height, NANOS / source.frame_ns
+    )

@@ -35,10 +35,19 @@ class Encoded:
     detections: Detections
 
 
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """A frame's picture and mask as they will be written."""
+
+    index: int
+    time_ns: int
+    picture: tuple[bytes, str] | None
+    mask: bytes | None
+
+
 def encoded(source: Source, finder: Finder, codec: str | None) -> Generator[Encoded]:
     """The source's frames, looked through and encoded, in order."""
     encoder = _PictureEncoder(source, codec)
-    waiting: deque[Future[Encoded]] = deque()
     decode = finder.sees or encoder.decodes
     depth = _DEPTH if source.has_images else _DEPTH_WITHOUT_PICTURES
     failures: list[SceneTraceError] = []
@@ -48,21 +57,46 @@ def encoded(source: Source, finder: Finder, codec: str | None) -> Generator[Enco
         ThreadPoolExecutor(1, "scenetrace-detect"),
         ThreadPoolExecutor(1, "scenetrace-encode"),
     )
+    line = _Line()
     try:
         with closing(ahead) as frames:
             for frame in _decodable(frames, source, finder.sees, encoder.decodes):
                 mask, detect = finder.begin(frame)
-                found = detecting.submit(detect).result if finder.sees else detect
-                waiting.append(encoding.submit(encoder.encode, frame, mask, found))
-                if len(waiting) > _DEPTH:
-                    yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
+                line.found.append(
+                    detecting.submit(detect).result if finder.sees else detect
+                )
+                line.seen.append(encoding.submit(encoder.encode, frame, mask))
+                if len(line.seen) > _DEPTH + finder.behind:
+                    yield line.next()
+        line.found.append(detecting.submit(finder.finish).result)
+        while line.seen:
+            yield line.next()
     finally:
         detecting.shutdown(cancel_futures=True)
         encoding.shutdown(cancel_futures=True)
     if failures:
         raise failures[0]
+
+
+class _Line:
+    """Frames that wait for their pictures to be encoded, and for their detections to be known.
+
+    Attributes:
+        seen: of each frame its picture and mask, encoded.
+        found: what gives the detections that were known with each frame.
+    """
+
+    def __init__(self) -> None:
+        self.seen: deque[Future[_Seen]] = deque()
+        self.found: deque[Callable[[], list[Detections]]] = deque()
+        self._known: deque[Detections] = deque()
+
+    def next(self) -> Encoded:
+        """The oldest frame, whole."""
+        while not self._known:
+            self._known.extend(self.found.popleft()())
+        seen, detections = self.seen.popleft().result(), self._known.popleft()
+        return Encoded(seen.index, seen.time_ns, seen.picture, seen.mask, detections)
 
 
 def _until_failure(
@@ -111,12 +145,10 @@ class _PictureEncoder:
                 source.width, source.height, Fraction(NANOS, source.frame_ns)
             )
 
-    def encode(
-        self, frame: SourceFrame, mask: Image | None, found: Callable[[], Detections]
-    ) -> Encoded:
+    def encode(self, frame: SourceFrame, mask: Image | None) -> _Seen:
         """One frame's bytes."""
         bits = None if mask is None else encode_mask(mask)
-        return Encoded(frame.index, frame.time_ns, self._picture(frame), bits, found())
+        return _Seen(frame.index, frame.time_ns, self._picture(frame), bits)
 
     def _picture(self, frame: SourceFrame) -> tuple[bytes, str] | None:
         if self._codec == "none" or not frame.has_picture:

@@ -165,6 +165,15 @@ class LoggedSource(Protocol):
         ...
 
 
+@runtime_checkable
+class GivenDetections(Protocol):
+    """A source whose detections can be read without its pictures."""
+
+    def given(self, count: int) -> Iterator[Detections]:
+        """The detections of about ``count`` frames spread evenly over the source."""
+        ...
+
+
 class Rate:
     """A constant frame rate with exact times: frame k is at floor(k / fps) in ns."""
 

@@ -15,6 +15,7 @@ from recorders.sources.source import (
     Source,
     SourceFrame,
     detections_of,
+    spread,
 )
 
 
@@ -111,6 +112,20 @@ class WithDetections:
             frame.detections = self._detections(frame.index, mine)
             yield frame
         self._sum_up(ahead, rows)
+
+    def given(self, count: int) -> Iterator[Detections]:
+        """The detections of about so many frames spread evenly over the file, without their
+        pictures; also of frames that have none.
+        """
+        rows = self._file.by_frame()
+        ahead = next(rows, None)
+        among = max(self.frame_count or 0, self._file.last_frame)
+        for index in range(among):
+            mine = None
+            if ahead is not None and ahead.number == index + 1:
+                mine, ahead = ahead, next(rows, None)
+            if spread(index, count, among):
+                yield self._detections(index, mine)
 
     def _time_ns(self, number: int) -> int:
         assert isinstance(self._pictures, NumberedSource)

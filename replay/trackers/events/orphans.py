@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.messages import Box
+from recorders.messages import NO_BLOB, Box
 from replay.trackers import appearance
 from replay.trackers.association import intersection
 from replay.trackers.events.associate import Seen
@@ -52,7 +52,9 @@ def share_detections(
         owner = owners.get(int(taken[best]))
         if share[k, best] >= p.min_shared and owner is not None and owner.id != TENTATIVE:
             tracks.items[row].hidden = True
-            tracks.items[row].blob = owner.blob = int(taken[best]) + 1
+            if owner.blob == NO_BLOB:
+                owner.blob = int(taken[best]) + 1
+            tracks.items[row].blob = owner.blob
 
 
 def follow_colours(

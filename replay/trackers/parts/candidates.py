@@ -66,8 +66,10 @@ def observe(d: Detections) -> Observed:
     """Blobs and detections of a frame; a detection that is alone in its blob and covers it is
     left out for the blob.
     """
-    m = len(d.components)
-    blob_boxes = np.array([c.box for c in d.components], np.float64).reshape(-1, 4)
+    # What a detector and the masks make up together says where bodies are; blobs alone do not.
+    components = [] if d.fused else d.components
+    m = len(components)
+    blob_boxes = np.array([c.box for c in components], np.float64).reshape(-1, 4)
     n = len(d.boxes)
     boxes = np.array(d.boxes, np.float64).reshape(-1, 4)
     blobs = np.array(d.blobs if d.blobs else [NO_BLOB] * n, np.int64)
@@ -82,9 +84,9 @@ def observe(d: Detections) -> Observed:
     rest[lone] = False
     kept = np.flatnonzero(rest)
     centroids = np.array(
-        [(c.ellipse.x, c.ellipse.y) for c in d.components], np.float64
+        [(c.ellipse.x, c.ellipse.y) for c in components], np.float64
     ).reshape(-1, 2)
-    ids = np.array([c.id for c in d.components], np.int64)
+    ids = np.array([c.id for c in components], np.int64)
     return Observed(
         np.concatenate([blob_boxes, boxes[kept]]),
         np.concatenate([ids, blobs[kept]]),

@@ -108,7 +108,7 @@ def _rest(fg: Foreground, box: Floats, placed: list[Box]) -> float:
 
 def area_of(box: Box, blob: int, frame: Frame) -> float:
     """A new object's number of pixels: its blob's, but not more than its box holds."""
-    parts = frame.detections.components
+    parts = [] if frame.detections.fused else frame.detections.components
     full = max(1.0, box[2] * box[3])
     if 0 < blob <= len(parts):
         b = parts[blob - 1]
