@@ -319,7 +319,11 @@ class SceneLog:
             if isinstance(detections, Detections):
                 self._check(detections, now, masked is not None)
                 self._check_order(order, detections.frame, now)
-            mask = None if masked is None else self._mask(masked, detections)
+            mask = (
+                self._mask(masked, detections)
+                if masked is not None and self.info.has_masks
+                else None
+            )
             load_mask, load_labels = (
                 (None, None) if mask is None else (mask.load, mask.labels)
             )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.detectors.suppression import suppress
+from recorders.detectors.suppression import overlaps
 from recorders.fusion.belief import (
     GAP,
     SURE_STEP,
@@ -157,17 +157,22 @@ def _show(chain: Chain, frame: int, sign: int, size: int) -> None:
 
 
 def _without_doubles(made: list[Decided]) -> list[Decided]:
-    beliefs = np.array([d.belief for d in made], np.float64)
-    one_kind = np.zeros(len(made), np.intp)
+    """Without boxes of the detector alone that lie over others believed more, and boxes of the
+    masks alone that say nothing new. What the masks tell apart stays apart.
+    """
     corners = corners_of([d.box for d in made])
-    kept = sorted(suppress(corners, beliefs, one_kind, DOUBLE).tolist())
-    seen = [k for k in kept if made[k].hypothesis.detected is not None]
-    out = []
-    for k in kept:
-        masked = made[k].hypothesis.detected is None
-        if not masked or not _explained(corners[k], corners[seen]):
-            out.append(made[k])
-    return out
+    over = overlaps(corners, corners) >= DOUBLE
+    detected = [k for k, d in enumerate(made) if d.hypothesis.detected is not None]
+    kept = []
+    for k, one in enumerate(made):
+        rivals = [j for j in np.flatnonzero(over[k]).tolist() if j != k]
+        if one.hypothesis.masked is None:
+            double = any((made[j].belief, -j) > (one.belief, -k) for j in rivals)
+        else:
+            double = k not in detected and _explained(corners[k], corners[detected])
+        if not double:
+            kept.append(one)
+    return kept
 
 
 def _explained(box: Floats, others: Floats) -> bool:

@@ -16,8 +16,15 @@ from recorders.errors import OutputExistsError, SourceError, UsageError
 from recorders.limits import Limits
 from recorders.log import LogReader
 from recorders.messages import NO_BLOB, Blob, Detections, Ellipse
+from recorders.parameters import configure
 from recorders.pictures import encode_jpeg, encode_png
-from recorders.recording import InterruptedRecordingError, RecordOptions, record, with_blobs
+from recorders.recording import (
+    SECTIONS,
+    InterruptedRecordingError,
+    RecordOptions,
+    record,
+    with_blobs,
+)
 from recorders.scene import Frame, SceneLog
 from recorders.segmentation import Segmented
 from recorders.sources import open_source
@@ -215,7 +222,10 @@ def test_given_detections_keep_their_boxes_and_take_the_blobs_of_the_mask(
     record(
         open_source(folder, detections=det, fps=8),
         tmp_path / "a.mcap",
-        RecordOptions(detect="motion"),
+        RecordOptions(
+            detect="motion",
+            config=configure(SECTIONS, assignments=["fusion.fuse=false"]),
+        ),
     )
     for f in frames_of(tmp_path / "a.mcap"):
         assert f.detections.boxes == [(4 + 5 * f.index, 29, 17, 42), (60, 2, 9, 9)]

@@ -19,12 +19,11 @@ def shared_regions(tracks: Tracks, frame: Frame) -> list[tuple[list[int], Box]]:
     for blob in sorted(members):
         if len(members[blob]) >= 2:
             boxes = [c.box for c in blobs if c.id == blob]
-            out.append(
-                (
-                    sorted(members[blob]),
-                    boxes[0] if boxes else frame.detections.boxes[blob - 1],
-                )
-            )
+            # Without components a blob is the detection of that place, or a name alone.
+            boxes += frame.detections.boxes[blob - 1 : blob]
+            boxes += [t.measured for t in tracks.items if t.blob == blob and t.measured]
+            if boxes:
+                out.append((sorted(members[blob]), boxes[0]))
     return out
 
 

@@ -43,9 +43,14 @@ class Free:
 
 
 def boxes_alone(frame: Frame, likely: Floats) -> Free:
-    """Without masks every detection is a blob of its own; how ``likely`` each is somebody (N,)."""
+    """Without masks every detection is a blob of its own, fused ones have those of the masks; how
+    ``likely`` each is somebody (N,).
+    """
     n = len(frame.boxes)
-    return Free(frame.boxes, np.arange(1, n + 1), np.zeros(n, bool), likely)
+    blobs = np.arange(1, n + 1)
+    if frame.detections.fused:
+        blobs = np.array(frame.detections.blobs, np.int64)
+    return Free(frame.boxes, blobs, np.zeros(n, bool), likely)
 
 
 def unexplained(frame: Frame, resolver: Resolver, p: ShellsParameters) -> Free:
