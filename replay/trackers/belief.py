@@ -75,13 +75,16 @@ class Scores:
         """Learn from a frame's detections, and judge them.
 
         Returns:
-            (N,) the probability that each is somebody. Detections without scores count as 1.
+            (N,) the probability that each is somebody. Detections without scores count as 1; the
+            scores of fused ones are probabilities.
         """
         count = len(detections.boxes)
         given = detections.scores or [1.0] * count
         if not count:
             return np.zeros(0)
         scores = np.asarray(given, np.float64)
+        if detections.fused:  # the fusion has judged them by the recording already
+            return scores
         odds = logit(scores)
         bins = np.round((odds + _REACH) * _FINE).astype(np.intp)
         self._weights += np.bincount(bins, np.clip(scores, 1e-6, None), len(self._weights))
