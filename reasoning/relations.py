@@ -121,7 +121,7 @@ def resolve(before: RelationName, meets: bool, same_blob: bool) -> RelationStep:
         same_blob: B_i = B_j at t.
 
     >>> resolve("INTERACTION", meets=True, same_blob=True)
-    Step(after='JOINT', case='III')
+    RelationStep(after='JOINT', case='III')
     """
     return _TABLE[before, meets, same_blob]
 

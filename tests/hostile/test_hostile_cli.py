@@ -436,25 +436,38 @@ def test_detections_that_cannot_be_are_refused_on_replay(
         assert f"{path} (detections): " in line
 
 
+def test_a_picture_over_a_limit_is_refused_before_it_is_decoded(
+    folder: Path, fails: Fails
+) -> None:
+    scene_log(folder / "bad.mcap", picture=png(30_000, 30_000))
+    message = "a picture claims 30000 x 30000 pixels, over the limit of 16384 a side"
+    line = fails("replay", "bad.mcap", "-o", "out.mcap", message=message)
+    assert "bad.mcap" in line
+
+
 @pytest.mark.parametrize(
     ("picture", "message"),
     [
-        (
-            png(30_000, 30_000),
-            "a picture claims 30000 x 30000 pixels, over the limit of 16384 a side",
-        ),
         (png(0, 120), "claims 0 x 120 pixels"),
         (png(160, 120), "a damaged png picture"),
         (b"hello", "neither a JPEG nor a PNG picture"),
-        (b"", "neither a JPEG nor a PNG picture"),
+        (b"", "a picture of 0 bytes"),
     ],
 )
-def test_a_picture_in_a_log_is_checked_before_it_is_decoded(
-    folder: Path, fails: Fails, picture: bytes, message: str
+def test_a_picture_that_cannot_be_decoded_is_left_out_and_named(
+    folder: Path, capsys: pytest.CaptureFixture[str], picture: bytes, message: str
 ) -> None:
     scene_log(folder / "bad.mcap", picture=picture)
-    line = fails("replay", "bad.mcap", "-o", "out.mcap", message=message)
-    assert "bad.mcap" in line
+    assert main(["replay", str(folder / "bad.mcap"), "-o", str(folder / "out.mcap")]) == 3
+    told = [
+        line
+        for line in capsys.readouterr().err.splitlines()
+        if line.startswith("scenetrace: left out: ")
+    ]
+    assert told
+    assert message in told[0]
+    assert "/camera/image" in told[0]
+    assert (folder / "out.mcap").exists()
 
 
 def test_a_picture_of_another_size_than_the_detections_say(
@@ -849,11 +862,6 @@ def test_a_write_that_the_system_refuses_leaves_nothing(folder: Path, command: s
             ["record", "img1", "--fps", "5", "-o", "o.mcap", "--set", "motion.nonsense=1"],
             2,
             "motion.nonsense",
-        ),
-        (
-            ["record", "scene.mcap", "-o", "o.mcap"],
-            1,
-            "scene.mcap: is a log, not a source of frames",
         ),
         (["record", "good", "-o", "o.mcap"], 1, "good: no such file"),
         (

@@ -331,10 +331,10 @@ def test_bags_of_others_are_read_whole_and_replay_says_what_they_lack(
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(
         f"scenetrace: error: {bag}: no detections to replay (a channel"
-        " /<camera>/detections); "
+        " /<camera>/detections in JSON); "
     )
     assert f"it holds {info['channels'][0]['topic']}" in line
-    assert line.endswith("Make a scene log with `scenetrace record SOURCE -o scene.mcap`")
+    assert line.endswith("with `scenetrace record SOURCE -o scene.mcap`")
     assert list(tmp_path.iterdir()) == []
 
 
