@@ -387,7 +387,13 @@ class Run:
         )
         forward = step.targets if step.forward is None else step.forward
         content = payloads(
-            forward, scene, reasoner.regions, frame.time_ns, frame.stamp_ns, step.extra
+            forward,
+            scene,
+            reasoner.regions,
+            frame.time_ns,
+            frame.stamp_ns,
+            step.extra,
+            step.targets.held_back,
         )
         made = digest.digest(self.link, frame.index, frame.time_ns, step.recorded, content)
         self.link = made.link

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -23,23 +23,15 @@ from numpy.typing import NDArray
 from recorders.messages import NO_BLOB, Box, GroupTrack, Notice, Target, Targets
 from recorders.parameters import Config
 from recorders.scene import SceneInfo
+from replay.hindsight.doubles import Within
 from replay.hindsight.exchanges import Exchange, exchanges_of, undone
-from replay.hindsight.fragments import Fragment, gather
-from replay.hindsight.joining import Join, join
+from replay.hindsight.fragments import gather
+from replay.hindsight.joining import join
+from replay.hindsight.lives import Life, lives_of
 from replay.hindsight.parameters import HindsightParameters
 from replay.hindsight.smoothing import filtered
-from replay.hindsight.verdicts import (
-    Doubt,
-    confidence,
-    doubts,
-    mean_odds,
-    told_doubt,
-    why_not,
-    withheld,
-)
+from replay.hindsight.verdicts import withheld
 
-_CUT_OFF = 0.5
-"""Share of the least life that a path needs which a recording's start or end cut off."""
 _BLOCK = 64
 _CALM = ((1.0, 0.25), (1.0, 1.0), (1.0, 4.0), (1.0, 16.0), (1.0, 64.0))
 """Times the variances of measurement and acceleration."""
@@ -55,52 +47,10 @@ Reading = Callable[[], Iterable[Targets]]
 
 
 @dataclass
-class _Life:
-    """One identity after joining: its fragments in order, and what was said of it so far."""
-
-    id: int
-    fragments: list[Fragment]
-    joins: list[Join]
-    first_at: int
-    last_at: int
-    present: bool = False
-    seen_at: int = 0
-    mode: str = "motion"
-    why: dict[str, float] = field(default_factory=dict)
-    odds: float | None = None
-    doubts: list[Doubt] = field(default_factory=list)
-    identity: float = 1.0
-    doubted: int = 0
-
-    def go_on(self, at: int) -> list[Notice]:
-        """Come to a frame: what is left of its identity, and what is to be told of that."""
-        told: list[Notice] = []
-        while self.doubted < len(self.doubts) and self.doubts[self.doubted].at <= at:
-            doubt = self.doubts[self.doubted]
-            self.identity *= doubt.same
-            self.doubted += 1
-            notice = told_doubt(self.id, doubt, self.identity)
-            told += [] if notice is None else [notice]
-        return told
-
-    def believed(self, target: Target) -> Target:
-        """A target of this life with what is believed of it."""
-        sure = target.confidence if self.odds is None else confidence(self.odds, target)
-        return replace(target, confidence=sure, identity=self.identity)
-
-    def of(self, forward: dict[int, Target]) -> Target | None:
-        """What the forward pass said of it in a frame."""
-        for f in self.fragments:
-            if f.id in forward:
-                return forward[f.id]
-        return None
-
-
-@dataclass
 class _Row:
     """A stretch of one life without a gap too long to fill: its observations within the window."""
 
-    life: _Life
+    life: Life
     at: list[int]
     boxes: list[tuple[float, float, float, float]]
 
@@ -130,10 +80,12 @@ def rewrite(
     p = config["hindsight"]
     assert isinstance(p, HindsightParameters)
     exchanges: list[Exchange] = []
-    fragments = gather(_noting(targets(), exchanges), times)
+    within = Within()
+    fragments = gather(within.watch(_noting(targets(), exchanges)), times)
     if exchanges:
-        fragments = gather(undone(targets(), exchanges), times)
-    lives, reasons = _lives(fragments, join(fragments, p), p, scene, times)
+        within = Within()
+        fragments = gather(within.watch(undone(targets(), exchanges)), times)
+    lives, reasons = lives_of(fragments, join(fragments, p), within, p, scene, times)
     del fragments  # and with them those of dropped paths
     if names is not None:
         names.update((k, lives[k].id) for k in sorted(lives))
@@ -146,67 +98,12 @@ def _noting(stream: Iterable[Targets], exchanges: list[Exchange]) -> Iterator[Ta
         yield answer
 
 
-def _lives(
-    fragments: dict[int, Fragment],
-    joins: list[Join],
-    p: HindsightParameters,
-    scene: SceneInfo,
-    times: Sequence[int],
-) -> tuple[dict[int, _Life], dict[int, str]]:
-    """Every forward id's life, and of those that are not told why. A life has the id of its first
-    fragment.
-    """
-    followed = {j.later: j for j in joins}
-    chains: dict[int, list[int]] = {}
-    root: dict[int, int] = {}
-    for f in sorted(fragments.values(), key=lambda f: (f.first.at, f.id)):
-        before = followed.get(f.id)
-        root[f.id] = f.id if before is None else root[before.earlier]
-        chains.setdefault(root[f.id], []).append(f.id)
-    lives: dict[int, _Life] = {}
-    reasons: dict[int, str] = {}
-    for identity, chain in chains.items():
-        parts = [fragments[k] for k in chain]
-        first, last = parts[0].first, parts[-1].last
-        seconds = (last.time_ns - first.time_ns + scene.frame_ns) * 1e-9
-        frames = sum(f.last.at - f.first.at + 1 for f in parts)
-        hits = sum(f.hits for f in parts)
-        # Who is there in the first or the last frame was cut off by the recording, and lived
-        # longer than is seen.
-        least = p.min_life_s * (
-            _CUT_OFF if first.at == 0 or last.at == len(times) - 1 else 1.0
-        )
-        reason = why_not(parts, seconds, least, p)
-        if reason:
-            reasons.update((k, reason) for k in chain)
-            continue
-        joined = [followed[k] for k in chain if k in followed]
-        life = _Life(
-            identity,
-            parts,
-            joined,
-            first.at,
-            last.at,
-            odds=mean_odds(parts),
-            doubts=doubts(parts, joined, scene.has_images),
-        )
-        life.why = {
-            "life_s": seconds, "life_s_at_least": least,
-            "support": hits / frames, "support_at_least": p.min_support,
-        }  # fmt: skip
-        for f in parts:
-            f.forget()
-        for k in chain:
-            lives[k] = life
-    return lives, reasons
-
-
 class _Writer:
     """The second reading, in blocks of `_BLOCK` frames with a margin before and after."""
 
     def __init__(
         self,
-        lives: dict[int, _Life],
+        lives: dict[int, Life],
         reasons: dict[int, str],
         scene: SceneInfo,
         times: Sequence[int],
@@ -222,7 +119,7 @@ class _Writer:
         self._margin = self._fill + max(8, round(1.0 / self._frame_s))
         # By the first frame, as they were chained; those who have begun and may still be spoken of.
         self._waiting = deque({id(v): v for v in lives.values()}.values())
-        self._begun: list[_Life] = []
+        self._begun: list[Life] = []
 
     def run(self, stream: Iterable[Targets]) -> Iterator[Targets]:
         """Write every frame once, in order."""
@@ -285,7 +182,7 @@ class _Writer:
             life for life in self._begun if life.last_at + 1 >= start or life.present
         ]
 
-    def _living(self, block: int, end: int, seen: set[int]) -> list[_Life]:
+    def _living(self, block: int, end: int, seen: set[int]) -> list[Life]:
         """Those of whom something may have to be said in a block, by id: few of all that a long
         recording has.
         """
@@ -300,7 +197,7 @@ class _Writer:
 
     @staticmethod
     def _unseen(
-        living: Sequence[_Life], at: int, forward: dict[int, Target], here: set[int]
+        living: Sequence[Life], at: int, forward: dict[int, Target], here: set[int]
     ) -> list[Target]:
         """Those in a gap that is too long to fill, as long as the forward pass expected them:
         they are not present.
@@ -323,7 +220,7 @@ class _Writer:
         """Observations of every life within the window, cut at gaps that are too long to fill."""
         rows: list[_Row] = []
         open_rows: dict[int, _Row] = {}
-        earlier: dict[int, list[tuple[_Life, Box]]] = {}
+        earlier: dict[int, list[tuple[Life, Box]]] = {}
         for life in self._begun:
             for s in (s for f in life.fragments for s in f.earlier):
                 earlier.setdefault(s.at, []).append((life, s.box))
@@ -395,7 +292,7 @@ class _Writer:
         return kept
 
     def _notices(
-        self, living: Sequence[_Life], answer: Targets, at: int, out: list[Target]
+        self, living: Sequence[Life], answer: Targets, at: int, out: list[Target]
     ) -> list[Notice]:
         """The lifecycle as it now is, and everything else that the forward pass said, under the
         final ids.
@@ -411,7 +308,7 @@ class _Writer:
                     notices.append(replace(notice, subjects=ids))
         return notices
 
-    def _life_notices(self, life: _Life, at: int, target: Target | None) -> list[Notice]:
+    def _life_notices(self, life: Life, at: int, target: Target | None) -> list[Notice]:
         if target is None or not target.present:
             was, life.present = life.present, False
             if at == life.last_at + 1:

@@ -1,0 +1,142 @@
+"""The lives that a recording holds once fragments are joined: which of them are told, and why not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from msgspec.structs import replace
+
+from recorders.messages import Notice, Target
+from recorders.scene import SceneInfo
+from replay.hindsight.doubles import Within
+from replay.hindsight.fragments import Fragment
+from replay.hindsight.joining import Join
+from replay.hindsight.parameters import HindsightParameters
+from replay.hindsight.verdicts import (
+    Doubt,
+    confidence,
+    doubts,
+    mean_odds,
+    told_doubt,
+    why_not,
+)
+
+_CUT_OFF = 0.5
+"""Share of the least life that a path needs which a recording's start or end cut off."""
+
+
+@dataclass
+class Life:
+    """One identity after joining: its fragments in order, and what was said of it so far."""
+
+    id: int
+    fragments: list[Fragment]
+    joins: list[Join]
+    first_at: int
+    last_at: int
+    present: bool = False
+    seen_at: int = 0
+    mode: str = "motion"
+    why: dict[str, float] = field(default_factory=dict)
+    odds: float | None = None
+    doubts: list[Doubt] = field(default_factory=list)
+    identity: float = 1.0
+    doubted: int = 0
+
+    def go_on(self, at: int) -> list[Notice]:
+        """Come to a frame: what is left of its identity, and what is to be told of that."""
+        told: list[Notice] = []
+        while self.doubted < len(self.doubts) and self.doubts[self.doubted].at <= at:
+            doubt = self.doubts[self.doubted]
+            self.identity *= doubt.same
+            self.doubted += 1
+            notice = told_doubt(self.id, doubt, self.identity)
+            told += [] if notice is None else [notice]
+        return told
+
+    def believed(self, target: Target) -> Target:
+        """A target of this life with what is believed of it."""
+        sure = target.confidence if self.odds is None else confidence(self.odds, target)
+        return replace(target, confidence=sure, identity=self.identity)
+
+    def of(self, forward: dict[int, Target]) -> Target | None:
+        """What the forward pass said of it in a frame."""
+        for f in self.fragments:
+            if f.id in forward:
+                return forward[f.id]
+        return None
+
+
+def lives_of(
+    fragments: Mapping[int, Fragment],
+    joins: Sequence[Join],
+    within: Within,
+    p: HindsightParameters,
+    scene: SceneInfo,
+    times: Sequence[int],
+) -> tuple[dict[int, Life], dict[int, str]]:
+    """Every forward id's life, and of those that are not told why. A life has the id of its first
+    fragment.
+    """
+    followed = {j.later: j for j in joins}
+    reasons: dict[int, str] = {}
+    told: dict[int, list[int]] = {}
+    whys: dict[int, dict[str, float]] = {}
+    for identity, chain in _chains(fragments, followed).items():
+        parts = [fragments[k] for k in chain]
+        why, reason = _judged(parts, p, scene, times)
+        if reason:
+            reasons.update((k, reason) for k in chain)
+        else:
+            told[identity], whys[identity] = chain, why
+    for identity, (body, share) in within.doubles(told).items():
+        reason = f"at one place with track {body} for {share:.2f} of its life: one body"
+        reasons.update((k, reason) for k in told.pop(identity))
+    lives: dict[int, Life] = {}
+    for identity, chain in told.items():
+        parts = [fragments[k] for k in chain]
+        joined = [followed[k] for k in chain if k in followed]
+        life = Life(identity, parts, joined, parts[0].first.at, parts[-1].last.at)
+        life.why, life.odds = whys[identity], mean_odds(parts)
+        life.doubts = doubts(parts, joined, scene.has_images)
+        for f in parts:
+            f.forget()
+        lives.update((k, life) for k in chain)
+    return lives, reasons
+
+
+def _chains(
+    fragments: Mapping[int, Fragment], followed: Mapping[int, Join]
+) -> dict[int, list[int]]:
+    """Ids of the fragments that are one life, in order, by the first one's."""
+    chains: dict[int, list[int]] = {}
+    root: dict[int, int] = {}
+    for f in sorted(fragments.values(), key=lambda f: (f.first.at, f.id)):
+        before = followed.get(f.id)
+        root[f.id] = f.id if before is None else root[before.earlier]
+        chains.setdefault(root[f.id], []).append(f.id)
+    return chains
+
+
+def _judged(
+    parts: Sequence[Fragment],
+    p: HindsightParameters,
+    scene: SceneInfo,
+    times: Sequence[int],
+) -> tuple[dict[str, float], str]:
+    """What speaks for a life, and why it is not told, "" where it is."""
+    first, last = parts[0].first, parts[-1].last
+    seconds = (last.time_ns - first.time_ns + scene.frame_ns) * 1e-9
+    frames = sum(f.last.at - f.first.at + 1 for f in parts)
+    # Who is there in the first or the last frame was cut off by the recording, and lived longer
+    # than is seen.
+    cut_off = first.at == 0 or last.at == len(times) - 1
+    least = p.min_life_s * (_CUT_OFF if cut_off else 1.0)
+    why = {
+        "life_s": seconds,
+        "life_s_at_least": least,
+        "support": sum(f.hits for f in parts) / frames,
+        "support_at_least": p.min_support,
+    }
+    return why, why_not(parts, seconds, least, p)
