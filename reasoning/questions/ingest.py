@@ -45,7 +45,7 @@ BITS = ("grouping", "grouped", "splitting")
 ENDING = ("group_changed", "group_ended")
 JOINS = ("identity", "track_recovered")
 """Kinds of events after which a track may be somebody else."""
-_READ = ("tracks", "relations", "groups", "events")
+_READ = ("tracks", "relations", "groups", "held_back", "events")
 _INT32 = 2**31 - 1
 
 
@@ -217,6 +217,8 @@ class _Camera:
         self._take_tracks(frame, t)
         self._take_relations(frame, t)
         self._take_groups(frame, t)
+        for withheld in frame.held_back:
+            self._add("held_back", t, *withheld.box, withheld.reason)
         for event in frame.events:
             self._take_event(event)
 
@@ -426,7 +428,7 @@ def _targets(tracks: Sequence[Track], events: Sequence[Event]) -> dict[int, Seen
 
 def _seen(k: Track, joins: tuple[int, ...]) -> Seen:
     observed = k.observed and k.present
-    return Seen(k.box, observed, k.confidence, 1.0, joins)
+    return Seen(k.box, observed, k.confidence, k.identity, joins)
 
 
 def _pair(value: Hashable) -> tuple[Any, Any]:

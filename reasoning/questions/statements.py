@@ -54,10 +54,10 @@ WHERE e.a = $a AND e.b = $b$only ORDER BY e.recording, e.start_frame
 LEFT_WITH = """
 -- with: in contact until at most $gap s before the first of them left
 -- leaving is the last exit; without one, the last sight of a track that was gone before the recording ended: then
--- nobody saw it leave, and it is half as sure
+-- nobody saw it leave, and it is as good as unsure
 WITH departures AS (
   SELECT p.recording, p.track, p.end_frame AS frame, coalesce(x.t, p.end_t) AS t, x.event, p.existence, p.identity,
-    p.joins, if(x.event IS NULL, 0.5, 1.0) AS seen_leaving
+    p.joins, if(x.event IS NULL, 0.4, 1.0) AS seen_leaving
   FROM (SELECT recording, track, max(end_frame) AS end_frame, max(end_t) AS end_t,
           max(existence) AS existence, min(identity) AS identity,
           list_sort(list_distinct(flatten(list(joins)))) AS joins FROM presence
@@ -138,7 +138,7 @@ FROM hidden WHERE $whose$only ORDER BY recording, start_frame, track, part
 ENTERED_NEVER_LEFT = f"""
 -- who was there in the first frames did not come in; of who left and came in again the last time counts
 -- who was not there at first and is now came in, seen or not (out of a group, through a door): from the first sight
--- who is lost before the end without having been seen to leave may be gone all the same: half as sure
+-- who is lost before the end without having been seen to leave may be gone all the same: unsure
 WITH told AS (
   SELECT recording, unnest(subjects) AS track, event, kind, frame, t FROM sure_events
   WHERE kind IN ('entering', 'entered', 'exited')$only),
@@ -162,7 +162,7 @@ stayed AS (
       WHERE f.recording = s.recording AND f.frame = r.first_frame), 0)))
 SELECT recording, track, entered_frame, entered_t, last AS last_seen_frame, last_t AS last_seen_t, there_at_the_end,
   seen_share, existence, identity,
-  least(seen_share, existence, identity, if(there_at_the_end, 1.0, 0.5)) AS certainty, joins,
+  least(seen_share, existence, identity, if(there_at_the_end, 1.0, 0.4)) AS certainty, joins,
   concat_ws(' ', if(event IS NULL, format('track:{{}}@{{}}', track, entered_frame), format('event:{{}}', event)),
     format('track:{{}}@{{}}', track, last)) AS explain
 FROM stayed ORDER BY recording, entered_frame, track
