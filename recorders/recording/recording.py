@@ -25,12 +25,19 @@ from recorders.recording.options import RecordOptions, with_defaults
 from recorders.recording.passed_on import Others
 from recorders.recording.scene_writer import RecordSummary, SceneWriter
 from recorders.recording.stages import Encoded, encoded
-from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmenter
+from recorders.segmentation import (
+    SEGMENTERS,
+    SegmentationParameters,
+    Segmenter,
+    SegmenterInTwoLooks,
+)
+from recorders.segmentation.usual import MOMENT_S
 from recorders.sources import Source, read_regions
-from recorders.sources.source import NANOS, GivenDetections
+from recorders.sources.source import NANOS, GivenDetections, pairs_of
 from recorders.vision import opencv_threads
 
 FIRST_READING_PICTURES = 120
+FIRST_READING_PAIRS = 60
 
 Progress = Callable[[str, int, "int | None"], None]
 """Called with the stage (``looking``, ``recording``), frames done, and frames expected, if known.
@@ -200,6 +207,14 @@ def _finder(
         return finder, facts
     sample: list[Detections] = []
 
+    def paired() -> Iterator[tuple[Image, Image]]:
+        apart = max(1, round(MOMENT_S * NANOS / source.frame_ns))
+        for k, pair in enumerate(pairs_of(source, FIRST_READING_PAIRS, apart)):
+            report("looking", k, FIRST_READING_PAIRS)
+            if detector is not None:
+                sample.append(finder.detected(k, pair[0]))
+            yield pair
+
     def sampled() -> Iterator[Image]:
         for index, image in enumerate(source.sample(FIRST_READING_PICTURES)):
             report("looking", index, FIRST_READING_PICTURES)
@@ -208,7 +223,10 @@ def _finder(
             yield image
 
     finder.segmenter = _segmenter(methods.segment, source, options)
-    finder.segmenter.prepare(sampled())
+    if isinstance(finder.segmenter, SegmenterInTwoLooks):
+        finder.segmenter.prepare_twice(paired())
+    else:
+        finder.segmenter.prepare(sampled())
     fusion = options.config["fusion"]
     assert isinstance(fusion, FusionParameters)
     if fusion.fuse and (detector is not None or source.has_detections):

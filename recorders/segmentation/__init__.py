@@ -10,6 +10,7 @@ from recorders.segmentation.segmenter import (
     Segmenter,
     SegmenterFactory,
     SegmenterInParts,
+    SegmenterInTwoLooks,
 )
 from recorders.segmentation.threshold import ThresholdSegmenter
 
@@ -26,4 +27,5 @@ __all__ = [
     "Segmenter",
     "SegmenterFactory",
     "SegmenterInParts",
+    "SegmenterInTwoLooks",
 ]

@@ -11,11 +11,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from recorders.segmentation.recurring import recurring, weigh
 from recorders.segmentation.segmenter import Image, as_image
 from recorders.vision import cv2
 
 MAX_SAMPLES = 60
-MAX_SAMPLE_BYTES = 192 * 1024 * 1024
+MAX_SAMPLE_BYTES = 256 * 1024 * 1024
 MIN_SAMPLES = 5
 
 
@@ -153,6 +154,8 @@ class Background:
             spread_weight: the least difference, of the spread.
         """
         colour, spread = most_common(stack)
+        colour, other = recurring(stack, colour)
+        spread[other > 0] = 0
         brightness = np.minimum(
             0.5 + colour[..., 0].astype(np.float32) / np.float32(256), np.float32(1)
         )
@@ -205,12 +208,3 @@ class Background:
 MAX_LEVEL = 120
 NEUTRAL_CHROMA, GREY_LEVELS = 128, 2
 """Cr and Cb of grey, and how far from it grey may be: compression shifts it a little."""
-
-
-def weigh(difference: Image) -> Image:
-    """One number for a difference in Y, Cr, Cb, (H, W, 3) uint8 -> (H, W) uint8: |dY| + 2 (|dCr|
-    + |dCb|).
-    """
-    dy, dr, db = cv2.split(difference)
-    chroma = cv2.add(dr, db)
-    return as_image(cv2.add(dy, cv2.add(chroma, chroma)))

@@ -109,6 +109,23 @@ def _persistent(
     return np.array(found, np.intp)
 
 
+def numbered(mask: Image) -> tuple[Labels, int, int, NDArray[np.float64]]:
+    """All components of a mask: labels (h, w) int32 from 1 in the part of it that holds them, the
+    part's left and top px in the mask, and each one's x, y, w, h, area, (N, 5), px of the mask.
+    """
+    left, top, w, h = (int(v) for v in cv2.boundingRect(mask))
+    if w == 0:
+        return np.zeros((0, 0), np.int32), 0, 0, np.zeros((0, 5))
+    count, labels, stats, _ = cv2.connectedComponentsWithStatsWithAlgorithm(
+        np.ascontiguousarray(mask[top : top + h, left : left + w]),
+        8,
+        cv2.CV_32S,
+        cv2.CCL_BBDT,
+    )
+    rows = np.asarray(stats[1:count], np.float64).reshape(-1, 5)
+    return np.asarray(labels, np.int32), left, top, rows + np.array([left, top, 0, 0, 0])
+
+
 def outlines(mask: Image, min_area: float) -> list[tuple[Box, int]]:
     """Box and area of each component that is large enough: what `components` says of them,
     without painting them.

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from recorders.messages import NO_BLOB, Blob, Box, Detections, Ellipse
-from recorders.segmentation.blobs import Labels, ellipse_of, outlines
+from recorders.segmentation.blobs import Labels, components, ellipse_of, numbered, outlines
 from recorders.segmentation.explain import Explainer, Floats
+from recorders.segmentation.pieces import bodies_of, without_thin
 from recorders.segmentation.segmenter import Image
 from recorders.segmentation.sizes import MIN_BLOBS, SizeModel, learn, regrouped
-from recorders.segmentation.touching import divide, single_areas
+from recorders.segmentation.touching import divide, pixels_of, single_areas, within
+from recorders.segmentation.usual import Sightings, UsualSize
 
 MAX_BLOBS = 4096
 LONE_SCORE = 0.5
@@ -24,6 +26,14 @@ MAX_AREA_SPREAD = 2.0
 not larger than this many times the first quarter."""
 
 
+FITS_SIZE, FITS_AREA = (0.6, 1.25), (0.4, 1.35)
+"""A blob is one body if its height, width and area are within these of the usual ones: it needs no
+explanation."""
+MIN_AGREEING_AREA = 0.5
+"""A size model holds if blobs of this share of all area agree with it."""
+AGREES = 0.2
+
+
 class Bodies:
     """The bodies of one recording: learns their size from blobs, and finds them in masks."""
 
@@ -35,6 +45,8 @@ class Bodies:
         self._single_areas: list[int] = []
         self._body_area = 0.0
         self._due = 2 * MIN_BLOBS
+        self._sightings = Sightings(width, height)
+        self.usual: UsualSize | None = None
         self.model: SizeModel | None = None
         self._explainer: Explainer | None = None
 
@@ -64,6 +76,8 @@ class Bodies:
             self.model = learn(
                 np.array(self._regrouped, np.float64), self._width, self._height
             )
+        if self.model is not None and not self._holds(self.model):
+            self.model = None
         self._explainer = (
             None if self.model is None else Explainer(self.model, self._width, self._height)
         )
@@ -71,6 +85,61 @@ class Bodies:
         n = len(areas)
         alike = n >= MIN_BLOBS and areas[3 * n // 4] <= MAX_AREA_SPREAD * areas[n // 4]
         self._body_area = float(areas[n // 2]) if alike else 0.0
+
+    def _holds(self, model: SizeModel) -> bool:
+        """Whether the model is one of the bodies, and not one of specks."""
+        b = np.array(self._seen, np.float64)
+        area = b[:, 2] * b[:, 3]
+        heights = model.heights(b[:, 1] + b[:, 3])
+        agrees = np.abs(b[:, 3] - heights) <= AGREES * heights
+        return float(area[agrees].sum()) >= MIN_AGREEING_AREA * float(area.sum())
+
+    def _whole(self, blobs: list[Blob]) -> list[Blob]:
+        """The blobs that are as large as one body."""
+        if self.usual is None or not blobs:
+            return []
+        b = np.array([(*blob.box, blob.area) for blob in blobs], np.float64)
+        w, h, area = self.usual.at(b[:, 1] + b[:, 3])
+        fits = np.ones(len(b), bool)
+        for value, usual, (low, high) in (
+            (b[:, 2], w, FITS_SIZE),
+            (b[:, 3], h, FITS_SIZE),
+            (b[:, 4], area, FITS_AREA),
+        ):
+            fits &= (value >= low * usual) & (value <= high * usual)
+        return [blob for blob, fit in zip(blobs, fits.tolist(), strict=True) if fit]
+
+    def look_twice(self, now: Image, later: Image) -> None:
+        """Take in the masks of two pictures, `recorders.segmentation.usual.MOMENT_S` apart."""
+        self._sightings.observe(numbered(now)[3], numbered(later)[3])
+
+    def learn_usual(self) -> None:
+        """How large bodies usually are, of what was looked at twice so far."""
+        self.usual = self._sightings.learn()
+
+    def learn_usual_of(self, masks: list[tuple[Image, Image]]) -> None:
+        """The same of pairs of masks; what is thin against the bodies so learnt is taken off, and
+        they are looked at again.
+        """
+        for now, later in masks:
+            self.look_twice(now, later)
+        self.learn_usual()
+        rough = self.usual
+        if rough is None:
+            return
+        self._sightings = Sightings(self._width, self._height)
+        for now, later in masks:
+            self.look_twice(without_thin(now, rough), without_thin(later, rough))
+        self.learn_usual()
+        self.usual = self.usual or rough
+
+    def found_in(
+        self, mask: Image, min_area: float, before: Image | None = None
+    ) -> tuple[Image, Labels, list[Blob]]:
+        """The components that may be bodies: whole ones, where it is known how large they are."""
+        if self.usual is None:
+            return components(mask, min_area, before)
+        return bodies_of(mask, self.usual, before)
 
     def learn_when_due(self) -> None:
         """`learn` whenever the number of blobs has grown by half."""
@@ -92,9 +161,14 @@ class Bodies:
         if self._explainer is None or not blobs:
             boxes, scores, ellipses, ids = self._by_area(labels, blobs)
         else:
-            found = self._explainer.explain(mask)
-            boxes = [_clipped(box, self._width, self._height) for box in found.boxes]
-            scores = [float(s) for s in found.scores]
+            whole = self._whole(blobs)
+            left = mask.copy() if whole else mask
+            for blob in whole:
+                within(blob, left)[pixels_of(blob, labels) > 0] = 0
+            found = self._explainer.explain(left)
+            boxes = [blob.box for blob in whole]
+            boxes += [_clipped(box, self._width, self._height) for box in found.boxes]
+            scores = [1.0] * len(whole) + [float(s) for s in found.scores]
             for box in self._unexplained(found.rest):
                 boxes.append(box)
                 scores.append(REST_SCORE)

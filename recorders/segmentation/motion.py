@@ -14,11 +14,10 @@ import numpy as np
 
 from recorders.messages import Detections
 from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
-from recorders.segmentation.blobs import components
 from recorders.segmentation.bodies import Bodies
 from recorders.segmentation.evidence import NEUTRAL, Shadows, weighted_median, window_of
 from recorders.segmentation.parameters import SegmentationParameters
-from recorders.segmentation.segmenter import Image, Segmented, as_image
+from recorders.segmentation.segmenter import Image, Segmented, as_image, neighbours
 from recorders.vision import cv2
 
 LIVE_SAMPLES = 40
@@ -68,23 +67,32 @@ class MotionSegmenter:
         """Learn the background and the bodies' size from pictures spread over the whole
         recording.
         """
+        self.prepare_twice(neighbours(frames))
+
+    def prepare_twice(self, pairs: Iterable[tuple[Image, Image]]) -> None:
+        """The same from pairs of pictures, a moment apart, spread over the whole recording."""
         samples = Samples()
-        for frame in frames:
+        for pair in pairs:
             if samples.wants_next():
-                samples.add(as_image(cv2.cvtColor(frame, cv2.COLOR_BGR2YCrCb)))
+                samples.add(
+                    np.stack([as_image(cv2.cvtColor(p, cv2.COLOR_BGR2YCrCb)) for p in pair])
+                )
             else:
                 samples.skip()
         if len(samples.kept) < MIN_SAMPLES:
             return
         self._past = None
-        self._background = self._learn(samples.kept)
-        for picture in samples.kept:
-            self._bodies.observe(
-                components(
-                    self._foreground(self._cleaned(picture), self._background),
-                    self._min_area,
-                )[2]
+        self._background = background = self._learn([pair[0] for pair in samples.kept])
+        masks = [
+            (
+                self._foreground(self._cleaned(now), background),
+                self._foreground(self._cleaned(later), background),
             )
+            for now, later in samples.kept
+        ]
+        self._bodies.learn_usual_of(masks)
+        for now, _ in masks:
+            self._bodies.observe(self._bodies.found_in(now, self._min_area)[2])
         self._bodies.learn()
 
     def _learn(self, pictures: list[Image]) -> Background:
@@ -115,7 +123,7 @@ class MotionSegmenter:
         picture = as_image(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb))
         background = self._background_at(picture)
         picture = self._cleaned(picture)
-        mask, labels, blobs = components(
+        mask, labels, blobs = self._bodies.found_in(
             self._foreground(picture, background), self._min_area, self._before
         )
         self._before = mask

@@ -5,7 +5,7 @@ A plug-in is a class of this shape and a line in `recorders.segmentation.SEGMENT
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol, cast, runtime_checkable
 
@@ -75,6 +75,28 @@ class SegmenterInParts(Segmenter, Protocol):
         Together they are `segment`. What is called shares no state with later frames' `begin`.
         """
         ...
+
+
+@runtime_checkable
+class SegmenterInTwoLooks(Segmenter, Protocol):
+    """A segmenter that learns more from pairs of pictures, a moment apart."""
+
+    def prepare_twice(self, pairs: Iterable[tuple[Image, Image]]) -> None:
+        """`prepare` from pairs of pictures `recorders.segmentation.usual.MOMENT_S` apart, spread
+        over the whole recording.
+        """
+        ...
+
+
+def neighbours(frames: Iterable[Image]) -> Iterator[tuple[Image, Image]]:
+    """Each picture with the next one, the last one with itself."""
+    before: Image | None = None
+    for frame in frames:
+        if before is not None:
+            yield before, frame
+        before = frame
+    if before is not None:
+        yield before, before
 
 
 SegmenterFactory = Callable[[SegmentationParameters, int, int, float], Segmenter]

@@ -307,6 +307,18 @@ class ImageFolderSource:
                     continue
                 yield fitted(image, self.width, self.height)
 
+    def pairs(self, count: int, apart: int) -> Iterator[tuple[Image, Image]]:
+        """``count`` pictures spread evenly over the folder, each with the one ``apart`` later."""
+        among = max(1, len(self._names) - apart)
+        for index in range(among if len(self._names) > apart else 0):
+            if spread(index, count, among):
+                try:
+                    both = [self._names[index], self._names[index + apart]]
+                    first, second = (self._loader(n, self._read(n)[0])() for n in both)
+                except _CutOffError:
+                    return
+                yield first, second
+
     def digests(self) -> list[tuple[str, str]]:
         """Each picture's SHA-256."""
         return list(self._digests)

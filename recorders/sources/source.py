@@ -174,6 +174,37 @@ class GivenDetections(Protocol):
         ...
 
 
+@runtime_checkable
+class SourceOfPairs(Protocol):
+    """A source that gives pictures together with those a moment later."""
+
+    def pairs(self, count: int, apart: int) -> Iterator[tuple[Image, Image]]:
+        """About ``count`` pictures spread evenly over the source, in order, each with the one
+        ``apart`` frames later; the same ones each time.
+        """
+        ...
+
+
+def pairs_of(source: Source, count: int, apart: int) -> Iterator[tuple[Image, Image]]:
+    """`SourceOfPairs.pairs`, or the same by reading all frames, of which those alone are decoded."""
+    if isinstance(source, SourceOfPairs):
+        yield from source.pairs(count, apart)
+        return
+    among = max(1, (source.frame_count or 0) - apart)
+    firsts: dict[int, Image] = {}
+    for frame in source.frames():
+        first = firsts.pop(frame.index - apart, None)
+        picture = None
+        if frame.index < among and spread(frame.index, count, among):
+            picture = frame.image
+            if picture is not None:
+                firsts[frame.index] = picture
+        if first is not None:
+            picture = frame.image if picture is None else picture
+            if picture is not None:
+                yield first, picture
+
+
 class Rate:
     """A constant frame rate with exact times: frame k is at floor(k / fps) in ns."""
 

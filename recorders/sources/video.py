@@ -5,6 +5,7 @@ thread.
 from __future__ import annotations
 
 import itertools
+from collections import deque
 from collections.abc import Iterator
 from fractions import Fraction
 from functools import partial
@@ -265,6 +266,61 @@ class VideoSource:
             for index, frame in enumerate(self._decoded(container, _Trouble(), keys_only)):
                 if spread(index, count, among):
                     yield self._upright(to_bgr, frame)
+
+    def pairs(self, count: int, apart: int) -> Iterator[tuple[Image, Image]]:
+        """About ``count`` pictures spread over the video, each with the one ``apart`` frames
+        later.
+        """
+        with self._open() as container:
+            keys = total = 0
+            for packet in container.demux(self._stream(container)):
+                keys += packet.is_keyframe and packet.size > 0
+                total += packet.size > 0
+        to_bgr = Converter(self._turns)
+        with self._open() as container:
+            frames = (
+                self._after_keys(container, count, keys, apart + 1)
+                if keys >= count
+                else self._decoded(container, _Trouble())
+            )
+            window: deque[Any] = deque(maxlen=apart + 1)
+            for index, frame in enumerate(frames):
+                window.append(frame)
+                first = index - apart
+                if keys >= count:
+                    taken = index % (apart + 1) == apart
+                else:
+                    taken = first >= 0 and spread(first, count, max(1, total - apart))
+                if taken:
+                    yield to_bgr(window[0]), to_bgr(frame)
+
+    def _after_keys(
+        self, container: Any, count: int, keys: int, length: int
+    ) -> Iterator[av.VideoFrame]:
+        """Of ``count`` key frames the ``length`` frames from each on; the rest is not decoded."""
+        import av
+
+        stream = self._stream(container)
+        index = -1
+        run: list[av.VideoFrame] = []
+        wanted = False
+        start: int | None = None
+        for packet in container.demux(stream):
+            if packet.is_keyframe and packet.size:
+                index += 1
+                if not wanted and spread(index, count, keys):
+                    wanted, run, start = True, [], packet.pts
+                    stream.codec_context.flush_buffers()
+            if not wanted:
+                continue
+            try:
+                frames = packet.decode()
+            except (av.error.FFmpegError, ValueError):
+                frames, run, wanted = [], [], False
+            run += [f for f in frames if start is None or f.pts is None or f.pts >= start]
+            if len(run) >= length:
+                yield from run[:length]
+                wanted = False
 
     def digests(self) -> list[tuple[str, str]]:
         """The video's SHA-256."""

@@ -15,6 +15,7 @@ from recorders.sources.source import (
     Source,
     SourceFrame,
     detections_of,
+    pairs_of,
     spread,
 )
 
@@ -156,6 +157,10 @@ class WithDetections:
     def sample(self, count: int) -> Iterator[Image]:
         """As the pictures' own source."""
         return self._pictures.sample(count)
+
+    def pairs(self, count: int, apart: int) -> Iterator[tuple[Image, Image]]:
+        """About ``count`` pictures spread over the source, each with the one ``apart`` later."""
+        return pairs_of(self._pictures, count, apart)
 
     def digests(self) -> list[tuple[str, str]]:
         """Of the pictures, then of the detections' files."""

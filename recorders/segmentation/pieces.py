@@ -1,0 +1,256 @@
+"""Pieces of a mask that belong to one body, taken together.
+
+Where a body has the background's colours its region of the mask falls into pieces. Pieces are
+one body's as long as they lie close and together are no larger than a body usually is at that
+place: two bodies that pass one another are not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.messages import Blob
+from recorders.segmentation.blobs import Labels, components, numbered
+from recorders.segmentation.segmenter import Image, as_image
+from recorders.segmentation.usual import UsualSize
+from recorders.vision import cv2
+
+Floats = NDArray[np.float64]
+
+GAP = (0.25, 0.35)
+"""Between pieces lies at most this, of the usual width and height."""
+REACH = 1.4
+"""Together they are at most so many usual widths wide and usual heights high."""
+WITHIN = 1.02
+"""What lies beside a large piece and makes it no larger belongs to it."""
+SPECK = 0.01
+"""A piece has at least this share of the usual area."""
+THIN, THIN_ALONE = 0.0, 0.15
+"""What is thinner than this, of the usual width, is no part of a body's mask: of a large piece
+(tails, wires), and of one that is small (streaks of shadow, specks)."""
+SMALL = 0.2
+"""A piece is small under this share of the usual area."""
+LEAST = 0.4
+"""A body has at least this share of the usual area,"""
+LEAST_GOING_ON = 0.1
+"""or this one, where it mostly lies on foreground of the frame before: it steps behind a post."""
+MOST_PIECES = 64
+"""Of more pieces in a frame the largest are kept."""
+SIZE_WEIGHT = 0.2
+"""Close pieces go together first; of equally close ones the smaller."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """One body's pieces.
+
+    Attributes:
+        box: x1, y1, x2, y2, px.
+        area: of the pieces, px.
+        pieces: their rows, in the order of joining.
+    """
+
+    box: tuple[float, float, float, float]
+    area: float
+    pieces: tuple[int, ...]
+
+
+def together(pieces: Floats, usual: UsualSize) -> list[Group]:
+    """Group the pieces of one frame into bodies, the closest ones first (ties: the first rows).
+
+    Args:
+        pieces: (N, 5) x, y, w, h, area.
+        usual: how large bodies are.
+
+    Returns:
+        The groups by their first pieces.
+    """
+    x, y, w, h, area = pieces.T
+    box = np.stack([x, y, x + w, y + h], axis=1)
+    members: list[tuple[int, ...]] = [(k,) for k in range(len(pieces))]
+    area = area.copy()
+    while len(box) > 1:
+        cost = _costs(box, usual)
+        k = int(cost.argmin())
+        i, j = divmod(k, len(box))
+        if not np.isfinite(cost[i, j]):
+            break
+        box[i, :2] = np.minimum(box[i, :2], box[j, :2])
+        box[i, 2:] = np.maximum(box[i, 2:], box[j, 2:])
+        area[i] += area[j]
+        members[i] += members.pop(j)
+        box, area = np.delete(box, j, axis=0), np.delete(area, j)
+    return [
+        Group((x1, y1, x2, y2), a, m)
+        for (x1, y1, x2, y2), a, m in zip(box.tolist(), area.tolist(), members, strict=True)
+    ]
+
+
+def _costs(box: Floats, usual: UsualSize) -> Floats:
+    """What joining each pair costs, (N, N): infinite for those that do not belong together, and
+    for all but i < j.
+    """
+    low = np.minimum(box[:, None, :2], box[:, :2])
+    high = np.maximum(box[:, None, 2:], box[:, 2:])
+    gap = np.maximum(
+        np.maximum(box[:, None, :2], box[:, :2]) - np.minimum(box[:, None, 2:], box[:, 2:]),
+        0.0,
+    )
+    w, h, _ = usual.at(high[..., 1])
+    most = np.stack([w, h], axis=-1)
+    size = high - low
+    own = box[:, 2:] - box[:, :2]
+    fits = (size <= REACH * most).all(axis=-1)
+    fits |= (size <= WITHIN * np.maximum(own[:, None], own)).all(axis=-1)
+    fits &= (gap <= np.array(GAP) * most).all(axis=-1)
+    fits &= np.arange(len(box))[:, None] < np.arange(len(box))
+    cost = (gap / most).sum(axis=-1) + SIZE_WEIGHT * (size / most).max(axis=-1)
+    return np.where(fits, cost, np.inf)
+
+
+def bodies_of(
+    mask: Image, usual: UsualSize, before: Image | None
+) -> tuple[Image, Labels, list[Blob]]:
+    """The bodies in a mask, each as one component: thin parts are taken off, pieces are tied
+    together, what is too small is left out.
+
+    Args:
+        mask: (H, W) uint8, 0 or 255.
+        usual: how large bodies are.
+        before: the mask that this gave for the frame before.
+
+    Returns:
+        Mask, labels and blobs, as `recorders.segmentation.blobs.components` gives them.
+    """
+    pieces = pieces_in(without_thin(mask, usual), usual)
+    clean = np.zeros_like(mask)
+    for group in together(pieces.rows, usual):
+        own = [pieces.part(k) for k in group.pieces]
+        least = float(usual.at(np.array(group.box[3]))[2])
+        goes_on = before is not None and group.area >= LEAST_GOING_ON * least
+        if group.area < LEAST * least and not (
+            goes_on and before is not None and _goes_on(own, before)
+        ):
+            continue
+        for part in own:
+            part.paint(clean)
+        _tie(own, clean)
+    return components(clean, 1)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A piece's pixels, (h, w) uint8, 0 or 1, and where they lie in the picture, px."""
+
+    pixels: Image
+    x: int
+    y: int
+
+    @property
+    def within(self) -> tuple[slice, slice]:
+        """Where in the picture it lies."""
+        h, w = self.pixels.shape
+        return slice(self.y, self.y + h), slice(self.x, self.x + w)
+
+    def paint(self, mask: Image) -> None:
+        """Set its pixels to 255."""
+        cv2.copyTo(np.full_like(self.pixels, 255), self.pixels, mask[self.within])
+
+    def points(self) -> NDArray[np.int64]:
+        """(N, 2) x, y of its pixels in the picture."""
+        return np.argwhere(self.pixels)[:, ::-1] + np.array([self.x, self.y])
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """A mask's pieces that are worth looking at.
+
+    Attributes:
+        rows: (N, 5) x, y, w, h, area, px.
+    """
+
+    rows: Floats
+    _labels: Labels
+    _numbers: NDArray[np.int64]
+    _left: int
+    _top: int
+
+    def part(self, row: int) -> Part:
+        """One of them."""
+        x, y, w, h = (int(v) for v in self.rows[row, :4])
+        left, top = x - self._left, y - self._top
+        own = self._labels[top : top + h, left : left + w] == self._numbers[row]
+        return Part(own.view(np.uint8), x, y)
+
+
+def pieces_in(mask: Image, usual: UsualSize) -> Pieces:
+    """The mask's pieces, without specks, in the order of their labels."""
+    labels, left, top, rows = numbered(mask)
+    area = usual.at(rows[:, 1] + rows[:, 3])[2]
+    kept = np.flatnonzero(rows[:, 4] >= np.maximum(2.0, SPECK * area))
+    if len(kept) > MOST_PIECES:
+        few = np.argsort(-rows[kept, 4], kind="stable")[:MOST_PIECES]
+        kept = np.sort(kept[few])
+    return Pieces(rows[kept], labels, kept + 1, left, top)
+
+
+def without_thin(mask: Image, usual: UsualSize) -> Image:
+    """A mask without what is thin against a body: tails, wires, streaks of shadow, specks."""
+    pieces = pieces_in(mask, usual)
+    kept = np.zeros_like(mask)
+    width, _, area = usual.at(pieces.rows[:, 1] + pieces.rows[:, 3])
+    thin = np.where(pieces.rows[:, 4] < SMALL * area, THIN_ALONE, THIN)
+    sides = np.rint(thin * width)
+    for k, side in enumerate(sides.astype(np.int64).tolist()):
+        part = pieces.part(k)
+        if side > 1:
+            around = cv2.copyMakeBorder(
+                part.pixels, side, side, side, side, cv2.BORDER_CONSTANT, value=0
+            )
+            kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+            thick = cv2.morphologyEx(around, cv2.MORPH_OPEN, kernel)
+            part = Part(as_image(thick)[side:-side, side:-side], part.x, part.y)
+        part.paint(kept)
+    return kept
+
+
+def _goes_on(parts: list[Part], before: Image) -> bool:
+    """Whether most of the pieces lies on foreground of the frame before."""
+    area = sum(int(np.count_nonzero(p.pixels)) for p in parts)
+    shared = sum(
+        int(np.count_nonzero((p.pixels > 0) & (before[p.within] > 0))) for p in parts
+    )
+    return 2 * shared >= area
+
+
+def _tie(parts: list[Part], mask: Image) -> None:
+    """Paint a line from each piece to the nearest one that is tied already, beginning with the
+    largest.
+    """
+    if len(parts) < 2:
+        return
+    points = [part.points() for part in parts]
+    loose = sorted(range(len(parts)), key=lambda k: (-len(points[k]), k))
+    tied = points[loose.pop(0)]
+    while loose:
+        ends = [_nearest(tied, points[k]) for k in loose]
+        k = min(range(len(loose)), key=lambda i: ends[i][0])
+        _, a, b = ends[k]
+        cv2.line(mask, a, b, 255, 1)
+        tied = np.concatenate([tied, points[loose.pop(k)]])
+
+
+def _nearest(
+    a: NDArray[np.int64], b: NDArray[np.int64]
+) -> tuple[int, tuple[int, int], tuple[int, int]]:
+    """Squared distance and places of two near points of two pieces: the point of ``b`` nearest to
+    ``a``'s centre, the one of ``a`` nearest to that, and the one of ``b`` nearest to that.
+    """
+    q = b[int(((b - a.mean(axis=0).round().astype(np.int64)) ** 2).sum(axis=1).argmin())]
+    p = a[int(((a - q) ** 2).sum(axis=1).argmin())]
+    square = ((b - p) ** 2).sum(axis=1)
+    k = int(square.argmin())
+    return int(square[k]), (int(p[0]), int(p[1])), (int(b[k][0]), int(b[k][1]))
