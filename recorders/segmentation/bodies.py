@@ -29,7 +29,7 @@ not larger than this many times the first quarter."""
 FITS_SIZE, FITS_AREA = (0.6, 1.25), (0.4, 1.35)
 """A blob is one body if its height, width and area are within these of the usual ones: it needs no
 explanation."""
-MIN_AGREEING_AREA = 0.5
+MIN_AGREEING_AREA = 0.4
 """A size model holds if blobs of this share of all area agree with it."""
 AGREES = 0.2
 
@@ -141,6 +141,12 @@ class Bodies:
             return components(mask, min_area, before)
         return bodies_of(mask, self.usual, before)
 
+    def measured_in(self, mask: Image, min_area: float) -> list[Blob]:
+        """The blobs that may be bodies as their sizes are learnt from: without thin parts."""
+        if self.usual is not None:
+            mask = without_thin(mask, self.usual)
+        return self.found_in(mask, min_area)[2]
+
     def learn_when_due(self) -> None:
         """`learn` whenever the number of blobs has grown by half."""
         if len(self._seen) >= self._due:
@@ -163,10 +169,10 @@ class Bodies:
         else:
             whole = self._whole(blobs)
             left = mask.copy() if whole else mask
-            for blob in whole:
-                within(blob, left)[pixels_of(blob, labels) > 0] = 0
+            for one in whole:
+                within(one, left)[pixels_of(one, labels) > 0] = 0
             found = self._explainer.explain(left)
-            boxes = [blob.box for blob in whole]
+            boxes = [one.box for one in whole]
             boxes += [_clipped(box, self._width, self._height) for box in found.boxes]
             scores = [1.0] * len(whole) + [float(s) for s in found.scores]
             for box in self._unexplained(found.rest):

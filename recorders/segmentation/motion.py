@@ -92,7 +92,7 @@ class MotionSegmenter:
         ]
         self._bodies.learn_usual_of(masks)
         for now, _ in masks:
-            self._bodies.observe(self._bodies.found_in(now, self._min_area)[2])
+            self._bodies.observe(self._bodies.measured_in(now, self._min_area))
         self._bodies.learn()
 
     def _learn(self, pictures: list[Image]) -> Background:

@@ -28,9 +28,10 @@ WITHIN = 1.02
 """What lies beside a large piece and makes it no larger belongs to it."""
 SPECK = 0.01
 """A piece has at least this share of the usual area."""
-THIN, THIN_ALONE = 0.0, 0.15
-"""What is thinner than this, of the usual width, is no part of a body's mask: of a large piece
-(tails, wires), and of one that is small (streaks of shadow, specks)."""
+THIN = 0.15
+"""A small piece is thin under this, of the usual width: a streak of shadow, a wire, a speck."""
+THIN_PART = 0.1
+"""What is thinner than this does not count for the size of a body: a tail, a shadow at its feet."""
 SMALL = 0.2
 """A piece is small under this share of the usual area."""
 LEAST = 0.4
@@ -125,7 +126,7 @@ def bodies_of(
     Returns:
         Mask, labels and blobs, as `recorders.segmentation.blobs.components` gives them.
     """
-    pieces = pieces_in(without_thin(mask, usual), usual)
+    pieces = pieces_in(without_thin(mask, usual, THIN, SMALL), usual)
     clean = np.zeros_like(mask)
     for group in together(pieces.rows, usual):
         own = [pieces.part(k) for k in group.pieces]
@@ -161,7 +162,8 @@ class Part:
 
     def points(self) -> NDArray[np.int64]:
         """(N, 2) x, y of its pixels in the picture."""
-        return np.argwhere(self.pixels)[:, ::-1] + np.array([self.x, self.y])
+        places = np.argwhere(self.pixels)[:, ::-1].astype(np.int64)
+        return places + np.array([self.x, self.y], np.int64)
 
 
 @dataclass(frozen=True)
@@ -197,24 +199,35 @@ def pieces_in(mask: Image, usual: UsualSize) -> Pieces:
     return Pieces(rows[kept], labels, kept + 1, left, top)
 
 
-def without_thin(mask: Image, usual: UsualSize) -> Image:
-    """A mask without what is thin against a body: tails, wires, streaks of shadow, specks."""
+def without_thin(
+    mask: Image, usual: UsualSize, thin: float = THIN_PART, small: float = np.inf
+) -> Image:
+    """A mask without what is thin against a body, and without specks.
+
+    Args:
+        mask: (H, W) uint8, 0 or 255.
+        usual: how large bodies are.
+        thin: of the usual width.
+        small: of the usual area; larger pieces keep their thin parts.
+    """
     pieces = pieces_in(mask, usual)
     kept = np.zeros_like(mask)
     width, _, area = usual.at(pieces.rows[:, 1] + pieces.rows[:, 3])
-    thin = np.where(pieces.rows[:, 4] < SMALL * area, THIN_ALONE, THIN)
-    sides = np.rint(thin * width)
+    sides = np.rint(np.where(pieces.rows[:, 4] < small * area, thin * width, 0.0))
     for k, side in enumerate(sides.astype(np.int64).tolist()):
         part = pieces.part(k)
-        if side > 1:
-            around = cv2.copyMakeBorder(
-                part.pixels, side, side, side, side, cv2.BORDER_CONSTANT, value=0
-            )
-            kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-            thick = cv2.morphologyEx(around, cv2.MORPH_OPEN, kernel)
-            part = Part(as_image(thick)[side:-side, side:-side], part.x, part.y)
-        part.paint(kept)
+        (_thick(part, side) if side > 1 else part).paint(kept)
     return kept
+
+
+def _thick(part: Part, side: int) -> Part:
+    """A part without what is thinner than ``side`` px."""
+    around = cv2.copyMakeBorder(
+        part.pixels, side, side, side, side, cv2.BORDER_CONSTANT, value=0
+    )
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    thick = as_image(cv2.morphologyEx(around, cv2.MORPH_OPEN, kernel))
+    return Part(thick[side:-side, side:-side], part.x, part.y)
 
 
 def _goes_on(parts: list[Part], before: Image) -> bool:

@@ -30,8 +30,8 @@ MOVED = 0.02
 """It moves if by this share of its size."""
 RESTING = 0.05
 """One that rests counts so much of one that moves: it may be a light on a wall."""
-FEWEST = 5
-"""Fewer sightings teach nothing."""
+FEWEST, FEWEST_MOVING = 5, 3
+"""Fewer sightings teach nothing, nor do those of which fewer move."""
 PLACES = 25
 NEARBY = 0.12
 """Sightings teach about places within this share of the picture's height, and less farther off."""
@@ -121,11 +121,11 @@ class Sightings:
             return None
         rows = np.concatenate(self._clean)[-MOST:]
         self._clean = [rows]
-        if len(rows) < FEWEST:
+        if len(rows) < FEWEST or np.count_nonzero(rows[:, 5] == 1.0) < FEWEST_MOVING:
             return None
         feet = np.linspace(0.0, self.height, PLACES)
         off = (rows[:, 1] + rows[:, 3] - feet[:, None]) / (NEARBY * self.height)
-        weights = rows[:, 4] * rows[:, 5] / (1.0 + np.abs(off) ** 3)
+        weights = rows[:, 4] * rows[:, 5] / (1.0 + (off * off) ** 2)
         return UsualSize(
             feet,
             np.array(

@@ -276,7 +276,7 @@ class VideoSource:
             for packet in container.demux(self._stream(container)):
                 keys += packet.is_keyframe and packet.size > 0
                 total += packet.size > 0
-        to_bgr = Converter(self._turns)
+        to_bgr = FrameConverter(self._turns)
         with self._open() as container:
             frames = (
                 self._after_keys(container, count, keys, apart + 1)
