@@ -298,26 +298,30 @@ class ImageFolderSource:
         """``count`` pictures spread evenly over the folder."""
         for index, name in enumerate(self._names):
             if spread(index, count, len(self._names)):
-                try:
-                    data, header = self._read(name)
-                    image = self._load(name, data, header)
-                except LimitError:
-                    raise
-                except SourceError:
-                    continue
-                yield fitted(image, self.width, self.height)
+                image = self._picture(name)
+                if image is not None:
+                    yield image
 
     def pairs(self, count: int, apart: int) -> Iterator[tuple[Image, Image]]:
         """``count`` pictures spread evenly over the folder, each with the one ``apart`` later."""
-        among = max(1, len(self._names) - apart)
-        for index in range(among if len(self._names) > apart else 0):
+        among = len(self._names) - apart
+        for index in range(max(0, among)):
             if spread(index, count, among):
-                try:
-                    both = [self._names[index], self._names[index + apart]]
-                    first, second = (self._loader(n, self._read(n)[0])() for n in both)
-                except _CutOffError:
-                    return
-                yield first, second
+                first = self._picture(self._names[index])
+                second = self._picture(self._names[index + apart])
+                if first is not None and second is not None:
+                    yield first, second
+
+    def _picture(self, name: str) -> Image | None:
+        """A picture in the recording's size, None where it cannot be read."""
+        try:
+            data, header = self._read(name)
+            image = self._load(name, data, header)
+        except LimitError:
+            raise
+        except SourceError:
+            return None
+        return fitted(image, self.width, self.height)
 
     def digests(self) -> list[tuple[str, str]]:
         """Each picture's SHA-256."""
