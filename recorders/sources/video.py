@@ -276,7 +276,7 @@ class VideoSource:
             for packet in container.demux(self._stream(container)):
                 keys += packet.is_keyframe and packet.size > 0
                 total += packet.size > 0
-        to_bgr = FrameConverter(self._turns)
+        to_bgr = FrameConverter()
         with self._open() as container:
             frames = (
                 self._after_keys(container, count, keys, apart + 1)
@@ -292,7 +292,7 @@ class VideoSource:
                 else:
                     taken = first >= 0 and spread(first, count, max(1, total - apart))
                 if taken:
-                    yield to_bgr(window[0]), to_bgr(frame)
+                    yield self._upright(to_bgr, window[0]), self._upright(to_bgr, frame)
 
     def _after_keys(
         self, container: Any, count: int, keys: int, length: int
