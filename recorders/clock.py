@@ -16,6 +16,34 @@ _MOST_GAPS = 20
 _BURST_STEPS, _BURST_RATIO = 8, 4
 
 
+class Gaps:
+    """The times in which nothing was recorded: steps of over ten frame times and 2 s.
+
+    Attributes:
+        found: frame number and length in ns of each, the first twenty.
+    """
+
+    def __init__(self, frame_ns: int) -> None:
+        self._least = max(_GAP_NS, _GAP_FRAMES * frame_ns)
+        self._last: int | None = None
+        self.found: list[tuple[int, int]] = []
+
+    def step(self, frame: int, time_ns: int) -> None:
+        """A frame came."""
+        if self._last is not None:
+            length = time_ns - self._last
+            if length > self._least and len(self.found) < _MOST_GAPS:
+                self.found.append((frame, length))
+        self._last = time_ns
+
+    def lines(self) -> list[str]:
+        """One line for each."""
+        return [
+            f"a gap of {seconds(length)} before frame {frame}: nothing was recorded then"
+            for frame, length in self.found
+        ]
+
+
 class Clock(Generic[Item]):
     """Stamps into times that increase, counted from the first.
 
@@ -27,7 +55,7 @@ class Clock(Generic[Item]):
 
     Attributes:
         mended, joined, belied: how many of each.
-        gaps: frame number and length in ns of each step of over ten frame times and 2 s.
+        gaps: when nothing was recorded.
     """
 
     def __init__(self, frame_ns: int) -> None:
@@ -36,7 +64,7 @@ class Clock(Generic[Item]):
         self._last: int | None = None
         self._count = 0
         self.mended = self.joined = self.belied = 0
-        self.gaps: list[tuple[int, int]] = []
+        self.gaps = Gaps(frame_ns)
 
     def times(
         self, stamped: Iterable[tuple[int | None, Item]]
@@ -52,13 +80,7 @@ class Clock(Generic[Item]):
 
     def _next(self, stamp: int | None, following: int | None) -> int:
         time = self._time(stamp, following)
-        if self._last is not None:
-            step = time - self._last
-            if (
-                step > max(_GAP_NS, _GAP_FRAMES * self._frame_ns)
-                and len(self.gaps) < _MOST_GAPS
-            ):
-                self.gaps.append((self._count, step))
+        self.gaps.step(self._count, time)
         self._last = time
         self._count += 1
         return time
@@ -101,11 +123,7 @@ class Clock(Generic[Item]):
                 f"the clock was set back {self.joined} time{'s' * (self.joined > 1)}: each segment follows the one"
                 " before by one frame time"
             )
-        found += [
-            f"a gap of {seconds(length)} before frame {frame}: nothing was recorded then"
-            for frame, length in self.gaps
-        ]
-        return found
+        return found + self.gaps.lines()
 
 
 def nominal_ns(times: Sequence[int]) -> int | None:

@@ -19,6 +19,7 @@ from recorders.annotated.provenance import (
     sha256,
     with_fact_digests,
 )
+from recorders.clock import Gaps
 from recorders.errors import OutputExistsError, UsageError
 from recorders.format_version import FORMAT_VERSION
 from recorders.log import Attachment, LogWriter, Message
@@ -48,6 +49,7 @@ class ReplaySummary:
         found: different tracks that were observed in more than one frame, written or not.
         resumed: the checkpoint's frame that the replay started after, None from the start.
         unreadable: pictures that could not be decoded: a line for each reason.
+        gaps: times in which nothing was recorded: a line for each.
     """
 
     frames: int
@@ -59,6 +61,7 @@ class ReplaySummary:
     found: int = 0
     resumed: int | None = None
     unreadable: tuple[str, ...] = ()
+    gaps: tuple[str, ...] = ()
 
 
 def replay(
@@ -99,6 +102,7 @@ def replay(
             )
             for annotated in run.frames(start, writer.keep):
                 writer.write(annotated)
+                writer.gaps.step(annotated.frame.index, annotated.frame.time_ns)
                 if writer.is_past(annotated) and run.may_stop:
                     break
             else:
@@ -137,6 +141,7 @@ class AnnotatedWriter:
         self._frames = 0
         self._first_frame: int | None = None
         self._link_before = link
+        self.gaps = Gaps(scene.info.frame_ns)
         self._link = digest.START
         self._tracks: dict[int, None] = {}
         self._events = 0
@@ -271,7 +276,12 @@ class AnnotatedWriter:
         self._log.metadata(METADATA, with_fact_digests(facts))
         done = self._frames, run.computed, len(self._tracks), self._events
         found = sum(frames > 1 for frames in run.sightings.values())
-        unreadable = tuple(self._scene.unreadable.lines())
         return ReplaySummary(
-            *done, run.input_link, self._link, found, run.resumed, unreadable
+            *done,
+            run.input_link,
+            self._link,
+            found,
+            run.resumed,
+            tuple(self._scene.unreadable.lines()),
+            tuple(self.gaps.lines()),
         )

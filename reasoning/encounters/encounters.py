@@ -39,6 +39,7 @@ from reasoning.encounters.pair import (
     History,
     Ints,
     Pair,
+    frame_step,
     length,
     pairs,
     spans,
@@ -146,7 +147,7 @@ def _of_pair(
     a: int, b: int, pair: Pair, p: EncounterParameters, joint: Sequence[Span], live: bool
 ) -> Iterator[Encounter]:
     sure = (pair.distance <= p.near_sizes) & (pair.relative_speed <= p.pace_sizes_per_s)
-    step = float(np.median(np.diff(pair.times_s)))
+    step = frame_step(pair.times_s)
     for start, end in _closed(spans(pair.gap <= p.far_gap_sizes), pair, p.gap_s):
         near = np.flatnonzero(sure[start : end + 1]) + start
         least_s = p.live_s if live else p.least_s
@@ -290,7 +291,7 @@ def settled(pair: Pair, span: Span, near: Ints, p: EncounterParameters) -> Span:
 
 def _opening(pair: Pair) -> Floats:
     """(N,) body sizes per second by which the distance grows around each moment."""
-    step = float(np.median(np.diff(pair.times_s)))
+    step = frame_step(pair.times_s)
     half = max(1, round(_HALF_S / step)) if step > 0 else 1
     along = np.stack([pair.distance, np.zeros_like(pair.distance)], axis=1)
     opening: Floats = velocity(along, pair.times_s, half)[:, 0]

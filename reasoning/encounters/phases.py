@@ -17,7 +17,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from reasoning.encounters.pair import Bools, Floats, Ints, Pair, length, spans
+from reasoning.encounters.pair import Bools, Floats, Ints, Pair, frame_step, length, spans
 from reasoning.encounters.parameters import EncounterParameters
 
 KINDS = ("meeting", "moving", "contact", "separation", "approach")
@@ -217,7 +217,7 @@ def _abrupt(pair: Pair, first: int, last: int, sudden: Bools) -> Abrupt:
 
 
 def _step(pair: Pair) -> float:
-    return float(np.median(np.diff(pair.times_s)))
+    return frame_step(pair.times_s)
 
 
 def _median(values: Floats) -> float:

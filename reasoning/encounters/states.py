@@ -16,6 +16,7 @@ from reasoning.encounters.pair import (
     Floats,
     History,
     both_seen,
+    frame_step,
     length,
     running_median,
     spans,
@@ -52,7 +53,7 @@ def still(history: History, parameters: EncounterParameters | None = None) -> li
     history = history.sights()
     if len(history.frames) < 2:
         return []
-    step = float(np.median(np.diff(history.times_s)))
+    step = frame_step(history.times_s)
     half = max(1, round(p.window_s / step)) if step > 0 else 1
     size = max(float(np.median(length(history.boxes[:, 2:]))), 1.0)
     feet = np.stack(
@@ -97,7 +98,7 @@ def near(
             ],
             axis=1,
         )
-        step = float(np.median(np.diff(times)))
+        step = frame_step(times)
         half = max(1, round(p.window_s / 2 / step)) if step > 0 else 1
         size = np.maximum(np.maximum(length(box_a[:, 2:]), length(box_b[:, 2:])), 1.0)
         distance = running_median(length(apart) / size, half)

@@ -22,6 +22,7 @@ DETECTIONS = frozenset(
 _LINE_LOOP, _LINE_STRIP = 2, 3
 _LOOPS = frozenset({_LINE_LOOP, _LINE_STRIP, "LINE_LOOP", "LINE_STRIP"})
 _CORNERS = 4
+_DECIMALS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +124,9 @@ def _vision(found: Any) -> Detected:
         if not all(_is_number(v) for v in (x, y, w, h)):
             rows.left_out += 1
             continue
-        rows.add((x - w / 2, y - h / 2, w, h), score, label)
+        # To a millionth of a pixel: a corner that was written as a decimal comes back as it was.
+        corner = round(x - w / 2, _DECIMALS), round(y - h / 2, _DECIMALS)
+        rows.add((*corner, w, h), score, label)
     return rows.done(stamp_ns(found))
 
 

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from replay.trackers.kalman import KalmanBank
 
 Floats = NDArray[np.float64]
+LONGEST_STEP_S = 600.0
+"""A longer time between two frames counts as this."""
 
 
 def smooth(
@@ -146,6 +148,9 @@ def filtered(
     rate: Floats,
 ) -> Filtered:
     """Run the filter forwards over N paths; as for `smooth`."""
+    # After a gap of days nothing of a motion is left to be known, but powers of its length would
+    # cancel one another out.
+    steps_s = np.minimum(steps_s, LONGEST_STEP_S)
     frames, count, components = measured.shape
     first = np.argmax(seen, axis=0)
     bank = KalmanBank(components)

@@ -101,6 +101,44 @@ def test_a_clock_that_was_set_back_is_told_and_can_be_followed(
     assert tables(annotated, sql, tmp_path) == [(2, 11)]
 
 
+@pytest.mark.parametrize(
+    ("seconds", "after"), [("5000000", "10"), ("1750000000", "1"), ("100", "30")]
+)
+@pytest.mark.parametrize("tracker", ["events", "shells", "parts"])
+def test_a_jump_of_the_clock_parts_the_recording(
+    case: Case,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    seconds: str,
+    after: str,
+    tracker: str,
+) -> None:
+    out = tmp_path / "annotated.mcap"
+    log = case("mcap/clock_jump", seconds, after)
+    assert main(["replay", str(log), "-o", str(out), "--tracker", tracker]) == 0
+    said = capsys.readouterr().err
+    assert f"a gap of {seconds} s" in said
+    assert f"before frame {after}: nothing was recorded then" in said
+    sql = "SELECT count(*) FILTER (NOT isfinite(x + y + w + h + vx + vy)) FROM tracks"
+    assert tables(out, sql, tmp_path) == [(0,)]
+    spanning = f"""SELECT count(*) FROM (SELECT track FROM tracks GROUP BY track
+                   HAVING min(frame) < {after} AND max(frame) >= {after})"""
+    if int(after) > 1:  # what was seen once is no track yet that could end
+        assert tables(out, spanning, tmp_path) == [(0,)]
+
+
+def test_bursts_of_log_times_take_no_memory(case: Case, tmp_path: Path) -> None:
+    import tracemalloc
+
+    log = replayed(case("mcap/bursts_long", "400", "1000"), tmp_path)
+    tracemalloc.start()
+    try:
+        tables(log, "SELECT count(*) FROM encounters", tmp_path)
+        assert tracemalloc.get_traced_memory()[1] < 200 << 20
+    finally:
+        tracemalloc.stop()
+
+
 def test_one_bad_picture_is_left_out_and_named(
     case: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
