@@ -67,7 +67,7 @@ EVERY = ("recordings", "certainty")
 _KINDS = {"A": "track", "B": "track", "ZONE": "zone", "LABEL": "group", "EVENT": "event"}
 DEFAULT_CERTAINTY = 0.5
 """What the command leaves out unless told otherwise; see docs/questions.md for why."""
-SETTLED_S = 2.0
+SETTLED_S = 1.0
 """Who is first seen so soon after the recording's start was there when it started."""
 Build = Callable[[Sequence[str], Options], Mapping[str, str]]
 

@@ -52,7 +52,7 @@ WHERE e.a = $a AND e.b = $b$only ORDER BY e.recording, e.start_frame
 """
 
 LEFT_WITH = """
--- with: in contact until at most $gap s before the first of them left
+-- with: in contact until at most $gap s before the first of them left; of several contacts the one that was seen best
 -- leaving is the last exit; without one, the last sight of a track that was gone before the recording ended: then
 -- nobody saw it leave, and it is as good as unsure
 WITH departures AS (
@@ -85,7 +85,7 @@ contact AS (
     WHERE b = $a$only),
 last_contact AS (
   SELECT recording, other, max(c.end_t) AS end_t,
-    max({'t': c.end_t, 'what': c.what, 'frame': c.start_frame, 'seen': c.seen_share}) AS which
+    max({'seen': c.seen_share, 't': c.end_t, 'what': c.what, 'frame': c.start_frame}) AS which
   FROM both_left g JOIN contact c USING (recording, other)
   WHERE c.start_t <= g.until_t AND round(g.until_t - c.end_t, 3) <= $gap GROUP BY recording, other)
 SELECT g.recording, $a AS track, g.other, g.first_t AS track_left_t, g.t AS other_left_t,
@@ -137,7 +137,8 @@ FROM hidden WHERE $whose$only ORDER BY recording, start_frame, track, part
 
 ENTERED_NEVER_LEFT = f"""
 -- who was there in the first frames did not come in; of who left and came in again the last time counts
--- who was not there at first and is now came in, seen or not (out of a group, through a door): from the first sight
+-- who was not there at first and is now came in, seen or not (out of a group, through a door; or was hidden at first,
+-- so that is less sure): from the first sight
 -- who is lost before the end without having been seen to leave may be gone all the same: unsure
 WITH told AS (
   SELECT recording, unnest(subjects) AS track, event, kind, frame, t FROM sure_events
@@ -162,7 +163,7 @@ stayed AS (
       WHERE f.recording = s.recording AND f.frame = r.first_frame), 0)))
 SELECT recording, track, entered_frame, entered_t, last AS last_seen_frame, last_t AS last_seen_t, there_at_the_end,
   seen_share, existence, identity,
-  least(seen_share, existence, identity, if(there_at_the_end, 1.0, 0.4)) AS certainty, joins,
+  least(seen_share, existence, identity, if(there_at_the_end, 1.0, 0.4), if(event IS NULL, 0.6, 1.0)) AS certainty, joins,
   concat_ws(' ', if(event IS NULL, format('track:{{}}@{{}}', track, entered_frame), format('event:{{}}', event)),
     format('track:{{}}@{{}}', track, last)) AS explain
 FROM stayed ORDER BY recording, entered_frame, track
