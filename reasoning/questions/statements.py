@@ -163,7 +163,8 @@ stayed AS (
       WHERE f.recording = s.recording AND f.frame = r.first_frame), 0)))
 SELECT recording, track, entered_frame, entered_t, last AS last_seen_frame, last_t AS last_seen_t, there_at_the_end,
   seen_share, existence, identity,
-  least(seen_share, existence, identity, if(there_at_the_end, 1.0, 0.4), if(event IS NULL, 0.6, 1.0)) AS certainty, joins,
+  least(seen_share, existence, identity, if(there_at_the_end, 1.0, 0.4), if(event IS NULL, 0.6, 1.0)) AS certainty,
+  joins,
   concat_ws(' ', if(event IS NULL, format('track:{{}}@{{}}', track, entered_frame), format('event:{{}}', event)),
     format('track:{{}}@{{}}', track, last)) AS explain
 FROM stayed ORDER BY recording, entered_frame, track
