@@ -173,6 +173,7 @@ class SceneLog:
         info: size, frame time, what there is.
         recorded: the channels that belong to the recording, not to an annotation.
         unreadable: the pictures that could not be decoded so far.
+        regions: those that stand in place of all that were recorded, None: the recorded ones.
 
     Raises:
         RecordingError: no detections, or none of that camera; the text says what the log holds
@@ -180,10 +181,15 @@ class SceneLog:
     """
 
     def __init__(
-        self, path: str | Path, camera: str | None = None, limits: Limits = DEFAULT_LIMITS
+        self,
+        path: str | Path,
+        camera: str | None = None,
+        limits: Limits = DEFAULT_LIMITS,
+        regions: Regions | None = None,
     ) -> None:
         self.path = Path(path)
         self.limits = limits
+        self.regions = regions
         self.trailing: tuple[Message, ...] = ()
         self.unreadable = Unreadable("")
         self._log = LogReader(path, limits)
@@ -200,6 +206,8 @@ class SceneLog:
             }
             self.unreadable.topic = self._topics["image"]
             present = {channel.topic for channel in self._log.channels}
+            if regions is not None:
+                self._regions_channel = self._open_regions()
             self.info = self._describe(present)
         except BaseException:
             self._log.close()
@@ -228,6 +236,45 @@ class SceneLog:
     def _is_annotation(self, channel: ChannelInfo) -> bool:
         camera, name = channels.split(channel.topic)
         return camera == self.camera and name in channels.ANNOTATED
+
+    def _open_regions(self) -> ChannelInfo:
+        """The channel of the regions that replace the recorded ones: theirs, where there is one."""
+        topic = self._topics["regions"]
+        for channel in self.recorded:
+            if channel.topic == topic:
+                return channel
+        made = ChannelInfo(
+            topic,
+            channels.schema("regions"),
+            channels.message_encoding("regions"),
+            id=1 + max((c.id for c in self._log.channels), default=0),
+        )
+        self.recorded.append(made)
+        return made
+
+    def regions_message(self, time_ns: int) -> Message:
+        """The regions that replace the recorded ones, as a message of the first frame."""
+        assert self.regions is not None
+        return Message(
+            self._topics["regions"],
+            time_ns,
+            time_ns,
+            0,
+            channels.encode("regions", self.regions),
+            self._regions_channel,
+            (time_ns, 0, 0),
+        )
+
+    def _with_regions(
+        self, group: list[Message], time_ns: int, *, first: bool
+    ) -> list[Message]:
+        """A moment's messages, with the regions that replace the recorded ones in the first
+        frame's.
+        """
+        if self.regions is None:
+            return group
+        kept = [m for m in group if m.topic != self._topics["regions"]]
+        return [self.regions_message(time_ns), *kept] if first else kept
 
     def _describe(self, present: set[str]) -> SceneInfo:
         sample: list[tuple[int, Detections]] = [
@@ -277,10 +324,10 @@ class SceneLog:
         self.trailing = ()
         latched = (
             self._log.latched(self._topics["regions"], start_ns - 1)
-            if start_ns is not None
+            if start_ns is not None and self.regions is None
             else None
         )
-        regions = None if latched is None else self._decode("regions", latched)
+        regions = self.regions if latched is None else self._decode("regions", latched)
         pictures, last = self._pictures_at(start_ns)
         waiting = _Waiting(self.info.frame_ns // 2, self.info.has_images)
         order = FrameOrder()
@@ -290,6 +337,9 @@ class SceneLog:
         for now, group in by_time(
             self._log.messages(topics, start_ns), self.limits, self.path
         ):
+            has_frame = any(m.topic == self._topics["detections"] for m in group)
+            is_first = has_frame and index == first_index and start_ns is None
+            group = self._with_regions(group, now, first=is_first)  # noqa: PLW2901
             pending += group
             yield from waiting.ready(now)
             detections: Detections | Callable[[], Detections] | None = None

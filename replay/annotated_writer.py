@@ -25,6 +25,7 @@ from recorders.format_version import FORMAT_VERSION
 from recorders.log import Attachment, LogWriter, Message
 from recorders.machine import machine, opencv_build, python_version
 from recorders.parameters import as_plain
+from recorders.pieces import Span, carried
 from recorders.recording import utf8
 from recorders.scene import SceneLog
 from recorders.vision import opencv_threads
@@ -90,7 +91,10 @@ def replay(
         )
     # Decoding, painting and writing go on side by side: threads of OpenCV's own would only take
     # turns with them.
-    with opencv_threads(1), SceneLog(scene_path, options.camera, options.limits) as scene:
+    with (
+        opencv_threads(1),
+        SceneLog(scene_path, options.camera, options.limits, options.regions) as scene,
+    ):
         run = Run(scene, options, progress)
         start = run.nearest_checkpoint()
         pictures = [channels.topic(scene.camera, name) for name in channels.PICTURES]
@@ -100,6 +104,7 @@ def replay(
             writer = AnnotatedWriter(
                 log, scene, options, digest.START if start is None else start.link
             )
+            writer.carry()
             for annotated in run.frames(start, writer.keep):
                 writer.write(annotated)
                 writer.gaps.step(annotated.frame.index, annotated.frame.time_ns)
@@ -193,19 +198,38 @@ class AnnotatedWriter:
             and annotated.frame.time_ns >= self._options.to_ns
         )
 
+    def carry(self) -> None:
+        """Write what was recorded before the span and still holds in it, so that the log stands
+        alone: regions, calibrations, the packets since a video's last key frame.
+        """
+        if self._options.annotations_only or self._options.from_ns is None:
+            return
+        scene, span = self._scene, Span(self._options.from_ns, self._options.to_ns)
+        found = carried(scene.log, [c.topic for c in scene.recorded], span)
+        if scene.regions is not None:
+            first_ns = next(scene.frame_times())
+            own = scene.regions_message(first_ns)
+            found = [m for m in found if m.topic != own.topic]
+            found += [own] if first_ns < self._options.from_ns else []
+        for message in sorted(found, key=lambda m: m.order):
+            self._copy(message)
+
     def copy(self, messages: Iterable[Message]) -> None:
         """Pass recorded messages of the span through as they are."""
         if self._options.annotations_only:
             return
         for message in messages:
             if self._within(message.log_time_ns):
-                self._log.write(
-                    self._recorded[message.channel.id],
-                    message.data,
-                    message.log_time_ns,
-                    message.publish_time_ns,
-                    message.sequence,
-                )
+                self._copy(message)
+
+    def _copy(self, message: Message) -> None:
+        self._log.write(
+            self._recorded[message.channel.id],
+            message.data,
+            message.log_time_ns,
+            message.publish_time_ns,
+            message.sequence,
+        )
 
     def write(self, annotated: Annotated) -> None:
         """Write one frame: what was recorded, then what was found."""
@@ -271,6 +295,8 @@ class AnnotatedWriter:
             "checkpoints": canonical(self._checkpoints),
             "extras": canonical(self._extras),
         }
+        if options.regions is not None:
+            facts["regions"] = canonical(options.regions)
         if options.choice.version:
             facts["tracker_version"] = options.choice.version
         self._log.metadata(METADATA, with_fact_digests(facts))

@@ -32,7 +32,7 @@ from recorders.annotated.provenance import provenance_of, sha256
 from recorders.errors import RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
-from recorders.messages import Digest, Targets
+from recorders.messages import Digest, Regions, Targets
 from recorders.parameters import Config
 from recorders.scene import Frame, SceneLog
 from replay import hindsight
@@ -68,6 +68,7 @@ class ReplayOptions:
             start from.
         force: overwrite an existing output.
         camera: which camera, where there are several.
+        regions: those that stand in place of all that were recorded.
         choice: the tracker that is meant.
         parameters: the whole configuration.
     """
@@ -82,6 +83,7 @@ class ReplayOptions:
     force: bool = False
     camera: str | None = None
     limits: Limits = DEFAULT_LIMITS
+    regions: Regions | None = None
     choice: TrackerChoice = field(init=False, repr=False)
     parameters: Config = field(init=False, repr=False)
 

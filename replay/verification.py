@@ -96,12 +96,13 @@ def verify(
             camera=facts.camera,
             checkpoint_ns=facts.checkpoint_ns,
             limits=limits,
+            regions=facts.regions,
         )
         try:
             with (
                 opencv_threads(1),
                 SceneLog(
-                    _scene_of(Path(path), facts, scene), facts.camera, limits
+                    _scene_of(Path(path), facts, scene), facts.camera, limits, facts.regions
                 ) as source,
             ):
                 changed = _changed_input(source, log, facts)

@@ -22,6 +22,7 @@ from recorders.annotated.checkpoint import PREFIX
 from recorders.errors import RecordingError
 from recorders.format_version import check_version
 from recorders.log import Attachment, LogReader
+from recorders.messages import Regions
 
 METADATA = "scenetrace"
 KIND = "annotated"
@@ -110,6 +111,7 @@ class Provenance:
             say.
         extras: what `extras` gives: the recording's own attachments and metadata; None in logs
             that do not say.
+        regions: those that the replay was given in place of the recorded ones.
     """
 
     path: Path
@@ -135,6 +137,7 @@ class Provenance:
     checkpoint_ns: int | None
     checkpoints: dict[str, str] | None
     extras: dict[str, str] | None
+    regions: Regions | None = None
 
     @property
     def whole(self) -> bool:
@@ -224,6 +227,7 @@ def _parsed(path: Path, v: dict[str, str]) -> Provenance:
             _json(path, v, "checkpoints", dict[str, str]) if "checkpoints" in v else None
         ),
         extras=_json(path, v, "extras", dict[str, str]) if "extras" in v else None,
+        regions=_json(path, v, "regions", Regions) if "regions" in v else None,
     )
 
 

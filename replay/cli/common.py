@@ -76,6 +76,14 @@ def add_tracker(parser: argparse.ArgumentParser, otherwise: str) -> None:
     )
 
 
+def add_span(parser: argparse.ArgumentParser) -> None:
+    """``--from`` and ``--to``."""
+    parser.add_argument(
+        "--from", dest="start", metavar="T", help="first time: seconds, frame:N or RFC 3339"
+    )
+    parser.add_argument("--to", dest="end", metavar="T", help="the end, excluded")
+
+
 def add_limits(parser: argparse.ArgumentParser) -> None:
     """``--limit``."""
     parser.add_argument(

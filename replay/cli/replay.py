@@ -55,6 +55,10 @@ def add(commands: common.Commands) -> None:
         "--to", dest="end", metavar="T", help="end of what is written, excluded"
     )
     parser.add_argument(
+        "--regions", type=Path, metavar="FILE",
+        help="region of interest, border and zones as JSON, in place of the recorded ones",
+    )  # fmt: skip
+    parser.add_argument(
         "--annotations-only", action="store_true", help="leave the recorded messages out"
     )
     parser.add_argument(
@@ -163,6 +167,7 @@ def _compare(args: argparse.Namespace, out: Path) -> int:
 
 def _replay(args: argparse.Namespace, out: Path) -> int:
     from recorders.scene import SceneLog
+    from recorders.sources.regions import read_regions
     from replay.annotated_writer import replay
     from replay.run import ReplayOptions
 
@@ -181,6 +186,11 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
         ]
         starts = check_starts(config, scene, counts[0] if counts else None)
         has_masks = scene.info.has_masks
+        regions = (
+            None
+            if args.regions is None
+            else read_regions(args.regions, scene.info.width, scene.info.height)
+        )
     options = ReplayOptions(
         tracker=tracker,
         config=config,
@@ -195,6 +205,7 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
         force=args.force,
         camera=args.camera,
         limits=limits,
+        regions=regions,
     )
     with (
         common.progress(counts[0] if counts else None) as bar,
