@@ -60,7 +60,9 @@ class Span:
 
     def keeps(self, topic: str) -> bool:
         """Whether a topic is wanted."""
-        kept = self.topics is None or any(fnmatch.fnmatchcase(topic, p) for p in self.topics)
+        kept = self.topics is None or any(
+            fnmatch.fnmatchcase(topic, p) for p in self.topics
+        )
         return kept and not any(fnmatch.fnmatchcase(topic, p) for p in self.exclude)
 
     def holds(self, time_ns: int) -> bool:
@@ -223,7 +225,11 @@ def carried(
         if topic not in topics:
             continue
         if topic.endswith("/tf_static"):
-            found += (m for m in log.messages([topic], end_ns=span.from_ns) if m.channel == channel)
+            found += (
+                m
+                for m in log.messages([topic], end_ns=span.from_ns)
+                if m.channel == channel
+            )
         elif _is_latched(channel):
             last = log.latched(topic, span.from_ns - 1)
             found += [last] if last is not None and last.channel == channel else []
@@ -300,9 +306,7 @@ class _Links:
     """The digest chain's part that is in a piece."""
 
     def __init__(self, kept: Iterable[ChannelInfo]) -> None:
-        self._topics = {
-            c.topic for c in kept if channels.split(c.topic)[1] == "digest"
-        }
+        self._topics = {c.topic for c in kept if channels.split(c.topic)[1] == "digest"}
         self.first_frame = -1
         self.frames = 0
         self.last = ""

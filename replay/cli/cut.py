@@ -48,7 +48,11 @@ def add_topics(parser: argparse.ArgumentParser) -> None:
         help="topics to keep, as /camera/*; several with commas, or repeated; default all",
     )  # fmt: skip
     parser.add_argument(
-        "--exclude", action="append", default=[], metavar="PATTERN", help="topics to leave out"
+        "--exclude",
+        action="append",
+        default=[],
+        metavar="PATTERN",
+        help="topics to leave out",
     )
 
 
@@ -71,7 +75,9 @@ def run(args: argparse.Namespace) -> int:
     if first is not None and end is not None and end <= first:
         raise UsageError(f"--from {args.start} --to {args.end}: an empty span")
     span = Span(first, end, patterns(args.topics), patterns(args.exclude) or ())
-    return show(args.output, cut(args.log, args.output, span, force=args.force, limits=limits))
+    return show(
+        args.output, cut(args.log, args.output, span, force=args.force, limits=limits)
+    )
 
 
 def patterns(words: list[str] | None) -> list[str] | None:

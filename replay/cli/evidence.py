@@ -11,8 +11,10 @@ from replay.cli.exit_codes import Exit
 EXAMPLE = """\
 scenetrace evidence annotated.mcap --events 12 relation:1-2@40 -o evidence/
 scenetrace verify --manifest evidence/manifest.json      # nothing was changed since"""
-DESCRIPTION = """Write what a court or a colleague needs: for each event (or row of an answer) a clip (H.264), frames as
-recorded and with overlays, the facts as JSON, the configuration, digests, and one page to read and print."""
+DESCRIPTION = """\
+Write what a court or a colleague needs: for each event (or row of an answer) a clip (H.264), its
+piece of the log (log.mcap, which stands alone), frames as recorded and with overlays, the facts as
+JSON, the configuration, digests, and one page to read and print."""
 
 
 def add(commands: Commands) -> None:

@@ -35,4 +35,6 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("nothing to filter by: give --topics PATTERN or --exclude PATTERN")
     span = Span(None, None, patterns(args.topics), patterns(args.exclude) or ())
     limits = common.parse_limits(args.limit)
-    return show(args.output, cut(args.log, args.output, span, force=args.force, limits=limits))
+    return show(
+        args.output, cut(args.log, args.output, span, force=args.force, limits=limits)
+    )

@@ -30,4 +30,6 @@ def run(args: argparse.Namespace) -> int:
     from recorders.pieces import merge
 
     limits = common.parse_limits(args.limit)
-    return show(args.output, merge([args.log], args.output, force=args.force, limits=limits))
+    return show(
+        args.output, merge([args.log], args.output, force=args.force, limits=limits)
+    )

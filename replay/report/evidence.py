@@ -18,6 +18,7 @@ from reasoning.questions.ingest import file_digest
 from reasoning.questions.thresholds import measure_line
 from recorders.annotated.reader import AnnotatedLog
 from recorders.errors import SceneTraceError
+from recorders.pieces import Span, cut
 from recorders.pictures import encode_png
 from replay.draw import DrawOptions
 from replay.export.output import check_folder, whole_folder
@@ -96,6 +97,7 @@ def write_evidence(
                 place.mkdir()
                 pictures = _frames(log, e, place, bare=True)
                 clip = _clip(log, e, place / "clip.mp4")
+                cut(path, place / "log.mcap", Span(*_span(log, e)), limits=log.limits)
                 pages.append(
                     (
                         e,
@@ -169,12 +171,18 @@ def _last(log: AnnotatedLog) -> int:
 
 def _clip(log: AnnotatedLog, e: Explanation, out: Path) -> Path:
     """An H.264 clip from some seconds before to some seconds after."""
-    start, end = (
-        log.start_ns + round(t * 1e9) for t in (e.start_t - CLIP_S, e.end_t + CLIP_S)
-    )
+    start, end = _span(log, e)
     options = VideoOptions(DrawOptions(), start, end)
     write_video(log, out, options)
     return out
+
+
+def _span(log: AnnotatedLog, e: Explanation) -> tuple[int, int]:
+    """First log time and end of an event's clip."""
+    start, end = (
+        log.start_ns + round(t * 1e9) for t in (e.start_t - CLIP_S, e.end_t + CLIP_S)
+    )
+    return max(0, start), end
 
 
 def _facts(case: Case, log: AnnotatedLog, found: Sequence[Explanation]) -> dict[str, Any]:

@@ -95,7 +95,10 @@ def test_a_cut_says_what_a_replay_of_the_span_says_and_verifies(
     assert main(["verify", str(out), "--scene", str(scene)]) == 0
     with LogReader(span) as a, LogReader(out) as b:
         said = [
-            [(m.topic, m.log_time_ns, m.publish_time_ns, m.sequence, m.data) for m in log.messages()]
+            [
+                (m.topic, m.log_time_ns, m.publish_time_ns, m.sequence, m.data)
+                for m in log.messages()
+            ]
             for log in (a, b)
         ]
     assert sorted(said[0]) == sorted(said[1])
