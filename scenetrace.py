@@ -60,6 +60,7 @@ if TYPE_CHECKING:
         query,
         record,
         replay,
+        to_detections,
     )
     from replay.library import OpenLog as open  # noqa: A004, N813
     from replay.library import graph_of as to_networkx
@@ -112,6 +113,7 @@ __all__ = [
     "query",
     "record",
     "replay",
+    "to_detections",
     "to_networkx",
     "verify",
 ]
@@ -131,7 +133,7 @@ _PLACES = {
     "replay.compare": "CompareOptions Comparison diff=compare",
     "replay.engine": "Engine",
     "replay.library": "OpenLog Rows SceneFrame ask evaluate open=OpenLog query record replay"
-    " to_networkx=graph_of",
+    " to_detections to_networkx=graph_of",
     "replay.trackers.tracker": "Tracker",
     "replay.verification": "Verification verify",
 }

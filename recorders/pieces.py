@@ -20,7 +20,12 @@ from pathlib import Path
 from recorders import channels
 from recorders.annotated.checkpoint import PREFIX
 from recorders.annotated.frames import annotated_cameras
-from recorders.annotated.provenance import METADATA, canonical, with_fact_digests
+from recorders.annotated.provenance import (
+    DIGESTS,
+    METADATA,
+    canonical,
+    with_fact_digests,
+)
 from recorders.errors import UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import ChannelInfo, LogReader, LogWriter, Message
@@ -320,9 +325,11 @@ class _Links:
 
 
 def _facts(log: LogReader) -> dict[str, str] | None:
-    """What an annotated log says of its making."""
+    """What an annotated log with digests says of its making; None of any other log."""
+    if not any(channels.split(c.topic)[1] == "digest" for c in log.channels):
+        return None
     for name, values in log.metadata():
-        if name == METADATA and "tracker" in values:
+        if name == METADATA and DIGESTS in values and "camera" in values:
             return values
     return None
 
@@ -353,8 +360,9 @@ def _copy_attachments(
 def _copy_metadata(
     log: LogReader, writer: LogWriter, span: Span, links: _Links, *, keeps_digests: bool
 ) -> None:
+    facts = _facts(log)
     for name, values in log.metadata():
-        if name != METADATA or "tracker" not in values:
+        if name != METADATA or values != facts:
             writer.metadata(name, values)
         elif not keeps_digests:
             kept = {fact: values[fact] for fact in _KEPT_FACTS if fact in values}
@@ -369,7 +377,7 @@ def _facts_of_piece(
     log: LogReader, values: dict[str, str], span: Span, links: _Links
 ) -> dict[str, str]:
     """What a replay of the span alone would say: frames, span, the chain's ends."""
-    facts = {name: value for name, value in values.items() if name != "fact_digests"}
+    facts = {name: value for name, value in values.items() if name != DIGESTS}
     facts |= {"checkpoints": canonical({}), "checkpoint_ns": ""}
     camera = values.get("camera", "")
     recorded = [

@@ -12,24 +12,37 @@ from typing import TYPE_CHECKING, Any
 from recorders.errors import UsageError
 from replay.cli import common
 from replay.cli.exit_codes import Exit
+from replay.plurals import count_of
 
 if TYPE_CHECKING:
     from recorders.annotated.reader import AnnotatedLog
 
-FORMATS = ("mot", "parquet", "graphml", "json", "video")
+FORMATS = (
+    "mot", "csv", "parquet", "json", "graphml", "coco", "cvat", "srt", "video", "clips",
+    "layout", "ros2", "rrd",
+)  # fmt: skip
 EXAMPLE = """\
 scenetrace export annotated.mcap --to mot -o result.txt
 scenetrace export annotated.mcap --to parquet -o tables/
+scenetrace export annotated.mcap --to layout -o layout.json
 scenetrace export annotated.mcap --to video -o overlay.mp4 --from 10 --until 20 --only 3,7
 """
 DESCRIPTION = """\
 Write what an annotated log holds in other formats.
 
 mot      MOTChallenge text, frame,id,x,y,w,h,conf,-1,-1,-1: frames from 1, tracks that are present
-parquet  one table (--table, default tracks) where OUT has a suffix, else a folder with all tables
-graphml  the log's interaction graph over time: targets, groups, one edge per interval
+csv      one table (--table, default tracks) where OUT has a suffix, else a folder with all tables
+parquet  the same as Parquet
 json     all tables in one document, and the same graph as node-link data (`graph`)
+graphml  the log's interaction graph over time: targets, groups, one edge per interval
+coco     COCO JSON, `track_id` and `score` beside each box; comes back by `record --detections`
+cvat     CVAT's XML for videos, to correct there; comes back by `record --detections`
+srt      the events as subtitles beside a video
 video    the pictures with boxes, shells, relations, groups, regions and events drawn in, as MP4
+clips    a folder with such an MP4 for each stretch with events, and clips.csv
+layout   a layout for Lichtblick and Foxglove: pictures with the drawings, events, plots
+ros2     a bag folder: pictures, vision_msgs/Detection2DArray with ids, markers, events (rosbags)
+rrd      a Rerun recording: pictures, boxes, trails, edges, regions, events (rerun-sdk)
 """
 
 
@@ -38,7 +51,7 @@ def add(commands: common.Commands) -> None:
     parser = common.command(
         commands,
         "export",
-        "tracks, tables, graph or an overlaid video",
+        "tracks, tables, graph, video, or a file for other viewers",
         DESCRIPTION,
         EXAMPLE,
     )
@@ -52,7 +65,7 @@ def add(commands: common.Commands) -> None:
         type=Path,
         required=True,
         metavar="OUT",
-        help="file, or folder for parquet",
+        help="file; a folder for clips, ros2, and tables without a suffix",
     )
     parser.add_argument(
         "--camera", metavar="NAME", help="which camera, where the log has several"
@@ -62,7 +75,7 @@ def add(commands: common.Commands) -> None:
         "--table",
         default="tracks",
         metavar="NAME",
-        help="parquet: the table of a single file",
+        help="csv, parquet: the table of a single file",
     )
     parser.add_argument(
         "--from",
@@ -107,14 +120,47 @@ def run(args: argparse.Namespace) -> int:
 
     # Opened first, so that every format gives the same answer to what is no annotated log.
     with AnnotatedLog(args.annotated, args.camera) as log:
+        left_out = 0
         if args.to == "mot":
             done = f"{write_mot(log, args.output, force=args.force)} rows"
-        elif args.to == "video":
+        elif args.to in ("video", "clips"):
             done = _video(args, log)
+        elif args.to in ("ros2", "rrd"):
+            done, left_out = _recording(args, log)
+        elif args.to in _OTHERS:
+            done = _other(args, log)
         else:
             done = _tables(args, log.camera)
     common.say(f"{args.output}: {done}")
-    return Exit.DONE
+    if left_out:
+        common.say(
+            f"scenetrace: left out: {count_of(left_out, 'picture')}, stored in a way that"
+            f" --to {args.to} has no message for"
+        )
+    return Exit.LEFT_OUT if left_out else Exit.DONE
+
+
+_OTHERS = ("coco", "cvat", "srt", "layout")
+
+
+def _other(args: argparse.Namespace, log: AnnotatedLog) -> str:
+    from replay.export import write_coco, write_cvat, write_layout, write_srt
+
+    out, force = args.output, args.force
+    if args.to == "srt":
+        return count_of(write_srt(log, out, force=force), "event")
+    if args.to == "layout":
+        return count_of(write_layout(log, out, force=force), "panel")
+    write = write_coco if args.to == "coco" else write_cvat
+    return count_of(write(log, out, size=args.size, force=force), "row")
+
+
+def _recording(args: argparse.Namespace, log: AnnotatedLog) -> tuple[str, int]:
+    from replay.export import write_ros2, write_rrd
+
+    write, what = (write_ros2, "message") if args.to == "ros2" else (write_rrd, "frame")
+    count, left_out = write(log, args.output, force=args.force)
+    return count_of(count, what), left_out
 
 
 def log_time(text: str | None, log: AnnotatedLog) -> int | None:
@@ -133,7 +179,7 @@ def log_time(text: str | None, log: AnnotatedLog) -> int | None:
 
 
 def _tables(args: argparse.Namespace, camera: str) -> str:
-    from replay.export import write_graphml, write_json, write_parquet
+    from replay.export import write_csv, write_graphml, write_json, write_parquet
 
     if args.to == "graphml":
         nodes, edges = write_graphml(
@@ -143,7 +189,8 @@ def _tables(args: argparse.Namespace, camera: str) -> str:
     chosen: dict[str, Any] = {"camera": args.camera, "force": args.force}
     if args.to == "json":
         return _rows(write_json(args.annotated, args.output, **chosen))
-    return _rows(write_parquet(args.annotated, args.output, table=args.table, **chosen))
+    write = write_csv if args.to == "csv" else write_parquet
+    return _rows(write(args.annotated, args.output, table=args.table, **chosen))
 
 
 def _rows(rows: Mapping[str, int]) -> str:
@@ -154,7 +201,7 @@ def _rows(rows: Mapping[str, int]) -> str:
 
 def _video(args: argparse.Namespace, log: AnnotatedLog) -> str:
     from replay.draw import DrawOptions
-    from replay.export import VideoOptions, write_video
+    from replay.export import VideoOptions, write_clips, write_video
 
     if args.scale and not 0.1 <= args.scale <= 8:
         raise UsageError(f"--scale {args.scale:g}: must be 0.1 to 8")
@@ -175,6 +222,10 @@ def _video(args: argparse.Namespace, log: AnnotatedLog) -> str:
     )
     if not log.has_pictures:
         common.say("the log holds no pictures; drawing on a plain ground")
+    chosen: dict[str, Any] = {"force": args.force}
+    if args.to == "clips":
+        clips, events = write_clips(log, args.output, options, **chosen)
+        return f"{count_of(clips, 'clip')}, {count_of(events, 'event')}"
     with common.progress(log.frame_count) as progress:
         frames = write_video(log, args.output, options, force=args.force, progress=progress)
     return f"{frames} frames"

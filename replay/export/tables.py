@@ -1,4 +1,4 @@
-"""The tables that questions are asked of, as one JSON document or as Parquet.
+"""The tables that questions are asked of, as one JSON document, as Parquet or as CSV.
 
 Rows go through temporary files, one per table, so that memory stays flat over the length of the
 recording.
@@ -149,8 +149,37 @@ def write_parquet(
     camera: str | None = None,
     force: bool = False,
 ) -> dict[str, int]:
-    """Write Parquet: one table where ``out`` is a file name with a suffix, else a folder with one
-    file per table.
+    """Write Parquet: see `_write_tables`."""
+    return _write_tables(log, out, PARQUET, table, camera, force=force)
+
+
+def write_csv(
+    log: str | Path,
+    out: str | Path,
+    *,
+    table: str = "tracks",
+    camera: str | None = None,
+    force: bool = False,
+) -> dict[str, int]:
+    """Write CSV with a row of names: see `_write_tables`."""
+    return _write_tables(log, out, CSV, table, camera, force=force)
+
+
+PARQUET = ("parquet", "FORMAT parquet, COMPRESSION zstd")
+CSV = ("csv", "FORMAT csv, HEADER true")
+
+
+def _write_tables(
+    log: str | Path,
+    out: str | Path,
+    kind: tuple[str, str],
+    table: str,
+    camera: str | None,
+    *,
+    force: bool,
+) -> dict[str, int]:
+    """Write tables: one where ``out`` is a file name with a suffix, else a folder with one file
+    per table.
 
     Returns:
         the rows of each table written.
@@ -163,17 +192,18 @@ def write_parquet(
     if table not in TABLES:
         raise UsageError(f"no table {table!r}; there are: {', '.join(TABLES)}")
     path = Path(out)
+    suffix, options = kind
     if path.suffix and not path.is_dir():
         with whole_file(path, force=force) as file, TableSpool(log, camera) as spool:
-            _copy(spool, table, file.part)
+            _copy(spool, table, file.part, options)
             return {table: spool.rows[table]}
     with whole_folder(path, None, force=force) as folder, TableSpool(log, camera) as spool:
         for name in TABLES:
-            _copy(spool, name, folder / f"{name}.parquet")
+            _copy(spool, name, folder / f"{name}.{suffix}", options)
         return spool.rows
 
 
-def _copy(spool: TableSpool, table: str, out: Path) -> None:
+def _copy(spool: TableSpool, table: str, out: Path, options: str) -> None:
     import duckdb
 
     kinds = dict(TABLES[table])
@@ -185,7 +215,7 @@ def _copy(spool: TableSpool, table: str, out: Path) -> None:
         )
         try:
             db.execute(
-                f"COPY (SELECT * FROM {rows}) TO $out (FORMAT parquet, COMPRESSION zstd,"  # noqa: S608
+                f"COPY (SELECT * FROM {rows}) TO $out ({options},"  # noqa: S608
                 " USE_TMP_FILE false)",
                 {"rows": str(spool.path(table)), "out": str(out)},
             )

@@ -2,6 +2,7 @@
 
 from replay.library.answers import Rows, ask, query
 from replay.library.opened import OpenLog, SceneFrame, graph_of
+from replay.library.supervision import to_detections
 from replay.library.verbs import evaluate, record, replay
 
 __all__ = [
@@ -14,4 +15,5 @@ __all__ = [
     "query",
     "record",
     "replay",
+    "to_detections",
 ]

@@ -18,8 +18,8 @@ from reasoning.questions.ingest import file_digest
 from reasoning.questions.thresholds import measure_line
 from recorders.annotated.reader import AnnotatedLog
 from recorders.errors import SceneTraceError
-from recorders.pieces import Span, cut
 from recorders.pictures import encode_png
+from recorders.pieces import Span, cut
 from replay.draw import DrawOptions
 from replay.export.output import check_folder, whole_folder
 from replay.export.video import VideoOptions, write_video

@@ -1,0 +1,206 @@
+"""A Rerun recording (``.rrd``): pictures, boxes with ids and classes, trails, edges, regions, events.
+
+Written by ``rerun-sdk`` (the extra ``rerun``). Time lines: ``frame``, ``time`` (since the
+recording's start) and ``capture_time``.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+from msgspec import UNSET
+
+from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
+from recorders.channels import NANOS
+from recorders.messages import EVENT_LEVELS, Track
+from replay.export.extras import needed
+from replay.export.output import whole_file
+from replay.export.pictures import StoredPicture, StoredPictures
+from replay.image_annotations import label
+from replay.palette import track_bgr
+
+TRAIL_FRAMES = 50
+_CODECS = {"h264": "H264", "hevc": "H265", "av1": "AV1"}
+_YELLOW, _RED, _GREEN, _BLUE, _ORANGE = (
+    (255, 217, 51),
+    (255, 64, 51),
+    (77, 230, 102),
+    (77, 179, 255),
+    (242, 153, 51),
+)
+
+
+def write_rrd(
+    log: AnnotatedLog, out: str | Path, *, force: bool = False
+) -> tuple[int, int]:
+    """Write a recording that Rerun opens; returns how many frames it has, and how many pictures
+    were left out because they are stored as no format that Rerun takes.
+
+    Raises:
+        OutputExistsError: ``out`` exists and ``force`` is not set.
+        SceneTraceError: ``rerun-sdk`` is not installed.
+    """
+    rr = needed("rerun", "rerun-sdk", "rerun", "--to rrd")
+    with whole_file(out, force=force) as file:
+        # The same log gives the same recording's id: opened twice, it is there once.
+        identity = f"{log.path.stem}-{log.facts.get('output_digest', '')[:16]}"
+        recording = rr.RecordingStream("scenetrace", recording_id=identity)
+        recording.save(str(file.part))
+        scene = _Scene(rr, recording, log)
+        pictures = StoredPictures(log)
+        waiting = iter(pictures)
+        picture = next(waiting, None)
+        frames = 0
+        for frame in log.frames(("events", "relations", "regions")):
+            while picture is not None and picture.time_ns <= frame.time_ns:
+                scene.picture(picture)
+                picture = next(waiting, None)
+            scene.frame(frame)
+            frames += 1
+        recording.flush()
+        recording.disconnect()
+        return frames, pictures.left_out + scene.left_out
+
+
+class _Scene:
+    """One camera as entities below its name."""
+
+    def __init__(self, rr: Any, recording: Any, log: AnnotatedLog) -> None:
+        self._rr, self._recording = rr, recording
+        self._start_ns = log.start_ns
+        self._root = log.camera
+        self._trails: dict[int, deque[tuple[float, float]]] = {}
+        self._classes: dict[str, int] = {}
+        self._drawn_regions: Any = None
+        self._codec = ""
+        self.left_out = 0
+
+    def _at(self, time_ns: int, frame: int | None) -> None:
+        set_time = self._recording.set_time
+        if frame is not None:
+            set_time("frame", sequence=frame)
+        else:
+            self._recording.disable_timeline("frame")
+        set_time("time", duration=(time_ns - self._start_ns) / NANOS)
+        set_time("capture_time", timestamp=time_ns / NANOS)
+
+    def _log(self, path: str, *parts: Any, static: bool = False) -> None:
+        self._recording.log(f"{self._root}/{path}", *parts, static=static)
+
+    def picture(self, picture: StoredPicture) -> None:
+        self._at(picture.time_ns, None)
+        rr = self._rr
+        if not picture.is_video:
+            image = rr.EncodedImage(
+                contents=picture.data, media_type=f"image/{picture.kind}"
+            )
+            self._log("image", image)
+        elif picture.kind in _CODECS:
+            if picture.kind != self._codec:
+                codec = getattr(rr.VideoCodec, _CODECS[picture.kind])
+                self._log("image", rr.VideoStream(codec=codec), static=True)
+                self._codec = picture.kind
+            self._log("image", rr.VideoStream.from_fields(sample=picture.data))
+        else:
+            self.left_out += 1
+
+    def frame(self, frame: AnnotatedFrame) -> None:
+        self._at(frame.time_ns, frame.index)
+        rr = self._rr
+        present = [t for t in frame.tracks if t.present]
+        self._log(
+            "image/tracks",
+            rr.Boxes2D(
+                array=[t.box for t in present] or None,
+                array_format=rr.Box2DFormat.XYWH if present else None,
+                labels=[_words(t) for t in present],
+                colors=[_rgb(t.id) for t in present],
+                class_ids=[self._class(t) for t in present],
+            )
+            if present
+            else rr.Clear(recursive=False),
+        )
+        self._trail(present)
+        self._edges(frame, {t.id: _centre(t) for t in present})
+        self._regions(frame)
+        for event in frame.events:
+            level = {"DEBUG": "DEBUG", "WARNING": "WARN"}.get(
+                EVENT_LEVELS.get(event.kind, ""), "INFO"
+            )
+            self._log("events", rr.TextLog(event.text, level=level))
+
+    def _class(self, track: Track) -> int:
+        name = "" if track.label is UNSET else track.label
+        if name not in self._classes:
+            self._classes[name] = len(self._classes)
+            known = [(k, n or "object") for n, k in self._classes.items()]
+            context = self._rr.AnnotationContext(known)
+            self._log("image", context, static=True)
+        return self._classes[name]
+
+    def _trail(self, present: list[Track]) -> None:
+        for track in present:
+            own = self._trails.setdefault(track.id, deque(maxlen=TRAIL_FRAMES))
+            x, y, w, h = track.box
+            own.append((x + w / 2, y + h))
+        ids = {t.id for t in present}
+        for gone in [k for k in self._trails if k not in ids]:
+            del self._trails[gone]
+        lines = [list(self._trails[t.id]) for t in present if len(self._trails[t.id]) > 1]
+        colors = [_rgb(t.id) for t in present if len(self._trails[t.id]) > 1]
+        shown = self._rr.LineStrips2D(lines, colors=colors) if lines else self._nothing()
+        self._log("image/trails", shown)
+
+    def _nothing(self) -> Any:
+        return self._rr.Clear(recursive=False)
+
+    def _edges(
+        self, frame: AnnotatedFrame, centres: dict[int, tuple[float, float]]
+    ) -> None:
+        edges = [e for e in frame.relations if e.a in centres and e.b in centres]
+        if not edges:
+            self._log("image/relations", self._nothing())
+            return
+        self._log(
+            "image/relations",
+            self._rr.LineStrips2D(
+                [[centres[e.a], centres[e.b]] for e in edges],
+                colors=[_RED if e.state == "JOINT" else _YELLOW for e in edges],
+                radii=[2.0 if e.state == "JOINT" else 0.75 for e in edges],
+                labels=[e.state for e in edges],
+            ),
+        )
+
+    def _regions(self, frame: AnnotatedFrame) -> None:
+        found = frame.regions
+        if found is None or found == self._drawn_regions:
+            return
+        self._drawn_regions = found
+        named = [("border", _ORANGE, p) for p in found.border]
+        named += [("region of interest", _GREEN, p) for p in found.roi]
+        named += [(zone.name, _BLUE, zone.polygon) for zone in found.zones]
+        self._log(
+            "image/regions",
+            self._rr.LineStrips2D(
+                [[*p, p[0]] for _, _, p in named],
+                colors=[colour for _, colour, _ in named],
+                labels=[name for name, _, _ in named],
+            ),
+        )
+
+
+def _words(track: Track) -> str:
+    kind = "" if track.label is UNSET else track.label
+    return f"{label(track)} {kind}".rstrip()
+
+
+def _rgb(identity: int) -> tuple[int, int, int]:
+    blue, green, red = track_bgr(identity)
+    return red, green, blue
+
+
+def _centre(track: Track) -> tuple[float, float]:
+    x, y, w, h = track.box
+    return x + w / 2, y + h / 2
