@@ -47,6 +47,9 @@ def write_rrd(
         # The same log gives the same recording's id: opened twice, it is there once.
         identity = f"{log.path.stem}-{log.facts.get('output_digest', '')[:16]}"
         recording = rr.RecordingStream("scenetrace", recording_id=identity)
+        # Times of the export itself are of no use, and would make each one another file.
+        recording.set_log_time_enabled(False)
+        recording.set_log_tick_enabled(False)
         recording.save(str(file.part))
         scene = _Scene(rr, recording, log)
         pictures = StoredPictures(log)
@@ -55,7 +58,7 @@ def write_rrd(
         frames = 0
         for frame in log.frames(("events", "relations", "regions")):
             while picture is not None and picture.time_ns <= frame.time_ns:
-                scene.picture(picture)
+                scene.picture(picture, frame.index)
                 picture = next(waiting, None)
             scene.frame(frame)
             frames += 1
@@ -77,20 +80,17 @@ class _Scene:
         self._codec = ""
         self.left_out = 0
 
-    def _at(self, time_ns: int, frame: int | None) -> None:
+    def _at(self, time_ns: int, frame: int) -> None:
         set_time = self._recording.set_time
-        if frame is not None:
-            set_time("frame", sequence=frame)
-        else:
-            self._recording.disable_timeline("frame")
+        set_time("frame", sequence=frame)
         set_time("time", duration=(time_ns - self._start_ns) / NANOS)
         set_time("capture_time", timestamp=time_ns / NANOS)
 
     def _log(self, path: str, *parts: Any, static: bool = False) -> None:
         self._recording.log(f"{self._root}/{path}", *parts, static=static)
 
-    def picture(self, picture: StoredPicture) -> None:
-        self._at(picture.time_ns, None)
+    def picture(self, picture: StoredPicture, frame: int) -> None:
+        self._at(picture.time_ns, frame)
         rr = self._rr
         if not picture.is_video:
             image = rr.EncodedImage(

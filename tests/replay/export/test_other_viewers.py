@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -211,10 +212,29 @@ def test_rerun_has_boxes_with_ids_edges_and_events(
     pytest.importorskip("rerun")
     out = tmp_path / "scene.rrd"
     assert exported(write_annotated(), "rrd", out) == 0
-    data = out.read_bytes()
-    assert data.startswith(b"RRF")
-    for path in (b"/camera/image/tracks", b"/camera/image/relations", b"/camera/events"):
-        assert path in data or path.strip(b"/") in data
+    assert out.read_bytes().startswith(b"RRF")
+    said = rerun("rrd", "print", "-vvv", str(out))
+    for name in ("image", "image/tracks", "image/relations", "image/trails", "events"):
+        assert f"/camera/{name}" in said, name
+    for what in ("1 and 2: joined", "Boxes2D:labels", "EncodedImage:blob", "capture_time"):
+        assert what in said, what
+
+
+def test_rerun_finds_nothing_wrong_with_our_logs(
+    write_annotated: Any, tmp_path: Path
+) -> None:
+    pytest.importorskip("rerun")
+    said = rerun("mcap", "check", str(write_annotated()))
+    rows = [line for line in said.splitlines() if "/camera/" in line]
+    assert len(rows) >= 7
+    assert [line for line in rows if not line.startswith("ok")] == []
+
+
+def rerun(*words: str) -> str:
+    made = subprocess.run(
+        [sys.executable, "-m", "rerun", *words], capture_output=True, text=True, check=False
+    )
+    return made.stdout + made.stderr
 
 
 def test_detections_of_supervision(write_annotated: Any) -> None:
