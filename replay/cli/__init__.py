@@ -36,7 +36,7 @@ COMMANDS: tuple[tuple[str, str, str], ...] = (
     ("report", "report", "one HTML file that opens offline"),
     ("evidence", "evidence", "a folder with clip, frames and facts of chosen events"),
     ("index", "index", "many annotated logs into one database"),
-    ("export", "export", "tracks, tables, graph or an overlaid video"),
+    ("export", "export", "tracks, tables, graph, video, or a file for other viewers"),
     ("eval", "evaluate", "score tracks against truth: HOTA, MOTA, IDF1"),
     ("fit", "fit", "fit the part features' models to annotated recordings"),
     ("seal", "seal", "a manifest of digests over a case's files"),

@@ -9,7 +9,7 @@ from replay.cli import common
 from replay.cli.cut import add_output, show
 
 EXAMPLE = """\
-scenetrace merge north.mcap south.mcap -o both.mcap"""
+scenetrace merge monday.mcap tuesday.mcap -o both.mcap"""
 DESCRIPTION = """\
 Write several logs as one, in order of log time; at one time, in the order given. Attachments and
 metadata of all are kept. The digests of annotated logs are taken out, and that is said."""

@@ -49,6 +49,11 @@ CALLS: list[tuple[str, str]] = [
     ("seal scene.mcap annotated.mcap -o scene.mcap", "-o scene.mcap"),
     ("seal scene.mcap -o lab.key --key lab.key", "-o lab.key"),
     ("recover scene.mcap -o scene.mcap", "-o scene.mcap"),
+    ("replay scene.mcap --regions regions.json -o regions.json", "-o regions.json"),
+    ("cut scene.mcap --from 1 -o scene.mcap", "-o scene.mcap"),
+    ("filter scene.mcap --topics /camera/regions -o scene.mcap", "-o scene.mcap"),
+    ("merge before.mcap after.mcap -o after.mcap", "-o after.mcap"),
+    ("sort scene.mcap -o scene.mcap", "-o scene.mcap"),
     ("index monday.mcap -o monday.mcap", "-o monday.mcap"),
 ]
 
