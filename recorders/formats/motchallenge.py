@@ -21,6 +21,7 @@ from recorders.files import open_to_read
 from recorders.formats.boxes import MAX_FRAMES, BoxRow, check_box
 
 _COLUMNS = range(6, 11)
+_WITH_CLASS = 9
 _LONGEST_LINE = 4096
 _LARGEST_IDENTITY = 2**53
 _FIELDS = ("frame", "id", "x", "y", "width", "height", "confidence")
@@ -40,8 +41,9 @@ class MotReader:
     affair.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, first_frame: int = 1) -> None:
         self.path = path
+        self._first = first_frame
 
     def rows(self) -> Iterator[BoxRow]:
         """The rows in the file's order, frames from 0.
@@ -108,7 +110,7 @@ class MotReader:
             for name, cell in zip(_FIELDS, cells, strict=False)
         ]
         frame, identity, x, y, w, h = values[:6]
-        if frame != int(frame) or frame < 1:
+        if frame != int(frame) or frame < self._first:
             raise SourceError(
                 f"frame {cells[0].strip()[:40]}: frames are whole numbers from 1",
                 self.path,
@@ -124,7 +126,9 @@ class MotReader:
                 f"identity {cells[1].strip()[:40]}: must be a whole number", self.path, line
             )
         score = values[6] if len(values) > 6 else 1.0
-        row = BoxRow(int(frame) - 1, int(identity), (x, y, w, h), score, line=line)
+        box = (x, y, w, h)
+        label = _class_of(cells)
+        row = BoxRow(int(frame) - self._first, int(identity), box, score, label, line)
         return check_box(row, self.path)
 
     def _number(self, name: str, cell: str, line: int) -> float:
@@ -139,6 +143,26 @@ class MotReader:
                 f"{name} is {cell[:40]}, a finite number is wanted", self.path, line
             )
         return value
+
+
+def _class_of(cells: list[str]) -> str:
+    """The class of a row of nine columns, as MOT16 and later have them; empty where there is none."""
+    cell = cells[7].strip() if len(cells) == _WITH_CLASS else ""
+    return cell if cell.isascii() and cell.isdigit() and int(cell) > 0 else ""
+
+
+def counts_from(path: Path) -> int:
+    """What a file calls its first frame: 0 where some row is of frame 0, else 1.
+
+    Raises:
+        SourceError: it cannot be read.
+    """
+    with open_to_read(path) as file:
+        while line := file.readline(_LONGEST_LINE):
+            cell = line.replace(b",", b" ").split()[:1]
+            if cell and cell[0].strip(b"0.") == b"" and cell[0][:1] == b"0":
+                return 0
+    return 1
 
 
 def _is_number(cell: str) -> bool:

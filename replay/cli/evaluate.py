@@ -67,7 +67,11 @@ def add(commands: Commands) -> None:
         help="annotated log, or MOTChallenge text",
     )
     parser.add_argument(
-        "--truth", type=Path, required=True, metavar="FILE", help="gt.txt or CAVIAR .xml"
+        "--truth",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="gt.txt, CAVIAR or CVAT .xml, or another format of boxes with identities",
     )
     parser.add_argument(
         "--truth-size",
@@ -104,6 +108,14 @@ def add(commands: Commands) -> None:
         "--also", type=Path, action="append", default=[], metavar="ANNOTATED",
         help="another tracker's result to draw beside it; may be repeated",
     )  # fmt: skip
+    parser.add_argument(
+        "--raw", action="store_true",
+        help="without MOTChallenge's preprocessing: every row of the truth counts but those of confidence 0",
+    )  # fmt: skip
+    parser.add_argument(
+        "--labelled-frames-only", action="store_true",
+        help="score the frames that the truth labels alone, where it labels one in some",
+    )  # fmt: skip
     parser.add_argument("--force", action="store_true", help="overwrite an existing plot")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
@@ -136,7 +148,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--also draws another result into the plot: say where with --plot")
     result = read_result(args.annotated, args.camera)
     picture = args.size or result.size
-    truth = read_truth(args.truth)
+    truth = read_truth(args.truth) if args.raw else _whole_truth(args.truth)
     if picture is not None:
         truth = fit_truth(truth, picture, args.truth_size)
     elif args.truth_size is not None:
@@ -152,6 +164,8 @@ def run(args: argparse.Namespace) -> int:
             f"scenetrace: {left_out} of {all_true} true boxes are in frames that are not"
             " scored\n"
         )
+    if not args.raw:
+        truth, table = _prepared(truth, table)
     others = [read_result(path, args.camera) for path in args.also]
     for fitted_on in dict.fromkeys(r.fitted_on for r in (result, *others) if r.fitted_on):
         sys.stderr.write(
@@ -193,6 +207,31 @@ def run(args: argparse.Namespace) -> int:
     return Exit.DONE
 
 
+def _whole_truth(path: Path) -> MotTable:
+    """A truth with the rows that do not count, which tell what a result may follow."""
+    from replay.evaluate import read_truth
+    from replay.evaluate.truth import read_table
+
+    table = read_table(path)
+    return table if table.classes is not None else read_truth(path)
+
+
+def _prepared(truth: MotTable, table: MotTable) -> tuple[MotTable, MotTable]:
+    """Truth and result without what MOTChallenge does not judge; says so."""
+    from replay.evaluate.preprocessing import prepared
+
+    done = prepared(truth, table)
+    if truth.classes is not None and (done.ignored or done.dropped):
+        sys.stderr.write(
+            f"scenetrace: as MOTChallenge judges: {done.ignored} rows of the truth do not"
+            " count (other classes, or marked so), and"
+            f" {done.dropped} boxes of the result lay on distractors; --raw judges all\n"
+        )
+    if not len(done.truth):
+        raise SceneTraceError("no row of the truth counts: --raw judges all")
+    return done.truth, done.result
+
+
 def _told_apart(paths: list[Path]) -> list[str]:
     """Names of results for a legend: the files' names without suffix, or whole paths where those
     are alike.
@@ -213,6 +252,8 @@ def _common(
         if result.frames is None
         else truth.select(np.isin(truth.frames, result.frames))
     )
+    if args.labelled_frames_only:
+        table = table.select(np.isin(table.frames, kept.frames))
     if args.frames is not None:
         first, last = args.frames
         end = int(np.iinfo(np.int64).max) if last is None else last
@@ -231,8 +272,8 @@ def read_result(path: Path, camera: str | None) -> Result:
     import numpy as np
 
     from recorders.annotated.reader import AnnotatedLog
-    from replay.evaluate import read_mot
     from replay.evaluate.track_table import read_tracks
+    from replay.evaluate.truth import read_table
 
     try:
         with path.open("rb") as file:
@@ -242,7 +283,7 @@ def read_result(path: Path, camera: str | None) -> Result:
     except OSError as error:
         raise SceneTraceError(f"{path}: cannot be read: {error.strerror}") from error
     if not is_log:
-        return Result(read_mot(path))
+        return Result(read_table(path))
     with AnnotatedLog(path, camera) as log:
         found = read_tracks(log)
         fitted_on = _fitted_on(log.tracker, log.facts.get("configuration", ""))

@@ -11,8 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders.errors import SceneTraceError, SourceError
+from recorders.files import open_to_read
 from recorders.formats import CaviarReader, MotReader
 from recorders.formats.boxes import NOBODY
+from recorders.formats.motchallenge import counts_from
+from recorders.formats.opening import open_rows
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -35,12 +38,14 @@ class MotTable:
         ids: (N,) int64, each at most once in a frame.
         boxes: (N, 4) float64: x, y, w, h in pixels.
         confidences: (N,) float64.
+        classes: (N,) int64, MOTChallenge's, where the file has them.
     """
 
     frames: IntArray
     ids: IntArray
     boxes: FloatArray
     confidences: FloatArray
+    classes: IntArray | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -73,7 +78,11 @@ class MotTable:
     def select(self, keep: BoolArray) -> MotTable:
         """The rows where ``keep``, (N,) bool, is true."""
         return MotTable(
-            self.frames[keep], self.ids[keep], self.boxes[keep], self.confidences[keep]
+            self.frames[keep],
+            self.ids[keep],
+            self.boxes[keep],
+            self.confidences[keep],
+            None if self.classes is None else self.classes[keep],
         )
 
     def scaled(self, sx: float, sy: float) -> MotTable:
@@ -100,8 +109,9 @@ def read_mot(path: str | Path) -> MotTable:
         LimitError: a frame number beyond all reason.
     """
     rows: list[Row] = []
+    labels: list[str] = []
     seen: dict[tuple[int, int], int] = {}
-    for row in MotReader(Path(path)).rows():
+    for row in MotReader(Path(path), counts_from(Path(path))).rows():
         before = seen.setdefault((row.frame, row.identity), row.line)
         if before != row.line:
             hint = "; these are detections, not tracks" if row.identity < 0 else ""
@@ -112,7 +122,56 @@ def read_mot(path: str | Path) -> MotTable:
                 row.line,
             )
         rows.append((row.frame, row.identity, *row.box, row.score))
-    return MotTable.from_rows(rows)
+        labels.append(row.label)
+    table = MotTable.from_rows(rows)
+    if not rows or not all(labels):
+        return table
+    order = np.argsort(np.array([r[0] for r in rows], np.int64), kind="stable")
+    return replace(table, classes=np.array(labels, np.int64)[order])
+
+
+def read_boxes(path: str | Path, size: tuple[int, int] | None = None) -> MotTable:
+    """Read any format of boxes with identities (`recorders.formats`), frames from 0.
+
+    Raises:
+        SourceError: it cannot be read, or gives no identities.
+        UsageError: it may be read in two ways.
+    """
+    reader = open_rows(Path(path), size)
+    found = list(reader.rows(_passed_by))
+    if not found:
+        raise SourceError("no boxes in it", path)
+    if any(row.identity == NOBODY for row in found):
+        raise SourceError(
+            "a box without an identity: these are detections, not tracks", path
+        )
+    lowest = min(row.frame for row in found)
+    stated = 1 if reader.first_frame is None else reader.first_frame
+    first = min(lowest, stated)
+    return MotTable.from_rows(
+        [(row.frame - first, row.identity, *row.box, row.score) for row in found]
+    )
+
+
+def _passed_by(what: str, where: str) -> None:
+    """A row that is no box is none of the truth."""
+
+
+def read_table(path: str | Path, size: tuple[int, int] | None = None) -> MotTable:
+    """Read boxes with identities by what the file is: MOTChallenge text, CAVIAR or CVAT XML, or
+    any other format of boxes.
+
+    Raises:
+        SourceError: if it cannot be read.
+    """
+    kind = Path(path).suffix.lower()
+    if kind == ".xml":
+        with open_to_read(Path(path)) as file:
+            is_cvat = b"<annotations" in file.read(4096)
+        return read_boxes(path, size) if is_cvat else read_caviar(path)
+    if Path(path).is_dir() or kind in (".json", ".jsonl", ".ndjson", ".parquet", ".csv"):
+        return read_boxes(path, size)
+    return read_mot(path)
 
 
 def read_caviar(path: str | Path) -> MotTable:
@@ -137,15 +196,12 @@ def read_caviar(path: str | Path) -> MotTable:
 
 
 def read_truth(path: str | Path) -> MotTable:
-    """Read a truth: CAVIAR XML (``.xml``) or MOTChallenge text, there without the rows of
-    confidence 0.
+    """Read a truth of any format of boxes, without the rows of confidence 0.
 
     Raises:
         SourceError: if it cannot be read or holds nothing.
     """
-    if Path(path).suffix.lower() == ".xml":
-        return read_caviar(path)
-    table = read_mot(path)
+    table = read_table(path)
     kept = table.select(table.confidences != 0)
     if not len(kept):
         raise SourceError("no truth in it: no row has a confidence other than 0", path)
@@ -168,8 +224,8 @@ def fit_truth(
             one.
     """
     width, height = truth_size or size
-    centres = truth.centres
-    outside = (centres[:, 0] > width) | (centres[:, 1] > height)
+    # Labels of whole bodies reach beyond the picture, and are in it with a part.
+    outside = (truth.boxes[:, 0] > width) | (truth.boxes[:, 1] > height)
     if np.count_nonzero(outside) > OUTSIDE_SHARE * len(truth):
         right, bottom = np.max(truth.boxes[:, :2] + truth.boxes[:, 2:], axis=0)
         raise SceneTraceError(

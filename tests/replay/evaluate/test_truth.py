@@ -55,7 +55,6 @@ def test_truth_of_confidence_zero_does_not_count(tmp_path: Path) -> None:
         ("1,1,0,0,5,0\n", r"a box of width 5 and height 0: both must be over 0"),
         ("id,frame,x,y,w,h\n1,1,0,0,5,5\n", r"gt.txt:1: the columns 'id,frame,x,y,w,h'"),
         ("frame,id,x1,y1,x2,y2\n1,1,0,0,5,5\n", r"wanted frame,id,x,y,w,h"),
-        ("0,1,0,0,5,5\n", r"frame 0: frames are whole numbers from 1"),
         ("1.5,1,0,0,5,5\n", r"frame 1.5: frames are whole numbers"),
         ("1,1.5,0,0,5,5\n", r"identity 1.5: must be a whole number"),
         ("1,1e300,0,0,5,5\n", r"identity 1e300: must be a whole number"),
