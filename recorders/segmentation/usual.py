@@ -32,12 +32,15 @@ RESTING = 0.05
 """One that rests counts so much of one that moves: it may be a light on a wall."""
 FEWEST, FEWEST_MOVING = 5, 3
 """Fewer sightings teach nothing, nor do those of which fewer move."""
+SAME_PLACE, SAME_SIZE = 0.5, 0.4
+"""Sightings are alike with centres within this share of their size, and sizes within this
+logarithm."""
 PLACES = 25
-NEARBY = 0.12
+NEARBY = 0.1
 """Sightings teach about places within this share of the picture's height, and less farther off."""
 MOST_LOOKED_AT = 300
 """Of more regions in one picture, the largest are looked at."""
-MOST = 4000
+MOST = 1500
 """Of more sightings, the latest are kept."""
 
 
@@ -125,13 +128,27 @@ class Sightings:
             return None
         feet = np.linspace(0.0, self.height, PLACES)
         off = (rows[:, 1] + rows[:, 3] - feet[:, None]) / (NEARBY * self.height)
-        weights = rows[:, 4] * rows[:, 5] / (1.0 + (off * off) ** 2)
+        weights = rows[:, 4] * rows[:, 5] / _alike(rows) / (1.0 + np.abs(off) ** 3)
         return UsualSize(
             feet,
             np.array(
                 [[median(rows[:, k], w) for k in (2, 3, 4)] for w in weights], np.float64
             ),
         )
+
+
+def _alike(rows: Floats) -> Floats:
+    """How many sightings have the place and the size of each, itself among them, (N,): what repeats
+    in place counts once.
+    """
+    x, y, w, h = rows[:, :4].T
+    size = np.sqrt(w * h)
+    near = np.abs(np.log(size[:, None] / size)) <= SAME_SIZE
+    reach = SAME_PLACE * size[:, None]
+    for centre in (x + w / 2, y + h / 2):
+        near &= np.abs(centre[:, None] - centre) <= reach
+    count: Floats = near.sum(axis=1).astype(np.float64)
+    return count
 
 
 def largest(rows: Floats, most: int = MOST_LOOKED_AT) -> Floats:
