@@ -18,6 +18,7 @@ from recorders.segmentation.blobs import Labels, components
 from recorders.segmentation.parameters import SegmentationParameters
 from recorders.segmentation.segmenter import Image, Segmented, as_image
 from recorders.segmentation.touching import divide, pixels_of, single_areas, within
+from recorders.segmentation.usual import median
 from recorders.vision import cv2
 
 GROUND_SIDE = 128
@@ -27,6 +28,8 @@ GROUND_WINDOW = 0.3
 LOW_LEVEL = 0.45
 """The lower level, of the higher."""
 MAX_AREAS = 2000
+LEAST = 0.25
+"""A blob under this share of one body's core is none: bedding, dirt."""
 CERTAIN, DOUBTFUL = 1.0, 0.6
 
 
@@ -124,13 +127,19 @@ class ThresholdSegmenter:
         del self._areas[:-MAX_AREAS]
 
     def _median_area(self) -> float:
-        """The upper median of the single bodies' areas, 0 without any."""
-        return float(sorted(self._areas)[len(self._areas) // 2]) if self._areas else 0.0
+        """The median of the single bodies' areas, each weighing its area, 0 without any: specks
+        outnumber bodies.
+        """
+        areas = np.array(self._areas, np.float64)
+        return median(areas, areas) if len(areas) else 0.0
 
     def _detect(
         self, index: int, core: Image, labels: Labels, blobs: list[Blob]
     ) -> Detections:
-        bodies = divide(blobs, labels, core, self._body_area)
+        least = LEAST * self._body_area
+        bodies = divide(
+            [b for b in blobs if b.area >= least], labels, core, self._body_area
+        )
         return Detections(
             frame=index,
             width=self._width,
