@@ -15,7 +15,7 @@ What the paper leaves open, and what is done here:
   born of a split, whether or not the tracker says so. Doors within the region are the price: who
   comes out of one beside somebody must not touch him.
 - A target that is not in the picture keeps its partners while it collides, and gets no new ones;
-  neither does one that is only predicted and hidden by nobody.
+  neither does one that is only predicted.
 - A grouped target that is hidden (not observed, its predicted box within that of a partner who is)
   counts into the blob of the nearest such partner that it was grouped with and still collides
   with; or into the group tracker that it lies within.
@@ -104,10 +104,6 @@ class TargetRows:
             return False
         return hidden_by(self.box(behind), self.box(front))
 
-    def show(self, i: int, j: int) -> bool:
-        """Whether two rows show anything together: both are seen, or one hides the other."""
-        return (self.seen[i] and self.seen[j]) or self.hidden(i, j) or self.hidden(j, i)
-
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class PairChange:
@@ -169,7 +165,7 @@ def pair_bit(
         over_group: both lie over one group tracker that has an observation at t.
         newborn: one of them is in its first frame.
         of_split: one of them is born of a split in this frame.
-        starts: both are in the picture, and seen or one hidden by the other.
+        starts: both are in the picture and seen.
 
     >>> pair_bit(GROUPED, collides=True, over_group=False, newborn=False, of_split=False) == SPLITTING
     True
@@ -328,7 +324,7 @@ class InteractionBook:
         bond = self.bonds.get(pair)
         before = bond.bit if bond is not None else 0
         newborn, of_split = m.newborn[i] or m.newborn[j], m.of_split[i] or m.of_split[j]
-        starts = m.present[i] and m.present[j] and m.show(i, j)
+        starts = all(m.present[k] and m.seen[k] for k in rows)
         after = pair_bit(before, collides, one_group, newborn, of_split, starts)
         distance = math.sqrt(squared)
         if bond is not None:

@@ -225,10 +225,6 @@ class Objects:
         hidden = self.hidden(i, j)
         return same_blob(self.blobs[i], self.seen[i], self.blobs[j], self.seen[j], hidden)
 
-    def show(self, i: int, j: int) -> bool:
-        """Whether two rows show anything together: both are seen, or one hides the other."""
-        return (self.seen[i] and self.seen[j]) or self.hidden(i, j)
-
 
 class _Discs:
     """The objects' shells as plain numbers: for the few pairs of a frame these are quicker than
@@ -298,7 +294,7 @@ class RelationBook:
             if (
                 pair in self._edges
                 or pair in held
-                or not (objects.starts[i] and objects.starts[j] and objects.show(i, j))
+                or not all(objects.starts[k] and objects.seen[k] for k in (i, j))
             ):
                 continue
             distance = discs.distance(i, j)

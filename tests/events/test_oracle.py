@@ -148,7 +148,7 @@ class Oracle:
             shows = self.shows(here, seen, a, b)
             if not (seen[a] and seen[b]):
                 same = before == "JOINT" and shows and not {a, b} & self.ghosts
-            if before is None and meets and shows and not {a, b} & self.ghosts:
+            if before is None and meets and seen[a] and seen[b]:
                 self.relation[a, b] = "INTERACTION"
                 out.append(("interaction_started", (a, b)))
             elif before == "INTERACTION" and meets and same:
@@ -192,9 +192,7 @@ class Oracle:
                 now = "splitting" if was == "grouped" else None
             elif was in ("grouped", "splitting") and not over:
                 now = "splitting"
-            elif was is None and (
-                set(p) & new or set(p) & self.ghosts or not self.shows(here, seen, *p)
-            ):
+            elif was is None and (set(p) & new or not all(seen[i] for i in p)):
                 now = None
             else:
                 now = "grouped" if over else "grouping"

@@ -104,7 +104,7 @@ class Check:
         if not (a.observed and b.observed):
             one = was == "JOINT" and shows and not self.ghosts & {a.id, b.id}
         if was == "INDEPENDENT":
-            begins = meets and shows and a.present and b.present
+            begins = meets and a.observed and b.observed and a.present and b.present
             return "INTERACTION" if begins else was
         if was == "INTERACTION":
             return ("JOINT" if one else was) if meets else "INDEPENDENT"

@@ -203,7 +203,16 @@ def test_a_hidden_member_counts_into_its_partners_blob():
 def test_one_who_was_never_grouped_is_not_hidden_in_a_blob():
     crowd = Crowd()
     crowd.step({1: 0, 2: 10})
-    assert crowd.step({1: 0, 2: 10}, {1: 9, 2: -1}, unseen=(2,)) == {(1, 2): GROUPING}
+    crowd.step({1: 0, 2: 10})
+    assert crowd.step({1: 0, 2: 10}, {1: 9, 2: -1}, unseen=(2,)) == {}
+    assert crowd.book.states == {1: GROUPING, 2: GROUPING}
+
+
+def test_what_is_only_predicted_begins_nothing():
+    crowd = Crowd()
+    crowd.step({1: 0, 2: 10})
+    assert crowd.step({1: 0, 2: 10}, {1: 9, 2: -1}, unseen=(2,)) == {}
+    assert crowd.book.bonds == {}
 
 
 def test_a_jump_out_of_a_group_is_told_and_splits_for_one_frame():

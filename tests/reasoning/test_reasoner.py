@@ -319,12 +319,15 @@ def test_one_who_is_not_in_the_picture_begins_nothing():
     assert not answers[-1].tracks.tracks[0].grouping
 
 
-def test_a_predicted_target_in_the_picture_is_reasoned_over():
-    _, answers = run(
-        [[person(1, 100), person(2, 110, -1, observed=False, mode="predicted")]] * 2
-    )
-    assert answers[0].relations.relations[0].state == "INTERACTION"
-    assert answers[1].tracks.tracks[1].grouping
+def test_a_predicted_target_keeps_what_it_had_and_begins_nothing():
+    seen = [person(1, 100), person(2, 110, -1)]
+    lost = [person(1, 100), person(2, 110, -1, observed=False, mode="predicted")]
+    _, answers = run([lost] * 2)
+    assert all(not a.relations.relations for a in answers)
+    assert not answers[1].tracks.tracks[1].grouping
+    _, answers = run([seen, seen, lost])
+    assert answers[2].relations.relations[0].state == "INTERACTION"
+    assert answers[2].tracks.tracks[1].grouping
 
 
 def test_group_tracks_of_the_tracker_are_used():
