@@ -80,7 +80,12 @@ class EventsParameters(Parameters):
         0.3, "least IoU of a detection with the predicted box", low=0.0, high=1.0
     )
     confirm_s: float = param(
-        0.0, "a tentative track is confirmed after this time", unit="s", low=0.0, high=60.0
+        0.25,
+        "a tentative track of pixels is confirmed after this time; one of detections need not"
+        " wait",
+        unit="s",
+        low=0.0,
+        high=60.0,
     )
     confirm_hits: int = param(
         3,

@@ -70,8 +70,10 @@ class EventsTracker:
         self._scores = Scores()
         self._groups = GroupTracks(parameters.tentative_s)
         self._together = Together()
+        # Blobs flicker; a detection says itself how likely it is somebody.
+        lived = parameters if scene.has_masks else replace(parameters, confirm_s=0.0)
         self._life = Life(
-            "events", scene, parameters, region_parameters, parameters.hidden_patience
+            "events", scene, lived, region_parameters, parameters.hidden_patience
         )
         self._learn_every = max(
             1, round(parameters.learn_s / max(1e-3, scene.frame_ns * NS))

@@ -139,10 +139,12 @@ def test_the_papers_indoor_sequence(real_data: Path) -> None:
         real_data / "caviar-corridor" / "OneLeaveShopReenter1cor.mpg", 25
     )
     _, final = _track(frames, info)
+    # Far down the corridor and behind the shop's glass are others, a third of their size.
     seen = {
         t.id: [o.frame for o in final for u in o.targets if u.id == t.id]
         for o in final
         for t in o.targets
+        if t.box[3] > 80
     }
     assert len(seen) == 2
     man, woman = sorted(seen, key=lambda k: seen[k][0])
@@ -154,4 +156,6 @@ def test_the_papers_indoor_sequence(real_data: Path) -> None:
         if any(g.observed and g.members == [man, woman] for g in o.group_tracks or [])
     ]
     assert 10 <= len(grouped) <= 30
-    assert all({t.mode for t in o.targets} == {"appearance"} for o in grouped)
+    assert all(
+        {t.mode for t in o.targets if t.id in seen} == {"appearance"} for o in grouped
+    )
