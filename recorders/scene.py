@@ -21,6 +21,7 @@ from recorders import channels
 from recorders.clock import nominal_ns
 from recorders.errors import RecordingError, UsageError
 from recorders.format_version import check_version
+from recorders.frame_order import FrameOrder
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import ChannelInfo, LogReader, Message
 from recorders.log.moments import by_time
@@ -38,6 +39,7 @@ from recorders.scene_pictures import (
 
 Image = NDArray[np.uint8]
 _SAMPLED_FRAMES = 64
+_ZSTD = b"\x28\xb5\x2f\xfd"
 LAST_NS = 2**63 - 1
 """The latest time that a frame may have (the year 2262 for times since 1970): times are signed
 64-bit numbers.
@@ -280,9 +282,7 @@ class SceneLog:
         sample: list[tuple[int, Detections]] = [
             (
                 message.log_time_ns,
-                channels.decode(
-                    "detections", message.data, path=str(self.path), limits=self.limits
-                ),
+                self._decode("detections", message),
             )
             for message in islice(
                 self._log.messages([self._topics["detections"]]), _SAMPLED_FRAMES
@@ -440,6 +440,14 @@ class SceneLog:
             )
 
     def _decode(self, name: str, message: Message) -> Any:
+        if message.data.startswith(_ZSTD):
+            raise RecordingError(
+                f"the message at {message.log_time_ns} ns is compressed by itself (zstd), as"
+                " ROS 2's compression mode MESSAGE does; `scenetrace record LOG -o OUT`"
+                " unpacks such logs",
+                self.path,
+                record=message.topic,
+            )
         return channels.decode(name, message.data, path=str(self.path), limits=self.limits)
 
     def _mask(
@@ -560,41 +568,6 @@ def _given(frame: Frame, picture: _Picture | None) -> Frame:
     if picture is not None:
         frame.give_picture(picture.message, picture.load)
     return frame
-
-
-class FrameOrder:
-    """Frame numbers as they follow one another in time, to find where those of two moments
-    alternate: numbers fall back into a gap that they jumped over.
-
-    A count that begins anew is none.
-
-    Attributes:
-        highest: the number before.
-    """
-
-    def __init__(self) -> None:
-        self.highest = -1
-        self._below = -1
-        self._above = -1
-
-    def interleaves(self, number: int) -> bool:
-        """Whether this number was jumped over before.
-
-        >>> order = FrameOrder()
-        >>> [order.interleaves(n) for n in (0, 1, 2, 7, 8, 3)]
-        [False, False, False, False, False, True]
-        >>> order = FrameOrder()
-        >>> [order.interleaves(n) for n in (0, 1, 5, 6, 0, 1)]
-        [False, False, False, False, False, False]
-        """
-        fell_back = number < self.highest and self._below < number < self._above
-        if number > self.highest + 1:
-            self._below, self._above = self.highest, number
-        elif number < self.highest:
-            self._below = self._above = -1
-        if not fell_back:
-            self.highest = number
-        return fell_back
 
 
 def _may_be_ours(channel: ChannelInfo) -> bool:

@@ -24,6 +24,7 @@ from recorders.log.model import ChannelInfo
 from recorders.payloads import ros
 
 NANOS = 1_000_000_000
+_OURS = "scenetrace.Detections"
 _PROTOBUF: dict[str, Any] = {
     "foxglove.CompressedImage": CompressedImage,
     "foxglove.CompressedVideo": CompressedVideo,
@@ -46,6 +47,9 @@ def payload_kind(channel: ChannelInfo) -> str:
     'sensor_msgs/Image'
     """
     name = "" if channel.schema is None else channel.schema.name
+    if not name and channel.message_encoding == "json":
+        # Without a schema the topic tells: /camera/detections.
+        return _OURS if channel.topic.endswith("/detections") else ""
     if name.startswith("foxglove_msgs/"):
         return f"foxglove.{name.rsplit('/', 1)[1]}"
     return ros.plain_name(name)

@@ -17,6 +17,7 @@ import msgspec
 from recorders.clock import Clock, nominal_ns
 from recorders.errors import LimitError, RecordingError, SourceError, UsageError
 from recorders.files import sha256
+from recorders.frame_order import FrameOrder
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import Attachment, Message
 from recorders.messages import Box, Detections
@@ -347,6 +348,7 @@ class LogSource:
         self.losses.clear()
         self._left_out.clear()
         self._scaled = self._set_back = 0
+        self._order = FrameOrder()
         pairing = Pairing(
             self._by_stamp, self._tolerance_ns, self._pairing_time, self._limits
         )
@@ -383,6 +385,13 @@ class LogSource:
         found = one.detected
         if found is None:
             return detections_of(index, self.width, self.height, [], [])
+        if found.frame is not None and self._order.interleaves(found.frame):
+            raise SourceError(
+                f"frame {found.frame} of {self.topics.detections} comes after frame"
+                f" {self._order.highest}, and frames before both came earlier still: the"
+                " recorder's clock was set back; --time file follows the file's order",
+                self.path,
+            )
         made_for = self._made_for or found.size
         if made_for is None and one.picture is not None:
             made_for = one.picture.size

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from replay.trackers.choice import TrackerChoice
 
 
+_LEAST_FRAME_NS = 10_000
+"""No camera takes pictures faster: times are of another unit."""
+
+
 def add(commands: common.Commands) -> None:
     """Declare the command."""
     parser = common.command(
@@ -185,7 +189,7 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
             c.message_count for c in scene.recorded if c.topic.endswith("/detections")
         ]
         starts = check_starts(config, scene, counts[0] if counts else None)
-        has_masks = scene.info.has_masks
+        has_masks, frame_ns = scene.info.has_masks, scene.info.frame_ns
         regions = (
             None
             if args.regions is None
@@ -225,10 +229,14 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
         f"{args.output or args.scene}: {said}, output digest {done.output_digest[:16]}"
     )
     if not done.tracks and not starts and not has_masks:
-        common.say(
-            f"{args.scene}: nothing was tracked: no foreground was recorded, and no"
-            " detections that were sure enough, often enough"
+        why = (
+            f"frames are {frame_ns} ns apart, as no camera takes them: record it again with"
+            " --fps"
+            if frame_ns < _LEAST_FRAME_NS
+            else "no foreground was recorded, and no detections that were sure enough, often"
+            " enough"
         )
+        common.say(f"{args.scene}: nothing was tracked: {why}")
     left_out = missed(starts, done)
     if left_out:
         common.say(f"{args.scene}: {left_out}")

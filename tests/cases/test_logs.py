@@ -94,6 +94,10 @@ def test_a_clock_that_was_set_back_is_told_and_can_be_followed(
     log = case("mcap/clock_back")
     replayed(log, tmp_path, 1)
     assert "the recorder's clock was set back" in capsys.readouterr().err
+    out = tmp_path / "interleaved.mcap"
+    assert main(["record", str(log), "-o", str(out)]) == 1
+    assert "--time file follows the file's order" in capsys.readouterr().err
+    assert not out.exists()
     scene = recorded(log, tmp_path, 0, "--time", "file")
     assert "the clock was set back 1 time" in capsys.readouterr().err
     annotated = replayed(scene, tmp_path)
@@ -293,7 +297,31 @@ def test_topics_that_nobody_can_read_leave_the_others_readable(
     )
 
 
-def test_messages_compressed_one_by_one_are_recorded(case: Case, tmp_path: Path) -> None:
+def test_frames_of_another_unit_of_time_are_told(
+    case: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = case("mcap/ns_apart")
+    replayed(log, tmp_path)
+    assert "frames are 100 ns apart, as no camera takes them" in capsys.readouterr().err
+    scene = recorded(log, tmp_path, 0, "--fps", "25")
+    replayed(scene, tmp_path)
+    assert "2 tracks" in capsys.readouterr().err
+
+
+def test_detections_without_a_schema_are_recorded(case: Case, tmp_path: Path) -> None:
+    with SceneLog(recorded(case("mcap/schemaless"), tmp_path)) as scene:
+        assert sum(len(f.detections.boxes) for f in scene.frames()) == 120
+    with LogReader(tmp_path / "scene.mcap") as log:
+        assert len(list(log.messages(["/notes"]))) == 6
+
+
+def test_messages_compressed_one_by_one_are_recorded(
+    case: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    replayed(case("mcap/message_compressed"), tmp_path, 1)
+    assert "compressed by itself (zstd), as ROS 2's compression mode" in (
+        capsys.readouterr().err
+    )
     with SceneLog(recorded(case("mcap/message_compressed"), tmp_path)) as scene:
         assert sum(len(f.detections.boxes) for f in scene.frames()) == 120
 
