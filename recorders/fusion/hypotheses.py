@@ -20,6 +20,8 @@ DOUBLE = 0.35
 """Boxes of one source that overlap by this are doubles, but for those of the masks, which are not
 thinned out.
 """
+HELD = 0.8
+"""A box of the detector that lies in one of the masks with this share of it is held by it."""
 SCORE_STEPS = (0.4, 0.55, 0.7, 0.85)
 """Scores are told apart by these steps; what a step is worth is learnt from the recording."""
 NOTHING = 0
@@ -63,7 +65,9 @@ def hypotheses(masked: Detections, detected: Detections) -> list[Hypothesis]:
     scores = np.array([_score(detected, k) for k in range(len(theirs))], np.float64)
     alone = np.zeros(len(theirs), np.intp)
     kept = suppress(theirs, scores, alone, DOUBLE).tolist()
-    pairs = _pairs(overlaps(mine, theirs[kept]))
+    overlap = overlaps(mine, theirs[kept])
+    overlap[_run_together(mine, theirs[kept], scores[kept])] = 0.0
+    pairs = _pairs(overlap)
     made = []
     for row, box in enumerate(masked.boxes):
         column = pairs.get(row)
@@ -97,6 +101,16 @@ def _made(box: Box | None, row: int, detected: Detections, k: int | None) -> Hyp
     label = detected.labels[k] if detected.labels else ""
     step = 1 + sum(score >= s for s in SCORE_STEPS)
     return Hypothesis(box, detected.boxes[k], step, score, label, row, k)
+
+
+def _run_together(mine: Floats, theirs: Floats, scores: Floats) -> NDArray[np.bool_]:
+    """(N,) which of the masks' boxes hold several of the detector's: they are nobody's place."""
+    low = np.maximum(mine[:, None, :2], theirs[None, :, :2])
+    high = np.minimum(mine[:, None, 2:], theirs[None, :, 2:])
+    shared = np.maximum(high - low, 0.0).prod(axis=2)
+    areas = (theirs[:, 2:] - theirs[:, :2]).prod(axis=1)
+    held = (shared >= HELD * areas) & (scores >= SCORE_STEPS[1])
+    return np.asarray(held.sum(axis=1) >= 2)
 
 
 def _pairs(overlap: Floats) -> dict[int, int]:

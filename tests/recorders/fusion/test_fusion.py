@@ -219,3 +219,14 @@ def test_what_is_usual_are_frequencies_of_every_sign():
 
 def test_shares_are_even_before_anything_was_seen():
     assert Steadiness().shares() == pytest.approx([0.5] * 4)
+
+
+def test_a_box_of_the_masks_that_holds_two_is_nobodys_place():
+    a, b = (40.0, 40.0, 40.0, 100.0), (85.0, 40.0, 30.0, 100.0)
+    merged = (40.0, 40.0, 75.0, 100.0)
+    found = hypotheses(masks(0, merged), detector(0, (a, 0.9), (b, 0.9)))
+    assert [(h.masked, h.detected) for h in found] == [
+        (merged, None),
+        (None, a),
+        (None, b),
+    ]
