@@ -120,7 +120,7 @@ class _Pen:
         self._width, self._height = width, height
         self._stamp = _timestamp(_ITEM_TIMESTAMP, time_ns)
         self._styles = _styles(height)
-        self._labels: list[tuple[float, float, float]] = []
+        self._labels: dict[int, list[tuple[float, float, float]]] = {}
 
     def polyline(
         self, kind: bytes, places: Iterable[tuple[float, float]], style: bytes
@@ -187,16 +187,23 @@ class _Pen:
         width = _LETTER_WIDTH * font * letters
         x = max(min(x, self._width - width), 0.0)
         y = first = max(min(y, float(self._height)), font)
-        hidden = True
-        while hidden and y >= font:
-            hidden = any(
-                x < right and left < x + width and abs(y - bottom) < font
-                for left, right, bottom in self._labels
-            )
-            y -= font if hidden else 0.0
-        y = first if hidden else y
-        self._labels.append((x, x + width, y))
+        while self._is_taken(x, x + width, y):
+            y -= font
+            if y < font:
+                y = first
+                break
+        self._labels.setdefault(int(y // font), []).append((x, x + width, y))
         return x, y
+
+    def _is_taken(self, left: float, right: float, bottom: float) -> bool:
+        """Whether a label would hide one before it, which then ends in the same row or the next."""
+        font = _FONT * self._height
+        row = int(bottom // font)
+        for near in (row - 1, row, row + 1):
+            for a, b, low in self._labels.get(near, ()):
+                if left < b and a < right and abs(bottom - low) < font:
+                    return True
+        return False
 
     def nothing(self) -> bytes:
         """An item that is not seen."""
