@@ -44,8 +44,8 @@ def _object(node: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any]
     out = {key: node[key] for key in _KEPT if key in node} | {"type": "object"}
     if isinstance(node.get("additionalProperties"), dict):
         out["additionalProperties"] = node["additionalProperties"]
-    if properties:
-        out["properties"] = properties
+    # There also where it is empty: parsers go through it without asking.
+    out["properties"] = properties
     if undeclared:
         out["$comment"] = _UNDECLARED + ", ".join(sorted(undeclared))
     return out

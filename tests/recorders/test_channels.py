@@ -46,7 +46,7 @@ def fields_of(schema: dict) -> dict[str, str]:
     if schema.get("type") != "object":
         raise ValueError("not an object")
     found = {}
-    for name, field in schema.get("properties", {}).items():
+    for name, field in schema["properties"].items():
         kind = field.get("type")
         if kind == "array":
             kind = field["items"].get("type")
