@@ -121,9 +121,9 @@ def test_from_every_frame_gives_the_messages_of_the_whole(
         annotated_writer.replay(
             scene, tmp_path / "span.mcap", _options(tracker, hindsight, **span)
         )
-        assert _messages(tmp_path / "span.mcap") == _messages(full, times[k], end_ns), (
-            f"from frame {k}"
-        )
+        assert _messages(tmp_path / "span.mcap", times[k]) == _messages(
+            full, times[k], end_ns
+        ), f"from frame {k}"
         assert verify_chain(tmp_path / "span.mcap").identical, f"from frame {k}"
         if k % 10 == 3:
             assert verify(tmp_path / "span.mcap", scene).identical, f"from frame {k}"

@@ -65,6 +65,13 @@ def messages(
         ]
 
 
+def assert_carried(span: Path, start_ns: int) -> None:
+    """What is there from before a span still holds in it: the regions, said once."""
+    before = messages(span, lambda t: t < start_ns)
+    assert {m[0] for m in before} <= {"/camera/regions"}
+    assert len(before) == (1 if start_ns else 0)
+
+
 def hindsight(tracker: str, on: bool) -> tuple[str, ...]:
     return (f"{tracker}.hindsight={str(on).lower()}",)
 
@@ -92,20 +99,23 @@ def test_a_span_equals_the_same_span_of_the_whole(
     for first, end in ((0, 5), (11, 12), (30, 47), (59, 60)):
         start_ns = times[first]
         end_ns = times[end] if end < FRAMES else None
-        expected = messages(
-            tmp_path / "whole.mcap",
-            lambda t, a=start_ns, b=end_ns: a <= t and (b is None or t < b),
-        )
+
+        def within(t: int, a: int = start_ns, b: int | None = end_ns) -> bool:
+            return a <= t and (b is None or t < b)
+
+        expected = messages(tmp_path / "whole.mcap", within)
         span = {"from_ns": start_ns, "to_ns": end_ns, "force": True}
         replay(
             scene, tmp_path / "span.mcap", options(tracker, hindsight(tracker, on), **span)
         )
-        assert messages(tmp_path / "span.mcap") == expected
+        assert messages(tmp_path / "span.mcap", within) == expected
+        assert_carried(tmp_path / "span.mcap", start_ns)
         with_checkpoints = options(
             tracker, hindsight(tracker, on), checkpoints=tmp_path / "whole.mcap", **span
         )
         done = replay(scene, tmp_path / "span.mcap", with_checkpoints)
-        assert messages(tmp_path / "span.mcap") == expected
+        assert messages(tmp_path / "span.mcap", within) == expected
+        assert_carried(tmp_path / "span.mcap", start_ns)
         if first >= 11 and not on:
             assert done.computed < end, "a checkpoint was to save work"
 
