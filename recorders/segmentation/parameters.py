@@ -55,7 +55,8 @@ class SegmentationParameters(Parameters):
     )
     min_area: float = param(
         0.0004,
-        "smallest component that is kept",
+        "smallest component that is kept where the recording does not teach how large bodies"
+        " usually are",
         unit="of the picture's area",
         low=0,
         high=1,

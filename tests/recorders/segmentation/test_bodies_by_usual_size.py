@@ -1,0 +1,112 @@
+"""Bodies by their usual size: what teaches it, which pieces are one body, what recurs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from recorders.segmentation.pieces import bodies_of, together, without_thin
+from recorders.segmentation.recurring import FEWEST, recurring
+from recorders.segmentation.usual import Sightings, UsualSize
+from recorders.vision import cv2
+
+WIDTH, HEIGHT = 320, 240
+
+
+def usual(width=20.0, height=60.0):
+    return UsualSize(
+        np.array([0.0, HEIGHT]), np.array([[width, height, width * height]] * 2)
+    )
+
+
+def rows(*boxes):
+    return np.array([(x, y, w, h, w * h) for x, y, w, h in boxes], np.float64)
+
+
+def mask_of(*boxes):
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    for x, y, w, h in boxes:
+        mask[y : y + h, x : x + w] = 255
+    return mask
+
+
+def test_what_stands_alone_and_moves_teaches_the_usual_size():
+    seen = Sightings(WIDTH, HEIGHT)
+    for k in range(8):
+        specks = [(10 + 30 * i, 20, 3, 3) for i in range(8)]
+        seen.observe(
+            rows((10 + 30 * k, 100, 20, 60), *specks),
+            rows((14 + 30 * k, 100, 20, 60), *specks),
+        )
+    learnt = seen.learn()
+    assert learnt is not None
+    for size, expected in zip(
+        learnt.at(np.array([160.0, 60.0])), (20, 60, 1200), strict=True
+    ):
+        assert size.tolist() == [expected, expected]
+
+
+@pytest.mark.parametrize("moves", [0, 4])
+def test_what_never_moves_teaches_nothing(moves):
+    seen = Sightings(WIDTH, HEIGHT)
+    for k in range(8):
+        seen.observe(
+            rows((10 + 30 * k, 100, 20, 60)), rows((10 + 30 * k + moves, 100, 20, 60))
+        )
+    assert (seen.learn() is None) == (moves == 0)
+
+
+def test_near_and_far_bodies_have_sizes_of_their_own():
+    seen = Sightings(WIDTH, HEIGHT)
+    for k in range(8):
+        far, near = (10 + 30 * k, 20, 5, 15), (10 + 25 * k, 90, 50, 140)
+        later = [(x + 1, y, w, h) for x, y, w, h in (far, near)]
+        seen.observe(rows(far, near), rows(*later))
+    learnt = seen.learn()
+    assert learnt is not None
+    assert learnt.at(np.array([35.0, 230.0]))[1].tolist() == [15, 140]
+
+
+def test_pieces_of_one_body_are_one_and_two_bodies_are_two():
+    head, trunk, legs = (103, 50, 12, 12), (100, 66, 20, 20), (100, 92, 20, 18)
+    other = (126, 50, 20, 60)
+    groups = together(rows(head, trunk, legs, other), usual())
+    assert sorted(sorted(g.pieces) for g in groups) == [[0, 1, 2], [3]]
+    assert groups[0].box == (100, 50, 120, 110)
+
+
+def test_a_body_is_one_component_of_the_mask_and_specks_are_none():
+    pieces = [(103, 50, 12, 12), (100, 66, 20, 20), (100, 92, 20, 18)]
+    mask, labels, blobs = bodies_of(mask_of(*pieces, (200, 50, 3, 3)), usual(), None)
+    assert [blob.box for blob in blobs] == [(100, 50, 20, 60)]
+    assert cv2.connectedComponents(mask, connectivity=8)[0] == 2
+    assert labels.max() == 1
+
+
+def test_a_thin_tail_does_not_count_for_a_size():
+    mask = mask_of((100, 50, 20, 60), (120, 100, 60, 1))
+    thick = without_thin(mask, usual())
+    assert not thick[:, 122:].any()
+    assert np.count_nonzero(thick) >= 0.95 * 20 * 60
+
+
+def test_the_background_behind_visitors_is_what_recurs():
+    ground = np.full((40, 40, 3), (120, 128, 128), np.uint8)
+    stack = []
+    for k in range(2 * FEWEST):
+        picture = ground.copy()
+        if k % 8 >= 3:  # a visitor for five of eight samples, each in other clothes
+            picture[10:30, 10:30] = (20 + 25 * (k // 8), 128, 128 + 8 * (k // 8))
+        stack.append(picture)
+    visitor = ground.copy()
+    visitor[10:30, 10:30] = (20, 128, 128)
+    found, changed = recurring(stack, visitor)
+    assert np.abs(found.astype(int) - ground).max() <= 1
+    assert np.array_equal(changed > 0, (visitor != ground).any(axis=2))
+
+
+def test_of_few_samples_nothing_recurs():
+    picture = np.zeros((8, 8, 3), np.uint8)
+    found, changed = recurring([picture] * (FEWEST - 1), picture)
+    assert found is picture
+    assert not changed.any()
