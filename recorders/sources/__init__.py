@@ -1,6 +1,7 @@
 """Sources of a recording: video files, folders of images, logs of others, detections in files."""
 
 from recorders.sources.log_source import LogOptions, LogSource
+from recorders.sources.objects import ObjectSource
 from recorders.sources.opening import open_cameras, open_source
 from recorders.sources.regions import read_regions
 from recorders.sources.source import Source, SourceFrame, parse_fps
@@ -8,6 +9,7 @@ from recorders.sources.source import Source, SourceFrame, parse_fps
 __all__ = [
     "LogOptions",
     "LogSource",
+    "ObjectSource",
     "Source",
     "SourceFrame",
     "open_cameras",
