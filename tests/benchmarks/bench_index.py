@@ -54,6 +54,10 @@ def _span(n: int, length: int) -> str:
     return f"{start} AS s, {end} AS e, ({start}) / {FPS}.0 AS st, ({end}) / {FPS}.0 AS et"
 
 
+SURE = "1, 1, 1, CAST([] AS INTEGER[])"
+"""How sure every row is: seen, existing, who he is, no joins."""
+
+
 def generate(path: Path, recordings: int, relations: int) -> None:
     """Write the index."""
     with duckdb.connect(str(path), config={"threads": "2", "memory_limit": "8GB"}) as con:
@@ -68,7 +72,7 @@ def generate(path: Path, recordings: int, relations: int) -> None:
         con.execute(
             f"INSERT INTO presence SELECT {_name('i // 40')}, CAST(i % 40 AS INTEGER),"
             " CAST((i % 40) * 100 AS INTEGER), CAST((i % 40) * 100 + 80000 AS INTEGER), (i"
-            f" % 40) * 4.0, (i % 40) * 4.0 + 3200.0 FROM range({recordings * TARGETS}) t(i)"
+            f" % 40) * 4.0, (i % 40) * 4.0 + 3200.0, 1, 1, 1, [] FROM range({recordings * TARGETS}) t(i)"
         )
         few, fewer = max(1, relations // 10), max(1, relations // 20)
         pair = "CAST(least(p, q) AS INTEGER) AS a, CAST(greatest(p, q) AS INTEGER) AS b"
@@ -78,7 +82,7 @@ def generate(path: Path, recordings: int, relations: int) -> None:
               " ORDER BY recording, a, b, s")  # as an index stores them
         # fmt: on
         _fill(
-            con, "encounters", recordings, few, 900, f"{pair}, 'meeting', s, e, st, et, 0.5"
+            con, "encounters", recordings, few, 900, f"{pair}, 'meeting', s, e, st, et, 0.9"
         )
         bit = "if(hash(i, 5) % 2 = 0, 'grouping', 'splitting')"
         _fill(
@@ -133,7 +137,7 @@ def _fill(
             f" range({count}) t(i)"
         )
         con.execute(
-            f"INSERT INTO {table} SELECT {_name('r')} AS recording, {columns} FROM (SELECT"
+            f"INSERT INTO {table} SELECT {_name('r')} AS recording, {columns}, {SURE} FROM (SELECT"
             f" *, hash(i, 3) % {TARGETS} AS p, (hash(i, 3) % {TARGETS} + 1 + hash(i, 4) %"
             f" {TARGETS - 1}) % {TARGETS} AS q, {_span(n, length)} FROM ({numbers})){order}"
         )

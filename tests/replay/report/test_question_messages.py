@@ -12,7 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from reasoning.questions import Answer
 from replay.cli import main
+from replay.cli.query import Unsure
 
 FOLDER = "FOLDER"
 
@@ -347,3 +349,30 @@ def test_a_damaged_part_of_parquet_is_one_line(
     err = said(["query", str(folder), "SELECT count(*) FROM events"], 1, capsys)
     assert len(err.splitlines()) == 1
     assert str(folder) in err
+
+
+def test_rows_that_are_not_sure_are_left_out_and_counted() -> None:
+    rows = [(1, 0.9), (2, 0.49), (3, None), (4, 0.5), (5, 0.0)]
+    unsure = Unsure(0.5)
+    answer = Answer(["track", "certainty"], ["INTEGER", "DOUBLE"], iter(rows))
+    assert [t for t, _ in unsure.left_out_of(answer).rows] == [1, 3, 4]
+    assert unsure.count == 2
+    assert unsure.told().startswith("2 rows are less sure than 0.5 and left out")
+    other = Answer(["track"], ["INTEGER"], iter([(1,)]))
+    assert list(Unsure(0.5).left_out_of(other).rows) == [(1,)]
+
+
+def test_every_row_says_how_sure_it_is(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["query", str(log), "--ask", "met", "1", "--json"]
+    assert main([*asked, "--certainty", "0"]) == 0
+    every = json.loads(capsys.readouterr().out)
+    assert every
+    for row in every:
+        parts = [row["seen_share"], row["existence"], row["identity"]]
+        assert row["certainty"] == min(parts)
+    assert "must be 0 to 1" in said([*asked, "--certainty", "2"], 2, capsys)
+    assert "takes no --certainty" in said(
+        ["query", str(log), "SELECT 1", "--certainty", "0.5"], 2, capsys
+    )
