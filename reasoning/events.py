@@ -90,7 +90,7 @@ _NOTICE_TEXT = {
     "track_removed": "{t} is not tracked any more.",
     "mode_changed": "{t} is tracked by {m}.",
 }
-_BY = {"motion": "motion", "appearance": "appearance", "predicted": "prediction alone"}
+BY = {"motion": "motion", "appearance": "appearance", "predicted": "prediction alone"}
 
 
 def notice(log: EventLog, n: Notice) -> None:
@@ -102,7 +102,7 @@ def notice(log: EventLog, n: Notice) -> None:
             if len(n.subjects) == 1
             else f"Targets {list_of(n.subjects)}"
         ),
-        m=_BY.get(mode, "other means"),
+        m=BY.get(mode, "other means"),
     )
     if not n.text and n.kind == "track_recovered" and len(n.subjects) == 2:
         text = (
@@ -380,6 +380,9 @@ def group(log: EventLog, c: GroupChange) -> None:
             f"Group {old} ended; group {g.label} of targets {list_of(members)} began in its"
             " place."
         )
+        if c.before[0].label == g.label:
+            gone = list_of([i for i in c.before[0].members if i not in members])
+            text = f"Group {g.label} goes on as targets {list_of(members)}, without {gone}."
     elif c.kind == "group_entered_scene":
         text = (
             f"Targets {list_of(members)} had entered the scene as one: understood as group"
@@ -395,7 +398,7 @@ def group(log: EventLog, c: GroupChange) -> None:
             f"Group {g.label} of targets {list_of(members)} ended: no two of them are"
             " splitting any more."
         )
-    labels = [b.label for b in c.before] + [g.label]
+    labels = [b.label for b in c.before if b.label != g.label] + [g.label]
     rules = {
         "group_formed": "EVENTS 3.1 group tracker over a collision zone",
         "group_changed": (
@@ -406,14 +409,19 @@ def group(log: EventLog, c: GroupChange) -> None:
             "EVENTS 3.1 a group that entered as one, detected as it splits"
         ),
     }
+    rule = rules[c.kind]
+    if labels == [g.label] and c.before:
+        rule = (
+            "EVENTS 3.1, ours: who collides with no member of a splitting group has left it"
+        )
     subjects = sorted({member for b in c.before for member in b.members}.union(members))
-    log.add(c.kind, subjects, rules[c.kind], evidence, text, labels)
+    log.add(c.kind, subjects, rule, evidence, text, labels)
 
 
 def _membership(g: HeldGroup, before: Sequence[HeldGroup]) -> dict[str, Any]:
     old = sorted({member for b in before for member in b.members})
     return {
-        "ended": [b.label for b in before],
+        "ended": [b.label for b in before if b.label != g.label],
         "began": g.label,
         "members_before": [list(b.members) for b in before],
         "joined": [member for member in g.members if member not in old],
@@ -462,15 +470,16 @@ def disagreement(
     log: EventLog, a: int, b: int, bit: int, state: str, measured: dict[str, Any]
 ) -> None:
     """The two papers' views of a pair contradict one another; both stand as they are."""
-    expected = "JOINT" if bit == GROUPED else "INTERACTION"
+    expected = "INTERACTION" if bit in (GROUPING, SPLITTING) else "JOINT"
+    kind = BIT_KINDS.get(bit, "in one group")
     evidence = {
-        "interaction": BIT_KINDS[bit],
+        "interaction": kind,
         "relation": state,
         "relation_expected": expected,
         **measured,
     }
     text = (
-        f"Targets {list_of([a, b])} are {BIT_KINDS[bit]}, which asks for {expected}, but"
+        f"Targets {list_of([a, b])} are {kind}, which asks for {expected}, but"
         f" their shells say {state}."
     )
     log.add("disagreement", [a, b], "EVENTS 3.1 against SHELLS 2.3", evidence, text)

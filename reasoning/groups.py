@@ -8,6 +8,8 @@ Rules of ours where the paper is silent:
   shares a member.
 - A group without observation lives on while two of its members are splitting; the same members
   under one region again are the same group.
+- Who is not splitting from any other member has left such a group. Those who stay keep its label;
+  under one region again they are another group, as it had other members.
 - A target that is born of a split, together with those it collides with, was a group all along:
   one that entered the scene as one and is understood now. It begins without an observation.
 """
@@ -23,7 +25,9 @@ from reasoning.interactions import Cluster
 
 @dataclasses.dataclass(slots=True)
 class HeldGroup:
-    """A living group; ``members`` ascending; ``source`` names the region it was last observed in."""
+    """A living group; ``members`` ascending; ``source`` names the region it was last observed in;
+    ``left``: who was a member and is not any more.
+    """
 
     label: int
     members: tuple[int, ...]
@@ -35,12 +39,13 @@ class HeldGroup:
     entered_as_one: bool = False
     source: str = ""
     source_id: int = -1
+    left: tuple[int, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class GroupChange:
     """What happened to a group: ``before`` are the groups that ended for it, with the members
-    they had.
+    they had; of one that members have left, itself as it was.
     """
 
     kind: Literal["group_formed", "group_changed", "group_ended", "group_entered_scene"]
@@ -76,8 +81,8 @@ class GroupBook:
         splitting: Collection[tuple[int, int]],
         ids: Collection[int],
     ) -> list[GroupChange]:
-        """Take a frame's observed clusters; answer with every change in the order: ended, begun
-        (by label).
+        """Take a frame's observed clusters; answer with every change in the order: ended, left by
+        some, begun (by label).
 
         Args:
             frame: its index.
@@ -89,7 +94,9 @@ class GroupBook:
         """
         if not (clusters or entered or self._groups):
             return []
-        by_members = {group.members: group for group in self._groups.values()}
+        by_members = {
+            group.members: group for group in self._groups.values() if not group.left
+        }
         for g in self._groups.values():
             g.observed = False
         fresh = [cluster for cluster in clusters if cluster.members not in by_members]
@@ -109,13 +116,14 @@ class GroupBook:
             if len(free) >= 2:
                 begun.append(self._begin(frame, time_ns, free, None))
                 taken.update(free)
+        left = self._drop_left(splitting)
         replaced = self._end_replaced([c.group.label for c in begun])
         begun = [self._name(c, replaced) for c in begun]
         ended = self._end_idle(time_ns, splitting, ids)
         self._of = {
             member: group.label for group in self.groups for member in group.members
         }
-        return ended + begun
+        return ended + left + begun
 
     def _begin(
         self, frame: int, ns: int, members: tuple[int, ...], cluster: Cluster | None
@@ -138,6 +146,21 @@ class GroupBook:
         return GroupChange(
             "group_formed" if cluster is not None else "group_entered_scene", group
         )
+
+    def _drop_left(self, splitting: Collection[tuple[int, int]]) -> list[GroupChange]:
+        """Groups without observation: who is not splitting from another member is none any more."""
+        changes: list[GroupChange] = []
+        for g in self.groups:
+            if g.observed:
+                continue
+            members = set(g.members)
+            inner = {i for p in splitting if members.issuperset(p) for i in p}
+            if inner and inner != members:
+                before = dataclasses.replace(g)
+                g.left += tuple(i for i in g.members if i not in inner)
+                g.members = tuple(i for i in g.members if i in inner)
+                changes.append(GroupChange("group_changed", g, (before,)))
+        return changes
 
     def _end_replaced(self, new: Sequence[int]) -> list[HeldGroup]:
         """End the old groups without observation that share a member with a new one."""
@@ -188,10 +211,8 @@ class GroupBook:
         """The whole book as plain data."""
         groups = [dataclasses.asdict(group) for group in self.groups]
         for group in groups:
-            group["members"], group["formed_from"] = (
-                list(group["members"]),
-                list(group["formed_from"]),
-            )
+            for name in ("members", "formed_from", "left"):
+                group[name] = list(group[name])
             group["former_members"] = [list(m) for m in group["former_members"]]
         return {"groups": groups, "next": self._next}
 
@@ -204,6 +225,7 @@ class GroupBook:
                 g,
                 members=tuple(g["members"]),
                 formed_from=tuple(g["formed_from"]),
+                left=tuple(g["left"]),
                 former_members=former,
             )
             self._groups[plain["label"]] = HeldGroup(**plain)

@@ -230,6 +230,10 @@ class InteractionBook:
         """The targets that i is grouping, grouped or splitting with, by id."""
         return self._partners.get(i, {}).get(bit, [])
 
+    def safety_distance(self, a: Box, b: Box) -> float:
+        """The safety distance of two boxes: at most 1 where their safety areas superpose."""
+        return math.sqrt(SafetyAreas([a, b], self._p.safety_margin).squared(0, 1))
+
     def bit_of(self, a: int, b: int) -> int:
         """What holds between two targets, 0 for nothing."""
         bond = self.bonds.get((a, b) if a < b else (b, a))

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 import msgspec
@@ -54,6 +55,7 @@ from recorders.messages import (
     Graph,
     Group,
     Groups,
+    Notice,
     Regions,
     Relation,
     Relations,
@@ -115,7 +117,8 @@ class Reasoner:
         self._last: dict[int, Target] = {}
         self._leaving: list[int] = []
         self._known: set[int] = set()
-        self._disputes: list[tuple[int, int]] = []
+        self._disputes: dict[tuple[int, int], str] = {}
+        self._company: dict[int, list[int]] = {}
         self._margins = {
             "enter_margin": self._relation.enter_margin,
             "leave_margin": self._relation.leave_margin,
@@ -150,7 +153,7 @@ class Reasoner:
         if detections is not None:
             self._classes.step(targets.targets, detections)
         self._log.open(frame_index, time_ns)
-        for notice in targets.notices:
+        for notice in _once(targets.notices):
             tell.notice(self._log, notice)
         given = {target.id: target for target in targets.targets}
         assert len(given) == len(targets.targets), (
@@ -287,7 +290,7 @@ class Reasoner:
                         f"Target {target.id} {words}.",
                     )
             if target.mode != before.mode and ("mode_changed", target.id) not in told:
-                text = f"Target {target.id} is tracked by {target.mode} (before: {before.mode})."
+                text = f"Target {target.id} is tracked by {tell.BY[target.mode]}."
                 tell.life(
                     self._log, "mode_changed", target, {"mode_before": before.mode}, text
                 )
@@ -386,9 +389,26 @@ class Reasoner:
         if any(rows.of_split):
             born = [i for i, split in zip(rows.ids, rows.of_split, strict=True) if split]
             entered = [[i, *self._interactions.partners(i, SPLITTING)] for i in born]
+            entered = [s for s in entered if not self._may_be_known(s, rows)]
+        self._keep_company(clusters, rows)
         return self._groups.step(
             frame, ns, clusters, merge_overlapping(entered), splitting, rows.row
         )
+
+    def _keep_company(self, clusters: Sequence[Cluster], rows: TargetColumns) -> None:
+        """Remember who was in one region with whom, as long as he is there."""
+        for c in clusters:
+            for i in c.members:
+                known = self._company.setdefault(i, [])
+                known += [j for j in c.members if j != i and j not in known]
+        self._company = {i: c for i, c in self._company.items() if i in rows.row}
+
+    def _may_be_known(self, born: Sequence[int], rows: TargetColumns) -> bool:
+        """Whether one who is born of a split may be somebody who came by himself: one with whom
+        they shared a region has vanished since.
+        """
+        there = {t.id for t in rows.targets if t.present}
+        return any(j not in there for i in born for j in self._company.get(i, ()))
 
     def _group_of_pair(self, c: PairChange, changes: Sequence[GroupChange]) -> int | None:
         """The group that both are in; where they split and it ended for others, the one that had
@@ -409,14 +429,14 @@ class Reasoner:
         ]
 
     def _tell_disputes(self, rows: TargetColumns) -> None:
-        """One event per episode in which a pair's two views contradict one another."""
-        disputes: list[tuple[int, int]] = []
-        for a, b, bond in self._bonds():
+        """One event per episode in which a pair's two views contradict one another in one way."""
+        disputes: dict[tuple[int, int], str] = {}
+        for a, b, bond in [*self._bonds(), *self._unbound(rows)]:
             state = self._book.state_of(a, b)
-            if state == ("JOINT" if bond.bit == GROUPED else "INTERACTION"):
+            if state == ("INTERACTION" if bond.bit in (GROUPING, SPLITTING) else "JOINT"):
                 continue
-            disputes.append((a, b))
-            if (a, b) not in self._disputes:
+            disputes[a, b] = f"{bond.bit} {state}"
+            if disputes[a, b] != self._disputes.get((a, b)):
                 edge = self._book.get(a, b)
                 measured: dict[str, Any] = {
                     **tell.safety(bond.distance, self._interaction.leave_margin),
@@ -430,6 +450,20 @@ class Reasoner:
                     }
                 tell.disagreement(self._log, a, b, bond.bit, state, measured)
         self._disputes = disputes
+
+    def _unbound(self, rows: TargetColumns) -> list[tuple[int, int, Bond]]:
+        """Members of one observed group that are no partners, as their safety areas do not meet:
+        others connect them.
+        """
+        found: list[tuple[int, int, Bond]] = []
+        for g in self._groups.groups:
+            for a, b in combinations(g.members, 2) if g.observed else ():
+                if not self._interactions.bit_of(a, b) and a in rows.row and b in rows.row:
+                    distance = self._interactions.safety_distance(
+                        rows.boxes[rows.row[a]], rows.boxes[rows.row[b]]
+                    )
+                    found.append((a, b, Bond(0, g.since_frame, g.since_ns, distance)))
+        return found
 
     def _tell_anomalies(
         self,
@@ -542,7 +576,8 @@ class Reasoner:
             "last": [msgspec.to_builtins(t) for t in self._last.values()],
             "leaving": list(self._leaving),
             "known": sorted(self._known),
-            "disputes": [list(dispute) for dispute in self._disputes],
+            "disputes": [[a, b, kind] for (a, b), kind in self._disputes.items()],
+            "company": [[i, list(c)] for i, c in self._company.items()],
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -563,7 +598,16 @@ class Reasoner:
         self._last = {t.id: t for t in msgspec.convert(state["last"], list[Target])}
         self._leaving = list(state["leaving"])
         self._known = set(state["known"])
-        self._disputes = [(a, b) for a, b in state["disputes"]]
+        self._disputes = {(a, b): kind for a, b, kind in state["disputes"]}
+        self._company = {i: list(c) for i, c in state["company"]}
+
+
+def _once(notices: Sequence[Notice]) -> list[Notice]:
+    """What a tracker tells of the same targets twice in a frame is told once, as it came first."""
+    first: dict[tuple[str, tuple[int, ...]], Notice] = {}
+    for n in notices:
+        first.setdefault((n.kind, tuple(n.subjects)), n)
+    return list(first.values())
 
 
 def _group(g: HeldGroup) -> Group:

@@ -284,7 +284,8 @@ QUESTIONS: Mapping[str, Question] = {
                  few_from=2),
         Question("left-with", "A --within 5s", "who left with A, in contact until the first of them left (--gap 1s)",
                  sql.LEFT_WITH, _one,
-                 "target A was not seen to leave, or left alone; widen --within and --gap, or ask `timeline A`",
+                 "nobody left with target A: it left by itself, or (see `timeline A`) it was not seen to leave at all;"
+                 " widen --within and --gap",
                  ("within_s", "gap_s"), few_from=1),
         Question("who-was-in", "ZONE --at T", "who was in a zone at a moment (zone `scene`: anywhere)",
                  sql.WHO_WAS_IN, _zone_at,

@@ -17,10 +17,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
+
 from recorders.errors import SourceError
 from recorders.files import existing_file
 from recorders.message_checks import LARGEST, MOST_POLYGONS, MOST_VERTICES
 from recorders.messages import Regions, Zone
+from recorders.vision import cv2
 
 Point = tuple[float, float]
 Polygon = list[Point]
@@ -66,7 +69,9 @@ class _Reader:
         roi = self._polygons(data["roi"], "roi")
         border = self._polygons(data["border"], "border") if "border" in data else roi
         for polygon in roi:
-            if not any(_encloses(outer, polygon) for outer in border):
+            if not any(_encloses(outer, polygon) for outer in border) and not (
+                _covers(border, polygon, self._size)
+            ):
                 self._fail(
                     "the border does not enclose the roi: it is the outer outline of both together"
                 )
@@ -131,6 +136,16 @@ class _Reader:
             if not number or not math.isfinite(value) or abs(value) > LARGEST:
                 self._fail(f"{name}: {str(value)[:40]} is not a coordinate in pixels")
         return float(data[0]), float(data[1])
+
+
+def _covers(outlines: list[Polygon], polygon: Polygon, size: tuple[int, int]) -> bool:
+    """Whether several outlines together leave no pixel of a polygon uncovered, in the picture."""
+    width, height = size
+    inside, around = (np.zeros((height, width), np.uint8) for _ in range(2))
+    cv2.fillPoly(inside, [np.rint(polygon).astype(np.int32)], (1,))
+    for outline in outlines:
+        cv2.fillPoly(around, [np.rint(outline).astype(np.int32)], (1,))
+    return len(outlines) > 1 and not bool((inside > around).any())
 
 
 def _area(polygon: Polygon) -> float:

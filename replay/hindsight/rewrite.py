@@ -345,7 +345,7 @@ class _Writer:
                 )
             )
             life.mode = target.mode
-        elif not life.present:
+        elif not life.present and all(f.first.at != at for f in life.fragments[1:]):
             gap = (self._times[at] - self._times[life.seen_at]) * 1e-9
             waited, most = {"gap_s": gap}, self._fill * self._frame_s
             waited |= {"gap_s_over": most} if gap > most else {}

@@ -89,6 +89,11 @@ class Living:
         return False
 
     @property
+    def kept(self) -> bool:
+        """Whether it is not lost, however long it is not seen."""
+        return False
+
+    @property
     def anywhere(self) -> bool:
         """Whether it may be outside of the region of interest."""
         return False
@@ -347,7 +352,7 @@ class Life:
 
     def _lost(self, item: Living, unseen: float) -> list[Notice]:
         limit = (self._patience if item.hiding else 1.0) * self._p.coast_s
-        lost = unseen > limit
+        lost = unseen > limit and not item.kept
         if lost == item.lost:
             return []
         item.lost = lost

@@ -51,6 +51,41 @@ def look_at(
     return appearance.histograms(appearance.bins_of(image[y1:y2, x1:x2]), weights)
 
 
+KNOWN = 2
+"""So often must a target's colours have been learnt before they say that it is not seen."""
+USUAL = 0.6
+"""A target that is seen whole shares this much of its histograms with itself, at least."""
+
+
+def alike(track: Track, rivals: Sequence[Track], seen: Floats) -> float | None:
+    """How much of a target's own colours is seen where it was placed (EVENTS 2), in [0, 1].
+
+    The intersection of its histograms with those that are seen, over the features that tell it
+    best from those who are in the same blob, against what is usual of one who is seen whole. Where
+    all look the same it says nothing, and is high.
+
+    Args:
+        track: the target.
+        rivals: who shares the blob with it.
+        seen: the histograms at its place, as `look_at` gives them.
+
+    Returns:
+        None where its colours, or all rivals', are not known.
+    """
+    total = float(seen[0].sum())
+    known = [r.colours.body for r in rivals if _is_known(r) and r.colours is not None]
+    if track.colours is None or not _is_known(track) or not known or total <= 0:
+        return None
+    mine, here = track.colours.body, seen.sum(axis=1) / total
+    chosen = appearance.choose(mine, sum(known, np.zeros_like(mine)) / len(known))
+    shared = np.minimum(mine, here).sum(axis=1)[chosen]
+    return min(1.0, float(shared.mean()) / USUAL)
+
+
+def _is_known(track: Track) -> bool:
+    return track.colours is not None and track.colours.updates >= KNOWN
+
+
 def likenesses(tracks: Sequence[Track], image: Image, cut: Cut) -> list[Likeness]:
     """Each target's likeness against the others', None where its own or all others' colours are
     not known.

@@ -1,5 +1,8 @@
 """Group trackers (EVENTS 3.1): low-level tracks over blobs that hold several targets.
 
+A low-level track that is born over a collision zone is one: its detection covers targets whose
+safety areas superpose and that have none of their own (`members_of`, `hold_members`).
+
 A region of pixels (a blob, or a detection where there are no masks) that two or more confirmed
 targets share is observed by a group tracker. It is known by its members: nobody joins one, so
 other members are another tracker.
@@ -12,28 +15,74 @@ from dataclasses import asdict, dataclass
 from itertools import combinations
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from reasoning.interactions import InteractionParameters, collision_map
 from recorders.messages import NO_BLOB, Box, GroupTrack
+from replay.trackers.association import intersection
+from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.tracks import Tracks
 from replay.trackers.life import TENTATIVE
 
-HOLD_NS = 120_000_000
-"""Who shared a region is in it for this long still: blobs that come apart often touch again in
-the next frame.
-"""
+Floats = NDArray[np.float64]
+
+
+def members_of(tracks: Tracks, box: Floats, p: EventsParameters) -> list[int]:
+    """Whom a new track at a box (4,) is a group tracker of: two or more targets without an
+    observation that collide, and of whose boxes it covers enough; [] if it is none.
+    """
+    rows = [
+        k for k, t in enumerate(tracks.items) if t.told and not t.lost and not t.observed
+    ]
+    if len(rows) < 2:
+        return []
+    boxes = tracks.boxes[rows]
+    share = intersection(boxes, box[None])[:, 0] / np.maximum(
+        boxes[:, 2] * boxes[:, 3], 1.0
+    )
+    under = np.flatnonzero(share >= p.min_shared)
+    zone = collision_map(boxes[under], InteractionParameters().safety_margin)
+    return sorted(tracks.items[rows[under[k]]].id for k in np.flatnonzero(zone.any(axis=1)))
+
+
+def hold_members(tracks: Tracks) -> None:
+    """The members of every observed group tracker lie in its region, and go where it goes."""
+    rows = {t.id: k for k, t in enumerate(tracks.items) if t.told}
+    for k, group in enumerate(tracks.items):
+        if not group.members or not group.observed:
+            continue
+        here = [rows[i] for i in group.members if i in rows]
+        here = [
+            r for r in here if not tracks.items[r].observed and not tracks.items[r].lost
+        ]
+        if len(here) < 2:
+            continue
+        for row in here:
+            member = tracks.items[row]
+            member.hidden = member.grouped = True
+            member.blob = group.column + 1 if group.blob == NO_BLOB else group.blob
+            tracks.bank.rate[row, :2] = tracks.bank.rate[k, :2]
 
 
 class Together:
-    """Who lately shared a region of pixels with whom, so that a blob's flicker is neither a split
-    nor a meeting.
+    """Who lately shared a region of pixels with whom.
+
+    Args:
+        hold_s: who shared a region is in it for this long still: blobs that come apart often
+            touch again in the next frame. 0: never, as in the paper.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, hold_s: float) -> None:
+        self._hold_ns = round(hold_s * 1e9)
         self._shared: dict[tuple[int, int], int] = {}
 
     def step(self, tracks: Tracks, time_ns: int) -> None:
         """Put those that have come apart just now into one region: the one of who has the lowest
         id.
         """
+        if not self._hold_ns:
+            return
         here = {t.id: t for t in tracks.items if t.id != TENTATIVE and not t.lost}
         ids = sorted(here)
         regions: dict[int, list[int]] = {}
@@ -45,7 +94,7 @@ class Together:
         self._shared = {
             pair: ns
             for pair, ns in sorted(self._shared.items())
-            if time_ns - ns <= HOLD_NS and pair[0] in here and pair[1] in here
+            if time_ns - ns <= self._hold_ns and pair[0] in here and pair[1] in here
         }
         for a, b in self._shared:
             mine, theirs = here[a].blob, here[b].blob

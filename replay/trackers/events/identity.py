@@ -38,7 +38,7 @@ def keep_company(
                 if j != i:
                     away = places[rows[i]] - places[rows[j]]
                     _note(track, j, frame, float(away[0] * away[0] + away[1] * away[1]))
-            track.apart_ns = time_ns
+            track.apart_ns, track.apart = time_ns, frame
             track.fresh = None
 
 
@@ -76,7 +76,7 @@ def verify(tracks: Tracks, time_ns: int, p: EventsParameters) -> list[Notice]:
             found = _exchanged(track, other, int(nearest), p)
             if found is not None:
                 notices.append(found)
-                _exchange(track, other)
+                exchange(track, other)
                 by_id[track.id], by_id[other.id] = track, other
                 break
         if not (undecided and waiting):
@@ -92,19 +92,47 @@ def _exchanged(a: Track, b: Track, since: int, p: EventsParameters) -> Notice | 
     """Whether a is b (and b is a, unless it has not been seen since)."""
     if a.colours is None or b.colours is None or a.fresh is None:
         return None
-    straight, crossed = (
+    straight, across = (
         distance(a.colours.table, a.fresh.table),
         distance(b.colours.table, a.fresh.table),
     )
     if _ready(b) and b.fresh is not None:
         straight += distance(b.colours.table, b.fresh.table)
-        crossed += distance(a.colours.table, b.fresh.table)
-    if crossed > p.exchange_ratio * straight:
+        across += distance(a.colours.table, b.fresh.table)
+    if across > p.exchange_ratio * straight:
         return None
+    return _told(a, b, since, straight, across, p)
+
+
+def crossed(orphan: Track, other: Track, new: Track, p: EventsParameters) -> Notice | None:
+    """Whether an orphan and one that is seen were exchanged when their blob came apart: ``other``
+    is seen in the orphan's colours since, and the ``new`` track in the other's. If so, they are
+    exchanged back, and the new track is the orphan's to take.
+    """
+    met = next((c for c in other.company if c[0] == orphan.id), None)
+    if met is None or orphan.colours is None or other.colours is None:
+        return None
+    if other.fresh is None or new.colours is None or orphan.colours.updates < LOOKS:
+        return None
+    straight = distance(other.colours.table, other.fresh.table)
+    straight += distance(orphan.colours.table, new.colours.table)
+    across = distance(orphan.colours.table, other.fresh.table)
+    across += distance(other.colours.table, new.colours.table)
+    if across > p.exchange_ratio * straight:
+        return None
+    notice = _told(orphan, other, int(met[1]), straight, across, p)
+    exchange(orphan, other)
+    _believe(other)
+    return notice
+
+
+def _told(
+    a: Track, b: Track, since: int, straight: float, across: float, p: EventsParameters
+) -> Notice:
     evidence: dict[str, Any] = {
         "since_frame": since,
         "as_they_were": straight,
-        "exchanged": crossed,
+        "exchanged": across,
         "exchanged_at_most": p.exchange_ratio * straight,
     }
     rule = "EVENTS 2: after the split each has the colours that the other one had"
@@ -113,7 +141,7 @@ def _exchanged(a: Track, b: Track, since: int, p: EventsParameters) -> Notice | 
     )
 
 
-def _exchange(a: Track, b: Track) -> None:
+def exchange(a: Track, b: Track) -> None:
     """Exchange who they are; where they are stays."""
     for name in ("id", "born", "born_ns", "colours", "split", "company"):
         mine, theirs = getattr(a, name), getattr(b, name)

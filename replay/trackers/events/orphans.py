@@ -1,5 +1,5 @@
-"""Targets without a detection of their own in a recording without masks (EVENTS 2, matching case
-3).
+"""Targets without a detection or blob of their own: case 3 of matching (EVENTS 2), and merged
+detections where there are no masks.
 """
 
 from __future__ import annotations
@@ -15,13 +15,18 @@ from replay.trackers.association import intersection
 from replay.trackers.events.associate import Seen
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.tracks import Tracks
-from replay.trackers.life import TENTATIVE
+from replay.trackers.life import NANOS, TENTATIVE
 from replay.trackers.tracker import Image
 
 Floats = NDArray[np.float64]
+UNLIKE = 0.45
+"""Hellinger distance of a target's colours from those around it, from which on they tell where it
+is: its own looks differ by less. A stain of the ground, once taken for a target, has the ground's.
+"""
 
 
-def _orphans(tracks: Tracks) -> list[int]:
+def orphans(tracks: Tracks) -> list[int]:
+    """Rows of the targets that should be in the picture and have no observation yet."""
     return [
         k
         for k, t in enumerate(tracks.items)
@@ -37,28 +42,28 @@ def share_detections(
 
     Both lie in one blob then; its number is the detection's place in the recording, from 1.
     """
-    orphans = _orphans(tracks)
+    without = orphans(tracks)
     taken = np.flatnonzero(used)
-    if not orphans or not len(taken):
+    if not without or not len(taken):
         return
-    boxes = tracks.boxes[orphans]
+    boxes = tracks.boxes[without]
     share = (
         intersection(boxes, seen.boxes[taken])
         / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)[:, None]
     )
     owners = {t.column: t for t in tracks.items if t.observed and t.column >= 0}
-    for k, row in enumerate(orphans):
+    for k, row in enumerate(without):
         best = int(np.argmax(share[k]))
         owner = owners.get(int(taken[best]))
         if share[k, best] >= p.min_shared and owner is not None and owner.id != TENTATIVE:
-            tracks.items[row].hidden = True
+            tracks.items[row].hidden = tracks.items[row].grouped = True
             if owner.blob == NO_BLOB:
                 owner.blob = int(taken[best]) + 1
             tracks.items[row].blob = owner.blob
 
 
 def follow_colours(
-    tracks: Tracks, image: Image, p: EventsParameters
+    tracks: Tracks, image: Image, time_ns: int, p: EventsParameters
 ) -> list[tuple[int, Box, float]]:
     """Mean shift of every orphan's colours against its surroundings' from where it is expected.
 
@@ -68,9 +73,11 @@ def follow_colours(
     found: list[tuple[int, Box, float]] = []
     others = tracks.boxes
     height, width = image.shape[:2]
-    for row in _orphans(tracks):
+    for row in orphans(tracks):
         colours = tracks.items[row].colours
         if colours is None or colours.updates < 2:
+            continue
+        if (time_ns - tracks.items[row].found_ns) / NANOS > p.top_down_s:
             continue
         x, y, w, h = tracks.box(row)
         size = math.sqrt(w * h)
@@ -89,6 +96,8 @@ def follow_colours(
         ] = 0
         mine, background = colours.body, appearance.histograms(bins, around).sum(axis=1)
         background /= max(1.0, float(background[0].sum()))
+        if appearance.distance(mine[:, None], background[:, None]) < UNLIKE:
+            continue
         likeness = appearance.back_project(
             bins, mine, background, appearance.choose(mine, background)
         )

@@ -170,6 +170,15 @@ class EventsParameters(Parameters):
     min_likeness: float = param(
         0.25, "least likeness of colours that holds a target", low=-1.0, high=1.0
     )
+    top_down_s: float = param(
+        2.5,
+        "a target without a detection or blob is looked for by its colours for so long"
+        " (matching case 3)",
+        unit="s",
+        low=0.0,
+        high=3600.0,
+        source="EVENTS 2 (value ours)",
+    )
     min_shared: float = param(
         0.5,
         "a detection that covers this share of a second target may be merged",
@@ -178,6 +187,22 @@ class EventsParameters(Parameters):
     )
     hidden_patience: float = param(
         3.0, "targets behind others are held so many times longer", low=1.0, high=100.0
+    )
+    hold_s: float = param(
+        0.0,
+        "targets whose blob came apart count as being in one blob for this long still (damps"
+        " flicker; 0 is the paper's rule)",
+        unit="s",
+        low=0.0,
+        high=60.0,
+        source="EVENTS 3.1",
+    )
+    min_alike: float = param(
+        0.3,
+        "a target in a shared blob of whose own colours less is seen where it was placed is"
+        " hidden",
+        low=0.0,
+        high=1.0,
     )
     min_part: float = param(
         0.5,

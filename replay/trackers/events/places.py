@@ -122,13 +122,27 @@ class Foreground:
     """One frame's foreground, with each pixel's blob in ``labels`` (H, W), and what explains it."""
 
     def __init__(
-        self, mask: Image, labels: Labels, components: Sequence[Blob], p: EventsParameters
+        self,
+        mask: Image,
+        labels: Labels,
+        components: Sequence[Blob],
+        p: EventsParameters,
+        inside: NDArray[np.bool_] | None = None,
     ) -> None:
+        """``inside``: (N,) which of the blobs are detections by their place (EVENTS 3.2); the
+        others are left out, None: all are.
+        """
         self._p = p
+        if inside is not None and not inside.all():
+            kept = np.concatenate([[True], inside])
+            mask = mask * kept[labels]
+        else:
+            inside = np.ones(len(components), bool)
         self.mask = mask
         self.components = components
         self.boxes = np.array([c.box for c in components], np.float64).reshape(-1, 4)
         self.areas = np.array([c.area for c in components], np.float64)
+        self.boxes[~inside, 2:] = 0.0
         self.unit = mask & np.uint8(1)
         self.integral = Integral(self.unit)
         self.labels = labels

@@ -41,7 +41,9 @@ def recover(
     for i, a in enumerate(orphans):
         for j, b in enumerate(fresh):
             priced = _price(tracks, a, b, time_ns, p)
-            if priced.cost <= p.recover_cost:
+            # Who is not lost yet may be seen again where it is expected: only colours say more.
+            unsure = priced.appearance is None and not tracks.items[a].lost
+            if priced.cost <= p.recover_cost and not unsure:
                 found[i, j] = priced
                 cost[i, j], allowed[i, j] = priced.cost, True
     return [found[i, j] for i, j in assign(cost, allowed)]
@@ -61,8 +63,18 @@ def _price(tracks: Tracks, a: int, b: int, time_ns: int, p: EventsParameters) ->
     misses = [
         math.hypot(x - k * gap * vx - u, y - k * gap * vy - v) for k in (0.0, 0.5, 1.0)
     ]
+    front = tracks.behind(a)
+    if front is not None:
+        # Who did not come out from behind somebody may come out there now.
+        px, py, pw, ph = bank.value[front, :4].tolist()
+        misses.append(
+            math.hypot(max(0.0, abs(px - u) - pw / 2), max(0.0, abs(py - v) - ph / 2))
+        )
     size = math.sqrt(max(1.0, w * h))
     motion = 0.5 * (min(misses) / (size * (p.drift + p.drift_rate * gap))) ** 2
+    if fresh.split and 0 < orphan.seen_ns <= orphan.apart_ns:
+        # Both came out of the blob that it was last seen in: the place says no more.
+        motion = 0.0
     differs = abs(math.log(max(fw, 1.0) / max(w, 1.0))) + abs(
         math.log(max(fh, 1.0) / max(h, 1.0))
     )

@@ -13,6 +13,7 @@ from dataclasses import replace
 from recorders.messages import NO_BLOB, Box, Notice
 from replay.trackers.appearance import Colours, distance
 from replay.trackers.events.tracks import Floats, Track, Tracks
+from replay.trackers.life import NANOS
 
 LOOKS = 3
 """So often must a target have been looked at before its colours are known."""
@@ -65,9 +66,14 @@ def estranged(
     return None
 
 
-def part(tracks: Tracks, row: int, identity: int, frame: int) -> list[Notice]:
+def part(
+    tracks: Tracks, row: int, identity: int, frame: int, doubt_s: float
+) -> list[Notice]:
     """The row is a new target with the given id since the first strange look; the old one is lost
     where it was.
+
+    Who left a shared blob less than ``doubt_s`` before may have been taken for another one from
+    then on: that is when it was last seen for sure.
     """
     track = tracks.items[row]
     if track.colours is None or track.stranger is None:
@@ -78,12 +84,17 @@ def part(tracks: Tracks, row: int, identity: int, frame: int) -> list[Notice]:
         "appearance": distance(track.colours.table, track.stranger.table),
         "appearance_over": STILL,
     }
+    doubted = 0 < ns - track.apart_ns < doubt_s * NANOS and track.apart_ns > 0
+    seen = track.apart_ns if doubted else round(ns)
+    since = track.apart if doubted else track.since
     past = replace(
-        track, seen_ns=round(ns), observed=False, measured=None, blob=NO_BLOB, column=-1, alone=False, signed=False,
+        track, seen_ns=seen, observed=False, measured=None, blob=NO_BLOB, column=-1, alone=False, signed=False,
         hidden=False, sized=False, stranger=None, known=[], regions=[], fresh=None,
     )  # fmt: skip
     old = track.id
-    track.id, track.born, track.newborn, track.split = identity, frame, True, False
+    track.id, track.newborn, track.split = identity, True, False
+    track.born, track.born_ns = since if doubted else frame, round(ns) + 1
+    evidence["since_frame"] = since
     track.colours, track.stranger, track.known, track.fresh = track.stranger, None, [], None
     track.company, track.sightings = [], []
     tracks.start((x, y, w, h), None, past)
@@ -108,6 +119,6 @@ def part(tracks: Tracks, row: int, identity: int, frame: int) -> list[Notice]:
             sorted([old, identity]),
             rule,
             evidence,
-            since_frame=track.since,
+            since_frame=since,
         ),
     ]

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from reasoning.geometry import WHOLLY
 from reasoning.regions import RegionParameters
 from recorders.messages import NO_BLOB, Box, Ellipse, Mode, Notice, Targets
 from recorders.segmentation.sizes import SizeModel
@@ -28,11 +29,11 @@ from replay.trackers.association import intersection
 from replay.trackers.belief import LIKELY, Scores, stamped
 from replay.trackers.events.answer import answer, shared_regions
 from replay.trackers.events.associate import Seen, match, one_each
-from replay.trackers.events.colours import learn, likenesses, look_at
-from replay.trackers.events.groups import GroupTracks, Together
+from replay.trackers.events.colours import alike, learn, likenesses, look_at
+from replay.trackers.events.groups import GroupTracks, Together, hold_members, members_of
 from replay.trackers.events.identity import keep_company, verify
-from replay.trackers.events.lifecycle import confirm
-from replay.trackers.events.orphans import follow_colours, share_detections
+from replay.trackers.events.lifecycle import confirm, reclaim
+from replay.trackers.events.orphans import follow_colours, orphans, share_detections
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.places import (
     Cut,
@@ -69,7 +70,7 @@ class EventsTracker:
         self._tracks = Tracks(parameters)
         self._scores = Scores()
         self._groups = GroupTracks(parameters.tentative_s)
-        self._together = Together()
+        self._together = Together(parameters.hold_s)
         # Blobs flicker; a detection says itself how likely it is somebody.
         lived = parameters if scene.has_masks else replace(parameters, confirm_s=0.0)
         self._life = Life(
@@ -99,18 +100,20 @@ class EventsTracker:
         used = self._associate(frame, seen)
         if mask is None:
             share_detections(self._tracks, seen, used, self._p)
-            if self._scene.has_images and frame.image is not None:
-                for row, box, score in follow_colours(self._tracks, frame.image, self._p):
-                    self._observe(
-                        row, frame, box, score, NO_BLOB, "appearance", sized=False
-                    )
+        for track in self._tracks.items:
+            if track.observed or track.hidden:
+                track.found_ns = frame.time_ns
+        if self._scene.has_images and self._p.top_down_s > 0:
+            self._follow_colours(frame)
+        hold_members(self._tracks)
+        self._note_fronts()
         self._start(frame, seen, used)
         notices = self._learn(frame)
         notices += confirm(self._tracks, self._life, frame, self._p)
         self._together.step(self._tracks, frame.time_ns)
         if not self._scene.has_images:
             self._tracks.loosen(frame.time_ns, max(1e-3, self._scene.frame_ns * NS))
-        kept, ended = self._life.age(self._tracks.items, self._tracks.boxes, frame.time_ns)
+        kept, ended = self._life.age(self._tracks.items, self._places(), frame.time_ns)
         self._tracks.keep(kept)
         notices += ended
         shared = shared_regions(self._tracks, frame)
@@ -118,11 +121,23 @@ class EventsTracker:
             self._tracks, [members for members, _ in shared], frame.index, frame.time_ns
         )
         notices += verify(self._tracks, frame.time_ns, self._p)
+        notices += reclaim(self._tracks, frame.time_ns, self._p)
         remember_regions(self._tracks, frame.detections.components, frame.time_ns)
         shared = shared_regions(self._tracks, frame)
         groups = self._groups.step(frame.time_ns, shared)
         told = answer(self._tracks, frame, groups, notices)
         return told if likely is None else stamped(told, frame.boxes, likely)
+
+    def _follow_colours(self, frame: Frame) -> None:
+        """Matching case 3 (EVENTS 2): who has neither a detection nor a blob is looked for by its
+        colours alone.
+        """
+        if not orphans(self._tracks) or frame.image is None:
+            return
+        for row, box, score in follow_colours(
+            self._tracks, frame.image, frame.time_ns, self._p
+        ):
+            self._observe(row, frame, box, score, NO_BLOB, "appearance", sized=False)
 
     def _lean(self, model: SizeModel | None, dt: float) -> None:
         """Targets whose size was not measured in the last frame lean towards the size usual at
@@ -144,7 +159,10 @@ class EventsTracker:
         """
         labels = frame.labels
         assert labels is not None
-        fg = Foreground(mask, labels, frame.detections.components, self._p)
+        blobs = frame.detections.components
+        centres = np.array([(b.ellipse.x, b.ellipse.y) for b in blobs]).reshape(-1, 2)
+        inside = self._life.regions.may_start_low_level_all(centres)
+        fg = Foreground(mask, labels, blobs, self._p, inside)
         items, bank = self._tracks.items, self._tracks.bank
         rows = [k for k, t in enumerate(items) if t.id != TENTATIVE and not t.lost]
         doubt = np.sqrt(bank.p00[rows])
@@ -174,13 +192,47 @@ class EventsTracker:
             if row in told:
                 found[k] = self._take(row, frame, seen, told[row])
             elif at is not None:
-                self._settle(row, frame, at, dt)
+                near = [
+                    items[r]
+                    for r, other in zip(rows, found, strict=True)
+                    if r != row and other is not None and other.blob == at.blob
+                ]
+                seen_of_it = self._alike(row, frame, mask, at, near)
+                self._settle(row, frame, at, seen_of_it, dt)
         kept = [
             at
             for at, r in zip(found, rows, strict=True)
             if at is not None and items[r].observed
         ]
         return _left_over(fg, kept, seen, model, self._p)
+
+    def _places(self) -> Floats:
+        """Boxes (N, 4) where the targets may be: who is lost, was hidden, and would be on its way
+        out by now, may still be behind whom it was.
+        """
+        boxes = self._tracks.boxes
+        cover = self._life.regions.area_cover(boxes)
+        for row, lies in enumerate(cover):
+            front = self._tracks.behind(row) if lies != WHOLLY else None
+            if front is not None:
+                boxes[row] = boxes[front]
+        return boxes
+
+    def _note_fronts(self) -> None:
+        """Take note of who was last hidden behind whom: the nearest one that is seen in the blob."""
+        items, bank = self._tracks.items, self._tracks.bank
+        told = [k for k, t in enumerate(items) if t.told]
+        for row in told:
+            track = items[row]
+            if track.observed:
+                track.front = TENTATIVE
+            elif track.hidden:
+                seen = [
+                    r for r in told if items[r].observed and items[r].blob == track.blob
+                ]
+                away = bank.value[seen, :2] - bank.value[row, :2]
+                if seen:
+                    track.front = items[seen[int(np.argmin((away * away).sum(axis=1)))]].id
 
     def _take(self, row: int, frame: Frame, seen: Seen, column: int) -> Place:
         """Take a detection of one of those who share a blob as this one's."""
@@ -192,8 +244,27 @@ class EventsTracker:
         )
         return Place((x, y, w, h), False, 1.0, 0.0, blob, company=True)
 
-    def _settle(self, row: int, frame: Frame, at: Place, dt: float) -> None:
-        """Take a place as an observation if enough foreground supports it."""
+    def _alike(
+        self,
+        row: int,
+        frame: Frame,
+        mask: NDArray[np.uint8],
+        at: Place,
+        rivals: list[Track],
+    ) -> float:
+        """How much of a target's own colours is seen where it was placed in a shared blob; 1
+        where nobody knows.
+        """
+        if not at.company or not rivals or not self._scene.has_images:
+            return 1.0
+        look = None if frame.image is None else look_at(frame.image, mask, at.box)
+        found = None if look is None else alike(self._tracks.items[row], rivals, look)
+        return 1.0 if found is None else found
+
+    def _settle(self, row: int, frame: Frame, at: Place, seen: float, dt: float) -> None:
+        """Take a place as an observation if enough foreground supports it, and enough of the
+        target's colours, ``seen``, are there.
+        """
         track = self._tracks.items[row]
         track.misfit_s = track.misfit_s + dt if at.tenant else 0.0
         if at.alone:
@@ -208,18 +279,20 @@ class EventsTracker:
                 "motion",
                 frame.detections.components[at.blob - 1].ellipse,
             )
-        elif at.own >= self._p.min_own:
+        elif at.own >= self._p.min_own and seen >= self._p.min_alike:
             mode: Mode = "appearance" if at.company else "motion"
-            score = min(1.0, (at.own + 0.5 * at.shared) / 0.6)
+            score = min(seen, (at.own + 0.5 * at.shared) / 0.6)
             self._observe(row, frame, at.box, score, at.blob, mode, sized=False)
-        elif at.shared >= self._p.min_own:
+        elif at.own + at.shared >= self._p.min_own:
             track.hidden, track.blob = True, at.blob
 
     def _associate(self, frame: Frame, seen: Seen) -> NDArray[np.bool_]:
         """In stages: those who are followed to detections of high, then of low score; the lost;
         the tentative.
         """
-        used = np.zeros(len(seen.boxes), bool)
+        # Whose centroid lies outside of region of interest and border is no detection (EVENTS 3.2).
+        centres = seen.boxes[:, :2] + seen.boxes[:, 2:] / 2
+        used = ~self._life.regions.may_start_low_level_all(centres)
         items = self._tracks.items
         followed = [k for k, t in enumerate(items) if t.id != TENTATIVE and not t.lost]
         missing = [k for k, t in enumerate(items) if t.id != TENTATIVE and t.lost]
@@ -298,17 +371,14 @@ class EventsTracker:
 
     def _start(self, frame: Frame, seen: Seen, used: NDArray[np.bool_]) -> None:
         """A tentative track for every unassociated detection whose centroid lies in ROI or border
-        (EVENTS 3.2).
+        (EVENTS 3.2); one over a collision zone is a group tracker (3.1).
         """
         columns = np.flatnonzero(~used & (seen.scores >= LIKELY))
         if not len(columns):
             return
         boxes = seen.boxes[columns]
-        inside = self._life.regions.may_start_low_level_all(boxes[:, :2] + boxes[:, 2:] / 2)
         from_split = came_from(self._tracks, boxes)
         for k, column in enumerate(columns.tolist()):
-            if not inside[k]:
-                continue
             x, y, w, h = boxes[k].tolist()
             track = Track(
                 TENTATIVE,
@@ -323,6 +393,7 @@ class EventsTracker:
                 (x, y, w, h),
             )
             track.split = bool(from_split[k])
+            track.members = members_of(self._tracks, boxes[k], self._p)
             track.sightings.append([float(frame.index), x, y, w, h])
             self._tracks.start((x, y, w, h), seen.ellipses[column], track)
 
@@ -362,7 +433,9 @@ class EventsTracker:
         return [
             n
             for row in changed
-            for n in part(self._tracks, row, self._life.new_id(), frame.index)
+            for n in part(
+                self._tracks, row, self._life.new_id(), frame.index, self._p.keep_s
+            )
         ]
 
     def state(self) -> Mapping[str, Any]:

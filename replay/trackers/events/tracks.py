@@ -20,7 +20,7 @@ from replay.trackers.appearance import Colours
 from replay.trackers.association import boxes_of, sizes_of
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.kalman import KalmanBank
-from replay.trackers.life import Living
+from replay.trackers.life import TENTATIVE, Living
 
 Floats = NDArray[np.float64]
 COMPONENTS = 7
@@ -40,11 +40,15 @@ class Track(Living):
     Attributes:
         company: [id, frame, squared distance in pixels] of those with whom it shared a blob since
             its colours last proved who it is, and of when they were nearest.
-        apart_ns: when it last shared one.
+        apart_ns: when it last shared one, in frame ``apart``.
         fresh: its colours since then, to be compared with those that it had before.
         regions: [time in ns, x, y, w, h] of the regions of pixels that it lately lay in: who is
             born there was in one of them.
         known: [frame, time in ns, x, y, w, h] of when and where its colours last were its own.
+        front: the target that it was last hidden behind, `TENTATIVE` once it is seen.
+        members: of a group tracker, the targets that it was born over.
+        found_ns: when it last had a detection or blob, or was hidden.
+        grouped: it lies under a group tracker that is observed in this frame.
         held: it has come apart from others just now, and still counts as being in one region with
             them.
         loose: unseen for so long in so restless a scene that its place tells nothing.
@@ -55,11 +59,16 @@ class Track(Living):
     sized: bool = True
     misfit_s: float = 0.0
     hidden: bool = False
+    front: int = TENTATIVE
+    members: list[int] = field(default_factory=list)
+    grouped: bool = False
+    found_ns: int = 0
     column: int = -1
     alone: bool = False
     colours: Colours | None = None
     company: list[list[float]] = field(default_factory=list)
     apart_ns: int = 0
+    apart: int = 0
     fresh: Colours | None = None
     regions: list[list[float]] = field(default_factory=list)
     known: list[float] = field(default_factory=list)
@@ -72,7 +81,7 @@ class Track(Living):
         self.newborn = self.observed = False
         self.sized = self.alone = self.signed = False
         self.measured = None
-        self.hidden = self.held = False
+        self.hidden = self.held = self.grouped = False
         self.blob, self.column = NO_BLOB, -1
 
     @property
@@ -84,6 +93,11 @@ class Track(Living):
     def adrift(self) -> bool:
         """Whether it may be anywhere by now."""
         return self.loose
+
+    @property
+    def kept(self) -> bool:
+        """As long as its group is observed, it is not lost (EVENTS 3.1)."""
+        return self.grouped
 
     @property
     def way(self) -> Mode:
@@ -151,6 +165,13 @@ class Tracks:
     def boxes(self) -> Floats:
         """Estimated boxes, (N, 4): x, y, w, h in pixels."""
         return boxes_of(self.bank.value)
+
+    def behind(self, row: int) -> int | None:
+        """The row of the target that a lost one was last hidden behind, if it is still there."""
+        track = self.items[row]
+        if not track.lost or track.front == TENTATIVE:
+            return None
+        return next((k for k, t in enumerate(self.items) if t.id == track.front), None)
 
     def box(self, row: int) -> Box:
         """The estimated box of one track."""
@@ -316,6 +337,7 @@ def _plain(track: Track) -> dict[str, Any]:
     out["fresh"] = None if track.fresh is None else track.fresh.state()
     out["stranger"] = None if track.stranger is None else track.stranger.state()
     out["known"] = list(track.known)
+    out["members"] = list(track.members)
     out["company"] = [list(c) for c in track.company]
     out["sightings"] = [list(s) for s in track.sightings]
     out["regions"] = [list(r) for r in track.regions]
@@ -333,6 +355,7 @@ def _track(state: Mapping[str, Any]) -> Track:
         None if plain["stranger"] is None else Colours.from_state(plain["stranger"])
     )
     plain["known"] = list(plain["known"])
+    plain["members"] = list(plain["members"])
     plain["company"] = [list(c) for c in plain["company"]]
     plain["sightings"] = [list(s) for s in plain["sightings"]]
     plain["regions"] = [list(r) for r in plain["regions"]]

@@ -123,3 +123,18 @@ def test_a_polygon_encloses_its_own_shrunk_copy_and_not_the_other_way(
     assert regions(folder, {"roi": ring(radius * share), "border": ring(radius)}).border
     with pytest.raises(SourceError, match="does not enclose"):
         regions(folder, {"roi": ring(radius), "border": ring(radius * share)})
+
+
+def test_border_polygons_together_may_enclose_the_region_of_interest(tmp_path):
+    halves = [
+        [[0, 0], [60, 0], [60, 100], [0, 100]],
+        [[50, 0], [100, 0], [100, 100], [50, 100]],
+    ]
+    roi = [[20, 20], [80, 20], [80, 80], [20, 80]]
+    path = tmp_path / "regions.json"
+    path.write_text(json.dumps({"roi": roi, "border": halves}))
+    assert len(read_regions(path, 100, 100).border) == 2
+    halves[1] = [[65, 0], [100, 0], [100, 100], [65, 100]]
+    path.write_text(json.dumps({"roi": roi, "border": halves}))
+    with pytest.raises(SourceError, match="does not enclose"):
+        read_regions(path, 100, 100)

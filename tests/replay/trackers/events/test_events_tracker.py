@@ -317,8 +317,8 @@ def _given_frame(index: int, boxes: Sequence[Box]) -> Frame:
     return Frame(index, index * FRAME_NS, given, None, None, lambda: clean)
 
 
-def _given_only() -> Tracker:
-    return events.make(SceneInfo(WIDTH, HEIGHT, FRAME_NS, False, True), _config())
+def _given_only(*words: str) -> Tracker:
+    return events.make(SceneInfo(WIDTH, HEIGHT, FRAME_NS, False, True), _config(*words))
 
 
 def test_in_one_blob_with_a_detection_for_each_nobody_is_taken_for_another() -> None:
@@ -363,15 +363,55 @@ def test_who_comes_off_a_target_is_born_of_a_split_and_who_walks_in_is_not() -> 
     assert not born[walked_in]
 
 
-def test_a_blob_that_flickers_is_one_region_all_the_time() -> None:
+def _side_by_side(tracker: Tracker) -> list[Targets]:
     """Two stand side by side; in single frames a gap opens between them."""
-    tracker, out = _given_only(), []
+    out = []
     for k in range(40):
         apart = 20.0 if k < 12 else 2.0 if k % 5 == 4 else 0.0
         out.append(tracker.step(_given_frame(k, [_body(100, 80), _body(120 + apart, 82)])))
     assert [len({t.blob for t in o.targets}) for o in out[8:12]] == [2] * 4
+    return out
+
+
+def test_a_split_is_told_in_its_own_frame() -> None:
+    out = _side_by_side(_given_only())
+    regions = [len({t.blob for t in o.targets}) for o in out]
+    assert [k for k in range(15, 40) if regions[k] == 2] == [19, 24, 29, 34, 39]
+
+
+def test_a_blob_that_flickers_may_be_held_to_be_one_region_all_the_time() -> None:
+    out = _side_by_side(_given_only("events.hold_s=0.12"))
     assert [len({t.blob for t in o.targets}) for o in out[15:]] == [1] * 25
     assert {g.id for o in out[15:] for g in o.group_tracks or []} == {1}
+
+
+def test_a_new_track_over_a_collision_zone_is_a_group_tracker() -> None:
+    """Boxes alone: two meet, and the detector gives one box for both; that is no third target."""
+    tracker, out = _boxes_only(), []
+    for k in range(70):
+        x = min(100.0 + 2 * k, 148.0)
+        boxes = [_body(x, 80), _body(320 - x, 80)]
+        if k >= 30:
+            boxes = [(148.0, 78.0, 44.0, 44.0)]
+        if k >= 50:
+            boxes = [_body(148.0 - 2 * (k - 50), 80), _body(172.0 + 2 * (k - 50), 80)]
+        out.append(tracker.step(_box_frame(k, boxes)))
+    assert {t.id for o in out for t in o.targets} == {1, 2}
+    together = [[g.members for g in o.group_tracks or [] if g.observed] for o in out]
+    assert together[35:50] == [[[1, 2]]] * 15
+    assert all(t.present for o in out[30:50] for t in o.targets)
+    assert not any(together[54:])
+
+
+def test_detections_outside_of_region_and_border_are_not_followed() -> None:
+    """EVENTS 3.2: a target is detected only if its centroid lies in region of interest or border."""
+    square = [(60.0, 20.0), (200.0, 20.0), (200.0, 200.0), (60.0, 200.0)]
+    drawn = Regions(WIDTH, HEIGHT, [square], [square], source="file")
+    tracker = _boxes_only()
+    for k in range(40):
+        answer = tracker.step(_box_frame(k, [_body(150.0 + 2 * k, 80)], regions=drawn))
+        here = [t for t in answer.targets if t.observed]
+        assert len(here) <= (160.0 + 2 * k <= 200.0)
 
 
 def test_who_comes_out_of_the_door_is_not_who_went_in() -> None:
