@@ -116,10 +116,10 @@ class GroupBook:
             if len(free) >= 2:
                 begun.append(self._begin(frame, time_ns, free, None))
                 taken.update(free)
-        left = self._drop_left(splitting)
         replaced = self._end_replaced([c.group.label for c in begun])
         begun = [self._name(c, replaced) for c in begun]
         ended = self._end_idle(time_ns, splitting, ids)
+        left = self._drop_left(splitting)
         self._of = {
             member: group.label for group in self.groups for member in group.members
         }

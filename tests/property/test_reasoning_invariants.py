@@ -149,7 +149,10 @@ class Check:
             before = self.groups.get(label)
             assert g.since_frame == (before.since_frame if before is not None else k)
             if before is not None:
-                assert g.members == before.members, "nobody joins or leaves a group"
+                assert set(g.members) <= set(before.members), "nobody joins a group"
+                assert g.members == before.members or not g.observed, (
+                    "who leaves, leaves a group that is not observed"
+                )
             else:
                 assert all(f in self.groups and f not in groups for f in g.formed_from)
                 assert g.former_members == [self.groups[f].members for f in g.formed_from]

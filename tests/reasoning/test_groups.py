@@ -66,6 +66,17 @@ def test_one_leaves_as_another_joins():
     ]
 
 
+def test_who_splits_from_no_member_any_more_has_left_the_group():
+    life = Life()
+    life.step((1, 2, 3))
+    assert life.step(splitting=[(1, 2), (2, 3)]) == []
+    assert life.step(splitting=[(1, 2)]) == [("group_changed", 1, (1, 2), ())]
+    assert (life.book.of(1), life.book.of(2), life.book.of(3)) == (1, 1, None)
+    assert life.step((3, 4), splitting=[(1, 2)]) == [("group_formed", 2, (3, 4), ())]
+    assert life.book.of(1) == 1
+    assert life.step((1, 2), (3, 4)) == [("group_changed", 3, (1, 2), (1,))]
+
+
 def test_two_groups_merge_and_come_apart():
     life = Life()
     assert [c[1] for c in life.step((1, 2), (3, 4))] == [1, 2]
