@@ -34,10 +34,6 @@ LIMITS = {
         "shells",
     ): "the van, larger than a blob of its own, is told as several",
     ("van_in_front", "parts"): "a van is no body: it is told as several people",
-    **dict.fromkeys(
-        [("van_behind", tracker) for tracker in TRACKERS],
-        "hindsight drops the person, who is under half the size of what is seen most, the van",
-    ),
     ("three_way_split", "parts"): "three bodies in one blob lose their names",
     ("colour_swap", "shells"): "who is alone in a blob is not asked for his colours",
     ("colour_swap", "parts"): "who is alone in a blob is not asked for his colours",
