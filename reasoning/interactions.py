@@ -104,6 +104,15 @@ class TargetRows:
             return False
         return hidden_by(self.box(behind), self.box(front))
 
+    def lies_in(self, k: int, blob: int) -> bool:
+        """Whether a row that names a blob lies in it: it is seen, or hidden by one who is seen in
+        the same.
+        """
+        return self.seen[k] or (
+            blob != NO_BLOB
+            and any(b == blob and self.hidden(k, j) for j, b in enumerate(self.blobs))
+        )
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class PairChange:
@@ -381,12 +390,13 @@ class InteractionBook:
 
     def _blob_regions(self, m: TargetRows, areas: SafetyAreas) -> list[int]:
         regions = [
-            blob if m.seen[index] and self._may_lie_over(index, m) else NO_BLOB
+            blob if self._may_lie_over(index, m) and m.lies_in(index, blob) else NO_BLOB
             for index, blob in enumerate(m.blobs)
         ]
         for index, i in enumerate(m.ids):
             if (
                 m.seen[index]
+                or regions[index] != NO_BLOB
                 or not self.states.get(i, 0) & GROUPED
                 or not self._may_lie_over(index, m)
             ):

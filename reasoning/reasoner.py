@@ -9,8 +9,8 @@ What the reasoning adds to the papers for targets that are not plainly seen, and
 tracker tells itself:
 
 - ``mode`` predicted and ``present``: the person behind the pillar still is there, in his zone and
-  in the relations that he had; what is only predicted begins and raises none, and stays JOINT
-  only with somebody who is seen and hides him.
+  in the relations that he had; what is only predicted begins none, and is JOINT only with
+  somebody who is seen and hides him, in whose blob the tracker says that he is.
 - not ``present``: keeps what relations and partners it has while geometry allows, starts nothing
   new, and keeps its scene status unless its place lies wholly outside.
 - what the tracker tells of a target in its notices is not told a second time.

@@ -130,11 +130,13 @@ def same_blob(
     blob_i: int, seen_i: bool, blob_j: int, seen_j: bool, hidden: bool = True
 ) -> bool | None:
     """Whether two objects lie in one blob; None: one of them is not seen, but may be ``hidden`` by
-    the other, so nothing is known of its blob. What is only predicted lies in nobody's blob.
+    the other, and nothing is known of its blob. Who is hidden by the other lies in that one's blob
+    where the tracker says so; what is only predicted lies in nobody's.
     """
+    one = NO_BLOB != blob_i == blob_j
     if seen_i and seen_j:
-        return NO_BLOB != blob_i == blob_j
-    return None if seen_i != seen_j and hidden else False
+        return one
+    return (one or None) if seen_i != seen_j and hidden else False
 
 
 @dataclasses.dataclass(slots=True)

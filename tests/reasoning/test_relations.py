@@ -52,7 +52,8 @@ def test_every_row_of_the_table(before, meets, one_blob, after, case):
         ((3, True), (-1, False), None),
         ((-1, False), (3, True), None),
         ((-1, False), (-1, False), False),
-        ((3, False), (3, True), None),
+        ((3, False), (3, True), True),
+        ((4, False), (3, True), None),
         ((3, False), (3, False), False),
     ],
 )

@@ -40,7 +40,8 @@ class Body(Living):
         mask: (GRID, GRID) uint8, how often each cell of its box was its own, of 255, lately; None
             before that.
         area: its typical number of pixels when alone.
-        centroid: mean of its pixels from the box's centre, in widths and heights.
+        centroid: where the mean of its pixels lies from the box's centre, in widths and heights,
+            lately.
         visible: share of its area that was its own in the last frame.
         twin_s: for how long its box has all but coincided with that of an object seen better.
         front: the occluder within whose shell it is sought, `NOBODY` for none.
@@ -86,6 +87,22 @@ class Body(Living):
             old = self.mask.astype(np.int16)
             fresh = old + (fresh - old) // 3
         self.mask = fresh.astype(np.uint8)
+
+    def place_of(self, mean: tuple[float, float], box: Box) -> tuple[float, float]:
+        """The centre of its box by the mean of its pixels, E[P]: that of the box (x, y, w, h)
+        itself until it is known where in it the mean lies.
+        """
+        x, y, w, h = box
+        if self.mask is None:
+            return x + w / 2, y + h / 2
+        return mean[0] - self.centroid[0] * w, mean[1] - self.centroid[1] * h
+
+    def learn_centroid(self, mean: tuple[float, float], box: Box) -> None:
+        """Blend in where in its box (x, y, w, h) the mean of its pixels lies; before `learn_mask`."""
+        x, y, w, h = box
+        seen = (mean[0] - x) / w - 0.5, (mean[1] - y) / h - 0.5
+        a, b = seen if self.mask is None else self.centroid
+        self.centroid = a + (seen[0] - a) / 3, b + (seen[1] - b) / 3
 
     def learn_area(self, area: float, weight: float) -> None:
         """Blend in the number of pixels of the object seen whole."""

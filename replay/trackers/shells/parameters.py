@@ -22,9 +22,18 @@ class ShellsParameters(Parameters):
     membership: bool = param(True, "write each object's pixels to the membership channel")
     blend: float = param(
         0.8,
-        "a of equation 9: weight of the pixels against the prediction",
+        "a of equation 9: weight of the pixels against the prediction, blend_s after the last"
+        " frame and later",
         low=0.01,
         high=1.0,
+        source="SHELLS eq. 9",
+    )
+    blend_s: float = param(
+        0.04,
+        "frames that come sooner weigh less: all of those in this time together weigh blend",
+        unit="s",
+        low=0.0001,
+        high=10.0,
     )
     yielding: float = param(
         1.0,
@@ -40,7 +49,8 @@ class ShellsParameters(Parameters):
     )
     size_blend: float = param(
         0.5,
-        "weight of the pixels against the prediction in the width and height of a lone object",
+        "weight of the pixels against the prediction in the width and height of a lone object,"
+        " in blend_s",
         low=0.01,
         high=1.0,
     )
@@ -142,12 +152,6 @@ class ShellsParameters(Parameters):
     )
     min_back: float = param(
         0.3, "one that was hidden comes back with this share of its area", low=0.0, high=1.0
-    )
-    whole: float = param(
-        0.85,
-        "a blob belongs wholly to who owns this share of its pixels",
-        low=0.5,
-        high=1.0,
     )
     agreement: float = param(
         0.3,

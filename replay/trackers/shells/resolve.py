@@ -46,8 +46,8 @@ class Found:
     """An object's observation in this frame.
 
     Attributes:
-        box: measured box, pixels; its centre is E[P] brought from the pixels' mean to the box's
-            centre.
+        box: measured box, pixels.
+        place: E[P], brought from the pixels' mean to the box's centre.
         weight: share of a (equation 9) that these pixels deserve.
         sized: width and height were measured.
         alone: it has the blob for itself.
@@ -60,6 +60,7 @@ class Found:
     """
 
     box: Box
+    place: tuple[float, float]
     weight: float
     sized: bool
     alone: bool
@@ -233,8 +234,9 @@ class Resolver:
         )
         body = self._bodies.items[row]
         visible = min(1.0, b.area / max(1.0, body.area))
+        place = body.place_of((b.ellipse.x, b.ellipse.y), b.box)
         return Found(
-            b.box, 1.0, True, True, blob + 1, visible, b.area, b.ellipse, own, x, y
+            b.box, place, 1.0, True, True, blob + 1, visible, b.area, b.ellipse, own, x, y
         )
 
     def _neighbourhood(self, rows: Rows, blobs: Rows, fits: Bools) -> None:
@@ -312,7 +314,7 @@ class Resolver:
             )
         members = assign_pixels(who, cut, bins, self._p)
         owner = members.owner
-        whole = self._purify(owner, rows, blobs, fits, cut)
+        whole = self._lone(owner, rows, blobs, fits, cut)
         self._deny_strangers(items, owner, bins, whole)
         self._measure(rows, who, owner, members, cut, whole)
         self._agree(rows, blobs)
@@ -343,12 +345,10 @@ class Resolver:
             )
         return out
 
-    def _purify(
+    def _lone(
         self, owner: NDArray[np.uint16], rows: Rows, blobs: Rows, fits: Bools, cut: Cut
     ) -> dict[int, int]:
-        """Blobs that are nearly wholly one object's become wholly its own; {claimant: blob} for
-        lone objects.
-        """
+        """{claimant: blob}: every pixel of the blob is its own, and it has no other pixel."""
         n = len(rows)
         owned = np.flatnonzero(owner)
         table = np.bincount(
@@ -359,10 +359,8 @@ class Resolver:
         for blob in blobs.tolist():
             counts = table[blob + 1]
             k = int(np.argmax(counts[1:])) + 1
-            if counts[k] < self._p.whole * max(1.0, float(self._fg.areas[blob])):
-                continue
-            owner[cut.labels == blob + 1] = k
-            if fits[k - 1, blob] and counts[k] >= self._p.whole * table[:, k].sum():
+            every = 0 < int(self._fg.areas[blob]) <= counts[k] == table[:, k].sum()
+            if every and fits[k - 1, blob]:
                 whole[k - 1] = blob
         return whole
 
@@ -387,7 +385,7 @@ class Resolver:
             at = self.found[mine[k]]
             if not at.alone and np.count_nonzero(blob_of == blob_of[inside[m]]) > 1:
                 x, y, w, h = boxes[m].tolist()
-                at.box, at.sized = (x, y, w, h), True
+                at.box, at.place, at.sized = (x, y, w, h), (x + w / 2, y + h / 2), True
 
     def _deny_strangers(
         self,
@@ -465,7 +463,7 @@ class Resolver:
             covered = any(c > 0.5 for _, c in rivals)
             weight = 1.0 - self._p.yielding * min(0.75, 1.0 - visible)
             self.found[row] = Found(
-                (cx - w / 2, cy - h / 2, w, h), weight, False, False, blob, visible, round(count),
+                (cx - w / 2, cy - h / 2, w, h), (cx, cy), weight, False, False, blob, visible, round(count),
                 _ellipse(own, cut), own, cut.left, cut.top, len(rows) == 1,
             )  # fmt: skip
             grown = extent(own, cut)
@@ -475,7 +473,8 @@ class Resolver:
                 and grown is not None
                 and not covered
             ):
-                self.found[row].box = grown
+                x, y, w, h = grown
+                self.found[row].box, self.found[row].place = grown, (x + w / 2, y + h / 2)
                 self.found[row].sized = True
 
 

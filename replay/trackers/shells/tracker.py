@@ -11,9 +11,12 @@ Ties: objects in the order of their birth, detections and blobs in the order of 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
+from reasoning.geometry import hidden_by
 from reasoning.regions import RegionParameters
 from reasoning.relations import Objects, RelationBook, RelationParameters
 from reasoning.shells import ShellParameters
@@ -64,6 +67,7 @@ class ShellsTracker:
         self._look_frames = max(2, round(0.5 * parameters.probation_s / frame_s))
         self._life = Life("shells", scene, parameters, regions, parameters.hidden_patience)
         self._time_ns: int | None = None
+        self._dt = frame_s
         self._patches: Patches | None = None
 
     # -- the frame
@@ -74,6 +78,7 @@ class ShellsTracker:
         notices: list[Notice] = []
         dt = 0.0 if self._time_ns is None else (frame.time_ns - self._time_ns) * NS
         self._time_ns = frame.time_ns
+        self._dt = dt if dt > 0 else max(1e-3, self._scene.frame_ns * NS)
         self._life.take_regions(frame.regions)
         self._bodies.predict(dt)
         self._lean(SizeModel.from_list(frame.detections.size_model))
@@ -105,9 +110,7 @@ class ShellsTracker:
         notices += births.confirm(self._bodies, self._life, radii, frame, self._p)
         found = self._settle(frame, found, notices)
         if resolver is None:
-            self._relate(
-                frame, [b.blob if b.observed else NO_BLOB for b in self._bodies.items]
-            )
+            self._relate(frame, self._blobs())
         notices += self._tell_depth(resolver, dt)
         self._learn(frame, found)
         self._patches = self._own_pixels(frame, found)
@@ -234,10 +237,10 @@ class ShellsTracker:
     def _observe(self, row: int, frame: Frame, at: Found, dt: float) -> None:
         """Take what was found of an object (SHELLS 2.5)."""
         body, p = self._bodies.items[row], self._p
-        x, y, w, h = at.box
-        self._bodies.move(row, (x + w / 2, y + h / 2), p.blend * at.weight)
+        _, _, w, h = at.box
+        self._bodies.move(row, at.place, self._gain(p.blend) * at.weight)
         if at.sized:
-            self._bodies.resize(row, w, h, p.size_blend)
+            self._bodies.resize(row, w, h, self._gain(p.size_blend))
         body.misfit_s = body.misfit_s + dt if at.misfit else 0.0
         body.sighted(
             frame.time_ns, at.visible, at.blob, "motion" if at.alone else "appearance"
@@ -245,6 +248,12 @@ class ShellsTracker:
         body.alone, body.visible = at.alone, at.visible
         body.ellipse, body.front = at.ellipse, NOBODY
         body.measured = at.box if at.sized else self._bodies.box(row)
+
+    def _gain(self, weight: float) -> float:
+        """A weight of the measurement against the prediction in this frame, so that the same is
+        forgotten per second at any frame rate from 1 / `blend_s` on.
+        """
+        return 1.0 - math.pow(1.0 - weight, min(1.0, self._dt / self._p.blend_s))
 
     def _associate(self, frame: Frame, free: Free, radii: Floats) -> dict[int, int]:
         """What was not found takes what is free within its shell, confirmed objects first;
@@ -306,8 +315,8 @@ class ShellsTracker:
         if frame.mask is None:
             self._bodies.correct(row, (x, y, w, h))
         else:
-            self._bodies.move(row, (x + w / 2, y + h / 2), p.blend)
-            self._bodies.resize(row, w, h, p.size_blend)
+            self._bodies.move(row, (x + w / 2, y + h / 2), self._gain(p.blend))
+            self._bodies.resize(row, w, h, self._gain(p.size_blend))
         body.sighted(frame.time_ns, 1.0, int(free.blobs[column]), "motion")
         body.measured, body.visible, body.front = (x, y, w, h), 1.0, NOBODY
         if body.id == TENTATIVE:
@@ -367,6 +376,21 @@ class ShellsTracker:
             if edge.state == "JOINT":
                 self._doubts.joined(edge.a, edge.b, frame.index, edge.distance)
 
+    def _blobs(self) -> list[int]:
+        """B_i by row: the blob that each object was found in. Who is hidden lies in the one that it
+        is hidden in, as long as its occluder is seen and its middle lies under that one.
+        """
+        items = self._bodies.items
+        rows = dict(self._rows_by_id())
+        blobs = [b.blob if b.observed else NO_BLOB for b in items]
+        for row, body in enumerate(items):
+            front = rows.get(body.front)
+            if body.observed or front is None or not items[front].observed:
+                continue
+            if hidden_by(self._bodies.box(row), self._bodies.box(front)):
+                blobs[row] = items[front].blob
+        return blobs
+
     def _tell_depth(self, resolver: Resolver | None, dt: float) -> list[Notice]:
         """Tell once in every JOINT, and when it changes, who is behind whom."""
         joint = [(e.a, e.b) for e in self._book.edges if e.state == "JOINT"]
@@ -386,10 +410,9 @@ class ShellsTracker:
             body.learn_area(float(at.pixels), 0.3 if body.misfit_s else 0.1)
             if not due and body.mask is not None:
                 continue
-            body.learn_mask(at.own)
-            x, y, w, h = at.box
             if at.ellipse is not None:
-                body.centroid = ((at.ellipse.x - x) / w - 0.5, (at.ellipse.y - y) / h - 0.5)
+                body.learn_centroid((at.ellipse.x, at.ellipse.y), at.box)
+            body.learn_mask(at.own)
             if self._scene.has_images and body.id not in doubtful:
                 self._look(body, frame, at)
 
@@ -471,7 +494,7 @@ class ShellsTracker:
 
     def _answer(self, frame: Frame, notices: list[Notice]) -> Targets:
         targets = []
-        radii = self._bodies.radii(self._k_s)
+        radii, blobs = self._bodies.radii(self._k_s), self._blobs()
         for row, body in enumerate(self._bodies.items):
             if body.id == TENTATIVE:
                 continue
@@ -486,7 +509,7 @@ class ShellsTracker:
                     min(1.0, max(0.0, body.confidence)),
                     present=not body.lost,
                     observed=body.observed,
-                    blob=body.blob if body.observed else NO_BLOB,
+                    blob=blobs[row],
                     newborn=body.newborn,
                     ellipse=body.ellipse,
                     shell_radius=float(radii[row]),
