@@ -73,6 +73,9 @@ def observe(d: Detections) -> Observed:
     n = len(d.boxes)
     boxes = np.array(d.boxes, np.float64).reshape(-1, 4)
     blobs = np.array(d.blobs if d.blobs else [NO_BLOB] * n, np.int64)
+    if not m:
+        # Without pixels every detection is a blob of its own.
+        blobs = np.arange(1, n + 1)
     scores = np.array(d.scores if d.scores else [1.0] * n, np.float64)
     held = np.bincount(np.clip(blobs, 0, m), minlength=m + 1)
     own = np.zeros(m)

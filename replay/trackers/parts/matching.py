@@ -76,7 +76,7 @@ class Matching:
         self._scorer = scorer
         use = self._p.use_heads and self._scene.has_masks
         self._heads = Heads(find_heads if use else None, self._image, self._pixels.mask)
-        learnt, boxes = self._alone(np.flatnonzero(~lost))
+        self._alone(np.flatnonzero(~lost))
         free = ~np.array([t.observed for t in items], bool)
         # The lost one by one, in the order of their birth: each may be another of those who have
         # appeared since.
@@ -86,7 +86,7 @@ class Matching:
             np.flatnonzero(tentative & free),
             *back[:, None],
         ]
-        sure, new, *returned = self._evaluate(stages, back, learnt, boxes)
+        sure, new, *returned = self._evaluate(stages, back)
         self._contested(stages[0], sure, notices)
         self._contested(stages[1], new, notices)
         self._standing(stages[0])
@@ -107,15 +107,57 @@ class Matching:
             self._pixels.image = self._frame.image
         return self._pixels.image
 
-    def _alone(self, rows: Rows) -> tuple[Rows, Floats]:
-        """Targets whose blob is theirs alone and of their size: taken as measured.
-
-        Returns:
-            Those whose parts have to be learnt again, (M,), and their boxes, (M, 4).
+    def _alone(self, rows: Rows) -> None:
+        """Targets whose blob is theirs alone, of their size, and of their likeness: taken as
+        measured.
         """
+        found, theirs = self._lone(rows)
+        if not len(found):
+            return
+        boxes = self._seen.blob_boxes[theirs]
+        m = self._measure(found, boxes)[0]
+        scores = self._likeness(found, m)
+        # Nobody else can be that blob; and of whom nothing is known, nothing can be unlike.
+        like = scores >= round(self._p.whole * self._p.match_score * FULL)
+        like |= ~self._targets.model.seen[found].any(axis=1)
+        found, theirs, boxes, m = found[like], theirs[like], boxes[like], m.kept(like)
+        self._observe(
+            found,
+            boxes,
+            theirs + 1,
+            ["motion"] * len(found),
+            [None] * len(found),
+            self._seen.centroids[theirs],
+        )
+        now = self._frame.time_ns
+        due = np.zeros(len(found), bool)
+        for k, (row, score) in enumerate(
+            zip(found.tolist(), scores[like].tolist(), strict=True)
+        ):
+            item = self._targets.items[row]
+            item.matched_ns, item.score = now, score / FULL
+            if (now - item.learnt_ns) * 1e-9 >= self._p.learn_s or item.learnt_ns < 0:
+                item.learnt_ns = now
+                due[k] = True
+        if due.any():
+            self._learn(found[due], boxes[due], m.kept(due))
+
+    def _likeness(self, rows: Rows, m: Measured) -> NDArray[np.int64]:
+        """Global scores (PARTS eq. 13) of targets (M,) in what was measured for each, (M,) of
+        `FULL`; parts that are hidden by what nobody tracks count a constant.
+        """
+        known = m.known.copy()
+        if not self._p.use_parts:
+            known[AREA:DISPLACEMENT] = False
+        parts = self._scorer.parts(differences(self._targets.model, rows, m), known)
+        hidden_score = round(self._p.hidden_score * FULL)
+        return self._scorer.whole(parts, self._empty(rows, m), hidden_score)
+
+    def _lone(self, rows: Rows) -> tuple[Rows, Rows]:
+        """Targets that have a blob of their size for themselves, (M,), and the blobs, (M,)."""
         blobs = self._seen.blob_boxes
         if not len(rows) or not len(blobs):
-            return np.zeros(0, np.intp), np.zeros((0, 4))
+            return np.zeros(0, np.intp), np.zeros(0, np.intp)
         at = self._expected[rows]
         linked = (
             self._links(at, blobs)
@@ -135,24 +177,7 @@ class Matching:
             away <= self._gates[rows[lone]]
         )
         fits &= (linked.sum(axis=0)[theirs] == 1) & (self._seen.held[theirs + 1] <= 1)
-        found, theirs = rows[lone[fits]], theirs[fits]
-        self._observe(
-            found,
-            blobs[theirs],
-            theirs + 1,
-            ["motion"] * len(found),
-            [None] * len(found),
-            self._seen.centroids[theirs],
-        )
-        now = self._frame.time_ns
-        due = np.zeros(len(found), bool)
-        for k, row in enumerate(found.tolist()):
-            item = self._targets.items[row]
-            item.matched_ns = now
-            if (now - item.learnt_ns) * 1e-9 >= self._p.learn_s or item.learnt_ns < 0:
-                item.learnt_ns = now
-                due[k] = True
-        return found[due], blobs[theirs[due]]
+        return rows[lone[fits]], theirs[fits]
 
     def _links(self, boxes: Floats, blobs: Floats) -> Floats:
         """Foreground pixels of each blob's box within each box, (N, M)."""
@@ -256,34 +281,22 @@ class Matching:
         self._targets.template[rows[whole]] = seen[whole]
         self._targets.has_template[rows[whole]] = True
 
-    def _evaluate(
-        self, stages: list[Rows], back: Rows, learnt: Rows, boxes: Floats
-    ) -> list[Scored | None]:
-        """Measure all that has to be compared in this frame, at once; learn the parts of those
-        who are alone.
+    def _evaluate(self, stages: list[Rows], back: Rows) -> list[Scored | None]:
+        """Measure all that has to be compared in this frame, at once.
 
         Args:
             stages: targets that are associated together.
             back: targets that were lost: place and overlap tell nothing of them.
-            learnt: (M,) targets to be learnt, in ``boxes`` (M, 4).
-            boxes: see ``learnt``.
 
         Returns:
             The candidates of each stage with their scores, None where there are none at all.
         """
         targets, rows = self._targets, np.concatenate(stages)
         if not len(rows):
-            if len(learnt):
-                self._learn(learnt, boxes, self._measure(learnt, boxes)[0])
             return [None] * len(stages)
         at = Expected(self._expected[rows], targets.alpha[rows], self._gates[rows])
         found, counts = gather(self._seen, stages, at, self._heads, self._p)
-        both, parts = self._measure(
-            np.concatenate([learnt, found.rows]), np.concatenate([boxes, found.boxes])
-        )
-        if len(learnt):
-            self._learn(learnt, boxes, both.kept(slice(len(learnt))))
-        m, parts = both.kept(slice(len(learnt), None)), parts[len(learnt) :]
+        m, parts = self._measure(found.rows, found.boxes)
         known = np.repeat(m.known[None], len(found.rows), axis=0)
         if not self._p.use_parts:
             known[:, AREA:DISPLACEMENT] = False

@@ -2,9 +2,7 @@
 
 Ties: joint assignment by `replay.trackers.association.assign` (targets in the order of their
 birth, anchors in the order of the observations); ids are given in the order of birth. Deviations
-from the paper are said where they are made (`candidates`, `features`, `heads`, `targets`); here:
-a target alone in a blob of its own that fits is matched to it without a comparison of parts,
-except every `learn_s`, when its parts are learnt.
+from the paper are said where they are made (`candidates`, `features`, `heads`, `targets`).
 """
 
 from __future__ import annotations
@@ -13,11 +11,13 @@ import numpy as np
 from msgspec import UNSET
 from msgspec.structs import replace
 
+from reasoning.geometry import middles_inside
 from reasoning.regions import RegionParameters
 from recorders.messages import NO_BLOB, Box, Notice
 from recorders.messages import Target as Answer
 from recorders.messages import Targets as Answers
 from recorders.segmentation.sizes import SizeModel
+from replay.trackers.association import intersection
 from replay.trackers.belief import Scores, stamped
 from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.parts.beginning import Beginning, parse_init
@@ -147,11 +147,28 @@ class PartsTracker:
         targets.keep(kept)
         return notices
 
+    def _blobs(self) -> list[int]:
+        """The blob of every target, by row: where it was found; of one who is not seen, that of
+        whom its middle lies under, of several the one that it lies under most.
+        """
+        items, boxes = self._targets.items, self._targets.boxes
+        blobs = [t.blob if t.observed else NO_BLOB for t in items]
+        seen = [k for k, t in enumerate(items) if t.told and t.observed]
+        gone = [k for k, t in enumerate(items) if t.told and not (t.observed or t.lost)]
+        if not seen or not gone:
+            return blobs
+        cover = intersection(boxes[gone], boxes[seen])
+        for row, under in zip(gone, cover, strict=True):
+            front = seen[int(np.argmax(under))]
+            if middles_inside(boxes[row : row + 1], boxes[front : front + 1])[0]:
+                blobs[row] = items[front].blob
+        return blobs
+
     def _answer(
         self, frame: Frame, notices: list[Notice], gates: dict[int, Box]
     ) -> Answers:
         out = []
-        targets = self._targets
+        targets, blobs = self._targets, self._blobs()
         for row, item in enumerate(targets.items):
             # Bystanders are there for hindsight, which may find that one of them is a target that
             # was lost.
@@ -168,7 +185,7 @@ class PartsTracker:
                     min(1.0, max(0.0, item.confidence)),
                     present=item.told and not item.lost,
                     observed=item.observed,
-                    blob=item.blob if item.observed else NO_BLOB,
+                    blob=blobs[row],
                     newborn=item.newborn,
                     born_of_split=item.newborn and item.split,
                     hidden_parts=[
