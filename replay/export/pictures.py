@@ -40,6 +40,12 @@ class StoredPictures:
     log: AnnotatedLog
     left_out: int = field(default=0, init=False)
 
+    def before(self, time_ns: int) -> int:
+        """How many there are before a log time."""
+        topic = channels.topic(self.log.camera, "image")
+        with LogReader(self.log.path, self.log.limits) as reader:
+            return sum(1 for _ in reader.messages([topic], end_ns=time_ns))
+
     def __iter__(self) -> Iterator[StoredPicture]:
         topic = channels.topic(self.log.camera, "image")
         with LogReader(self.log.path, self.log.limits) as reader:

@@ -55,10 +55,13 @@ def write_rrd(
         pictures = StoredPictures(log)
         waiting = iter(pictures)
         picture = next(waiting, None)
-        frames = 0
+        frames = early = 0
         for frame in log.frames(("events", "relations", "regions")):
+            # Packets that the first picture needs have numbers of their own, too.
+            early = early if frames else pictures.before(frame.time_ns)
             while picture is not None and picture.time_ns <= frame.time_ns:
-                scene.picture(picture, frame.index)
+                scene.picture(picture, frame.index - early)
+                early = max(0, early - 1)
                 picture = next(waiting, None)
             scene.frame(frame)
             frames += 1
