@@ -12,6 +12,8 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
+
 from recorders import channels
 from recorders.detectors import Detector
 from recorders.errors import OutputExistsError, SceneTraceError, UsageError
@@ -23,7 +25,7 @@ from recorders.recording.finding import Finder
 from recorders.recording.methods import methods_of, open_detector
 from recorders.recording.options import RecordOptions, with_defaults
 from recorders.recording.passed_on import Others
-from recorders.recording.scene_writer import RecordSummary, SceneWriter
+from recorders.recording.scene_writer import QUALITY, RecordSummary, SceneWriter
 from recorders.recording.stages import Encoded, encoded
 from recorders.segmentation import (
     SEGMENTERS,
@@ -31,6 +33,8 @@ from recorders.segmentation import (
     Segmenter,
     SegmenterInTwoLooks,
 )
+from recorders.segmentation.motion import MotionSegmenter
+from recorders.segmentation.quality import GOOD, Measure
 from recorders.segmentation.usual import MOMENT_S
 from recorders.sources import Source, read_regions
 from recorders.sources.source import NANOS, GivenDetections, pairs_of
@@ -227,6 +231,8 @@ def _finder(
         finder.segmenter.prepare_twice(paired())
     else:
         finder.segmenter.prepare(sampled())
+    if isinstance(finder.segmenter, MotionSegmenter):
+        facts = {**facts, QUALITY: quality_of(source, finder.segmenter.quality)}
     fusion = options.config["fusion"]
     assert isinstance(fusion, FusionParameters)
     if fusion.fuse and (detector is not None or source.has_detections):
@@ -235,6 +241,16 @@ def _finder(
         fps = NANOS / source.frame_ns
         finder.fusion = FusedFrames(fusion, source.height, fps, sample)
     return finder, facts
+
+
+def quality_of(source: Source, measured: list[Measure]) -> str:
+    """The measures as the log holds them; the source notes that its whole picture changes."""
+    for one in measured:
+        bad = one.verdict != GOOD and one.name == "foreground_share"
+        if bad and one.verdict not in source.notes:
+            source.notes.append(one.verdict)
+    rows = [[one.name, one.value, one.verdict] for one in measured]
+    return msgspec.json.encode(rows).decode()
 
 
 def _segmenter(name: str, source: Source, options: RecordOptions) -> Segmenter:

@@ -23,6 +23,8 @@ from recorders.recording.stages import Encoded
 from recorders.sources import Source
 
 METADATA = "scenetrace"
+QUALITY = "quality"
+"""What the first reading measured: a list of name, value, verdict."""
 METADATA_AT_START = "scenetrace.started"
 DIGESTS_ATTACHMENT = "source.sha256"
 OWN_RECORDS = frozenset(
@@ -81,8 +83,12 @@ class SceneWriter:
         self._detections = 0
         self._last_ns = 0
         self._facts = _known_at_start(source, options)
-        if detector:
-            self._facts["detector"] = _json(dict(detector))
+        found = dict(detector or {})
+        quality = found.pop(QUALITY, None)
+        if quality is not None:
+            self._facts[QUALITY] = quality
+        if found:
+            self._facts["detector"] = _json(found)
 
     def _put(self, name: str, data: bytes, now: int, schema: str | None = None) -> None:
         if name not in self._channels:

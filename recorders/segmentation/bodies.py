@@ -117,6 +117,11 @@ class Bodies:
         """How large bodies usually are, of what was looked at twice so far."""
         self.usual = self._sightings.learn()
 
+    @property
+    def sightings(self) -> int:
+        """How many bodies were seen clean."""
+        return self._sightings.count
+
     def learn_usual_of(self, masks: list[tuple[Image, Image]]) -> None:
         """The same of pairs of masks; what is thin against the bodies so learnt is taken off, and
         they are looked at again.

@@ -17,6 +17,7 @@ from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
 from recorders.segmentation.bodies import Bodies
 from recorders.segmentation.evidence import NEUTRAL, Shadows, weighted_median, window_of
 from recorders.segmentation.parameters import SegmentationParameters
+from recorders.segmentation.quality import Measure, measures
 from recorders.segmentation.segmenter import Image, Segmented, as_image, neighbours
 from recorders.vision import cv2
 
@@ -62,6 +63,7 @@ class MotionSegmenter:
         self._shadows = Shadows(parameters, width, height)
         self._neutral = np.full((height, width), NEUTRAL, np.uint8)
         self._bodies = Bodies(parameters.size_model, width, height)
+        self.quality: list[Measure] = []
 
     def prepare(self, frames: Iterable[Image]) -> None:
         """Learn the background and the bodies' size from pictures spread over the whole
@@ -94,6 +96,14 @@ class MotionSegmenter:
         for now, _ in masks:
             self._bodies.observe(self._bodies.measured_in(now, self._min_area))
         self._bodies.learn()
+        shares = [int(np.count_nonzero(now)) / max(1, now.size) for now, _ in masks]
+        self.quality = measures(
+            sum(shares) / len(shares),
+            self._bodies.sightings,
+            self._bodies.usual is not None,
+            self._bodies.model is not None,
+            self._grainy,
+        )
 
     def _learn(self, pictures: list[Image]) -> Background:
         """The background; where noise alone decides what is foreground, that of pictures without

@@ -104,6 +104,11 @@ class Sightings:
         weight = np.where(moves, 1.0, RESTING)
         self._clean.append(np.column_stack([found, weight])[steady])
 
+    @property
+    def count(self) -> int:
+        """How many were seen clean."""
+        return sum(len(rows) for rows in self._clean)
+
     def _alone(self, b: Floats) -> NDArray[np.bool_]:
         """Regions with little beside them that lie in the picture whole."""
         x, y, w, h, area = b.T
