@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
-from replay.cli.common import Commands, add_configuration, command, say
+from replay.cli.common import Commands, add_configuration, command, printable, say
 from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps([e.as_json() for e in found], indent=1, ensure_ascii=False))
     else:
-        print("\n\n".join("\n".join(e.lines()) for e in found))
+        print("\n\n".join("\n".join(map(printable, e.lines())) for e in found))
     return Exit.DONE
 
 

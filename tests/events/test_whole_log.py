@@ -4,6 +4,7 @@ recordings.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -188,7 +189,7 @@ def test_the_latest_graph_gives_the_same_answers(three: list[AnnotatedFrame]) ->
             if d["kind"] == "group" and not d.get("gone")
         }
         assert {
-            n: (d["members"], d["formed_from"], d["former_members"])
+            n: tuple(json.loads(d[k]) for k in ("members", "formed_from", "former_members"))
             for n, d in groups.items()
         } == {
             f"group:{g.label}": (g.members, g.formed_from, g.former_members)

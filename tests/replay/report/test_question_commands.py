@@ -230,6 +230,7 @@ def test_explain_command(
         == 0
     )
     told = capsys.readouterr().out
+    assert "\x1b" not in told  # what a log says must not steer the terminal
     assert "rule:  SHELLS 2.3 case II" in told
     assert "shell_gap_px = -1.5, wanted <= 0: met by 1.5" in told
     assert "safety_distance = 1.25, wanted <= 1: missed by 0.25" in told
@@ -344,5 +345,5 @@ def test_an_empty_answer_says_what_it_means(
     assert len(told.out.splitlines()) == 2
     assert main(["query", str(log), "--ask", "left-with", "1", "--json"]) == 0
     told = capsys.readouterr()
-    assert "ask `timeline 1`" in told.err
+    assert "see `timeline 1`" in told.err
     assert json.loads(told.out) == []
