@@ -202,8 +202,14 @@ def _write_yard(path: Path, output_digest: str = "abc") -> Path:
             )
             out.write(ids["groups"], channels.encode("groups", Groups(n)), t)
             if n == 15:
-                evidence = {"case": "II", "after": "INTERACTION", "shell_gap_px": -1.5, "shell_gap_px_at_most": 0.0, "safety_distance": 1.25,
-                            "safety_distance_at_most": 1.0}  # fmt: skip
+                evidence = {
+                    "case": "II",
+                    "after": "INTERACTION",
+                    "shell_gap_px": -1.5,
+                    "shell_gap_px_at_most": 0.0,
+                    "safety_distance": 1.25,
+                    "safety_distance_at_most": 1.0,
+                }
                 event = Event(
                     1,
                     "interaction_started",
