@@ -394,17 +394,26 @@ class Resolver:
         bins: Bins | None,
         whole: dict[int, int],
     ) -> None:
-        """One that was hidden comes back only to pixels of its own colours; others are not its
-        own.
+        """One that was hidden comes back only to pixels of its own colours; and nobody goes on with
+        pixels that are unlike its own and like a rival's.
         """
         for k, body in enumerate(items):
-            if not body.front:
+            if k in whole and not body.front:
                 continue
             own = owner == k + 1
             count = int(np.count_nonzero(own))
-            like = count >= self._p.min_back * body.area
+            like = not body.front or count >= self._p.min_back * body.area
             if like and bins is not None and body.colours is not None and count:
-                like = distance(histogram(bins, own), body.colours) <= self._p.recover
+                seen = histogram(bins, own)
+                away = distance(seen, body.colours)
+                like = away <= self._p.recover or (
+                    not body.front
+                    and not any(
+                        distance(seen, other.colours) <= self._p.recover
+                        for other in items
+                        if other is not body and other.colours is not None
+                    )
+                )
             if not like:
                 owner[own] = 0
                 whole.pop(k, None)

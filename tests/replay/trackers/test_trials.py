@@ -30,13 +30,8 @@ from replay.trackers.catalogue import TRACKERS
 
 LIMITS = {
     ("van_in_front", "parts"): "a van is no body: it is told as several people",
-    (
-        "van_behind",
-        "shells",
-    ): "who is small against whom he shares a blob with loses his pixels",
     ("three_way_split", "parts"): "three bodies in one blob lose their names",
     ("colour_swap", "shells"): "who is alone in a blob is not asked for his colours",
-    ("colour_swap", "parts"): "who is alone in a blob is not asked for his colours",
 }
 """(scene, tracker) -> what falls short, and why."""
 
