@@ -29,6 +29,7 @@ from reasoning.questions.macros import macro_statements
 from reasoning.questions.schema import SURE, TABLES, create_statements, shown
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.messages import EVENT_LEVELS
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 DUCKDB_MAGIC = b"DUCK"
@@ -88,6 +89,11 @@ class Answer:
     rows: Iterator[tuple[Any, ...]]
 
 
+_OF_TRACKERS = ", ".join(
+    f"'{kind}'" for kind, level in EVENT_LEVELS.items() if level == "DEBUG"
+)
+
+
 class Case:
     """Tables over any number of inputs, open for questions.
 
@@ -103,6 +109,7 @@ class Case:
         *,
         log_limits: Limits = DEFAULT_LIMITS,
         encounters: EncounterParameters | None = None,
+        brief: bool = False,
     ) -> None:
         """Open and read the inputs.
 
@@ -112,6 +119,8 @@ class Case:
             log_limits: bounds on what a log may make us allocate.
             encounters: the thresholds of encounters in logs; an index keeps those that it was
                 made with.
+            brief: leave out of ``events`` what trackers say of themselves: the kinds whose level
+                is DEBUG in `recorders.messages.EVENT_LEVELS`.
 
         Raises:
             RecordingError: an input is neither log, index nor Parquet folder, or is damaged.
@@ -123,6 +132,7 @@ class Case:
             )
         self.inputs = [Path(p) for p in inputs]
         self.limits = limits or QueryLimits()
+        self._brief = brief
         self._con = duckdb.connect(":memory:", config=locked_down(self.limits))
         self._places: list[tuple[Path, Callable[[str], str]]] = []
         self._files: list[Path] = []
@@ -171,6 +181,8 @@ class Case:
             parts = " UNION ALL BY NAME ".join(
                 f"SELECT * FROM {place(table)}" for _, place in self._places
             )
+            if table == "events" and self._brief:
+                parts = f"SELECT * FROM ({parts}) WHERE kind NOT IN ({_OF_TRACKERS})"
             try:
                 self._con.execute(f"CREATE VIEW {SURE}{table} AS {parts}")
                 columns = ", ".join(shown(table))

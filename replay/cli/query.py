@@ -98,6 +98,12 @@ def add(commands: Commands) -> None:
         help="leave out rows of a ready question that are less sure than P, 0 to 1"
         " (default 0.5); stderr says how many",
     )
+    asking.add_argument(
+        "--brief",
+        action="store_true",
+        help="events for people: without what trackers say of themselves (confirmed, lost,"
+        " mode changed ...)",
+    )
     add_configuration(parser)
     limits = parser.add_argument_group("limits")
     limits.add_argument(
@@ -138,7 +144,10 @@ def run(args: argparse.Namespace) -> int:
         raise OutputExistsError(args.output)
     encounters = encounter_config(args.config, args.assignments)
     with Case(
-        inputs, QueryLimits(args.time_limit, args.memory), encounters=encounters
+        inputs,
+        QueryLimits(args.time_limit, args.memory),
+        encounters=encounters,
+        brief=args.brief,
     ) as case:
         check_thresholds(case, chosen_encounters(args.config, args.assignments))
         ask, nothing = _asked(case, query, args)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,8 @@ import pytest
 import scenetrace
 from fixtures.logs import write_truth
 from fixtures.scenes import generate
+from recorders.messages import EVENT_LEVELS
+from replay.cli import main
 
 
 def test_replay_gives_what_the_command_gives(folder: Path, tmp_path: Path) -> None:
@@ -44,3 +47,23 @@ def test_record_and_evaluate(tmp_path: Path) -> None:
     scenetrace.replay(scene_log, out)
     scores = scenetrace.evaluate(out, tmp_path / "gt.txt")
     assert scores.clear.mota > 80
+
+
+def test_brief_leaves_out_what_trackers_say_of_themselves(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def kinds(*words: str) -> set[str]:
+        command = [
+            "query",
+            str(folder / "annotated.mcap"),
+            "SELECT DISTINCT kind FROM events",
+            "--json",
+            *words,
+        ]
+        assert main(command) == 0
+        return {row["kind"] for row in json.loads(capsys.readouterr().out)}
+
+    own = {kind for kind, level in EVENT_LEVELS.items() if level == "DEBUG"}
+    assert kinds() & own
+    assert kinds("--brief") == kinds() - own
+    assert kinds("--brief")
