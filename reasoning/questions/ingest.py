@@ -37,6 +37,7 @@ from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
 from recorders.messages import Box, Event, Track
+from recorders.quality import Measure, recorded_quality
 
 Row = tuple[Any, ...]
 Sink = Callable[[str, Sequence[Row]], None]
@@ -110,6 +111,7 @@ def read_recordings(
     base = name or Path(path).stem
     with LogReader(path, limits) as log:
         cameras: list[str | None] = [*annotated_cameras(log)]
+        quality = recorded_quality(log.metadata(), path)
     found = []
     # Without a camera the reader says itself that there is none.
     for camera in cameras or [None]:
@@ -120,7 +122,9 @@ def read_recordings(
                 str(path),
                 annotated.camera,
             )
-            _Camera(annotated, facts, sink, encounters or EncounterParameters()).read()
+            _Camera(annotated, facts, sink, encounters or EncounterParameters()).read(
+                quality.get(annotated.camera, ())
+            )
             found.append(facts)
     return found
 
@@ -187,7 +191,7 @@ class _Camera:
         self._labels: dict[int, str] = {}
         self._t, self._frame = 0.0, -1
 
-    def read(self) -> None:
+    def read(self, quality: Sequence[Measure]) -> None:
         facts = self._facts
         facts.tracker = self._log.tracker
         facts.output_digest = self._log.facts.get("output_digest", "")
@@ -196,6 +200,8 @@ class _Camera:
         for frame in self._log.frames(_READ):
             self._take(frame)
         self._finish()
+        for measure in quality:
+            self._add("quality", measure.name, measure.value, measure.verdict)
         for table in self._rows:
             self._send(table)
         self._sink("recordings", [facts.row()])

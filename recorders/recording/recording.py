@@ -12,8 +12,6 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 
-import msgspec
-
 from recorders import channels
 from recorders.detectors import Detector
 from recorders.errors import OutputExistsError, SceneTraceError, UsageError
@@ -21,11 +19,12 @@ from recorders.fusion import FusedFrames, FusionParameters
 from recorders.log import LogWriter
 from recorders.messages import Detections
 from recorders.pictures import Image
+from recorders.quality import QUALITY, Measure, quality_text
 from recorders.recording.finding import Finder
 from recorders.recording.methods import methods_of, open_detector
 from recorders.recording.options import RecordOptions, with_defaults
 from recorders.recording.passed_on import Others
-from recorders.recording.scene_writer import QUALITY, RecordSummary, SceneWriter
+from recorders.recording.scene_writer import RecordSummary, SceneWriter
 from recorders.recording.stages import Encoded, encoded
 from recorders.segmentation import (
     SEGMENTERS,
@@ -34,7 +33,7 @@ from recorders.segmentation import (
     SegmenterInTwoLooks,
 )
 from recorders.segmentation.motion import MotionSegmenter
-from recorders.segmentation.quality import GOOD, Measure
+from recorders.segmentation.quality import FOREGROUND, worst
 from recorders.segmentation.usual import MOMENT_S
 from recorders.sources import Source, read_regions
 from recorders.sources.source import NANOS, GivenDetections, pairs_of
@@ -232,7 +231,10 @@ def _finder(
     else:
         finder.segmenter.prepare(sampled())
     if isinstance(finder.segmenter, MotionSegmenter):
-        facts = {**facts, QUALITY: quality_of(source, finder.segmenter.quality)}
+        measured = finder.segmenter.quality
+        facts = {**facts, QUALITY: quality_text(measured)}
+        alone = detector is None and not source.has_detections
+        _note_quality(source, measured, alone)
     fusion = options.config["fusion"]
     assert isinstance(fusion, FusionParameters)
     if fusion.fuse and (detector is not None or source.has_detections):
@@ -243,14 +245,15 @@ def _finder(
     return finder, facts
 
 
-def quality_of(source: Source, measured: list[Measure]) -> str:
-    """The measures as the log holds them; the source notes that its whole picture changes."""
-    for one in measured:
-        bad = one.verdict != GOOD and one.name == "foreground_share"
-        if bad and one.verdict not in source.notes:
-            source.notes.append(one.verdict)
-    rows = [[one.name, one.value, one.verdict] for one in measured]
-    return msgspec.json.encode(rows).decode()
+def _note_quality(source: Source, measured: list[Measure], alone: bool) -> None:
+    """The source notes what is wrong with its segmentation; pieces that stay apart only where
+    masks are all there is.
+    """
+    found = worst(measured)
+    if found is None or not (alone or found.name == FOREGROUND):
+        return
+    if found.verdict not in source.notes:
+        source.notes.append(found.verdict)
 
 
 def _segmenter(name: str, source: Source, options: RecordOptions) -> Segmenter:

@@ -18,13 +18,12 @@ from recorders.machine import machine, opencv_build, python_version
 from recorders.message_checks import check_detections
 from recorders.messages import Detections, Regions
 from recorders.parameters import as_plain
+from recorders.quality import QUALITY
 from recorders.recording.options import RecordOptions
 from recorders.recording.stages import Encoded
 from recorders.sources import Source
 
 METADATA = "scenetrace"
-QUALITY = "quality"
-"""What the first reading measured: a list of name, value, verdict."""
 METADATA_AT_START = "scenetrace.started"
 DIGESTS_ATTACHMENT = "source.sha256"
 OWN_RECORDS = frozenset(

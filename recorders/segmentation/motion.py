@@ -13,11 +13,12 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from recorders.messages import Detections
+from recorders.quality import Measure
 from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
 from recorders.segmentation.bodies import Bodies
 from recorders.segmentation.evidence import NEUTRAL, Shadows, weighted_median, window_of
 from recorders.segmentation.parameters import SegmentationParameters
-from recorders.segmentation.quality import Measure, measures
+from recorders.segmentation.quality import measures
 from recorders.segmentation.segmenter import Image, Segmented, as_image, neighbours
 from recorders.vision import cv2
 

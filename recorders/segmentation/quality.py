@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
-GOOD = "good"
+from recorders.quality import GOOD, Measure
+
 MOST_FOREGROUND = 0.4
 """Where more of the picture than this is foreground, it is not bodies that change it."""
-
-
-@dataclass(frozen=True)
-class Measure:
-    """One thing that was measured.
-
-    Attributes:
-        name: what.
-        value: the figure.
-        verdict: ``good``, or what is wrong and what to do.
-    """
-
-    name: str
-    value: float
-    verdict: str = GOOD
+LEAST_FOREGROUND = 0.001
+"""Where less of it is, on the mean, too little moves to say that bodies are not found."""
+FOREGROUND, SIZES = "foreground_share", "clean_sightings"
+SAID = (FOREGROUND, SIZES)
+"""With a bad verdict on these most of what is found may be wrong, the first being the worse."""
 
 
 def measures(
@@ -40,24 +31,35 @@ def measures(
     if foreground > MOST_FOREGROUND:
         changed = (
             f"{foreground:.0%} of the picture differs from its background: the camera moves, or"
-            " light and colours change as a whole; record such spans apart, or give"
-            " --detect onnx a model"
+            " light and colours change as a whole, or leaves and water fill it; record such spans"
+            " apart, give a region of interest (--regions FILE), or a detector (--detect onnx"
+            " --model FILE)"
         )
-    if foreground > 0 and not usual:
+    if foreground >= LEAST_FOREGROUND and not usual:
         sized = (
             f"only {sightings} bodies were seen clean: how large they are is not known, and their"
-            " pieces stay apart; --detect onnx with a model, or --detect threshold for animals"
-            " on an even ground, may do better"
+            " pieces stay apart; give a detector (--detect motion,onnx --model FILE), or for"
+            " animals on an even ground --detect threshold"
         )
     if usual and not upright:
         shaped = (
-            "bodies are not upright on one plane: merged ones are divided by area alone"
+            "bodies are not upright on one plane: merged ones are divided by area alone; where"
+            " people overlap much, a detector (--detect motion,onnx --model FILE) tells them apart"
         )
     if noisy:
-        grain = "noise decides what is foreground; pictures are smoothed"
+        grain = (
+            "noise decides what is foreground: pictures are smoothed, and what is small or pale may"
+            " be missed; a detector (--detect motion,onnx --model FILE) may find it"
+        )
     return [
-        Measure("foreground_share", round(foreground, 6), changed),
-        Measure("clean_sightings", float(sightings), sized),
+        Measure(FOREGROUND, round(foreground, 6), changed),
+        Measure(SIZES, float(sightings), sized),
         Measure("upright_bodies", float(upright), shaped),
         Measure("noise", float(noisy), grain),
     ]
+
+
+def worst(measured: Sequence[Measure]) -> Measure | None:
+    """What a person should be told of when it is measured, None where nothing is that wrong."""
+    bad = {one.name: one for one in measured if one.bad}
+    return next((bad[name] for name in SAID if name in bad), None)

@@ -14,6 +14,7 @@ from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
     from recorders.log.info import LogInfo
+    from recorders.quality import Measure
 
 # Times before this are seconds from a recording's start, not dates.
 _FIRST_DATE_NS = 365 * 86_400 * common.NANOS
@@ -44,14 +45,28 @@ def run(args: argparse.Namespace) -> int:
     from recorders.log.info import inspect
 
     info = inspect(args.log, common.parse_limits(args.limit))
+    quality = _quality(info)
     if args.json:
-        print(json.dumps(_plain(info), indent=2, sort_keys=True))
+        print(json.dumps(_plain(info, quality), indent=2, sort_keys=True))
     else:
-        _print(info)
+        _print(info, quality)
     return Exit.DONE
 
 
-def _plain(info: LogInfo) -> dict[str, Any]:
+def _quality(info: LogInfo) -> dict[str, list[Measure]] | None:
+    """What was measured of each camera's recording; None where another program wrote something
+    else under that name, which is shown as it is.
+    """
+    from recorders.errors import RecordingError
+    from recorders.quality import recorded_quality
+
+    try:
+        return recorded_quality(info.metadata, info.path)
+    except RecordingError:
+        return None
+
+
+def _plain(info: LogInfo, quality: dict[str, list[Measure]] | None) -> dict[str, Any]:
     channels = [
         {
             "topic": channel.topic,
@@ -76,6 +91,11 @@ def _plain(info: LogInfo) -> dict[str, Any]:
             {"name": name, "values": dict(values)} for name, values in info.metadata
         ],
         "compression": [asdict(c) for c in info.compression],
+        "quality": [
+            {"camera": camera, **asdict(measure)}
+            for camera, measured in (quality or {}).items()
+            for measure in measured
+        ],
     }
 
 
@@ -101,8 +121,19 @@ def _shortened(text: str, width: int) -> str:
     return f"{text[: width - end - 1]}…{text[-end:]}"
 
 
-def _print(info: LogInfo) -> None:
+def _print_quality(quality: dict[str, list[Measure]]) -> None:
+    for camera, measured in quality.items():
+        print(common.printable(f"quality   of {camera or 'the recording'}"))
+        for measure in measured:
+            line = f"  {measure.name} {measure.value:g}: {measure.verdict}"
+            print(common.printable(line))
+
+
+def _print(info: LogInfo, quality: dict[str, list[Measure]] | None) -> None:
     from rich.cells import cell_len, set_cell_size
+
+    from recorders.format_version import RECORDS
+    from recorders.quality import QUALITY
 
     packed = (
         ", ".join(
@@ -141,6 +172,7 @@ def _print(info: LogInfo) -> None:
             f"  {set_cell_size(_shortened(topic, width), width)}  {count:>7} "
             f" {_shortened(common.printable(schema), room)}"
         )
+    _print_quality(quality or {})
     for attachment in info.attachments:
         print(
             common.printable(
@@ -153,6 +185,8 @@ def _print(info: LogInfo) -> None:
         for key, value in sorted(values.items()):
             if name in _OURS and key == "fact_digests":
                 continue  # a digest of each of the others: for `verify`, and in --json
+            if name in RECORDS and key == QUALITY and quality is not None:
+                continue  # told above
             sections = (
                 _sections(value) if name in _OURS and key == "configuration" else None
             )

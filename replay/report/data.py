@@ -16,6 +16,8 @@ from reasoning.questions import Case
 from reasoning.questions.literals import literal
 from recorders.annotated.reader import AnnotatedLog
 from recorders.pictures import encode_jpeg
+from recorders.quality import Measure
+from recorders.segmentation.quality import worst
 from recorders.vision import cv2
 from replay.draw import DrawOptions
 from replay.palette import track_css
@@ -76,6 +78,8 @@ def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, 
     """Everything that the page draws, as JSON-ready data."""
     facts = _only(case, f"SELECT * FROM recordings WHERE camera = {literal(log.camera)}")  # noqa: S608
     name = literal(facts["recording"])
+    quality = _quality(case, name)
+    found = worst(quality)
     size = log.size() or (facts["width"], facts["height"])
     frames = case.rows(
         f"SELECT frame, t FROM frames WHERE recording = {name} ORDER BY frame"  # noqa: S608
@@ -87,7 +91,8 @@ def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, 
     )
     data: dict[str, Any] = {
         "recording": facts["recording"],
-        "facts": _facts(facts, log),
+        "facts": [*_facts(facts, log), *_told(quality)],
+        "warning": "" if found is None else found.verdict,
         "figures": _figures(case, name, facts),
         "size": list(size),
         "begins": facts["begins"],
@@ -150,6 +155,17 @@ def _facts(facts: dict[str, Any], log: AnnotatedLog) -> list[list[str]]:
         ["Input digest", said.get("input_digest", "")],
     ]  # fmt: skip
     return [row for row in rows if row[1]]
+
+
+def _quality(case: Case, name: str) -> list[Measure]:
+    query = (
+        f"SELECT name, value, verdict FROM quality WHERE recording = {name} ORDER BY name"  # noqa: S608
+    )
+    return [Measure(*row) for row in case.rows(query)]
+
+
+def _told(quality: Sequence[Measure]) -> list[list[str]]:
+    return [[f"Quality: {m.name}", f"{m.value:g}: {m.verdict}"] for m in quality]
 
 
 def _figures(case: Case, name: str, facts: dict[str, Any]) -> list[list[Any]]:

@@ -73,6 +73,8 @@
     box.append(element("dt", name), element("dd", typeof value === "number" ? value.toLocaleString("en") : value));
     $("figures").append(box);
   }
+  $("warning").textContent = D.warning;
+  $("warning").hidden = !D.warning;
   for (const [name, value] of D.facts) {
     const row = element("tr");
     row.append(element("th", name), element("td", value));

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import platform
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import pytest
 from fixtures.logs import export_video
 from fixtures.scenes import generate
 from recorders.log import LogWriter
+from recorders.quality import quality_text
+from recorders.segmentation.quality import measures
 from replay.cli import main
 
 
@@ -76,3 +79,35 @@ def test_a_scene_log_says_what_its_masks_and_detections_depend_on(
         '"numpy":"2',
     ):
         assert words in said
+
+
+def test_the_quality_of_a_recording_is_told_once_with_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    measured = measures(0.6, 0, False, False, False)
+    facts = {"camera": "left", "quality": quality_text(measured)}
+    with LogWriter(tmp_path / "x.mcap") as log:
+        log.metadata("scenetrace.started", facts)
+        log.metadata("scenetrace", facts)
+    assert main(["info", str(tmp_path / "x.mcap")]) == 0
+    out = capsys.readouterr().out
+    assert out.count("60% of the picture differs from its background") == 1
+    assert "quality   of left\n  foreground_share 0.6: 60%" in out
+    assert "  noise 0: good\n" in out
+    assert main(["info", str(tmp_path / "x.mcap"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["quality"]
+    assert told == [
+        {"camera": "left", "name": m.name, "value": m.value, "verdict": m.verdict}
+        for m in measured
+    ]
+
+
+def test_something_else_under_the_name_quality_is_shown_as_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with LogWriter(tmp_path / "x.mcap") as log:
+        log.metadata("scenetrace", {"quality": "very\x1b[2J fine"})
+    assert main(["info", str(tmp_path / "x.mcap")]) == 0
+    assert r"quality: very\x1b[2J fine" in capsys.readouterr().out
+    assert main(["info", str(tmp_path / "x.mcap"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["quality"] == []

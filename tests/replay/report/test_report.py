@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,12 +26,19 @@ from recorders.messages import (
     Tracks,
 )
 from recorders.pictures import encode_jpeg
+from recorders.quality import Measure, quality_text
 from replay.cli import main
 from replay.report import write_report
 from replay.report.data import ReportOptions
 
 FRAME_NS = 40_000_000
 FRAMES = 60
+QUALITY = [
+    Measure(
+        "clean_sightings", 2.0, "only 2 bodies were seen clean; give <b>a detector</b>"
+    ),
+    Measure("noise", 0.0),
+]
 NASTY = '</script><script>window.stolen = 1</script><img src=x onerror="window.stolen = 1">'
 
 
@@ -97,6 +105,10 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
             )
             for name, message in _messages(n):
                 log.write(ids[name], channels.encode(name, message), n * FRAME_NS)
+        log.metadata(
+            "scenetrace.recording",
+            {"camera": "camera", "quality": quality_text(QUALITY)},
+        )
     return path
 
 
@@ -110,6 +122,14 @@ def report(scene: Path) -> Path:
     return out
 
 
+def page_data(page: Path) -> dict[str, Any]:
+    html = page.read_text(encoding="utf-8")
+    pattern = r'<script type="application/json" id="data">(.*?)</script>'
+    data = re.search(pattern, html, re.DOTALL)
+    assert data is not None
+    return json.loads(data[1])
+
+
 def test_one_file_that_asks_for_nothing_else(report: Path) -> None:
     html = report.read_text(encoding="utf-8")
     page = re.sub(r"<script>.*?</script>", "", html, flags=re.DOTALL)
@@ -121,6 +141,13 @@ def test_one_file_that_asks_for_nothing_else(report: Path) -> None:
     assert data is not None
     assert "<" not in data[1]
     assert json.loads(data[1])["events"][0][5] == NASTY
+
+
+def test_the_quality_stands_above_and_among_the_facts(report: Path) -> None:
+    data = page_data(report)
+    assert data["warning"] == QUALITY[0].verdict
+    assert ["Quality: noise", "0: good"] in data["facts"]
+    assert ["Quality: clean_sightings", f"2: {QUALITY[0].verdict}"] in data["facts"]
 
 
 def test_not_overwritten(report: Path, scene: Path) -> None:
@@ -251,6 +278,8 @@ def test_in_a_browser(
     )
     assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
     assert browser.run("return window.stolen") is None
+    warning = "return document.getElementById('warning')."
+    assert browser.run(warning + "innerText") == QUALITY[0].verdict
 
     rows = "return document.querySelectorAll('#events tbody tr').length"
     assert browser.run(rows) == 3
@@ -319,3 +348,6 @@ def test_a_span_is_told_by_itself(
     out = tmp_path / "span.html"
     assert main(["report", str(path), "-o", str(out)]) == 0
     assert "0.8 s length, 20 frames" in capsys.readouterr().err
+    told = page_data(out)  # of which nothing was measured
+    assert told["warning"] == ""
+    assert not [name for name, _ in told["facts"] if name.startswith("Quality")]

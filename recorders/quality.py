@@ -1,0 +1,76 @@
+"""How good a recording is: what was measured when it was made, as its log tells it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from recorders.errors import RecordingError
+from recorders.format_version import RECORDS
+
+QUALITY = "quality"
+"""The fact in a log's metadata: a list of name, value, verdict."""
+GOOD = "good"
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One thing that was measured.
+
+    Attributes:
+        name: what.
+        value: the figure.
+        verdict: ``good``, or what is wrong and what to do.
+    """
+
+    name: str
+    value: float
+    verdict: str = GOOD
+
+    @property
+    def bad(self) -> bool:
+        """Something is wrong."""
+        return self.verdict != GOOD
+
+
+def quality_text(measured: Sequence[Measure]) -> str:
+    """The measures as the metadata holds them."""
+    return msgspec.json.encode([[m.name, m.value, m.verdict] for m in measured]).decode()
+
+
+def recorded_quality(
+    metadata: Iterable[tuple[str, Mapping[str, str]]], path: str | Path
+) -> dict[str, list[Measure]]:
+    """The measures of each camera that has some, of a scene log or of an annotated log that
+    carries its recording's metadata.
+
+    Args:
+        metadata: name and values of each record, in the file's order.
+        path: the log, for errors.
+
+    Raises:
+        RecordingError: a record holds something else under that name.
+    """
+    found: dict[str, list[Measure]] = {}
+    for name, values in metadata:
+        # A recording says the same at its start and at its end: the first is enough.
+        camera = values.get("camera", "")
+        if name in RECORDS and QUALITY in values and camera not in found:
+            found[camera] = _measures(values[QUALITY], path, name)
+    return found
+
+
+def _measures(text: str, path: str | Path, record: str) -> list[Measure]:
+    try:
+        rows = msgspec.json.decode(text.encode(), type=list[tuple[str, float, str]])
+    except (msgspec.MsgspecError, RecursionError, ValueError) as error:
+        raise RecordingError(
+            f"the metadata's {QUALITY} is no list of name, value and verdict ({error}):"
+            " altered, or written by another program",
+            path,
+            record=record,
+        ) from error
+    return [Measure(*row) for row in rows]
