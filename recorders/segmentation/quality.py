@@ -18,7 +18,7 @@ SAID = (FOREGROUND, SIZES)
 def measures(
     foreground: float, sightings: int, usual: bool, upright: bool, noisy: bool
 ) -> list[Measure]:
-    """The measures of a first reading.
+    """The measures of a first reading; whether bodies are upright only where their size was learnt.
 
     Args:
         foreground: mean share of the picture that is foreground.
@@ -37,14 +37,14 @@ def measures(
         )
     if foreground >= LEAST_FOREGROUND and not usual:
         sized = (
-            f"only {sightings} bodies were seen clean: how large they are is not known, and their"
-            " pieces stay apart; give a detector (--detect motion,onnx --model FILE), or for"
+            f"{sightings} bodies were seen clean, too few to learn how large they are: their pieces"
+            " stay apart; give a detector (--detect motion,onnx --model FILE), or for"
             " animals on an even ground --detect threshold"
         )
     if usual and not upright:
         shaped = (
             "bodies are not upright on one plane: merged ones are divided by area alone; where"
-            " people overlap much, a detector (--detect motion,onnx --model FILE) tells them apart"
+            " they overlap much, a detector (--detect motion,onnx --model FILE) tells them apart"
         )
     if noisy:
         grain = (
@@ -54,7 +54,7 @@ def measures(
     return [
         Measure(FOREGROUND, round(foreground, 6), changed),
         Measure(SIZES, float(sightings), sized),
-        Measure("upright_bodies", float(upright), shaped),
+        *([Measure("upright_bodies", float(upright), shaped)] if usual else []),
         Measure("noise", float(noisy), grain),
     ]
 

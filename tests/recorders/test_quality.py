@@ -41,6 +41,11 @@ def test_sizes_are_missed_only_where_enough_moves() -> None:
     assert verdicts(usual=False, foreground=LEAST_FOREGROUND)["clean_sightings"] != GOOD
 
 
+def test_whether_bodies_are_upright_is_not_said_where_no_size_was_learnt() -> None:
+    assert "upright_bodies" in verdicts(upright=False)
+    assert "upright_bodies" not in verdicts(usual=False, upright=False)
+
+
 def test_the_worse_of_two_is_told_and_a_limit_is_not() -> None:
     both = worst(measures(0.6, 2, False, False, True))
     assert both is not None
