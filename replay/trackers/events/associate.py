@@ -35,6 +35,8 @@ class Seen:
         ellipses: for each its ellipse, or None.
         look: asked for a detection's colour histograms as `appearance.histograms` gives them;
             None: there are none.
+        fused: a detector and the masks agreed on them: few bodies are missing, so one that is
+            near where somebody may be by now is likely that one.
     """
 
     boxes: Floats
@@ -42,6 +44,7 @@ class Seen:
     blobs: NDArray[np.int64]
     ellipses: Sequence[Ellipse | None]
     look: Callable[[int], Floats | None] | None
+    fused: bool = False
 
 
 def match(
@@ -51,7 +54,8 @@ def match(
 
     A pair is possible within the gate on the centre's Mahalanobis distance and with some overlap;
     it costs the distance, the overlap that is missing, and the difference of colours where both
-    are known.
+    are known. For the overlap, boxes are wider by the scene's unrest and, where they are
+    fused, by how far the target may be off by now.
     """
     if not len(rows) or not len(columns):
         return []
@@ -63,7 +67,11 @@ def match(
         axis=2
     )
     sizes = tracks.sizes[rows, None]
-    overlap = widened_iou(tracks.boxes[rows], boxes, WIDENED * sizes * tracks.unrest.off)
+    wider = WIDENED * sizes * tracks.unrest.off
+    if seen.fused:
+        doubt = tracks.doubt(rows)
+        wider = np.sqrt(wider * wider + doubt * doubt)
+    overlap = widened_iou(tracks.boxes[rows], boxes, wider)
     gate2 = p.gate * p.gate
     allowed = (distance2 <= gate2) & (overlap >= p.min_overlap)
     cost = (

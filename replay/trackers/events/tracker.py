@@ -407,7 +407,11 @@ class EventsTracker:
         rows = [k for k, t in enumerate(items) if t.measured is not None and t.sized]
         if not rows or frame.image is None:
             return []
-        others = [k for k, t in enumerate(items) if not t.lost]
+        # Fused boxes leave out few: where a box is, who is only thought to be there is not.
+        fused = frame.detections.fused
+        others = [
+            k for k, t in enumerate(items) if not t.lost and (t.observed or not fused)
+        ]
         boxes = self._tracks.boxes
         shared = (
             intersection(boxes[rows], boxes[others])
@@ -468,6 +472,7 @@ def _seen(frame: Frame, has_images: bool) -> Seen:
         np.array(d.blobs if d.blobs else [NO_BLOB] * n, np.int64),
         d.ellipses if d.ellipses else [None] * n,
         _Looks(frame) if has_images else None,
+        d.fused,
     )
 
 

@@ -194,6 +194,11 @@ class Tracks:
         """Variance of a coordinate of the centre as measured on targets of the given sizes, (N,)."""
         return np.asarray((sizes * self._p.place_noise) ** 2)
 
+    def doubt(self, rows: NDArray[np.intp]) -> Floats:
+        """Standard deviation of the places (M, 2) of some rows, pixels, beyond a measurement's."""
+        known = self.place_variance(self.sizes[rows])[:, None]
+        return np.asarray(np.sqrt(np.maximum(self.bank.p00[rows, :2] - known, 0.0)))
+
     def predict(self, dt: float) -> None:
         """Advance all tracks by dt seconds: places move on, shapes stay and become less certain."""
         if not self.items or dt <= 0:
