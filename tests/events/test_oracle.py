@@ -66,7 +66,7 @@ def safety(a, b):
 
 class Oracle:
     def __init__(self, regions):
-        self.relation, self.bit, self.groups = {}, {}, []
+        self.relation, self.bit, self.groups, self.thinned = {}, {}, [], []
         self.last, self.ghosts, self.known = {}, set(), set()
         self.scene, self.been_in, self.zones = {}, set(), {}
         self.roi, self.border = [self.rect(p[0]) for p in (regions.roi, regions.border)]
@@ -234,8 +234,8 @@ class Oracle:
 
     def follow_groups(self, clusters):
         out = []
-        kept = [g for g in self.groups if g in clusters]
-        begun = [c for c in clusters if c not in self.groups]
+        kept = [g for g in self.groups if g in clusters and g not in self.thinned]
+        begun = [c for c in clusters if c not in kept]
         replaced = [g for g in self.groups if g not in kept and any(g & c for c in begun)]
         for c in begun:
             old = [g for g in replaced if g & c]
@@ -245,8 +245,26 @@ class Oracle:
             if not any(set(p) <= g and b == "splitting" for p, b in self.bit.items()):
                 waiting.remove(g)
                 out.append(("group_ended", sorted(g)))
+        waiting, left = self.without_those_who_left(waiting)
         self.groups = kept + begun + waiting
-        return out
+        self.thinned = [g for g in self.thinned if g in waiting]
+        return out + left
+
+    def without_those_who_left(self, waiting):
+        """Who splits from no other member is none any more; the label stays."""
+        still, left = [], []
+        for g in waiting:
+            inner = {
+                i
+                for p, b in self.bit.items()
+                if b == "splitting" and set(p) <= g
+                for i in p
+            }
+            still.append(type(g)(inner))
+            if inner != set(g):
+                self.thinned.append(still[-1])
+                left.append(("group_changed", sorted(g)))
+        return still, left
 
 
 def inside(point, polygon):

@@ -499,17 +499,16 @@ def test_record_of_a_picture_that_claims_30000_x_30000(folder: Path, fails: Fail
 @pytest.mark.parametrize(
     ("row", "message"),
     [
-        ("1,-1,5,5,nan,50,1", "det.txt:1: "),
+        ("1,-1,5,5,nan,50,1", "a row with a number that is not finite, at det.txt:1"),
         (
             "1,-1,5,5,-20,50,1",
-            "det.txt:1: a box of width -20 and height 50: both must be over 0",
+            "a box without width or height, at det.txt:1",
         ),
         (
             "1,-1,5,5,20,0,1",
-            "det.txt:1: a box of width 20 and height 0: both must be over 0",
+            "a box without width or height, at det.txt:1",
         ),
         ("1,-1,500,5,20,50,1", "det.txt:1: detections beyond the picture: "),
-        ("0,-1,5,5,20,50,1", "det.txt:1: "),
         ("one,-1,5,5,20,50,1", "det.txt:1: "),
         ("1,-1,5", "det.txt:1: "),
         ("", "det.txt: "),
@@ -538,10 +537,7 @@ def test_unsorted_frames_are_sorted_duplicates_left_out_and_both_are_said(
     with SceneLog(folder / "out.mcap") as log:
         boxes = [len(f.detections.boxes) for f in log.frames()]
     assert boxes == [1, 1, 1]
-    assert (
-        "left out: 1 rows repeat another row of their frame and were left out, the first at"
-        " det.txt:3" in said
-    )
+    assert "left out: a row that repeats another row of its frame, at det.txt:3" in said
 
 
 # -- outputs

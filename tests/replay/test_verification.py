@@ -197,7 +197,10 @@ def test_a_tracker_that_is_not_ours_is_said(folder: Path, tmp_path: Path) -> Non
         (lambda v: {**v, "configuration": "["}, "configuration cannot be read"),
         (lambda v: {**v, "packages": "{}x"}, "packages cannot be read"),
         (lambda v: {**v, "checkpoints": "3"}, "checkpoints cannot be read"),
-        (lambda v: {**v, "format_version": "7"}, "a log of format '7'; this scenetrace reads '1'"),
+        (
+            lambda v: {**v, "format_version": "7"},
+            "a log of format '7'; this scenetrace reads '1'",
+        ),
     ],
 )
 def test_facts_are_read_strictly(

@@ -98,7 +98,7 @@ def test_a_target_as_the_column_explain_writes_it(
     assert main(["query", str(log), "--ask", "met", "track:1", "--json"]) == 0
     assert [r["other"] for r in json.loads(capsys.readouterr().out)] == [2]
     assert main(["query", str(log), "--ask", "left-with", "track:1"]) == 0
-    assert "target 1 was not seen to leave" in capsys.readouterr().err
+    assert "nobody left with target 1" in capsys.readouterr().err
 
 
 def test_the_last_moment_as_it_is_shown_is_in_the_recording(
