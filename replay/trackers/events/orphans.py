@@ -24,6 +24,9 @@ UNLIKE = 0.45
 is: its own looks differ by less. A stain of the ground, once taken for a target, has the ground's.
 """
 
+GROUP_SIZE = 1.6
+"""From so many areas of one target on, a detection may be of two."""
+
 
 def orphans(tracks: Tracks) -> list[int]:
     """Rows of the targets that should be in the picture and have no observation yet."""
@@ -56,7 +59,13 @@ def share_detections(
         best = int(np.argmax(share[k]))
         owner = owners.get(int(taken[best]))
         if share[k, best] >= p.min_shared and owner is not None and owner.id != TENTATIVE:
-            tracks.items[row].hidden = tracks.items[row].grouped = True
+            # Hidden; kept for as long as that is seen only where it is too large for one body: a
+            # detector's box of a usual size is one body, and no proof of a group.
+            box, own = seen.boxes[taken[best]], boxes[k]
+            tracks.items[row].hidden = True
+            tracks.items[row].grouped = bool(
+                box[2] * box[3] >= GROUP_SIZE * own[2] * own[3]
+            )
             if owner.blob == NO_BLOB:
                 owner.blob = int(taken[best]) + 1
             tracks.items[row].blob = owner.blob
