@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-CASES = Path(__file__).parents[3] / "shared" / "cases"
+_SHARED = Path(__file__).resolve().parents[3] / "shared"
+CASES = Path(os.environ.get("SCENETRACE_DATA", _SHARED / "data")).parent / "cases"
 Case = Callable[..., Path]
 
 
