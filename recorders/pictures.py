@@ -110,6 +110,29 @@ def _jpeg_header(data: bytes, path: str | Path) -> PictureHeader:
     raise RecordingError("a JPEG picture without a header that gives its size", path)
 
 
+def decoded_bytes(data: bytes, flags: int, name: str, path: str | Path) -> Any:
+    """A picture's array as OpenCV decodes it, as it is stored: no rotation by EXIF.
+
+    Args:
+        data: the picture's bytes, whose header has been checked.
+        flags: OpenCV's, of colours and depth.
+        name: the format, for the message.
+        path: the file, for the message.
+
+    Raises:
+        RecordingError: it is damaged.
+    """
+    try:
+        image: Any = cv2.imdecode(
+            np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION
+        )
+    except cv2.error as error:
+        raise RecordingError(f"a damaged {name} picture: {error.err}", path) from error
+    if image is None:
+        raise RecordingError(f"a damaged {name} picture", path)
+    return image
+
+
 def decode_picture(
     data: bytes,
     *,
@@ -141,15 +164,8 @@ def decode_picture(
         if mask is not None:
             return mask
     flags = cv2.IMREAD_GRAYSCALE if gray else cv2.IMREAD_COLOR
-    try:
-        image: Any = cv2.imdecode(
-            np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION
-        )
-    except cv2.error as error:
-        raise RecordingError(
-            f"a damaged {header.format} picture: {error.err}", path
-        ) from error
-    if image is None or image.shape[:2] != (header.height, header.width):
+    image = decoded_bytes(data, flags, header.format, path)
+    if image.shape[:2] != (header.height, header.width):
         raise RecordingError(f"a damaged {header.format} picture", path)
     return np.asarray(image, np.uint8)
 

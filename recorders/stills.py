@@ -15,7 +15,14 @@ import numpy as np
 
 from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.pictures import Image, check_size, decode_picture, is_whole, read_header
+from recorders.pictures import (
+    Image,
+    check_size,
+    decode_picture,
+    decoded_bytes,
+    is_whole,
+    read_header,
+)
 from recorders.vision import cv2
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"})
@@ -192,17 +199,7 @@ def stored_values(data: bytes, header: StillHeader, path: str | Path) -> Any:
     if header.format in ("jpeg", "png") and not is_whole(data, header.format):
         raise RecordingError(f"a {header.format} picture that is cut off", path)
     flags = cv2.IMREAD_UNCHANGED if header.bits > 8 else cv2.IMREAD_COLOR
-    try:
-        image: Any = cv2.imdecode(
-            np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION
-        )
-    except cv2.error as error:
-        raise RecordingError(
-            f"a damaged {header.format} picture: {error.err}", path
-        ) from error
-    if image is None:
-        raise RecordingError(f"a damaged {header.format} picture", path)
-    return image
+    return decoded_bytes(data, flags, header.format, path)
 
 
 def bits_used(values: Any) -> int:
