@@ -23,7 +23,7 @@ tracker tells itself:
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
@@ -132,6 +132,11 @@ class Reasoner:
         """The regions in use: the last given, else the default of the picture's size."""
         return self._regions.message
 
+    @property
+    def known(self) -> Collection[int]:
+        """The ids of all targets so far."""
+        return self._known
+
     def step(
         self,
         frame_index: int,
@@ -139,6 +144,7 @@ class Reasoner:
         targets: Targets,
         regions: Regions | None,
         detections: Detections | None = None,
+        labels: Mapping[int, str] | None = None,
     ) -> SceneAnnotation:
         """Take the next frame.
 
@@ -148,6 +154,7 @@ class Reasoner:
             targets: the tracker's answer.
             regions: the recorded regions in force, None for the default.
             detections: the recorded detections, whose labels tell what the targets are.
+            labels: by target, what a person says that it is; over what the detections say.
         """
         self._use(regions)
         if detections is not None:
@@ -197,7 +204,7 @@ class Reasoner:
         self._tell_anomalies(changes, pairs, wrong)
         self._last = given
         self._known.update(rows.ids)
-        tracks = self._tracks(rows, shell)
+        tracks = self._tracks(rows, shell, labels or {})
         return SceneAnnotation(
             tracks=Tracks(frame_index, tracks),
             relations=Relations(frame_index, self._relations()),
@@ -484,7 +491,9 @@ class Reasoner:
         for i, before, after in wrong:
             tell.forbidden(self._log, i, before, after)
 
-    def _tracks(self, rows: TargetColumns, shell: Shells) -> list[Track]:
+    def _tracks(
+        self, rows: TargetColumns, shell: Shells, labels: Mapping[int, str]
+    ) -> list[Track]:
         states, partners = self._interactions.states, self._interactions.partners
         presences = self._scene.targets
         answer: list[Track] = []
@@ -525,7 +534,7 @@ class Reasoner:
                     target.hidden_parts,
                     target.gate,
                     target.centroid,
-                    self._classes.of(i) or UNSET,
+                    labels.get(i) or self._classes.of(i) or UNSET,
                     target.identity,
                 )
             )

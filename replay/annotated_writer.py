@@ -12,6 +12,7 @@ from recorders import channels
 from recorders.annotated import checkpoint, digest
 from recorders.annotated.checkpoint import Checkpoint
 from recorders.annotated.provenance import (
+    CORRECTIONS,
     KIND,
     METADATA,
     canonical,
@@ -297,6 +298,8 @@ class AnnotatedWriter:
         }
         if options.regions is not None:
             facts["regions"] = canonical(options.regions)
+        if options.corrections is not None:
+            facts[CORRECTIONS] = options.corrections.text
         if options.choice.version:
             facts["tracker_version"] = options.choice.version
         self._log.metadata(METADATA, with_fact_digests(facts))

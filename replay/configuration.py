@@ -16,6 +16,7 @@ import msgspec
 from reasoning import reasoner
 from reasoning.encounters import EncounterParameters
 from recorders import recording
+from recorders.corrections import Corrections
 from recorders.errors import ConfigError, UsageError
 from recorders.parameters import Config, Parameters, as_plain, configure, named
 from replay import hindsight
@@ -177,11 +178,17 @@ def _version(name: str) -> str:
         return "absent"
 
 
-def fingerprint(choice: TrackerChoice, config: Mapping[str, Parameters]) -> str:
+def fingerprint(
+    choice: TrackerChoice,
+    config: Mapping[str, Parameters],
+    corrections: Corrections | None = None,
+) -> str:
     """SHA-256 of everything but the recording that a result depends on: a checkpoint of another
     one is refused.
     """
     facts = [choice.name, as_plain(config), package_versions()]
     if choice.version:
         facts.append(choice.version)
+    if corrections is not None:
+        facts.append({"corrections": corrections.digest})
     return hashlib.sha256(msgspec.json.encode(facts, order="deterministic")).hexdigest()

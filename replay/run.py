@@ -29,6 +29,7 @@ from recorders.annotated.checkpoint import Checkpoint
 from recorders.annotated.frames import instants
 from recorders.annotated.membership import PATCHES, Patches, rename_labels
 from recorders.annotated.provenance import provenance_of, sha256
+from recorders.corrections import Corrections
 from recorders.errors import RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
@@ -37,6 +38,7 @@ from recorders.parameters import Config
 from recorders.scene import Frame, SceneLog
 from replay import hindsight
 from replay.configuration import fingerprint, replay_config
+from replay.correcting import Corrector
 from replay.engine import (
     AHEAD,
     Forward,
@@ -69,6 +71,7 @@ class ReplayOptions:
         force: overwrite an existing output.
         camera: which camera, where there are several.
         regions: those that stand in place of all that were recorded.
+        corrections: a person's, applied before anything is reasoned out.
         choice: the tracker that is meant.
         parameters: the whole configuration.
     """
@@ -84,6 +87,7 @@ class ReplayOptions:
     camera: str | None = None
     limits: Limits = DEFAULT_LIMITS
     regions: Regions | None = None
+    corrections: Corrections | None = None
     choice: TrackerChoice = field(init=False, repr=False)
     parameters: Config = field(init=False, repr=False)
 
@@ -273,7 +277,12 @@ class Run:
         self.sightings: dict[int, int] = {}
         self._progress = progress or (lambda *_: None)
         self._choice = options.choice
-        self._fingerprint = fingerprint(options.choice, options.parameters)
+        self._fingerprint = fingerprint(
+            options.choice, options.parameters, options.corrections
+        )
+        self._corrector = (
+            None if options.corrections is None else Corrector(options.corrections)
+        )
         self._hindsight = options.choice.wants_hindsight(options.parameters)
         self._start_ns: int | None = None
         self._periods = 0
@@ -329,7 +338,12 @@ class Run:
         start_ns = None if start is None else start.time_ns + 1
         names: dict[int, int] = {}
         rewritten = hindsight.rewrite(
-            spool.targets, self.scene.info, times, self.options.parameters, names
+            spool.targets,
+            self.scene.info,
+            times,
+            self.options.parameters,
+            names,
+            [] if self._corrector is None else self._corrector.apart,
         )
         frames = self.scene.frames(start_ns, first, again=True)
         seen = islice(rewritten, first, None)
@@ -384,8 +398,13 @@ class Run:
 
     def _annotate(self, step: Step, reasoner: Reasoner) -> Annotated:
         frame = step.frame
+        targets, extra, labels = step.targets, step.extra, None
+        if self._corrector is not None:
+            corrected = self._corrector.step(targets, reasoner.known)
+            extra = corrected.payloads(extra, targets)
+            targets, labels = corrected.targets, corrected.labels
         scene = reasoner.step(
-            frame.index, frame.time_ns, step.targets, frame.regions, frame.detections
+            frame.index, frame.time_ns, targets, frame.regions, frame.detections, labels
         )
         forward = step.targets if step.forward is None else step.forward
         content = payloads(
@@ -394,7 +413,7 @@ class Run:
             reasoner.regions,
             frame.time_ns,
             frame.stamp_ns,
-            step.extra,
+            extra,
             step.targets.held_back,
         )
         made = digest.digest(self.link, frame.index, frame.time_ns, step.recorded, content)

@@ -97,6 +97,7 @@ def verify(
             checkpoint_ns=facts.checkpoint_ns,
             limits=limits,
             regions=facts.regions,
+            corrections=facts.corrections,
         )
         try:
             with (

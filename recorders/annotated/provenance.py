@@ -19,7 +19,8 @@ import msgspec
 
 from recorders import channels
 from recorders.annotated.checkpoint import PREFIX
-from recorders.errors import RecordingError
+from recorders.corrections import Corrections, parse_corrections
+from recorders.errors import RecordingError, SourceError
 from recorders.format_version import check_version
 from recorders.log import Attachment, LogReader
 from recorders.messages import Regions
@@ -28,6 +29,7 @@ METADATA = "scenetrace"
 KIND = "annotated"
 GOLDEN = "scenetrace.golden"
 DIGESTS = "fact_digests"
+CORRECTIONS = "corrections"
 T = TypeVar("T")
 
 
@@ -112,6 +114,7 @@ class Provenance:
         extras: what `extras` gives: the recording's own attachments and metadata; None in logs
             that do not say.
         regions: those that the replay was given in place of the recorded ones.
+        corrections: a person's, that were applied to the tracks.
     """
 
     path: Path
@@ -138,6 +141,7 @@ class Provenance:
     checkpoints: dict[str, str] | None
     extras: dict[str, str] | None
     regions: Regions | None = None
+    corrections: Corrections | None = None
 
     @property
     def whole(self) -> bool:
@@ -228,7 +232,22 @@ def _parsed(path: Path, v: dict[str, str]) -> Provenance:
         ),
         extras=_json(path, v, "extras", dict[str, str]) if "extras" in v else None,
         regions=_json(path, v, "regions", Regions) if "regions" in v else None,
+        corrections=_corrections(path, v),
     )
+
+
+def _corrections(path: Path, values: Mapping[str, str]) -> Corrections | None:
+    """The file of corrections, whole as it was: its digest is the fact's."""
+    if CORRECTIONS not in values:
+        return None
+    try:
+        return parse_corrections(values[CORRECTIONS], path)
+    except SourceError as error:
+        raise AlteredFactsError(
+            f"the metadata's {CORRECTIONS} cannot be read: {error.reason}: altered",
+            path,
+            CORRECTIONS,
+        ) from error
 
 
 def _text(path: Path, values: Mapping[str, str], name: str) -> str:

@@ -29,6 +29,7 @@ COMMANDS: tuple[tuple[str, str, str], ...] = (
     ),
     ("record", "record", "a video, pictures or detections into a scene log"),
     ("replay", "replay", "a scene log through a tracker into an annotated log"),
+    ("correct", "correct", "say who a track really is, by whom and why"),
     ("verify", "verify", "replay again and compare digests"),
     ("diff", "diff", "what happens in one annotated log and not in another"),
     ("query", "query", "ask annotated logs: SQL or a ready question"),

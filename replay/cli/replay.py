@@ -63,6 +63,10 @@ def add(commands: common.Commands) -> None:
         help="region of interest, border and zones as JSON, in place of the recorded ones",
     )  # fmt: skip
     parser.add_argument(
+        "--corrections", type=Path, metavar="FILE",
+        help="what people corrected (see `scenetrace correct`), applied before anything is reasoned out",
+    )  # fmt: skip
+    parser.add_argument(
         "--annotations-only", action="store_true", help="leave the recorded messages out"
     )
     parser.add_argument(
@@ -170,12 +174,14 @@ def _compare(args: argparse.Namespace, out: Path) -> int:
 
 
 def _replay(args: argparse.Namespace, out: Path) -> int:
+    from recorders.corrections import read_corrections
     from recorders.scene import SceneLog
     from recorders.sources.regions import read_regions
     from replay.annotated_writer import replay
     from replay.run import ReplayOptions
 
     tracker, config = _configured(args)
+    corrections = None if args.corrections is None else read_corrections(args.corrections)
     if args.checkpoint is not None and not 1e-9 <= args.checkpoint <= 1e9:
         raise UsageError(
             f"--checkpoint {args.checkpoint}: must be over 0 and at most 1e9 seconds"
@@ -210,6 +216,7 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
         camera=args.camera,
         limits=limits,
         regions=regions,
+        corrections=corrections,
     )
     with (
         common.progress(counts[0] if counts else None) as bar,

@@ -85,9 +85,16 @@ def price(
     )
 
 
-def join(fragments: dict[int, Fragment], p: HindsightParameters) -> list[Join]:
+def join(
+    fragments: dict[int, Fragment],
+    p: HindsightParameters,
+    apart: Sequence[tuple[int, int]] = (),
+) -> list[Join]:
     """The cheapest set of joins over all fragments, each end and each beginning used once, by
     later fragment.
+
+    Where two that are ``apart`` would be of one life, the dearest join between them is forbidden
+    and all is joined anew, until they are not.
     """
     items = sorted(fragments.values(), key=lambda f: (f.first.time_ns, f.id))
     outs = [end_of(list(f.tail), False) for f in items]
@@ -102,10 +109,35 @@ def join(fragments: dict[int, Fragment], p: HindsightParameters) -> list[Join]:
             found = price(a, items[j], (outs[i], intos[j]), p)
             if found is not None:
                 prices[i, j] = found
+    joins = _joined(prices, p.join_cost)
+    while (wrong := _between(joins, apart)) is not None:
+        prices = {k: v for k, v in prices.items() if v is not wrong}
+        joins = _joined(prices, p.join_cost)
+    return joins
+
+
+def _joined(prices: dict[tuple[int, int], Join], loose: float) -> list[Join]:
     joins: list[Join] = []
     for pairs in _components(sorted(prices)):
-        joins += _solve({pair: prices[pair] for pair in pairs}, p.join_cost)
+        joins += _solve({pair: prices[pair] for pair in pairs}, loose)
     return sorted(joins, key=lambda found: found.later)
+
+
+def _between(joins: Sequence[Join], apart: Sequence[tuple[int, int]]) -> Join | None:
+    """The dearest join of a life that holds two who are apart, between them; of equals the
+    earliest of them. None where there is no such life.
+    """
+    before = {j.later: j for j in joins}
+    for pair in apart:
+        for a, b in (pair, pair[::-1]):
+            path: list[Join] = []
+            at = b
+            while at in before and at != a:
+                path.append(before[at])
+                at = before[at].earlier
+            if at == a and path:
+                return max(reversed(path), key=lambda j: j.cost)
+    return None
 
 
 def _components(pairs: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:

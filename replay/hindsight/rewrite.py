@@ -61,6 +61,7 @@ def rewrite(
     times: Sequence[int],
     config: Config,
     names: dict[int, int] | None = None,
+    apart: Sequence[tuple[int, int]] = (),
 ) -> Iterator[Targets]:
     """Rewrite a forward pass in hindsight.
 
@@ -71,6 +72,7 @@ def rewrite(
         times: capture time in ns of the k-th answer.
         config: section ``hindsight``.
         names: gets every kept forward id's final id before the first answer.
+        apart: pairs of forward ids that a person says are two: never joined into one life.
 
     Yields:
         One answer per frame, in order, with the forward pass's group tracks; notices of births,
@@ -85,7 +87,8 @@ def rewrite(
     if exchanges:
         within = Within()
         fragments = gather(within.watch(undone(targets(), exchanges)), times)
-    lives, reasons = lives_of(fragments, join(fragments, p), within, p, scene, times)
+    joins = join(fragments, p, apart)
+    lives, reasons = lives_of(fragments, joins, within, p, scene, times)
     del fragments  # and with them those of dropped paths
     if names is not None:
         names.update((k, lives[k].id) for k in sorted(lives))

@@ -1,0 +1,7 @@
+"""A person's corrections, applied to tracks before anything is reasoned out of them."""
+
+from replay.correcting.book import Book
+from replay.correcting.corrector import Corrector
+from replay.correcting.making import Wish, add, take_back
+
+__all__ = ["Book", "Corrector", "Wish", "add", "take_back"]
