@@ -197,7 +197,8 @@ def parse_corrections(text: str, path: str | Path) -> Corrections:
     lines = [f"{line}\n" for line in text.split("\n")]
     if lines.pop() != "\n" or not lines:
         raise SourceError(
-            "empty, or cut off in its last line: no whole file of `scenetrace correct`", path
+            "empty, or cut off in its last line: no whole file of `scenetrace correct`",
+            path,
         )
     head = _decoded(lines[0], Head, path, 1)
     rows: list[Correction] = []

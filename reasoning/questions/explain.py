@@ -13,18 +13,19 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 from urllib.parse import unquote
 
 from reasoning.questions import thresholds
 from reasoning.questions.case import Case
+from reasoning.questions.joins import joins_of
 from reasoning.questions.literals import literal, zone_reference
 from reasoning.questions.thresholds import Measure, event_measures, measure_line
 from recorders.errors import UsageError
 
 _REFERENCE = re.compile(
-    r"(?:event:)?(?P<event>\d{1,10})|group:(?P<group>\d{1,10})"
+    r"(?:event:)?(?P<event>\d{1,10})|correction:(?P<correction>\d{1,10})|group:(?P<group>\d{1,10})"
     r"|(?P<single>track|still):(?P<one>\d{1,10})@(?P<at>\d{1,10})"
     r"|zone:(?P<inside>\d{1,10})@(?P<then>\d{1,10})(?::(?P<zone>\S+))?"
     r"|(?P<pair>relation|encounter|phase|near|abrupt):(?P<a>\d{1,10})-(?P<b>\d{1,10})@(?P<since>\d{1,10})"
@@ -51,6 +52,8 @@ class Explanation:
         measures: the values.
         chain: what led there, oldest first, in words.
         evidence: the event's evidence as it was recorded.
+        joins: the events in it, and before it, after which a subject may be another, in words.
+        corrected: what people corrected of the subjects, by whom and why, in words.
     """
 
     reference: str
@@ -66,6 +69,8 @@ class Explanation:
     measures: list[Measure]
     chain: list[str]
     evidence: Mapping[str, Any]
+    joins: list[str] = field(default_factory=list)
+    corrected: list[str] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
         """Plain data."""
@@ -91,6 +96,12 @@ class Explanation:
         if self.chain:
             out.append("  what led there:")
             out += [f"    {line}" for line in self.chain]
+        if self.joins:
+            out.append("  rests on joins (explain -o DIR shows their two pictures):")
+            out += [f"    {line}" for line in self.joins]
+        if self.corrected:
+            out.append("  corrected by hand:")
+            out += [f"    {line}" for line in self.corrected]
         return out
 
 
@@ -105,9 +116,16 @@ def explain(case: Case, reference: str, recording: str | None = None) -> Explana
         raise UsageError(
             f"{reference!r}: give an event's number (12 or event:12) or an id of a column"
             " `explain`, like relation:1-2@40, encounter:1-2@65, group:3, track:7@31,"
-            " zone:4@160:bench"
+            " zone:4@160:bench, correction:2"
         )
+    found = _explained(case, match, recording)
+    return replace(found, joins=_joins(case, found), corrected=_corrected(case, found))
+
+
+def _explained(case: Case, match: re.Match[str], recording: str | None) -> Explanation:
     only = "" if recording is None else f" AND recording = {literal(recording)}"
+    if match["correction"] is not None:
+        return _correction(case, int(match["correction"]), only)
     if match["event"] is not None:
         return _event(case, int(match["event"]), only)
     if match["group"] is not None:
@@ -161,6 +179,60 @@ def _event(case: Case, number: int, only: str) -> Explanation:
         chain=chain(case, row["recording"], subjects, row["t"], f"event:{number}"),
         evidence=evidence,
     )
+
+
+def _correction(case: Case, number: int, only: str) -> Explanation:
+    reference = f"correction:{number}"
+    row = _row(
+        case, f"SELECT * FROM corrections WHERE correction = {number}{only}", reference
+    )
+    name = literal(row["recording"])
+    last, end = case.rows(
+        f"SELECT max(frame), max(t) FROM frames WHERE recording = {name}"
+    )[0]
+    begins = row["frame"] is None
+    return Explanation(
+        reference,
+        recording=row["recording"],
+        kind=f"correction ({row['kind']})",
+        text=f"{row['text'].capitalize()}.",
+        rule=f"the word of {row['made_by']}: {row['why']}",
+        subjects=list(row["tracks"]),
+        start_frame=0 if begins else row["frame"],
+        end_frame=last if begins else row["frame"],
+        start_t=0.0 if begins else row["t"],
+        end_t=end if begins else row["t"],
+        measures=[],
+        chain=[],
+        evidence={"date": row["date"], "taken_back": row["undone"]},
+    )
+
+
+def _joins(case: Case, found: Explanation) -> list[str]:
+    """The joins that the identities of an explanation's subjects rest on, in order."""
+    joins = joins_of(case, found.recording, found.subjects, found.end_frame)
+    return [
+        f"{j.t:.2f} s: event:{j.event}: {j.text}"
+        for j in joins
+        if found.reference != f"event:{j.event}"
+    ]
+
+
+def _corrected(case: Case, found: Explanation) -> list[str]:
+    """What people corrected of an explanation's subjects until it ends."""
+    if not found.subjects:
+        return []
+    rows = case.rows(
+        f"""SELECT correction, text, made_by, why, date, undone FROM corrections
+        WHERE recording = {literal(found.recording)} AND list_has_any(tracks, {found.subjects})
+          AND coalesce(frame, 0) <= {found.end_frame} ORDER BY correction"""
+    )
+    return [
+        f"correction:{number}: {text}: {why} ({who}{f', {date}' if date else ''})"
+        + (" (taken back)" if undone else "")
+        for number, text, who, why, date, undone in rows
+        if found.reference != f"correction:{number}"
+    ]
 
 
 def _group(case: Case, label: int, only: str) -> Explanation:

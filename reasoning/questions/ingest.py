@@ -32,7 +32,9 @@ from reasoning.questions.runs import Belief, Interval, Run, Runs, Seen, Sight, s
 from reasoning.questions.schema import TABLES
 from recorders import channels
 from recorders.annotated.frames import annotated_cameras
+from recorders.annotated.provenance import CORRECTIONS
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
+from recorders.corrections import parse_corrections
 from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
@@ -202,9 +204,21 @@ class _Camera:
         self._finish()
         for measure in quality:
             self._add("quality", measure.name, measure.value, measure.verdict)
+        self._add_corrections()
         for table in self._rows:
             self._send(table)
         self._sink("recordings", [facts.row()])
+
+    def _add_corrections(self) -> None:
+        text = self._log.facts.get(CORRECTIONS)
+        if text is None:
+            return
+        found = parse_corrections(text, self._facts.path)
+        for r in found.rows:
+            self._add(
+                "corrections", r.correction, r.do, list(r.tracks), r.frame, r.t, r.told(),
+                r.by, r.why, r.date or None, r.other or None, r.correction in found.undone,
+            )  # fmt: skip
 
     def _take(self, frame: AnnotatedFrame) -> None:
         t = (frame.time_ns - self._facts.start_ns) / channels.NANOS

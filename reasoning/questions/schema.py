@@ -219,6 +219,20 @@ TABLES: Mapping[str, Columns] = {
         ("event", "INTEGER"),
         ("group_id", "INTEGER"),
     ),
+    "corrections": (
+        ("recording", "VARCHAR"),
+        ("correction", "INTEGER"),
+        ("kind", "VARCHAR"),
+        ("tracks", "INTEGER[]"),
+        ("frame", "INTEGER"),
+        ("t", "DOUBLE"),
+        ("text", "VARCHAR"),
+        ("made_by", "VARCHAR"),
+        ("why", "VARCHAR"),
+        ("date", "VARCHAR"),
+        ("other", "VARCHAR"),
+        ("undone", "BOOLEAN"),
+    ),
 }
 SURE = "sure_"
 """What the views of contract tables with all their columns begin with."""
@@ -303,6 +317,11 @@ MEANING: Mapping[str, str] = {
     ),
     "encounter_parameters": "the thresholds that a recording's encounters were found with",
     "event_groups": "the groups that an event names",
+    "corrections": (
+        "what people corrected before the recording was replayed, by whom and why; frame and t"
+        " are NULL where it holds in all frames; other is the target of another recording;"
+        " undone says that it was taken back"
+    ),
 }
 
 

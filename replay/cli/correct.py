@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from recorders.corrections import Corrections
 
 EXAMPLE = """\
-scenetrace correct annotated.mcap -o corrections.jsonl merge 3 7 --at 12.4 --by "Jo Doe" --why "same coat and bag"
-scenetrace correct annotated.mcap -o corrections.jsonl list
+scenetrace correct annotated.mcap -o corrections.jsonl swap 1 2 --at 1.5 --by Jo --why "they crossed here"
 scenetrace replay scene.mcap -o corrected.mcap --corrections corrections.jsonl
 scenetrace diff annotated.mcap corrected.mcap"""
 DESCRIPTION = """Write down that tracks are wrong, by whom and why: one line a call is added to FILE, which people can read
@@ -50,9 +49,15 @@ def add(commands: common.Commands) -> None:
         "words", nargs="+", metavar="WHAT", help="merge A B, split A ...: see above"
     )
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="the corrections: made, or added to"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="the corrections: made, or added to",
     )
-    parser.add_argument("--at", metavar="T", help="from when on: seconds, frame:N or RFC 3339")
+    parser.add_argument(
+        "--at", metavar="T", help="from when on: seconds, frame:N or RFC 3339"
+    )
     parser.add_argument("--until", metavar="T", help="delete: the end, excluded")
     parser.add_argument("--by", metavar="NAME", help="who says so")
     parser.add_argument("--why", metavar="TEXT", help="the reason, for others to judge")
@@ -80,10 +85,11 @@ def run(args: argparse.Namespace) -> int:
     _check_words(args, do)
     with AnnotatedLog(args.log, args.camera) as log:
         corrections = opened(args.output, log)
-        if do == "undo":
-            corrections = _undone(corrections, words, args)
-        else:
-            corrections = _added(corrections, log, do, words, args)
+        corrections = (
+            _undone(corrections, words, args)
+            if do == "undo"
+            else _added(corrections, log, do, words, args)
+        )
     written(corrections, args.output)
     row = corrections.rows[-1]
     print(common.printable(f"correction {row.correction}: {row.told()}"))
@@ -169,7 +175,9 @@ def _undone(
 
     if len(words) != 1 or not re.fullmatch(r"\d{1,6}", words[0]):
         raise UsageError("undo takes the number of a correction; `list` shows them")
-    return take_back(corrections, int(words[0]), args.by.strip(), args.why.strip(), args.date)
+    return take_back(
+        corrections, int(words[0]), args.by.strip(), args.why.strip(), args.date
+    )
 
 
 def _list(args: argparse.Namespace) -> int:
@@ -180,7 +188,9 @@ def _list(args: argparse.Namespace) -> int:
     found = read_corrections(args.output)
     undone = found.undone
     if args.json:
-        print(json.dumps([to_builtins(r) for r in found.rows], indent=1, ensure_ascii=False))
+        print(
+            json.dumps([to_builtins(r) for r in found.rows], indent=1, ensure_ascii=False)
+        )
         return Exit.DONE
     for row in found.rows:
         back = undone.get(row.correction)

@@ -82,7 +82,10 @@ class Comparison:
 
     def lines(self, limit: int | None = None) -> list[str]:
         """The comparison for a person: one line per difference, then their number."""
-        head = [f"made with another {line}" for line in self.made]
+        head = [
+            line if line.startswith("correction") else f"made with another {line}"
+            for line in self.made
+        ]
         frames = count_of(self.frames, "frame")
         if self.identical:
             return [*head, f"identical: {frames}"]

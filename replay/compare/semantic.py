@@ -8,6 +8,7 @@ from pathlib import Path
 
 from recorders.annotated.provenance import GOLDEN, Provenance, provenance_of
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
+from recorders.corrections import Correction, Corrections
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
 from replay.compare import words
@@ -149,6 +150,7 @@ def _differently_made(a: Provenance, b: Provenance) -> list[str]:
             if old.get(name) != new.get(name)
             or type(old.get(name)) is not type(new.get(name))
         ]
+    lines += _differently_corrected(a.corrections, b.corrections)
     pairs = [
         (n, a.packages.get(n), b.packages.get(n))
         for n in sorted({*a.packages, *b.packages})
@@ -161,6 +163,18 @@ def _differently_made(a: Provenance, b: Provenance) -> list[str]:
         f"version: {n} {new or 'absent'}, not {old or 'absent'}"
         for n, old, new in pairs
         if old != new
+    ]
+
+
+def _differently_corrected(a: Corrections | None, b: Corrections | None) -> list[str]:
+    """The corrections in force that one log was made with and the other was not."""
+    ours, theirs = ([] if c is None else c.in_force for c in (a, b))
+
+    def told(row: Correction) -> str:
+        return f"correction {row.correction} ({row.by}): {row.told()}: {row.why}"
+
+    return [told(row) for row in theirs if row not in ours] + [
+        f"{told(row)}: no longer" for row in ours if row not in theirs
     ]
 
 

@@ -12,7 +12,6 @@ from recorders.messages import Box
 from replay.correcting.names import Names
 
 
-
 @dataclass
 class Presence:
     """A track's frames in order, in each whether it was seen, and its box."""
@@ -60,7 +59,9 @@ class Book:
             book.times[frame.index] = (frame.time_ns - log.start_ns) / 1e9
             for t in frame.tracks:
                 if t.present:
-                    book.tracks.setdefault(t.id, Presence()).add(frame.index, t.observed, t.box)
+                    book.tracks.setdefault(t.id, Presence()).add(
+                        frame.index, t.observed, t.box
+                    )
             for e in frame.events:
                 later = e.evidence.get("fragment")
                 if e.kind == "track_recovered" and isinstance(later, int):

@@ -6,7 +6,8 @@ already: nothing is remembered, so a replay that starts from a checkpoint goes o
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+import re
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 from msgspec.structs import replace
@@ -17,7 +18,7 @@ from recorders.errors import SceneTraceError
 from recorders.messages import Box, GroupTrack, Notice, Target, Targets
 from replay.correcting.names import Names, Stretch
 
-_LIFE = ("track_confirmed", "track_lost", "track_recovered", "track_removed")
+_TARGET = re.compile(r"(?<=[Tt]arget )\d{1,10}")
 _SAME_PLACE = 0.5
 """Intersection over union at which a target is where it was seen as it was corrected."""
 
@@ -80,15 +81,20 @@ class Corrector:
         self._check(answer)
         called = {t.id: self._names.at(t.id, answer.frame) for t in answer.targets}
         names = {i: s.name for i, s in called.items() if s.name is not None}
-        labels = {s.name: s.label for s in called.values() if s.name is not None and s.label}
+        labels = {
+            s.name: s.label for s in called.values() if s.name is not None and s.label
+        }
         if not self._touched:
             return Corrected(answer, names, labels)
-        kept = [self._turned(t, called[t.id], known) for t in answer.targets if t.id in names]
+        kept = [
+            self._turned(t, called[t.id], known) for t in answer.targets if t.id in names
+        ]
+        here = _one_each(kept, answer.frame)
         targets = replace(
             answer,
-            targets=_one_each(kept, answer.frame),
+            targets=here,
             group_tracks=_groups(answer.group_tracks, names),
-            notices=self._notices(answer),
+            notices=self._notices(answer, known, [t.id for t in here if t.present]),
         )
         return Corrected(targets, names, labels)
 
@@ -104,25 +110,30 @@ class Corrector:
             born_of_split=begins and target.born_of_split,
         )
 
-    def _notices(self, answer: Targets) -> list[Notice]:
+    def _notices(
+        self, answer: Targets, known: Container[int], present: Sequence[int]
+    ) -> list[Notice]:
         """The tracker's notices under the ids as they are now.
 
-        Lives that were changed are left to the reasoning to tell, but for the joins, which nobody
-        else knows of.
+        Beginnings and ends that are none any more are left out; those that are new, the reasoning
+        tells by itself.
         """
         kept: list[Notice] = []
         for notice in answer.notices:
             called = [self._names.at(i, answer.frame).name for i in notice.subjects]
             subjects = [i for i in called if i is not None]
-            changed = self._touched.intersection([*notice.subjects, *subjects])
-            joined = "fragment" in notice.evidence
             if (notice.subjects and not subjects) or (
-                changed and notice.kind in _LIFE and not joined
+                self._touched.intersection(subjects)
+                and not _holds(notice.kind, subjects[0], known, present)
             ):
                 continue
-            text = notice.text if subjects == notice.subjects else ""
+            text = _TARGET.sub(lambda m: self._renamed(m[0], answer.frame), notice.text)
             kept.append(replace(notice, subjects=subjects, text=text))
         return kept
+
+    def _renamed(self, number: str, frame: int) -> str:
+        name = self._names.at(int(number), frame).name
+        return "nobody" if name is None else str(name)
 
     def _check(self, answer: Targets) -> None:
         for row, before, seen in self._witnesses.get(answer.frame, ()):
@@ -131,15 +142,33 @@ class Corrector:
                 for t in answer.targets
                 if before.at(t.id, answer.frame).name == seen.track
             ]
-            if not any(overlap(t.box, (seen.x, seen.y, seen.w, seen.h)) >= _SAME_PLACE for t in there):
+            if not any(
+                overlap(t.box, (seen.x, seen.y, seen.w, seen.h)) >= _SAME_PLACE
+                for t in there
+            ):
                 where = f"at ({seen.x:g}, {seen.y:g})"
-                now = f"at ({there[0].box[0]:.1f}, {there[0].box[1]:.1f})" if there else "nowhere"
+                now = (
+                    f"at ({there[0].box[0]:.1f}, {there[0].box[1]:.1f})"
+                    if there
+                    else "nowhere"
+                )
                 raise SceneTraceError(
                     f"correction {row.correction} ({row.told()}): target {seen.track} was"
                     f" {where} in frame {seen.frame} and is {now} now: it was made for"
                     " another recording, tracker, configuration or version; make the"
                     " corrections anew on a replay of this one"
                 )
+
+
+def _holds(kind: str, track: int, known: Container[int], present: Sequence[int]) -> bool:
+    """Whether what is told of a life's course is so of the track as it is now."""
+    if kind == "track_confirmed":
+        return track not in known
+    if kind == "track_recovered":
+        return track in known and track in present
+    return kind not in ("track_lost", "track_removed") or (
+        track in known and track not in present
+    )
 
 
 def overlap(a: Box, b: Box) -> float:

@@ -75,16 +75,16 @@ def take_back(
     found = next((r for r in corrections.in_force if r.correction == number), None)
     if found is None:
         there = ", ".join(str(r.correction) for r in corrections.in_force) or "none"
-        raise UsageError(f"undo {number}: no such correction is in force; there are: {there}")
+        raise UsageError(
+            f"undo {number}: no such correction is in force; there are: {there}"
+        )
     for later in corrections.in_force:
         if later.correction > number and set(later.tracks) & set(found.tracks):
             raise UsageError(
                 f"undo {number}: correction {later.correction} ({later.told()}) is about the"
                 f" same target and was made after it; undo {later.correction} first"
             )
-    return corrections.then(
-        Correction(1, "undo", [], by, why, undone=number, date=date)
-    )
+    return corrections.then(Correction(1, "undo", [], by, why, undone=number, date=date))
 
 
 def _current(book: Book, corrections: Corrections, wish: Wish) -> Book:
@@ -102,7 +102,7 @@ def _current(book: Book, corrections: Corrections, wish: Wish) -> Book:
                 " file that it was made with"
             )
         applied = len(book.applied.rows)
-    pending = [r for r in corrections.rows[applied:]]
+    pending = list(corrections.rows[applied:])
     numbers = {r.correction for r in pending}
     back = next((r for r in pending if r.do == "undo" and r.undone not in numbers), None)
     if back is not None:
@@ -113,7 +113,11 @@ def _current(book: Book, corrections: Corrections, wish: Wish) -> Book:
     pending = [r for r in corrections.in_force if r.correction in numbers]
     named = {int(word) for word in wish.words if word.isdecimal()}
     for row in pending:
-        if row.do == "not-same" and row.tracks[1] not in book.tracks and named & set(row.tracks):
+        if (
+            row.do == "not-same"
+            and row.tracks[1] not in book.tracks
+            and named & set(row.tracks)
+        ):
             raise UsageError(
                 f"correction {row.correction} ({row.told()}) undoes a join, and who goes on"
                 " as whom then is known after a replay: replay first (scenetrace replay"
@@ -145,11 +149,13 @@ class _Maker:
             return self._row([self._known(a), self._free(b)], [int(a)], None)
         if do == "not-same":
             return self._not_same()
-        if do == "delete":
-            return self._delete()
+        return self._delete() if do == "delete" else self._said()
+
+    def _said(self) -> Correction:
+        """What is said of one target, in words."""
         a, text = self._words(2)
         track = self._known(a)
-        if do == "label":
+        if self._wish.do == "label":
             if not text.strip():
                 raise self._error("label needs a text")
             frame = self._from([track])
@@ -281,7 +287,9 @@ class _Maker:
     def _free(self, word: str) -> int:
         track = self._number(word)
         frames = self._book.tracks.get(track)
-        if frames is not None or track in {i for j in self._book.joined.values() for i in j}:
+        if frames is not None or track in {
+            i for j in self._book.joined.values() for i in j
+        }:
             raise self._error(
                 f"{track} is a target already; a free number is {self._next()}, and to make"
                 " two one there is merge"

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -15,6 +16,7 @@ from reasoning.encounters import EncounterParameters
 from reasoning.questions import Case
 from reasoning.questions.explain import Explanation, explain
 from reasoning.questions.ingest import file_digest
+from reasoning.questions.joins import joins_of
 from reasoning.questions.thresholds import measure_line
 from recorders.annotated.reader import AnnotatedLog
 from recorders.errors import SceneTraceError
@@ -23,6 +25,7 @@ from recorders.pieces import Span, cut
 from replay.draw import DrawOptions
 from replay.export.output import check_folder, whole_folder
 from replay.export.video import VideoOptions, write_video
+from replay.report.joins import join_picture
 from replay.report.pictures import around, check_log, chosen_frames, drawn
 from replay.sealing.manifest import read_manifest, seal, write_manifest
 
@@ -30,6 +33,9 @@ BEFORE_S = 1.0
 CLIP_S = 3.0
 MANIFEST = "manifest.json"
 _LONGEST_NAME = 80
+_MOST_JOINS = 8
+"""So many joins of one explanation are shown, the latest."""
+_JOIN_NAME = re.compile(r"_join_(\d+)_frame_\d+\.png$")
 EXPLANATION = "explanation.json"
 
 
@@ -54,8 +60,11 @@ def write_explanations(
         (part / EXPLANATION).write_text(
             _json([e.as_json() for e in found]), encoding="utf-8"
         )
-        with AnnotatedLog(path, camera) as log:
-            return sum(len(_frames(log, e, part)) for e in found)
+        with AnnotatedLog(path, camera) as log, Case([path]) as case:
+            return sum(
+                len(_frames(log, e, part)) + len(_join_pictures(case, log, e, part))
+                for e in found
+            )
 
 
 def write_evidence(
@@ -96,12 +105,13 @@ def write_evidence(
                 place = part / _safe(e.reference)
                 place.mkdir()
                 pictures = _frames(log, e, place, bare=True)
+                joins = _join_pictures(case, log, e, place)
                 clip = _clip(log, e, place / "clip.mp4")
                 cut(path, place / "log.mcap", Span(*_span(log, e)), limits=log.limits)
                 pages.append(
                     (
                         e,
-                        [picture.relative_to(part).as_posix() for picture in pictures],
+                        [p.relative_to(part).as_posix() for p in (*pictures, *joins)],
                         clip.relative_to(part).as_posix(),
                     )
                 )
@@ -145,6 +155,20 @@ def _frames(
         (folder / f"{_safe(e.reference)}_frame_{frame.index:06d}_recorded.png").write_bytes(
             encode_png(image)
         )
+    return out
+
+
+def _join_pictures(
+    case: Case, log: AnnotatedLog, e: Explanation, folder: Path
+) -> list[Path]:
+    """The joins that its identities rest on, each as two sights side by side."""
+    out = []
+    for join in joins_of(case, e.recording, e.subjects, e.end_frame)[-_MOST_JOINS:]:
+        image = join_picture(log, join)
+        if image is not None:
+            name = f"{_safe(e.reference)}_join_{join.track}_frame_{join.frame:06d}.png"
+            out.append(folder / name)
+            out[-1].write_bytes(encode_png(image))
     return out
 
 
@@ -311,12 +335,24 @@ def _section(
         f' src="{escape(clip)}"></video>'
     )
     for picture in pictures:
-        number = int(picture.rsplit("_", 1)[1].removesuffix(".png"))
+        alt, caption = _caption(picture)
         yield (
-            f'<figure><img src="{escape(picture)}" alt="frame {number} with'
-            f' overlays"><figcaption>frame {number}, drawn by scenetrace over the recorded'
-            " picture</figcaption></figure>"
+            f'<figure><img src="{escape(picture)}" alt="{escape(alt)}"><figcaption>'
+            f"{escape(caption)}</figcaption></figure>"
         )
+
+
+def _caption(picture: str) -> tuple[str, str]:
+    """What a picture shows, by its file's name."""
+    number = int(picture.rsplit("_", 1)[1].removesuffix(".png"))
+    join = _JOIN_NAME.search(picture)
+    if join is not None:
+        said = f"target {join[1]} before the join at frame {number} and after it"
+        return said, f"{said}: is it one and the same?"
+    return (
+        f"frame {number} with overlays",
+        f"frame {number}, drawn by scenetrace over the recorded picture",
+    )
 
 
 def _wall(facts: Mapping[str, Any], e: Explanation) -> str:

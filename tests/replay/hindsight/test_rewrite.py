@@ -439,3 +439,38 @@ def _most_memory(count: int) -> int:
 def test_a_life_that_is_over_takes_little_memory() -> None:
     _most_memory(5)
     assert _most_memory(450) - _most_memory(150) < 300 * 4_000
+
+
+def _apart(frames: list[Targets], *pairs: tuple[int, int]) -> list[Targets]:
+    times = [k * FRAME_NS for k in range(len(frames))]
+    return list(rewrite(lambda: iter(frames), SCENE, times, _config(), None, pairs))
+
+
+def test_who_is_said_to_be_two_is_not_joined() -> None:
+    frames = _walk(60, range(25, 30))
+    joined = {t.id for answer in _apart(frames) for t in answer.targets}
+    assert joined == {1}
+    for pair in ((1, 2), (2, 1)):
+        told = _apart(frames, pair)
+        assert {t.id for answer in told for t in answer.targets} == {1, 2}
+        # Nobody is drawn through the gap between them.
+        assert not any(t.present for answer in told[25:30] for t in answer.targets)
+
+
+def test_of_a_chain_the_dearest_join_between_the_two_goes() -> None:
+    frames = _walk(90, range(20, 22))
+    third = []
+    for answer in frames:
+        hidden = answer.frame in range(50, 60)
+        later = [
+            replace(t, id=3) if t.id == 2 and answer.frame >= 60 else t
+            for t in answer.targets
+            if not hidden
+        ]
+        third.append(replace(answer, targets=later))
+    assert {t.id for a in _apart(third) for t in a.targets} == {1}
+    told = _apart(third, (3, 1))
+    # From 1 to 2 is a short gap, from 2 to 3 a long one.
+    assert {t.id for t in told[70].targets} == {3}
+    assert {t.id for a in told[:50] for t in a.targets} == {1}
+    assert [a.targets for a in _apart(third, (1, 9))] == [a.targets for a in _apart(third)]
