@@ -20,9 +20,10 @@ EXAMPLE = """\
 scenetrace correct annotated.mcap -o corrections.jsonl swap 1 2 --at 1.5 --by Jo --why "they crossed here"
 scenetrace replay scene.mcap -o corrected.mcap --corrections corrections.jsonl
 scenetrace diff annotated.mcap corrected.mcap"""
-DESCRIPTION = """Write down that tracks are wrong, by whom and why: one line a call is added to FILE, which people can read
-and sign. `scenetrace replay --corrections FILE` applies them before anything is reasoned out; the log holds
-them, so `verify` replays them. Every correction is held against LOG: whom it names must be there then.
+DESCRIPTION = """\
+Write down who a track really is, by whom and why: a call adds a line to FILE, which people can read and sign.
+`scenetrace replay --corrections FILE` applies them before anything is reasoned out; the log holds them, so
+`verify` replays them. Every correction is held against LOG: whom it names must be there then.
 
   merge A B           B is A (--at T: from T on); they may not both be seen at once
   split A [NEW]       from --at on A is another, NEW (a free number without)
@@ -42,7 +43,11 @@ last replay."""
 def add(commands: common.Commands) -> None:
     """Declare the command."""
     parser = common.command(
-        commands, "correct", "say who a track really is", DESCRIPTION, EXAMPLE
+        commands,
+        "correct",
+        "say who a track really is, by whom and why",
+        DESCRIPTION,
+        EXAMPLE,
     )
     parser.add_argument("log", type=Path, metavar="LOG", help="the annotated log")
     parser.add_argument(

@@ -14,7 +14,7 @@ from replay.cli.exit_codes import Exit
 if TYPE_CHECKING:
     from replay.compare import CompareOptions, Comparison
 
-_SHOWN = 40
+_SHOWN = 10
 
 
 def add(commands: common.Commands) -> None:
@@ -25,8 +25,9 @@ def add(commands: common.Commands) -> None:
         "what happens in one annotated log and not in another",
         "Compare two annotated logs by what they say happened: events by kind, subjects and"
         " time; tracks by where\nthey are, so that other numbers are no difference;"
-        " relations and groups by their intervals. Exit code 4\nwhere they differ. The same"
-        " scene, another configuration or tracker: what changed in what happened.",
+        " relations, groups and encounters by their\nintervals. The ten that matter most are shown:"
+        " who is there and who is whom before what they do, values last.\nExit code 4 where they"
+        " differ. The same scene, another configuration, tracker or corrections: what changed.",
         "scenetrace diff before.mcap after.mcap\nscenetrace diff before.mcap after.mcap"
         " --tolerance 2 --html diff.html",
     )
@@ -36,7 +37,9 @@ def add(commands: common.Commands) -> None:
     )
     add_options(parser)
     parser.add_argument(
-        "--all", action="store_true", help=f"print every difference, not the first {_SHOWN}"
+        "--all",
+        action="store_true",
+        help=f"print every difference, in order of time, not the {_SHOWN} that matter most",
     )
     parser.add_argument("--json", action="store_true", help="everything as JSON")
     parser.add_argument(
@@ -115,7 +118,7 @@ def options_of(args: argparse.Namespace) -> CompareOptions:
     ):
         if not 0 <= value < float("inf"):
             raise UsageError(f"{name} {value}: must be at least 0")
-    return CompareOptions(args.tolerance, args.time_tolerance)
+    return CompareOptions(args.tolerance, args.time_tolerance, encounters=True)
 
 
 def show(found: Comparison, as_json: bool = False, everything: bool = False) -> int:
@@ -123,8 +126,13 @@ def show(found: Comparison, as_json: bool = False, everything: bool = False) -> 
     if as_json:
         print(json.dumps(found.as_plain(), indent=2))
     else:
-        for line in found.lines(None if everything else _SHOWN):
+        from replay.compare.weight import weightiest
+
+        most = None if everything else weightiest(found.differences, _SHOWN)
+        for line in found.lines(most):
             print(common.printable(line))
         if not everything and len(found.differences) > _SHOWN:
-            common.say("--all prints every difference")
+            common.say(
+                "the weightiest first; --all prints every difference, in order of time"
+            )
     return Exit.DONE if found.equal else Exit.DIFFERS

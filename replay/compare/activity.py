@@ -215,6 +215,16 @@ class Happenings:
             "group", self.a.groups, self.b.groups, name, by_label=False
         )
 
+    def encounters(self) -> Iterator[Difference]:
+        """Encounters by who was together, and as what."""
+
+        def name(kind: str, members: Sequence[str], _: Sequence[Lasting]) -> str:
+            return f"{words.tracks(members)} together ({kind})"
+
+        yield from self._lasting(
+            "encounter", self.a.encounters, self.b.encounters, name, by_label=True
+        )
+
     def _lasting(
         self,
         what: str,

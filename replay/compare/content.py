@@ -57,7 +57,7 @@ class Content:
         frames: which frames there are.
         tracks: in which frames each track is present.
         events: in their order.
-        relations, groups: by first frame.
+        relations, groups, encounters: by first frame.
         origin_ns: log time that seconds count from, the recording's start.
     """
 
@@ -66,6 +66,7 @@ class Content:
     events: list[Happening] = field(default_factory=list)
     relations: list[Lasting] = field(default_factory=list)
     groups: list[Lasting] = field(default_factory=list)
+    encounters: list[Lasting] = field(default_factory=list)
     origin_ns: int = 0
     _places: array[int] = field(default_factory=lambda: array("q"))
     _numbers: array[int] = field(default_factory=lambda: array("q"))

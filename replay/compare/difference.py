@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -16,6 +17,7 @@ KINDS = (
     "event",
     "relation",
     "group",
+    "encounter",
     "message",
 )
 
@@ -80,8 +82,10 @@ class Comparison:
             found[key] = found.get(key, 0) + 1
         return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
 
-    def lines(self, limit: int | None = None) -> list[str]:
-        """The comparison for a person: one line per difference, then their number."""
+    def lines(self, most: Sequence[Difference] | None = None) -> list[str]:
+        """The comparison for a person: one line per difference, all in order of time or those that
+        are given, then their number.
+        """
         head = [
             line if line.startswith("correction") else f"made with another {line}"
             for line in self.made
@@ -92,7 +96,7 @@ class Comparison:
         if self.equal:
             why = "track numbers, or values within the tolerance, differ"
             return [*head, f"equal in meaning over {frames}: {why}"]
-        shown = self.differences[:limit]
+        shown = self.differences if most is None else most
         rows = [
             f"frame {d.frame:>6} {d.t:>9.2f} s  {d.what:<9} {d.change:<8}  {d.text}"
             for d in shown

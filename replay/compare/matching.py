@@ -66,12 +66,15 @@ class ValueChange:
 
 @dataclass
 class TrackPair:
-    """A track of A and one of B while they lay over each other."""
+    """A track of A and one of B while they lay over each other; ``disjoint`` counts the frames
+    since in which they had nothing in common.
+    """
 
     spans: list[Interval] = field(default_factory=list)
     frames: int = 0
     far: int = 0
     first_far: int = -1
+    disjoint: int = 0
     largest_px: float = 0.0
     values: dict[str, ValueChange] = field(default_factory=dict)
 
@@ -103,6 +106,7 @@ class TrackMatching:
         self._tolerance_px = tolerance_px
         self._fields = DISCRETE if tolerance_px > 0 else VALUES
         self._before: set[tuple[int, int]] = set()
+        self._met: dict[int, list[int]] = {}
         self.pairs: dict[tuple[int, int], TrackPair] = {}
         self.edges: dict[
             tuple[tuple[int, int], tuple[int, int]], dict[str, ValueChange]
@@ -122,6 +126,7 @@ class TrackMatching:
         for i, j in self._frame_pairs(left, right):
             now[left[i].id] = right[j].id
             self._take(k, left[i], right[j])
+        self._count_disjoint(left, right, now)
         self._before = set(now.items())
         if self._tolerance_px == 0 and a.relations != b.relations:
             theirs = {tuple(sorted((edge.a, edge.b))): edge for edge in b.relations}
@@ -129,6 +134,23 @@ class TrackMatching:
                 at = tuple(sorted((now.get(edge.a, -1), now.get(edge.b, -1))))
                 if at in theirs and theirs[at].state == edge.state:
                     self._take_edge(k, edge, theirs[at])
+
+    def _count_disjoint(
+        self, left: Sequence[Track], right: Sequence[Track], now: dict[int, int]
+    ) -> None:
+        """Note of tracks that lay over each other before that they do not touch now."""
+        apart = {t.id: t.box for t in left if t.id in self._met}
+        theirs = {t.id: t.box for t in right} if apart else {}
+        for a, (x, y, w, h) in apart.items():
+            for b in self._met[a]:
+                if b not in theirs or now.get(a) == b:
+                    continue
+                u, v, p, q = theirs[b]
+                if x >= u + p or u >= x + w or y >= v + q or v >= y + h:
+                    self.pairs[a, b].disjoint += 1
+        for a, b in now.items():
+            if b not in self._met.setdefault(a, []):
+                self._met[a].append(b)
 
     def _frame_pairs(
         self, left: Sequence[Track], right: Sequence[Track]

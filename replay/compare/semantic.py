@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from reasoning.questions import Case
 from recorders.annotated.provenance import GOLDEN, Provenance, provenance_of
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.corrections import Correction, Corrections
@@ -14,7 +15,7 @@ from recorders.log import LogReader
 from replay.compare import words
 from replay.compare.activity import Happenings
 from replay.compare.bytewise import RECORDING, Raw, compare_bytes
-from replay.compare.content import Content
+from replay.compare.content import Content, Lasting
 from replay.compare.difference import Comparison, Difference
 from replay.compare.intervals import Interval, count, intersect, subtract, union
 from replay.compare.matching import TrackMatching, TrackPair, ValueChange
@@ -47,12 +48,14 @@ class CompareOptions:
             not as another one.
         story: compare tracks, relations, groups and events alone: one of them is a golden file.
         only_shared: frames that only one log has are no difference: one of them is a span.
+        encounters: compare who was socially together, too.
     """
 
     tolerance_px: float = 0.0
     tolerance_s: float = 1.0
     only_shared: bool = False
     story: bool = False
+    encounters: bool = False
 
 
 def compare(
@@ -90,11 +93,30 @@ def compare(
     contents = Content(), Content()
     matching = TrackMatching(options.tolerance_px)
     _read(a, b, facts, contents, matching, limits, by_time=raw.frames > 0)
+    if options.encounters:
+        for path, fact, content in zip((a, b), facts, contents, strict=True):
+            content.encounters = _encounters(path, fact.camera, content, limits)
     comparer = _Comparer(*contents, matching, options, raw)
     found = comparer.all()
     return Comparison(
         str(a), str(b), False, count(comparer.shared), matching.partner, found, made
     )
+
+
+def _encounters(
+    path: str | Path, camera: str, content: Content, limits: Limits
+) -> list[Lasting]:
+    """Who was socially together in a log, with the thresholds that questions have."""
+    with Case([path], log_limits=limits) as case:
+        rows = case.rows(
+            "SELECT a, b, kind, start_frame, end_frame FROM encounters"
+            " JOIN recordings USING (recording) WHERE camera = ? ORDER BY start_frame, a, b",
+            [camera],
+        )
+    return [
+        Lasting(kind, (a, b), content.place(first), content.place(last))
+        for a, b, kind, first, last in rows
+    ]
 
 
 def _read(
@@ -166,6 +188,20 @@ def _differently_made(a: Provenance, b: Provenance) -> list[str]:
     ]
 
 
+def _how_far(pair: TrackPair, apart: int) -> str:
+    """How far two boxes of one target lie from one another, in words."""
+    if not apart:
+        return f"by up to {pair.largest_px:.3g} px"
+    if pair.disjoint >= apart:
+        return (
+            "without overlap"
+            if apart == pair.far + apart
+            else f"in {apart} without overlap"
+        )
+    disjoint = f", in {pair.disjoint} without any" if pair.disjoint else ""
+    return f"in {apart} with less than half in common{disjoint}"
+
+
 def _differently_corrected(a: Corrections | None, b: Corrections | None) -> list[str]:
     """The corrections in force that one log was made with and the other was not."""
     ours, theirs = ([] if c is None else c.in_force for c in (a, b))
@@ -205,6 +241,7 @@ class _Comparer:
             *self.happenings.events(),
             *self.happenings.relations(),
             *self.happenings.groups(),
+            *self.happenings.encounters(),
         ]
         if self.strict and self.options.story:
             found += self._edge_values(
@@ -351,15 +388,15 @@ class _Comparer:
                 [f for f in (pair.first_far, apart[0][0] if apart else -1) if f >= 0]
             )
             t = self.a.seconds(frame)
-            far = "without overlap" if apart else f"by up to {pair.largest_px:.3g} px"
             text = (
                 f"{name} lies elsewhere in {n} of {pair.frames + count(apart)} frames,"
-                f" {far}, first at {t:.1f} s"
+                f" {_how_far(pair, count(apart))}, first at {t:.1f} s"
             )
             details = {
                 "frames": n,
                 "largest_px": pair.largest_px,
                 "frames_apart": count(apart),
+                "frames_without_overlap": min(pair.disjoint, count(apart)),
                 "partner": partner,
             }
             yield Difference("track", "moved", frame, t, [track], text, details)

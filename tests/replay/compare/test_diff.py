@@ -18,6 +18,10 @@ from recorders.log import LogReader
 from replay.cli import main
 from replay.compare import CompareOptions, compare, words
 from replay.compare.activity import nearest
+from replay.compare.difference import Difference
+from replay.compare.matching import TrackPair
+from replay.compare.semantic import _how_far
+from replay.compare.weight import weightiest
 
 SHIFT = 7
 _TRACK_FIELDS = ("id", "a", "b")
@@ -590,3 +594,45 @@ def test_nearest_pairs_are_found_first_and_ties_go_to_the_earlier() -> None:
     assert nearest([5], [0, 10], 5) == ([(0, 0)], [], [1])
     assert nearest([], [1], 5) == ([], [], [0])
     assert nearest([1, 2, 3], [1, 2, 3], 5) == ([(0, 0), (1, 1), (2, 2)], [], [])
+
+
+def _difference(what: str, change: str, frame: int, **details: object) -> Difference:
+    return Difference(
+        what, change, frame, frame / 10, [1], f"{what} {frame}", dict(details)
+    )
+
+
+def test_what_matters_most_comes_first() -> None:
+    values = [_difference("event", "changed", f) for f in range(20)]
+    quiet = [_difference("event", "vanished", f, kind="mode_changed") for f in range(5)]
+    swaps = [_difference("identity", "changed", f) for f in range(30, 36)]
+    gone = [_difference("track", "vanished", f, frames=f) for f in (40, 50)]
+    met = [_difference("encounter", "appeared", 60, b=[60, 90])]
+    found = weightiest([*values, *quiet, *gone, *met, *swaps], 10)
+    assert [(d.what, d.frame) for d in found] == [
+        *(("identity", f) for f in range(30, 36)),
+        ("track", 50),
+        ("track", 40),
+        ("encounter", 60),
+        ("event", 0),
+    ]
+    assert found[-1].details == {"kind": "mode_changed"}
+    assert [d.what for d in weightiest([*swaps, *met], 4)] == ["identity"] * 3 + [
+        "encounter"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("pair", "apart", "said"),
+    [
+        (TrackPair(far=3, largest_px=4.5), 0, "by up to 4.5 px"),
+        (TrackPair(disjoint=7), 7, "without overlap"),
+        (TrackPair(far=2, disjoint=7), 7, "in 7 without overlap"),
+        (TrackPair(disjoint=2), 7, "in 7 with less than half in common, in 2 without any"),
+        (TrackPair(), 7, "in 7 with less than half in common"),
+    ],
+)
+def test_without_overlap_is_said_where_it_is_so(
+    pair: TrackPair, apart: int, said: str
+) -> None:
+    assert _how_far(pair, apart) == said
