@@ -136,7 +136,7 @@ class GoldenScene:
         if chosen in self._update:
             write_story(replayed, golden)
             said = (
-                "\n".join(found.lines(_LINES))
+                "\n".join(found.lines(found.differences[:_LINES]))
                 if found.differences
                 else "nothing in it differs"
             )
@@ -223,7 +223,7 @@ class GoldenScene:
         return (
             f"{job.name} no longer says of {job.scene.name} what {golden.name} says (A:"
             f" golden, B: now){other}\n"
-            + "\n".join(found.lines(_LINES))
+            + "\n".join(found.lines(found.differences[:_LINES]))
             + f"\nIf that is right: pytest --scenetrace-update {name}"
         )
 
