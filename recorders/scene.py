@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
+from threading import Event
 from types import TracebackType
 from typing import Any
 
@@ -24,6 +25,7 @@ from recorders.format_version import check_version
 from recorders.frame_order import FrameOrder
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import ChannelInfo, LogReader, Message
+from recorders.log.growing import GrowingLog
 from recorders.log.moments import by_time
 from recorders.masks import Labels, RecordedMask, label_blobs
 from recorders.messages import NO_BLOB, Detections, Regions
@@ -176,6 +178,7 @@ class SceneLog:
         recorded: the channels that belong to the recording, not to an annotation.
         unreadable: the pictures that could not be decoded so far.
         regions: those that stand in place of all that were recorded, None: the recorded ones.
+        grows: it is read while it is written, until the event ``follow`` is set or it ends.
 
     Raises:
         RecordingError: no detections, or none of that camera; the text says what the log holds
@@ -188,13 +191,17 @@ class SceneLog:
         camera: str | None = None,
         limits: Limits = DEFAULT_LIMITS,
         regions: Regions | None = None,
+        follow: Event | None = None,
     ) -> None:
         self.path = Path(path)
         self.limits = limits
         self.regions = regions
         self.trailing: tuple[Message, ...] = ()
         self.unreadable = Unreadable("")
-        self._log = LogReader(path, limits)
+        self._log = (
+            LogReader(path, limits) if follow is None else GrowingLog(path, limits, follow)
+        )
+        self.grows = follow is not None
         try:
             self.camera = _choose_camera(self._log, camera)
             check_version(self._log.metadata(), self.path)
@@ -234,6 +241,11 @@ class SceneLog:
     def log(self) -> LogReader:
         """The log underneath."""
         return self._log
+
+    @property
+    def ended(self) -> bool:
+        """Its end was read, where it is read while it is written."""
+        return not isinstance(self._log, GrowingLog) or self._log.complete
 
     def _is_annotation(self, channel: ChannelInfo) -> bool:
         camera, name = channels.split(channel.topic)

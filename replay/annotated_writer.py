@@ -5,7 +5,7 @@ them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from recorders import channels
@@ -24,10 +24,12 @@ from recorders.clock import Gaps
 from recorders.errors import OutputExistsError, UsageError
 from recorders.format_version import FORMAT_VERSION
 from recorders.log import Attachment, LogWriter, Message
+from recorders.log.writer import FLUSH_INTERVAL_NS
 from recorders.machine import machine, opencv_build, python_version
 from recorders.parameters import as_plain
 from recorders.pieces import Span, carried
 from recorders.recording import utf8
+from recorders.recording.segments import LIVE_FLUSH_NS
 from recorders.scene import SceneLog
 from recorders.vision import opencv_threads
 from replay.configuration import package_versions
@@ -52,6 +54,7 @@ class ReplaySummary:
         resumed: the checkpoint's frame that the replay started after, None from the start.
         unreadable: pictures that could not be decoded: a line for each reason.
         gaps: times in which nothing was recorded: a line for each.
+        ended: the recording was read to its end.
     """
 
     frames: int
@@ -64,6 +67,7 @@ class ReplaySummary:
     resumed: int | None = None
     unreadable: tuple[str, ...] = ()
     gaps: tuple[str, ...] = ()
+    ended: bool = True
 
 
 def replay(
@@ -94,13 +98,20 @@ def replay(
     # turns with them.
     with (
         opencv_threads(1),
-        SceneLog(scene_path, options.camera, options.limits, options.regions) as scene,
+        SceneLog(
+            scene_path, options.camera, options.limits, options.regions, options.follow
+        ) as scene,
     ):
         run = Run(scene, options, progress)
         start = run.nearest_checkpoint()
         pictures = [channels.topic(scene.camera, name) for name in channels.PICTURES]
         with LogWriter(
-            out, force=options.force, picture_topics=pictures, limits=options.limits
+            out,
+            force=options.force,
+            keep_part=scene.grows,
+            picture_topics=pictures,
+            flush_interval_ns=LIVE_FLUSH_NS if scene.grows else FLUSH_INTERVAL_NS,
+            limits=options.limits,
         ) as log:
             writer = AnnotatedWriter(
                 log, scene, options, digest.START if start is None else start.link
@@ -151,8 +162,10 @@ class AnnotatedWriter:
         self._link = digest.START
         self._tracks: dict[int, None] = {}
         self._events = 0
+        self._last_ns = 0
         self._checkpoints: dict[str, str] = {}
-        self._extras = self._copy_extras()
+        # What a log says of itself stands at its end.
+        self._extras = {} if scene.grows else self._copy_extras()
 
     def _open(self, name: str) -> int:
         topic = channels.topic(self._scene.camera, name)
@@ -253,6 +266,7 @@ class AnnotatedWriter:
                 self._annotated[name], payload, frame.time_ns, frame.time_ns, frame.index
             )
         self._link = annotated.digest.link
+        self._last_ns = frame.time_ns
         self._frames += 1
         self._tracks.update(dict.fromkeys(annotated.track_ids))
         self._events += annotated.events
@@ -268,6 +282,11 @@ class AnnotatedWriter:
     def finish(self, run: Run) -> ReplaySummary:
         """Write what the log says of itself."""
         options = self._options
+        scene = self._scene
+        if scene.grows:
+            self._extras = self._copy_extras()
+            if not scene.ended:
+                options = replace(options, to_ns=self._last_ns + 1)
         facts = {
             "format_version": FORMAT_VERSION,
             "kind": KIND,
@@ -313,4 +332,5 @@ class AnnotatedWriter:
             run.resumed,
             tuple(self._scene.unreadable.lines()),
             tuple(self.gaps.lines()),
+            not scene.grows or scene.ended,
         )

@@ -159,7 +159,8 @@ class Forward:
         state.
         """
         start = None if self.previous_ns is None else self.previous_ns + 1
-        with Prefetch() as prefetch:
+        # Who waits for the next frames of a log that grows would be behind by as many.
+        with Prefetch(1 if self.scene.grows else AHEAD) as prefetch:
             for frame, hashed in prefetch.ahead(self.scene.frames(start, self.next_index)):
                 where = f"frame {frame.index}: "
                 with code_of(self._choice, where), continuing(self._resumed):
@@ -191,7 +192,8 @@ class Prefetch:
     is never decoded.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, depth: int = AHEAD) -> None:
+        self._depth = depth
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="decode")
 
     def __enter__(self) -> Prefetch:
@@ -211,7 +213,7 @@ class Prefetch:
         failed: Exception | None = None
         ended = False
         while True:
-            while not ended and len(waiting) < AHEAD:
+            while not ended and len(waiting) < self._depth:
                 try:
                     frame = next(frames, None)
                 except Exception as error:

@@ -17,6 +17,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
+from threading import Event
 from typing import IO, Any
 
 import msgspec
@@ -72,6 +73,7 @@ class ReplayOptions:
         camera: which camera, where there are several.
         regions: those that stand in place of all that were recorded.
         corrections: a person's, applied before anything is reasoned out.
+        follow: read a log that is still written, without hindsight, until this is set or it ends.
         choice: the tracker that is meant.
         parameters: the whole configuration.
     """
@@ -88,6 +90,7 @@ class ReplayOptions:
     limits: Limits = DEFAULT_LIMITS
     regions: Regions | None = None
     corrections: Corrections | None = None
+    follow: Event | None = None
     choice: TrackerChoice = field(init=False, repr=False)
     parameters: Config = field(init=False, repr=False)
 

@@ -72,29 +72,29 @@ class Scan:
 
     def _walk(self, start: int, end: int) -> RawRecord:
         for raw in self.file.walk(start, end):
-            if raw.opcode == wire.MESSAGE:
-                self._loose_message(raw)
-                continue
-            if raw.opcode == wire.SCHEMA:
-                self.definitions.schema(
-                    self.file.parse(records.parse_schema, raw), raw.offset
-                )
-                continue
-            if raw.opcode == wire.CHANNEL:
-                self.definitions.channel(
-                    self.file.parse(records.parse_channel, raw), raw.offset
-                )
-                continue
-            self._close_run(raw.offset)
-            if raw.opcode == wire.DATA_END:
+            if not self.take(raw):
                 return raw
+        raise self.file.error("the data section has no DataEnd record", end)
+
+    def take(self, raw: RawRecord) -> bool:
+        """Take in the next record of the data section; False where it is its end."""
+        if raw.opcode == wire.MESSAGE:
+            self._loose_message(raw)
+        elif raw.opcode == wire.SCHEMA:
+            self.definitions.schema(self.file.parse(records.parse_schema, raw), raw.offset)
+        elif raw.opcode == wire.CHANNEL:
+            self.definitions.channel(
+                self.file.parse(records.parse_channel, raw), raw.offset
+            )
+        else:
+            self._close_run(raw.offset)
             if raw.opcode == wire.CHUNK:
                 self._chunk(raw)
             elif raw.opcode == wire.ATTACHMENT:
                 self.attachments.append(raw)
             elif raw.opcode == wire.METADATA:
                 self.metadata.append(raw)
-        raise self.file.error("the data section has no DataEnd record", end)
+        return raw.opcode != wire.DATA_END
 
     def _loose_message(self, raw: RawRecord) -> None:
         if raw.length < wire.MESSAGE_FIELDS_BYTES:

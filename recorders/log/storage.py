@@ -88,6 +88,16 @@ class RecordFile:
         """Release the file."""
         self._file.close()
 
+    @property
+    def descriptor(self) -> int:
+        """The system's number of the open file."""
+        return self._file.fileno()
+
+    def grown(self) -> int:
+        """The file's size now, where somebody still writes it."""
+        self.size = self._file.seek(0, 2)
+        return self.size
+
     def error(
         self, reason: str, offset: int | None = None, record: str | None = None
     ) -> RecordingError:

@@ -14,7 +14,7 @@ from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.parameters import Config, Parameters, configure
 from recorders.recording.methods import NO_DETECTION, methods_of
 from recorders.segmentation import SegmentationParameters
-from recorders.sources import Source
+from recorders.sources import LiveSource, Source
 from recorders.sources.source import LoggedSource
 
 Codec = Literal["jpeg", "png", "h264", "none"]
@@ -42,6 +42,7 @@ class RecordOptions:
         config: the parameters of `SECTIONS`.
         force: replace an existing output.
         limits: what the source may make us allocate.
+        segment_ns: a new log every so much time; None: one log.
     """
 
     camera: str = channels.DEFAULT_CAMERA
@@ -53,6 +54,7 @@ class RecordOptions:
     config: Config = field(default_factory=lambda: configure(SECTIONS))
     force: bool = False
     limits: Limits = DEFAULT_LIMITS
+    segment_ns: int | None = None
 
 
 def with_defaults(source: Source, options: RecordOptions) -> RecordOptions:
@@ -62,10 +64,10 @@ def with_defaults(source: Source, options: RecordOptions) -> RecordOptions:
         UsageError: they do not fit the source.
     """
     channels.check_camera(options.camera)
+    _check_segments(source, options.segment_ns)
     if options.start_ns is None:
-        options = replace(
-            options, start_ns=source.start_ns if isinstance(source, LoggedSource) else 0
-        )
+        start_ns = source.start_ns if isinstance(source, LoggedSource | LiveSource) else 0
+        options = replace(options, start_ns=start_ns)
     elif isinstance(source, LoggedSource):
         raise UsageError(f"--start: {source.path} is a log and has times of its own")
     detect, codec = options.detect, options.codec
@@ -94,3 +96,14 @@ def with_defaults(source: Source, options: RecordOptions) -> RecordOptions:
     if detect is None:
         detect = NO_DETECTION if source.has_detections else "motion"
     return replace(options, detect=detect)
+
+
+def _check_segments(source: Source, segment_ns: int | None) -> None:
+    if segment_ns is None:
+        return
+    if segment_ns < 1:
+        raise UsageError("--segment: must be over 0")
+    if isinstance(source, LoggedSource):
+        raise UsageError(
+            f"--segment: {source.path} is a log; `scenetrace cut` makes pieces of logs"
+        )

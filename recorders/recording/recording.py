@@ -12,11 +12,9 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 
-from recorders import channels
 from recorders.detectors import Detector
 from recorders.errors import OutputExistsError, SceneTraceError, UsageError
 from recorders.fusion import FusedFrames, FusionParameters
-from recorders.log import LogWriter
 from recorders.messages import Detections
 from recorders.pictures import Image
 from recorders.quality import QUALITY, Measure, quality_text
@@ -24,7 +22,8 @@ from recorders.recording.finding import Finder
 from recorders.recording.methods import methods_of, open_detector
 from recorders.recording.options import RecordOptions, with_defaults
 from recorders.recording.passed_on import Others
-from recorders.recording.scene_writer import RecordSummary, SceneWriter
+from recorders.recording.scene_writer import RecordSummary
+from recorders.recording.segments import Logs
 from recorders.recording.stages import Encoded, encoded
 from recorders.segmentation import (
     SEGMENTERS,
@@ -35,7 +34,7 @@ from recorders.segmentation import (
 from recorders.segmentation.motion import MotionSegmenter
 from recorders.segmentation.quality import FOREGROUND, worst
 from recorders.segmentation.usual import MOMENT_S
-from recorders.sources import Source, read_regions
+from recorders.sources import LiveSource, Source, read_regions
 from recorders.sources.source import NANOS, GivenDetections, pairs_of
 from recorders.vision import opencv_threads
 
@@ -68,8 +67,9 @@ def record(
 ) -> RecordSummary:
     """Record a source into a scene log.
 
-    The log appears whole. Where the recording ends early after its first frame, ``<out>.part``
-    stays, from which `scenetrace recover` makes a log.
+    The log appears whole; with ``segment_ns`` there are several, see `Logs`. Where the recording
+    ends early after its first frame, ``<out>.part`` stays, from which `scenetrace recover` makes a
+    log.
 
     Raises:
         UsageError: the options do not fit the source.
@@ -108,40 +108,33 @@ def record_scenes(
         if out.exists() and source.path.exists() and out.samefile(source.path):
             raise UsageError(f"{out}: is the source itself; record into another file")
     report = progress or _silent
-    scenes = [_Scene(source, settled[name], report) for name, source in sources.items()]
-    log = LogWriter(
-        out,
-        force=options.force,
-        keep_part=True,
-        picture_topics=[
-            channels.topic(name, kind) for name in sources for kind in channels.PICTURES
-        ],
-        limits=options.limits,
-    )
-    writers = [
-        SceneWriter(log, scene.source, scene.options, scene.regions, scene.facts)
-        for scene in scenes
-    ]
-    others = Others(log, next(iter(sources.values())), list(sources))
-    expected = [scene.source.frame_count for scene in scenes]
+    live = any(isinstance(source, LiveSource) for source in sources.values())
+    scenes = {
+        name: _Scene(source, settled[name], report) for name, source in sources.items()
+    }
+    logs = Logs(out, scenes, options, live=live)
+    first = next(iter(scenes.values())).source
+    others = Others(logs.log, first, list(sources))
+    expected = [source.frame_count for source in sources.values()]
     total = None if None in expected else sum(n or 0 for n in expected)
     done = 0
     try:
         # Reading, segmenting and encoding run side by side; OpenCV's own threads would only take
         # turns with them.
         with opencv_threads(1), ExitStack() as stack:
-            streams = [stack.enter_context(closing(scene.frames())) for scene in scenes]
-            for time_ns, number, frame in _by_time(streams, scenes):
+            streams = [
+                stack.enter_context(closing(scene.frames())) for scene in scenes.values()
+            ]
+            for time_ns, number, frame in _by_time(streams, list(scenes.values())):
                 others.write_until(time_ns)
-                writers[number].write(frame)
+                logs.write(number, frame)
                 done += 1
                 report("recording", done, total)
             others.write_rest()
-            scenes[0].source.losses.extend(others.losses())
-        summaries = [writer.finish(out) for writer in writers]
-        log.close()
+            first.losses.extend(others.losses())
+        summaries = logs.finish()
     except BaseException as error:
-        _end_early(error, log, out, done)
+        _end_early(error, logs, done)
         raise
     finally:
         others.close()
@@ -163,7 +156,9 @@ class _Scene:
 
     def frames(self) -> Generator[Encoded]:
         """Its frames, encoded."""
-        return encoded(self.source, self._finder, self.options.codec)
+        return encoded(
+            self.source, self._finder, self.options.codec, self.options.segment_ns
+        )
 
 
 def _by_time(
@@ -183,16 +178,15 @@ def _silent(stage: str, done: int, total: int | None) -> None:
     """No progress is wanted."""
 
 
-def _end_early(error: BaseException, log: LogWriter, out: Path, frames: int) -> None:
+def _end_early(error: BaseException, logs: Logs, frames: int) -> None:
     """Leave a part file where there is something to recover, nothing where there is not."""
-    log.abort()
-    part = out.with_name(out.name + ".part")
+    logs.log.abort()
     if not frames:
-        part.unlink(missing_ok=True)
+        logs.part.unlink(missing_ok=True)
     elif isinstance(error, KeyboardInterrupt):
-        raise InterruptedRecordingError("interrupted", part, frames) from error
+        raise InterruptedRecordingError("interrupted", logs.part, frames) from error
     elif isinstance(error, SceneTraceError):
-        raise InterruptedRecordingError(str(error), part, frames) from error
+        raise InterruptedRecordingError(str(error), logs.part, frames) from error
 
 
 def _finder(

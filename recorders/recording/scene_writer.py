@@ -46,6 +46,8 @@ class RecordSummary:
         source_digest: SHA-256 of the source's file, or of its files' list of digests.
         notes: what had to be assumed.
         losses: what had to be left out; a caller should not pass over it.
+        begin_ns, end_ns: times of the first and the last frame since the source's first.
+        logs: the logs, where there are several.
     """
 
     path: Path
@@ -59,6 +61,9 @@ class RecordSummary:
     source_digest: str
     notes: tuple[str, ...]
     losses: tuple[str, ...]
+    begin_ns: int = 0
+    end_ns: int = 0
+    logs: tuple[Path, ...] = ()
 
 
 class SceneWriter:
@@ -80,7 +85,7 @@ class SceneWriter:
         self._channels: dict[str, int] = {}
         self.frames = 0
         self._detections = 0
-        self._last_ns = 0
+        self._first_ns = self._last_ns = self._first_number = 0
         self._facts = _known_at_start(source, options)
         found = dict(detector or {})
         quality = found.pop(QUALITY, None)
@@ -110,6 +115,10 @@ class SceneWriter:
         self._check(frame.detections)
         camera = self._options.camera
         if not self.frames:
+            self._first_ns = frame.time_ns
+            if self._options.segment_ns is not None:
+                self._first_number = frame.detections.frame
+                self._facts["start_ns"] = str(now)
             self._begin(now)
         if frame.picture is not None:
             data, kind = frame.picture
@@ -119,7 +128,11 @@ class SceneWriter:
             self._put(
                 "foreground", channels.compressed_image(frame.mask, "png", now, camera), now
             )
-        self._put("detections", channels.encode("detections", frame.detections), now)
+        detections = frame.detections
+        if self._first_number:  # each of several logs counts its frames from 0
+            number = detections.frame - self._first_number
+            detections = msgspec.structs.replace(detections, frame=number)
+        self._put("detections", channels.encode("detections", detections), now)
         self.frames += 1
         self._detections += len(frame.detections.boxes)
         self._last_ns = frame.time_ns
@@ -157,12 +170,15 @@ class SceneWriter:
             detections=self._detections,
             width=source.width,
             height=source.height,
-            duration_ns=self._last_ns,
+            duration_ns=self._last_ns - self._first_ns,
             detect=str(options.detect),
             codec=self._facts["codec"],
             source_digest=digest,
             notes=tuple(source.notes),
             losses=tuple(source.losses),
+            begin_ns=self._first_ns,
+            end_ns=self._last_ns,
+            logs=(out,),
         )
 
 

@@ -24,6 +24,11 @@ _DEPTH = 4
 _DEPTH_WITHOUT_PICTURES = 256
 
 
+def segment_of(time_ns: int, segment_ns: int | None) -> int:
+    """The number of the log that a frame of this time goes into."""
+    return 0 if segment_ns is None else time_ns // segment_ns
+
+
 @dataclass(frozen=True, slots=True)
 class Encoded:
     """One frame as it will be written."""
@@ -45,9 +50,13 @@ class _Seen:
     mask: bytes | None
 
 
-def encoded(source: Source, finder: Finder, codec: str | None) -> Generator[Encoded]:
-    """The source's frames, looked through and encoded, in order."""
-    encoder = _PictureEncoder(source, codec)
+def encoded(
+    source: Source, finder: Finder, codec: str | None, segment_ns: int | None = None
+) -> Generator[Encoded]:
+    """The source's frames, looked through and encoded, in order; a video begins anew with every
+    ``segment_ns``.
+    """
+    encoder = _PictureEncoder(source, codec, segment_ns)
     decode = finder.sees or encoder.decodes
     depth = _DEPTH if source.has_images else _DEPTH_WITHOUT_PICTURES
     failures: list[SceneTraceError] = []
@@ -134,16 +143,21 @@ def _decodable(
 class _PictureEncoder:
     """Pictures and masks to bytes, one after the other (H.264 builds on the picture before)."""
 
-    def __init__(self, source: Source, codec: str | None) -> None:
+    def __init__(
+        self, source: Source, codec: str | None, segment_ns: int | None = None
+    ) -> None:
+        self._source = source
         self._codec = codec
+        self._segment_ns = segment_ns
+        self._segment = 0
         self.decodes = codec == "h264" or (
             codec != "none" and source.has_images and not source.stills
         )
-        self._video = None
-        if codec == "h264":
-            self._video = VideoEncoder(
-                source.width, source.height, Fraction(NANOS, source.frame_ns)
-            )
+        self._video = self._new_video() if codec == "h264" else None
+
+    def _new_video(self) -> VideoEncoder:
+        source = self._source
+        return VideoEncoder(source.width, source.height, Fraction(NANOS, source.frame_ns))
 
     def encode(self, frame: SourceFrame, mask: Image | None) -> _Seen:
         """One frame's bytes."""
@@ -162,6 +176,9 @@ class _PictureEncoder:
         image = frame.image
         assert image is not None
         if self._video is not None:
+            segment = segment_of(frame.time_ns, self._segment_ns)
+            if segment != self._segment:
+                self._segment, self._video = segment, self._new_video()
             return self._video.encode(image), "h264"
         return (
             (encode_png(image), "png")

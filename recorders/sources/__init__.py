@@ -1,5 +1,6 @@
 """Sources of a recording: video files, folders of images, logs of others, detections in files."""
 
+from recorders.sources.live import LiveSource
 from recorders.sources.log_source import LogOptions, LogSource
 from recorders.sources.objects import ObjectSource
 from recorders.sources.opening import open_cameras, open_source
@@ -7,6 +8,7 @@ from recorders.sources.regions import read_regions
 from recorders.sources.source import Source, SourceFrame, parse_fps
 
 __all__ = [
+    "LiveSource",
     "LogOptions",
     "LogSource",
     "ObjectSource",

@@ -17,6 +17,7 @@ from recorders.sources.boxes import BoxSource
 from recorders.sources.caviar import CaviarSource
 from recorders.sources.images import ImageFolderSource, holds_pictures
 from recorders.sources.joined import JoinedVideos
+from recorders.sources.live import LiveSource, is_live
 from recorders.sources.log_files import LogFiles, McapFiles, is_mcap, mcap_files
 from recorders.sources.log_source import LogOptions, LogSource
 from recorders.sources.plugin_source import plugin_source
@@ -44,7 +45,8 @@ def open_source(
 ) -> Source:
     """Open a source of frames by what it is: a folder of images, ``.txt`` (MOTChallenge),
     ``.xml`` (CAVIAR), a video, a log of others; ``NAME:WHERE`` is a plug-in's
-    (`plugin_source`), whose frames have the times that it gives.
+    (`plugin_source`), whose frames have the times that it gives; ``rtsp://...``, ``/dev/video0`` and
+    ``-`` are live.
 
     Args:
         path: the folder or file; several files of one recording: logs,
@@ -70,8 +72,10 @@ def open_source(
     foreign = plugin_source(words[0]) if len(words) == 1 else None
     if foreign is not None:
         return _beside_pictures(foreign, detections, size, boxes or BoxOptions(), limits)
-    paths = _paths(path)
     rate = None if fps is None else parse_fps(fps)
+    if is_live(words[0]):
+        return _open_live(words, detections, rate, size, stream, limits)
+    paths = _paths(path)
     if size is not None and min(size) < 1:
         raise UsageError(f"--size {size[0]}x{size[1]}: width and height must be over 0")
     files = open_log(paths, limits)
@@ -98,6 +102,25 @@ def open_source(
     if stream is not None:
         raise UsageError(f"--stream goes with videos; {paths[0]} is none")
     return _open_file(paths[0], detections, rate, size, boxes, limits)
+
+
+def _open_live(
+    words: Sequence[str | Path],
+    detections: str | Path | None,
+    rate: Fraction | None,
+    size: tuple[int, int] | None,
+    stream: int | None,
+    limits: Limits,
+) -> Source:
+    """A camera over the network, a device, a pipe."""
+    if len(words) > 1:
+        raise UsageError(f"{words[0]} is live: record it by itself")
+    if detections is not None or size is not None:
+        raise UsageError(
+            "--detections and --size go with recordings; a live stream's pictures are looked"
+            " through by --detect"
+        )
+    return LiveSource(str(words[0]), rate, limits, stream)
 
 
 def _open_several(

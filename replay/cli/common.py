@@ -9,6 +9,7 @@ import re
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -296,6 +297,58 @@ def interrupts_at(report: Callable[P, None]) -> Iterator[Callable[P, None]]:
         yield safely
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+_SAME_SIGNAL_S = 1.0
+"""A terminal or a supervisor may send a signal to the process and to its group: that is one."""
+
+
+@contextmanager
+def ends_at_interrupt(stop: Callable[[], None]) -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM end what is live: ``stop`` is called, what there is is finished; a
+    second one interrupts at once.
+    """
+    signals = (signal.SIGINT, signal.SIGTERM)
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in signals}
+    first: float | None = None
+
+    def note(number: int, frame: FrameType | None) -> None:
+        nonlocal first
+        now = time.monotonic()
+        if first is None:
+            first = now
+            stop()
+        elif now - first > _SAME_SIGNAL_S:
+            signal.default_int_handler(number, frame)
+
+    for number in signals:
+        signal.signal(number, note)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+_UNITS = {"": 1, "s": 1, "sec": 1, "m": 60, "min": 60, "h": 3600, "d": 86400}
+
+
+def duration_ns(text: str) -> int:
+    """A length of time as ``10min``, ``90s``, ``1.5h``, ``600``.
+
+    Raises:
+        ArgumentTypeError: it is none, or not over 0.
+    """
+    match = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)\s*([a-z]*)", text, re.ASCII)
+    if match is None or match[2] not in _UNITS or float(match[1]) <= 0:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: must be a length of time over 0, as 10min, 90s, 1.5h"
+        )
+    return round(float(match[1]) * _UNITS[match[2]] * NANOS)
 
 
 def picture_size(text: str) -> tuple[int, int]:

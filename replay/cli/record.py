@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,7 +29,8 @@ def add(commands: common.Commands) -> None:
         " regions.\n\nSOURCE is a video file, a folder of JPEG or PNG pictures (in the"
         " order of their numbers, bytes kept as they\nare), a MOTChallenge text file (.txt)"
         " or a CAVIAR XML file (.xml; its labelled identities are left out), or a log of others\n"
-        "(MCAP, a ROS 1 or 2 bag): its pictures and detections, everything else passed on.\nExit code 3:"
+        "(MCAP, a ROS 1 or 2 bag): its pictures and detections, everything else passed on.\n"
+        "Live cameras are recorded until Ctrl-C, and connected again where the connection is lost.\nExit code 3:"
         " recorded, but something had to be left out; stderr says what.",
         "scenetrace record video.avi --fps 7 -o scene.mcap\n"
         "scenetrace record img1 --fps 7 --detections det.txt -o scene.mcap\n"
@@ -36,15 +38,17 @@ def add(commands: common.Commands) -> None:
         " -o scene.mcap\n"
         "scenetrace record det.txt --fps 25 --size 640x480 -o scene.mcap\n"
         "scenetrace record Walk1.xml -o walk.mcap\n"
-        "scenetrace record bag.mcap --image-topic /front/image -o scene.mcap",
+        "scenetrace record bag.mcap --image-topic /front/image -o scene.mcap\n"
+        "scenetrace record rtsp://camera/stream --segment 10min -o door.mcap",
     )
     parser.add_argument(
         "source",
-        type=Path,
+        type=_source,
         nargs="+",
         metavar="SOURCE",
         help="video | folder of pictures | MOTChallenge .txt | CAVIAR .xml | MCAP log or ROS bag"
-        " (a file, a folder, or several files of one recording) | NAME:WHERE of an installed plug-in",
+        " (a file, a folder, or several files of one recording) | rtsp://..., udp://..., http://... | /dev/video0"
+        " | - (a video in a pipe) | NAME:WHERE of an installed plug-in",
     )
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="FILE", help="the scene log"
@@ -57,6 +61,10 @@ def add(commands: common.Commands) -> None:
     parser.add_argument(
         "--stream", type=int, metavar="N",
         help="which of a video's streams of pictures, from 0; default the first",
+    )  # fmt: skip
+    parser.add_argument(
+        "--segment", type=common.duration_ns, metavar="TIME",
+        help="begin a new log every so often, as 10min: NAME-0001.mcap, NAME-0002.mcap ..., each of which stands alone",
     )  # fmt: skip
     parser.add_argument(
         "--columns", metavar="NAMES",
@@ -204,6 +212,13 @@ def _model(args: argparse.Namespace) -> ModelOptions | None:
     return None
 
 
+def _source(text: str) -> str | Path:
+    """A source's word: what is live is no path."""
+    from recorders.sources.live import is_live
+
+    return text if is_live(text) else Path(text)
+
+
 def run(args: argparse.Namespace) -> int:
     """Record."""
     from recorders.errors import OutputExistsError
@@ -263,14 +278,20 @@ def run(args: argparse.Namespace) -> int:
         config=config,
         force=args.force,
         limits=limits,
+        segment_ns=args.segment,
     )
     done = _recorded(sources, args.output, options)
     for (name, source), one in zip(sources.items(), done, strict=True):
         seconds = one.duration_ns / common.NANOS
         given = args.detections or source.name
         named = f" of {name}" if topics else ""
+        written = (
+            one.path
+            if len(one.logs) < 2
+            else f"{len(one.logs)} logs, {one.logs[0]} to {one.logs[-1].name}"
+        )
         common.say(
-            f"{args.output}: {one.frames} frames{named} of {one.width}x{one.height} over"
+            f"{written}: {one.frames} frames{named} of {one.width}x{one.height} over"
             f" {seconds:.1f} s, {one.detections} detections"
             f" ({given if source.has_detections else one.detect}),"
             f" pictures {one.codec}"
@@ -283,6 +304,7 @@ def _recorded(
 ) -> list[RecordSummary]:
     """Record with a progress bar, and say what was assumed and what was left out."""
     from recorders.recording import record_scenes
+    from recorders.sources import LiveSource
 
     said = set()
     for source in sources.values():
@@ -298,7 +320,14 @@ def _recorded(
             share = done if not expected or not total else done * total // expected
             bar(stage, share - 1)
 
-        with common.interrupts_at(progress) as report:
+        live = [source for source in sources.values() if isinstance(source, LiveSource)]
+        with ExitStack() as stack:
+            if live:
+                live[0].listen(common.say)
+                stack.enter_context(common.ends_at_interrupt(live[0].stop))
+                report = progress
+            else:
+                report = stack.enter_context(common.interrupts_at(progress))
             done = record_scenes(sources, output, options, report)
     for one in done:
         for note in one.notes:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from recorders.errors import OutputExistsError, UsageError
 from recorders.parameters import Config
-from replay.cli import common, diff
+from replay.cli import common, diff, follow
 from replay.cli.exit_codes import Exit
 from replay.cli.starts import check_starts, missed
 from replay.plurals import count_of
@@ -35,7 +35,8 @@ def add(commands: common.Commands) -> None:
         " same configuration: the same annotations, bit for bit.",
         "scenetrace replay scene.mcap -o annotated.mcap --tracker events\nscenetrace replay"
         " scene.mcap -o minute.mcap --from 60 --to 120 --annotations-only\nscenetrace"
-        " replay scene.mcap --against annotated.mcap --set interactions.safety_margin=0.5",
+        " replay scene.mcap --against annotated.mcap --set interactions.safety_margin=0.5\nscenetrace"
+        " replay scene.mcap --follow -o live.mcap",
     )
     parser.add_argument(
         "scene", type=Path, help="a scene log, or an annotated log to be replayed anew"
@@ -69,6 +70,11 @@ def add(commands: common.Commands) -> None:
     parser.add_argument(
         "--annotations-only", action="store_true", help="leave the recorded messages out"
     )
+    parser.add_argument(
+        "--follow", action="store_true",
+        help="the scene log is still written: annotate what comes as it comes, without hindsight, until it ends or"
+        " Ctrl-C",
+    )  # fmt: skip
     parser.add_argument(
         "--checkpoint",
         type=float,
@@ -106,6 +112,8 @@ def add(commands: common.Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay."""
+    if args.follow and args.output is None:
+        raise UsageError("--follow: give -o FILE for the annotated log")
     if args.output is None and args.against is None:
         raise UsageError("no output: give -o FILE, or --against LOG to compare alone")
     if args.against is None and (args.json or args.html is not None):
@@ -114,6 +122,11 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.html is not None and args.html.exists() and not args.force:
         raise OutputExistsError(args.html)
+    if args.follow:
+        from replay.trackers.choice import DEFAULT_TRACKER, choose
+
+        tracker = choose(args.tracker or DEFAULT_TRACKER)
+        return follow.run(args, _assignments(args, tracker))
     if args.against is None:
         return _replay(args, args.output)
     with TemporaryDirectory(prefix="scenetrace-") as folder:
