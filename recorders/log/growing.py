@@ -49,9 +49,10 @@ def growing_path(
     until = time.monotonic() + _LONGEST_WAIT_S
     told = False
     while not stop.is_set() and time.monotonic() < until:
-        for found in (part, path):
-            if found.exists():
-                return found
+        if part.exists() and (not path.exists() or _is_written(part)):
+            return part
+        if path.exists():
+            return path
         if not path.parent.is_dir():
             break
         if not told and tell is not None:
@@ -59,6 +60,27 @@ def growing_path(
         told = True
         stop.wait(_POLL_S)
     raise RecordingError("there is no such file, nor does anybody write it", path)
+
+
+def _is_written(path: Path) -> bool:
+    """Whether somebody writes a file now; an old part file nobody does."""
+    try:
+        with path.open("rb") as file:
+            return not _is_free(file.fileno())
+    except OSError:
+        return False
+
+
+def _is_free(descriptor: int) -> bool:
+    """Whether nobody writes an open file: whoever writes a log holds its lock."""
+    if fcntl is None:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return False  # it is held, or the file system has no locks
+    fcntl.flock(descriptor, fcntl.LOCK_UN)
+    return True
 
 
 class _Tail:
@@ -79,24 +101,13 @@ class _Tail:
         """Wait a moment for more; False where there will be none."""
         if self._stop.is_set():
             return False
-        size, gone = self.file.size, self._writer_is_gone()
+        size, gone = self.file.size, _is_free(self.file.descriptor)
         if self.file.grown() > size:
             return True
         if gone:
             self.abandoned = True
             return False
         self._stop.wait(_POLL_S)
-        return True
-
-    def _writer_is_gone(self) -> bool:
-        """Whoever writes a log holds its lock."""
-        if fcntl is None:
-            return False
-        try:
-            fcntl.flock(self.file.descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except OSError:
-            return False  # it is held, or the file system has no locks
-        fcntl.flock(self.file.descriptor, fcntl.LOCK_UN)
         return True
 
 

@@ -102,6 +102,14 @@ class TestGrowing:
         assert found == [b"d%d" % k for k in range(len(found))]
         assert len(found) >= 90
 
+    def test_an_old_part_beside_the_finished_log(self, tmp_path: Path) -> None:
+        log, channels = writer(tmp_path / "scene.mcap")
+        write(log, 0, 20, channels)
+        log.close()
+        (tmp_path / "scene.mcap.part").write_bytes(b"what a killed process left")
+        with GrowingLog(tmp_path / "scene.mcap") as growing:
+            assert len(list(growing.messages())) == 40
+
     def test_stopped(self, tmp_path: Path) -> None:
         log, channels = writer(tmp_path / "scene.mcap")
         write(log, 0, 100, channels)
