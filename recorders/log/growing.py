@@ -73,14 +73,13 @@ def _is_written(path: Path) -> bool:
 
 def _is_free(descriptor: int) -> bool:
     """Whether nobody writes an open file: whoever writes a log holds its lock."""
-    if fcntl is None:
-        return False
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:
-        return False  # it is held, or the file system has no locks
-    fcntl.flock(descriptor, fcntl.LOCK_UN)
-    return True
+    if fcntl is not None:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except OSError:
+            return False  # it is held, or the file system has no locks
+        fcntl.flock(descriptor, fcntl.LOCK_UN)
+    return fcntl is not None
 
 
 class _Tail:

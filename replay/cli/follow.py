@@ -24,6 +24,7 @@ _WHOLE = {
     "checkpoints": "--checkpoints",
     "against": "--against",
     "regions": "--regions",
+    "corrections": "--corrections",
 }
 """What needs a recording that is whole."""
 
