@@ -17,6 +17,8 @@ Rules of ours where the paper is silent:
 - A target that disappeared within the scene and comes back wholly inside the ROI under its old
   identity had not left: it takes up its status again. Anywhere else it enters anew.
 - Named zones ask where the target stands: the middle of its box's lower side, or its centre.
+- Who is in a named zone has left it when that point lies `EDGE_SIZES` of its size beyond the
+  edge, so that one who stands on the edge comes and goes once.
 """
 
 from __future__ import annotations
@@ -33,6 +35,11 @@ from recorders.parameters import Parameters, param
 
 Boxes = Floats | Sequence[Box]
 """N boxes: an array (N, 4), or plain numbers."""
+
+EDGE_SIZES = 0.1
+"""How far beyond an edge one must be to be held to have crossed it, in own sizes (the diagonal of
+the box): a box's foot moves by less from frame to frame while its owner stands.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -186,17 +193,32 @@ class SceneRegions:
         point = (box[0] + 0.5 * box[2], box[1] + down * box[3])
         return float(area.depth([point])[0])
 
-    def zones_of(self, boxes: Boxes) -> list[list[str]]:
-        """The named zones in which each target of boxes (N, 4) stands."""
+    def zones_of(
+        self, boxes: Boxes, before: Sequence[Collection[str]] | None = None
+    ) -> list[list[str]]:
+        """The named zones in which each target of boxes (N, 4) stands; ``before`` are those in
+        which it stood, which it leaves beyond their edge alone.
+        """
         if not self._zones:
             return [[]] * len(boxes)
         boxes = np.asarray(boxes, np.float64).reshape(-1, 4)
-        down = 1.0 if self._p.zone_point == "foot" else 0.5
-        points = np.stack(
-            [boxes[:, 0] + 0.5 * boxes[:, 2], boxes[:, 1] + down * boxes[:, 3]], axis=1
-        )
-        inside = [(name, area.contains(points).tolist()) for name, area in self._zones]
+        points = foot_points(boxes, 1.0 if self._p.zone_point == "foot" else 0.5)
+        edges = EDGE_SIZES * np.hypot(boxes[:, 2], boxes[:, 3])
+        inside = []
+        for name, area in self._zones:
+            yes = area.contains(points)
+            if before is not None and any(name in zones for zones in before):
+                was = np.array([name in zones for zones in before], np.bool_)
+                yes |= was & (area.depth(points) >= -edges)
+            inside.append((name, yes.tolist()))
         return [[name for name, yes in inside if yes[index]] for index in range(len(boxes))]
+
+
+def foot_points(boxes: Floats, down: float = 1.0) -> Floats:
+    """Where those of boxes (N, 4) stand, (N, 2): in the middle of the box, so far down in it."""
+    return np.stack(
+        [boxes[:, 0] + 0.5 * boxes[:, 2], boxes[:, 1] + down * boxes[:, 3]], axis=1
+    )
 
 
 def _union(regions: Regions) -> Area:
@@ -313,7 +335,8 @@ class SceneBook:
         lie wholly outside. Those who are ``leaving`` have disappeared and stay among the targets
         for this frame alone.
         """
-        places, zones = regions.places(boxes), regions.zones_of(boxes)
+        stood = [self.targets[i].zones if i in self.targets else () for i in ids]
+        places, zones = regions.places(boxes), regions.zones_of(boxes, stood)
         changes: list[SceneChange] = []
         for i in sorted(self.targets.keys() - set(ids) | set(leaving)):
             changes += self._vanish(i, time_ns, i in leaving)

@@ -22,6 +22,8 @@ from typing import Any
 import duckdb
 
 from reasoning.encounters import EncounterParameters
+from reasoning.questions.drawn import Drawn
+from reasoning.questions.drawn_tables import draw, make_tables
 from reasoning.questions.duckdb_tables import insert
 from reasoning.questions.ingest import file_digest, read_recordings
 from reasoning.questions.literals import Recordings
@@ -100,6 +102,7 @@ class Case:
     Attributes:
         inputs: what was opened.
         limits: what one query may take.
+        drawn: the zones and lines that were drawn after the fact.
     """
 
     def __init__(
@@ -110,6 +113,7 @@ class Case:
         log_limits: Limits = DEFAULT_LIMITS,
         encounters: EncounterParameters | None = None,
         brief: bool = False,
+        drawn: Drawn | None = None,
     ) -> None:
         """Open and read the inputs.
 
@@ -121,8 +125,11 @@ class Case:
                 made with.
             brief: leave out of ``events`` what trackers say of themselves: the kinds whose level
                 is DEBUG in `recorders.messages.EVENT_LEVELS`.
+            drawn: zones and lines that are drawn after the fact; stays in the zones join those
+                in recorded ones, crossings of the lines are the table ``crossings``.
 
         Raises:
+            UsageError: a zone or line lies beyond a picture, or is called as a recorded zone is.
             RecordingError: an input is neither log, index nor Parquet folder, or is damaged.
         """
         if not inputs:
@@ -133,6 +140,7 @@ class Case:
         self.inputs = [Path(p) for p in inputs]
         self.limits = limits or QueryLimits()
         self._brief = brief
+        self.drawn = drawn or Drawn()
         self._con = duckdb.connect(":memory:", config=locked_down(self.limits))
         self._places: list[tuple[Path, Callable[[str], str]]] = []
         self._files: list[Path] = []
@@ -177,9 +185,13 @@ class Case:
                 self._folder(path)
         if logs:
             self._read_logs(logs, log_limits, encounters)
+        made = make_tables(self._con)
         for table in TABLES:
             parts = " UNION ALL BY NAME ".join(
-                f"SELECT * FROM {place(table)}" for _, place in self._places
+                [
+                    *(f"SELECT * FROM {place(table)}" for _, place in self._places),
+                    *([made[table]] if table in made else []),
+                ]
             )
             if table == "events" and self._brief:
                 parts = f"SELECT * FROM ({parts}) WHERE kind NOT IN ({_OF_TRACKERS})"
@@ -193,8 +205,10 @@ class Case:
                 raise RecordingError(
                     f"{table} cannot be read: {_first_line(error)}", self._damaged(table)
                 ) from error
+        self._con.execute(f"CREATE VIEW crossings AS {made['crossings']}")
         for statement in macro_statements():
             self._con.execute(statement)
+        draw(self._con, self.drawn)
         self._con.execute("SET TimeZone = 'UTC'")
         if self._files:
             self._con.execute(

@@ -10,7 +10,7 @@ import duckdb
 import numpy as np
 
 from reasoning.questions.ingest import Row
-from reasoning.questions.schema import TABLES
+from reasoning.questions.schema import TABLES, Columns
 from recorders.errors import SceneTraceError
 
 _BATCH = "scenetrace_batch"
@@ -22,8 +22,16 @@ _DTYPES = {
 }
 
 
-def insert(con: duckdb.DuckDBPyConnection, table: str, rows: Sequence[Row]) -> None:
+def insert(
+    con: duckdb.DuckDBPyConnection,
+    table: str,
+    rows: Sequence[Row],
+    columns: Columns | None = None,
+    schema: str = "",
+) -> None:
     """Insert rows whose values are in the order of the table's columns; lists become INTEGER[].
+
+    ``columns`` are those of `schema.TABLES` unless given, ``schema`` where the table is.
 
     Raises:
         SceneTraceError: a value does not fit its column (an id over 2^31).
@@ -32,13 +40,14 @@ def insert(con: duckdb.DuckDBPyConnection, table: str, rows: Sequence[Row]) -> N
         return
     batch, selected = {}, []
     for index, ((name, kind), values) in enumerate(
-        zip(TABLES[table], zip(*rows, strict=True), strict=True)
+        zip(columns or TABLES[table], zip(*rows, strict=True), strict=True)
     ):
         batch[f"c{index}"] = _column(kind, values)
         selected.append(f"CAST(c{index} AS {kind}) AS {name}")
+    place = f"{schema}.{table}" if schema else table
     try:
         con.register(_BATCH, batch)
-        con.execute(f"INSERT INTO {table} SELECT {', '.join(selected)} FROM {_BATCH}")
+        con.execute(f"INSERT INTO {place} SELECT {', '.join(selected)} FROM {_BATCH}")
         con.unregister(_BATCH)
     except (duckdb.Error, OverflowError) as error:
         raise SceneTraceError(

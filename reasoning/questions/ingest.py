@@ -28,8 +28,10 @@ from reasoning.encounters import (
     near,
     still,
 )
+from reasoning.geometry import Area
 from reasoning.questions.runs import Belief, Interval, Run, Runs, Seen, Sight, sight
 from reasoning.questions.schema import TABLES
+from reasoning.questions.standing import Steps, stays
 from recorders import channels
 from recorders.annotated.frames import annotated_cameras
 from recorders.annotated.provenance import CORRECTIONS
@@ -38,7 +40,7 @@ from recorders.corrections import parse_corrections
 from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
-from recorders.messages import Box, Event, Track
+from recorders.messages import Box, Event, Regions, Track
 from recorders.quality import Measure, recorded_quality
 
 Row = tuple[Any, ...]
@@ -48,7 +50,7 @@ BITS = ("grouping", "grouped", "splitting")
 ENDING = ("group_changed", "group_ended")
 JOINS = ("identity", "track_recovered")
 """Kinds of events after which a track may be somebody else."""
-_READ = ("tracks", "relations", "groups", "held_back", "events")
+_READ = ("tracks", "relations", "groups", "held_back", "events", "regions")
 _INT32 = 2**31 - 1
 
 
@@ -137,6 +139,8 @@ class _Boxes:
     times: list[float] = field(default_factory=list)
     boxes: list[Box] = field(default_factory=list)
     seen: list[bool] = field(default_factory=list)
+    told: list[bool] = field(default_factory=list)
+    ranks: list[int] = field(default_factory=list)
     existence: list[float] = field(default_factory=list)
     identity: list[float] = field(default_factory=list)
     joins: list[tuple[int, int]] = field(default_factory=list)
@@ -149,7 +153,22 @@ class _Boxes:
             np.array(self.seen, np.bool_),
         )
 
-    def add(self, frame: int, t: float, s: Seen) -> None:
+    def steps(self) -> Steps:
+        """Where it was when, to ask who stood where."""
+        return Steps(
+            np.array(self.frames, np.int64),
+            np.array(self.ranks, np.int64),
+            np.array(self.times),
+            np.array(self.boxes, np.float64).reshape(-1, 4),
+            np.array(self.told, np.bool_),
+            np.array(self.existence),
+            np.array(self.identity),
+            self.joins,
+        )
+
+    def add(self, rank: int, frame: int, t: float, s: Seen, told: Sight) -> None:
+        self.ranks.append(rank)
+        self.told.append(told.seen)
         self.frames.append(frame)
         self.times.append(t)
         self.boxes.append(s.box)
@@ -191,6 +210,7 @@ class _Camera:
         self._boxes: dict[int, _Boxes] = {}
         self._targets: dict[int, Seen] = {}
         self._labels: dict[int, str] = {}
+        self._regions: list[tuple[int, Regions]] = []
         self._t, self._frame = 0.0, -1
 
     def read(self, quality: Sequence[Measure]) -> None:
@@ -234,6 +254,10 @@ class _Camera:
         self._facts.frames += 1
         self._add("frames", frame.index, t)
         self._targets = _targets(frame.tracks, frame.events)
+        if frame.regions is not None and (
+            not self._regions or frame.regions != self._regions[-1][1]
+        ):
+            self._regions.append((frame.index, frame.regions))
         self._take_tracks(frame, t)
         self._take_relations(frame, t)
         self._take_groups(frame, t)
@@ -263,26 +287,29 @@ class _Camera:
         zones: dict[Hashable, Hashable] = {}
         bits: dict[Hashable, Hashable] = {}
         hidden: dict[Hashable, Hashable] = {}
+        alone: dict[int, Sight] = {}
         for track in frame.tracks:
+            told = self._sight((track.id,)) if track.present else Sight(False, 0.0, 0.0)
             self._add(
                 "tracks", frame.index, t, track.id, *track.box, *track.velocity, track.mode, track.confidence,
                 track.grouping, track.grouped, track.splitting, track.group, track.scene,
-                None if track.label is UNSET else track.label, track.present,
+                None if track.label is UNSET else track.label, track.present, bool(told.seen), track.identity,
             )  # fmt: skip
             if track.label is not UNSET:
                 self._labels[track.id] = track.label
             if not track.present:
                 continue
             present[track.id] = True
-            zones.update({(track.id, zone): True for zone in track.zones})
+            if not self._regions:
+                zones.update({(track.id, zone): True for zone in track.zones})
             hidden.update({(track.id, part): True for part in track.hidden_parts})
             for bit in BITS:
                 if getattr(track, bit):
                     bits[(track.id, bit)] = tuple(sorted(getattr(track, f"{bit}_partners")))
+            alone[track.id] = told
             self._boxes.setdefault(track.id, _Boxes()).add(
-                frame.index, t, self._targets[track.id]
+                self._facts.frames, frame.index, t, self._targets[track.id], told
             )
-        alone = {i: self._sight((i,)) for i in present if isinstance(i, int)}
 
         def of_one(key: Any, _: Hashable) -> Sight:
             return alone[key[0] if isinstance(key, tuple) else key]
@@ -363,6 +390,7 @@ class _Camera:
         self._facts.seconds = self._t
         self._end_presence(self._presence.close())
         self._end_named("zones", self._zones.close())
+        self._find_stays()
         self._end_bits(self._bits.close())
         self._end_named("hidden", self._hidden.close())
         self._end_relations(self._relations.close())
@@ -384,6 +412,21 @@ class _Camera:
         """
         after = [kind for frame, kind in self._ended.get(label, ()) if frame >= interval[1]]
         return after[0] if after and interval[1] < self._frame else None
+
+    def _find_stays(self) -> None:
+        """Stays in the zones that were recorded, in hindsight, as in those that are drawn later.
+
+        A log without its regions (annotations alone) has what its tracks say of zones instead.
+        """
+        down = 0.5 if self._log.zone_point == "centre" else 1.0
+        ends = [first for first, _ in self._regions[1:]] + [_INT32]
+        for (first, regions), end in zip(self._regions, ends, strict=False):
+            areas = [(zone.name, Area([zone.polygon])) for zone in regions.zones]
+            for track in sorted(self._boxes) if areas else ():
+                steps = self._boxes[track].steps().within(first, end)
+                for name, area in areas:
+                    for interval, belief in stays(area, steps, down):
+                        self._add("zones", track, name, *interval, *belief)
 
     def _find_encounters(self) -> None:
         for name, value in asdict(self._parameters).items():

@@ -49,6 +49,8 @@ TABLES: Mapping[str, Columns] = {
         ("scene", "VARCHAR"),
         ("label", "VARCHAR"),
         ("present", "BOOLEAN"),
+        ("seen", "BOOLEAN"),
+        ("identity", "DOUBLE"),
     ),
     "relations": (
         ("recording", "VARCHAR"),
@@ -234,11 +236,27 @@ TABLES: Mapping[str, Columns] = {
         ("undone", "BOOLEAN"),
     ),
 }
+DRAWN: Mapping[str, Columns] = {
+    "crossings": (
+        ("recording", "VARCHAR"),
+        ("track", "INTEGER"),
+        ("line", "VARCHAR"),
+        ("frame", "INTEGER"),
+        ("t", "DOUBLE"),
+        ("direction", "VARCHAR"),
+        ("x", "DOUBLE"),
+        ("y", "DOUBLE"),
+        *BELIEF,
+    ),
+}
+"""Tables of what is drawn after the fact, which no index holds."""
+
 SURE = "sure_"
 """What the views of contract tables with all their columns begin with."""
 
 KEPT_APART: Mapping[str, tuple[str, ...]] = {
     **{t: tuple(name for name, _ in BELIEF) for t in ("relations", "groups", "events")},
+    "tracks": ("seen", "identity"),
     "encounters": ("existence", "joins"),
     "targets": ("existence",),
 }

@@ -11,6 +11,7 @@ from statistics import median_low
 from types import TracebackType
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -138,6 +139,15 @@ class AnnotatedLog:
         first_ns, index = seen[0]
         steps = [b[0] - a[0] for a, b in pairwise(seen)]
         return first_ns - index * median_low(steps) if index and steps else first_ns
+
+    @cached_property
+    def zone_point(self) -> str:
+        """Where a target stands for named zones: ``foot`` or ``centre`` of its box."""
+        try:
+            made_with = msgspec.json.decode(self.facts.get("configuration", "{}"))
+            return str(made_with["regions"]["zone_point"])
+        except (msgspec.DecodeError, KeyError, TypeError):
+            return "foot"
 
     def time_of(self, index: int) -> int:
         """Log time of a frame.

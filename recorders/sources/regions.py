@@ -44,6 +44,34 @@ def read_regions(path: str | Path, width: int, height: int) -> Regions:
     return _Reader(path, width, height).read()
 
 
+def checked(
+    polygon: Polygon, name: str, size: tuple[int, int] | None = None
+) -> tuple[str, Polygon]:
+    """What is wrong with an outline, empty if nothing is; and the outline, its end left out where
+    that repeats its start. ``size`` is the picture's, in which some of it must lie.
+    """
+    if len(polygon) > 1 and polygon[0] == polygon[-1]:
+        polygon = polygon[:-1]
+    fault = ""
+    if len(polygon) < 3:
+        fault = f"{name} has {len(polygon)} vertices, at least 3 are wanted"
+    elif len(polygon) > MOST_VERTICES:
+        fault = f"{name} has {len(polygon)} vertices, at most {MOST_VERTICES}"
+    elif _crosses_itself(polygon):
+        fault = f"{name} crosses itself"
+    elif abs(_area(polygon)) < _SMALLEST_AREA:
+        fault = f"{name} has no area"
+    elif size is not None and beyond(polygon, size):
+        fault = f"{name} lies wholly beyond the picture of {size[0]}x{size[1]}"
+    return fault, polygon
+
+
+def beyond(points: Polygon, size: tuple[int, int]) -> bool:
+    """Whether all points lie beyond one side of a picture of (width, height)."""
+    xs, ys = [p[0] for p in points], [p[1] for p in points]
+    return max(xs) <= 0 or max(ys) <= 0 or min(xs) >= size[0] or min(ys) >= size[1]
+
+
 class _Reader:
     def __init__(self, path: Path, width: int, height: int) -> None:
         self._path = path
@@ -111,21 +139,9 @@ class _Reader:
     def _polygon(self, data: object, name: str) -> Polygon:
         if not isinstance(data, list):
             self._fail(f"{name} must be a list of vertices [x, y]")
-        polygon = [self._point(p, name) for p in data]
-        if len(polygon) > 1 and polygon[0] == polygon[-1]:
-            polygon.pop()
-        if len(polygon) < 3:
-            self._fail(f"{name} has {len(polygon)} vertices, at least 3 are wanted")
-        if len(polygon) > MOST_VERTICES:
-            self._fail(f"{name} has {len(polygon)} vertices, at most {MOST_VERTICES}")
-        if _crosses_itself(polygon):
-            self._fail(f"{name} crosses itself")
-        if abs(_area(polygon)) < _SMALLEST_AREA:
-            self._fail(f"{name} has no area")
-        width, height = self._size
-        xs, ys = [p[0] for p in polygon], [p[1] for p in polygon]
-        if max(xs) <= 0 or max(ys) <= 0 or min(xs) >= width or min(ys) >= height:
-            self._fail(f"{name} lies wholly beyond the picture of {width}x{height}")
+        fault, polygon = checked([self._point(p, name) for p in data], name, self._size)
+        if fault:
+            self._fail(fault)
         return polygon
 
     def _point(self, data: object, name: str) -> Point:

@@ -24,7 +24,7 @@ from recorders import channels
 from recorders.log import LogReader, LogWriter
 from recorders.messages import Event, Groups, Relations, Tracks
 
-CHANNELS = ("tracks", "relations", "groups", "events")
+CHANNELS = ("regions", "tracks", "relations", "groups", "events")
 
 
 def write(scene: GeneratedScene, path: Path) -> Path:
@@ -42,6 +42,7 @@ def write(scene: GeneratedScene, path: Path) -> Path:
             ns = targets.frame * scene.frame_ns
             made = reasoner.step(targets.frame, ns, targets, scene.truth.regions)
             messages = [
+                *([("regions", scene.truth.regions)] if targets.frame == 0 else []),
                 ("tracks", made.tracks),
                 ("relations", made.relations),
                 ("groups", made.groups),
