@@ -217,7 +217,9 @@ def bootstrap(per_file: np.ndarray, rounds: int = 2000, seed: int = 0) -> np.nda
     """95 % intervals of the pooled F1, files drawn with replacement: (2, 3)."""
     rng = np.random.default_rng(seed)
     draws = rng.integers(0, len(per_file), (rounds, len(per_file)))
-    return np.percentile(caviar.f1(per_file[draws].sum(axis=1)), [2.5, 97.5], axis=0)
+    return np.asarray(
+        np.percentile(caviar.f1(per_file[draws].sum(axis=1)), [2.5, 97.5], axis=0)
+    )
 
 
 def _row(name: str, per_file: np.ndarray) -> str:

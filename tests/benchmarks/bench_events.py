@@ -23,17 +23,21 @@ import argparse
 import os
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import caviar
+import cv2
 import event_pictures
 import numpy as np
 import sequences
 
 from fixtures.logs import record_scene, write_scene_log
 from fixtures.scenes import SCRIPTS, GeneratedScene, generate
+from fixtures.targets import truth_targets
 from reasoning.interactions import InteractionParameters
 from reasoning.reasoner import Reasoner
 from recorders.annotated.reader import AnnotatedLog
@@ -126,7 +130,7 @@ def labelled(sequence: caviar.Sequence) -> list[Targets]:
     """A CAVIAR file's people as a tracker without a fault would give them; boxes that nearly
     touch are one blob.
     """
-    frames: list[dict[int, tuple[float, ...]]] = [{} for _ in range(sequence.frames)]
+    frames: list[dict[int, Any]] = [{} for _ in range(sequence.frames)]
     speeds: list[dict[int, tuple[float, float]]] = [{} for _ in range(sequence.frames)]
     for i, h in sequence.people().items():
         middle = h.boxes[:, :2] + h.boxes[:, 2:] / 2
@@ -210,12 +214,10 @@ def damping(folder: Path) -> int:
         (p.stem, labelled(caviar.read(p)), 40_000_000, (384, 288))
         for p in sorted(folder.glob("*.xml"))
     ]
-    generated = []
+    generated: list[tuple[str, list[Targets], int, tuple[int, int]]] = []
     for name in SCRIPTS:
         s = generate(name)
-        generated.append(
-            (name, list(sequences.truth_targets(s)), s.frame_ns, (s.width, s.height))
-        )
+        generated.append((name, list(truth_targets(s)), s.frame_ns, (s.width, s.height)))
     print(
         "partners' intervals (flickers: partners again within a second), and their frames,"
         " by leave_margin"
@@ -246,7 +248,9 @@ def intervals(
     begun = again = held = 0
     for t in frames:
         a = reasoner.step(t.frame, t.frame * frame_ns, t, None)
-        pairs = {tuple(sorted((k.id, p))) for k in a.tracks.tracks for p in partners_of(k)}
+        pairs = {
+            (min(k.id, p), max(k.id, p)) for k in a.tracks.tracks for p in partners_of(k)
+        }
         held += len(pairs)
         for pair in sorted(pairs):
             gap = t.frame - last[pair] if pair in last else None
@@ -303,7 +307,7 @@ def corridor(
     return 0
 
 
-def real(source: Path, folder: Path, settings: list[str], **wanted: object) -> Path:
+def real(source: Path, folder: Path, settings: list[str], **wanted: Any) -> Path:
     """Record and replay a recording from its pixels."""
     log, out = folder / f"{source.stem}.mcap", folder / f"{source.stem}.annotated.mcap"
     record(
@@ -319,7 +323,7 @@ class TruthTracker:
     """Says what is true of a generated scene."""
 
     def __init__(self, scene: GeneratedScene) -> None:
-        self._answers = sequences.truth_targets(scene)
+        self._answers: Iterator[Targets] = truth_targets(scene)
 
     def step(self, frame: object) -> Targets:
         """The next frame's truth."""
@@ -354,9 +358,7 @@ def drawn_from_truth(out: Path) -> int:
         print(f"{out}: no picture of {', '.join(missing) or 'no kind'}")
         rows = event_pictures.moments(logs[0], THREE_WAY, (80, 120, 300, 180))
         half = np.asarray(
-            event_pictures.cv2.resize(
-                rows, None, fx=0.6, fy=0.6, interpolation=event_pictures.cv2.INTER_AREA
-            )
+            cv2.resize(rows, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA), np.uint8
         )
         event_pictures.save(out / "three_way.jpg", half)
     return 0

@@ -26,6 +26,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import duckdb
 
@@ -152,7 +153,7 @@ def questions() -> dict[str, tuple[Make, bool]]:
     rows.
     """
     at = Moment(seconds=1800.0)
-    asked = (
+    asked: tuple[tuple[str, list[str], dict[str, Any]], ...] = (
         ("met", ["7"], {}), ("met", ["7", "12"], {}), ("together", ["7", "12"], {}), ("left-with", ["7"], {}),
         ("who-was-in", ["bench"], {"at": at}), ("loitered", ["bench"], {"least_s": 60.0}),
         ("entered-never-left", [], {}),
@@ -162,7 +163,12 @@ def questions() -> dict[str, tuple[Make, bool]]:
     out: dict[str, tuple[Make, bool]] = {}
     for name, words, options in asked:
 
-        def make(some, name=name, words=words, options=options):
+        def make(
+            some: Any,
+            name: str = name,
+            words: list[str] = words,
+            options: dict[str, Any] = options,
+        ) -> Any:
             return question(name).sql(words, Options(recordings=some, **options))
 
         out[" ".join([name, *words])] = make, question(name).keeps_few(words)

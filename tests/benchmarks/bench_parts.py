@@ -21,6 +21,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from bench_record import bare_loop
@@ -182,11 +183,11 @@ def shifted(scene: Path, starts: dict[int, tuple[int, np.ndarray]], cam: bool) -
     same boxes.
     """
     rows: list[tuple[int, int, float, float, float, float, float]] = []
-    held: dict[int, tuple[tuple[int, int, int, int], np.ndarray]] = {}
+    held: dict[int, tuple[Any, np.ndarray]] = {}
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 1.0)
     with SceneLog(scene) as log:
         for frame in log.frames():
-            hsv = cv2.cvtColor(frame.image, cv2.COLOR_BGR2HSV)
+            hsv = cv2.cvtColor(np.asarray(frame.image), cv2.COLOR_BGR2HSV)
             for identity, (before, table) in list(held.items()):
                 likeness = cv2.calcBackProject([hsv], [0, 2], table, [0, 180, 0, 256], 1)
                 window = (cv2.CamShift if cam else cv2.meanShift)(
@@ -196,15 +197,19 @@ def shifted(scene: Path, starts: dict[int, tuple[int, np.ndarray]], cam: bool) -
                     del held[identity]
                     continue
                 held[identity] = (window, table)
-                rows.append((frame.index, identity, *map(float, window), 1.0))
+                x, y, w, h = map(float, window)
+                rows.append((frame.index, identity, x, y, w, h, 1.0))
             for identity, (start, box) in starts.items():
                 if start == frame.index:
                     x, y, w, h = (round(v) for v in box.tolist())
-                    patch, own = hsv[y : y + h, x : x + w], frame.mask[y : y + h, x : x + w]
+                    patch, own = (
+                        hsv[y : y + h, x : x + w],
+                        np.asarray(frame.mask)[y : y + h, x : x + w],
+                    )
                     table = cv2.calcHist([patch], [0, 2], own, [24, 24], [0, 180, 0, 256])
                     held[identity] = (
                         (x, y, w, h),
-                        cv2.normalize(table, None, 0, 255, cv2.NORM_MINMAX),
+                        cv2.normalize(table, np.empty(0), 0, 255, cv2.NORM_MINMAX),
                     )
                     rows.append((frame.index, identity, *box.tolist(), 1.0))
     return MotTable.from_rows(rows)
@@ -388,7 +393,9 @@ def survived(scene: GeneratedScene, result: MotTable) -> tuple[int, int]:
     return kept, count
 
 
-def _holder(frames: tuple, result: MotTable, identity: int, index: int) -> int | None:
+def _holder(
+    frames: tuple[Any, ...], result: MotTable, identity: int, index: int
+) -> int | None:
     actor = frames[index].actor(identity)
     low, high = np.searchsorted(result.frames, [index, index + 1])
     if actor is None or low == high:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import caviar
 import numpy as np
@@ -24,7 +25,7 @@ from reasoning.questions import Case
 from reasoning.questions.patterns import plan
 from recorders import channels
 from recorders.log import LogWriter
-from recorders.messages import Groups, Relations, Track, Tracks
+from recorders.messages import Box, Groups, Relations, Track, Tracks
 
 FRAME_NS = 40_000_000
 RTEC = {"meeting": 0.71, "moving": 0.64, "fighting": 0.82, "leaving_object": 0.22}
@@ -33,9 +34,7 @@ LABELS = {"meeting": ("interacting",), "moving": ("moving",), "fighting": ("figh
 
 def write_log(sequence: caviar.Sequence, path: Path) -> Path:
     """The labelled boxes as an annotated log's tracks."""
-    by_frame: dict[int, list[tuple[int, tuple[float, ...]]]] = {
-        n: [] for n in range(sequence.frames)
-    }
+    by_frame: dict[int, list[tuple[int, Any]]] = {n: [] for n in range(sequence.frames)}
     for i, h in sorted(sequence.histories.items()):
         for n, box in zip(h.frames.tolist(), h.boxes.tolist(), strict=True):
             by_frame[n].append((i, tuple(box)))
@@ -59,7 +58,7 @@ def write_log(sequence: caviar.Sequence, path: Path) -> Path:
     return path
 
 
-def _track(i: int, box: tuple[float, ...]) -> Track:
+def _track(i: int, box: Box) -> Track:
     return Track(
         id=i, box=box, ellipse=None, velocity=(0.0, 0.0), shell_radius=box[3], mode="motion", confidence=1.0,
         present=True, observed=True, blob=-1, grouping=False, grouped=False, splitting=False, grouping_partners=[],

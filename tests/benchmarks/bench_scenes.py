@@ -120,7 +120,7 @@ def _mirror(image: Image, *_: int) -> Image:
 
 
 def _darker(image: Image, *_: int) -> Image:
-    return cv2.convertScaleAbs(image, alpha=0.6)
+    return np.asarray(cv2.convertScaleAbs(image, alpha=0.6), np.uint8)
 
 
 def _noisier(image: Image, number: int, _: int) -> Image:
@@ -150,19 +150,19 @@ def altered(scene: Scene, variant: Variant, folder: Path) -> Path:
     kept = range(0, round(scene.frames * variant.part), variant.step)
     path = folder / ("altered.avi" if variant.codec == "mjpeg" else "altered.mkv")
     with av.open(str(path), "w") as container:
-        stream = container.add_stream(
+        stream: Any = container.add_stream(
             variant.codec, Fraction(scene.fps, variant.step), options=dict(variant.options)
         )
-        stream.width, stream.height = source.width, source.height  # type: ignore[union-attr]
+        stream.width, stream.height = source.width, source.height
         formats = {"ffv1": "bgr0", "mjpeg": "yuvj420p"}
-        stream.pix_fmt = formats.get(variant.codec, "yuv420p")  # type: ignore[union-attr]
+        stream.pix_fmt = formats.get(variant.codec, "yuv420p")
         for found in itertools.islice(source.frames(), scene.frames):
             if found.index not in kept or found.image is None:
                 continue
             picture = variant.picture(found.image, found.index, scene.frames)
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), "bgr24")
-            container.mux(stream.encode(frame))  # type: ignore[union-attr]
-        container.mux(stream.encode())  # type: ignore[union-attr]
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
     return path
 
 
@@ -325,7 +325,8 @@ def vary(chosen_scenes: list[Scene], args: argparse.Namespace) -> None:
 
     def mean(settings: list[str]) -> np.ndarray:
         rows = [measure(s, Variant(), "pixels", args, settings) for s in chosen_scenes]
-        return np.array([[row[t] for t in args.trackers] for row in rows]).mean(0)
+        found = np.array([[row[t] for t in args.trackers] for row in rows])
+        return np.asarray(found.mean(0))
 
     base = mean([])
     print(f"{'as is':46}" + "".join(cell(tuple(v), ()) for v in base.tolist()))
@@ -349,14 +350,15 @@ def masks() -> None:
     """
     folder = DATA / "scenes" / "cdnet-highway"
     scene = next(s for s in scenes() if s.name == "highway")
-    pictures = [f.image for f in open_source(scene.video, fps=scene.fps).frames()]
+    frames = open_source(scene.video, fps=scene.fps).frames()
+    pictures = [f.image for f in frames if f.image is not None]
     truth = {int(p.stem.strip("gtin")): p for p in sorted((folder / "masks").iterdir())}
-    height, width = pictures[0].shape[:2]  # type: ignore[union-attr]
+    height, width = pictures[0].shape[:2]
     for name in ("motion", "density", "mog2", "knn"):
         counts = np.zeros(3)
         if name in SEGMENTERS:
             segmenter = SEGMENTERS[name](SegmentationParameters(), width, height, scene.fps)
-            segmenter.prepare(iter(pictures))  # type: ignore[arg-type]
+            segmenter.prepare(iter(pictures))
         else:
             plain = {
                 "mog2": cv2.createBackgroundSubtractorMOG2,
@@ -365,12 +367,12 @@ def masks() -> None:
             subtractor = plain[name]()
         for index, image in enumerate(pictures):
             if name in SEGMENTERS:
-                mask = segmenter.segment(index, image).mask  # type: ignore[arg-type]
+                mask = segmenter.segment(index, image).mask
             else:
                 mask = np.where(subtractor.apply(image) == 255, 255, 0).astype(np.uint8)
-                mask = cv2.medianBlur(mask, 5)
+                mask = np.asarray(cv2.medianBlur(mask, 5), np.uint8)
             if index + 1 in truth:
-                true = cv2.imread(str(truth[index + 1]), cv2.IMREAD_GRAYSCALE)
+                true = np.asarray(cv2.imread(str(truth[index + 1]), cv2.IMREAD_GRAYSCALE))
                 scored_ = (true != 85) & (true != 170)
                 moving, found = (true == 255) & scored_, (mask > 0) & scored_
                 counts += [(moving & found).sum(), found.sum(), moving.sum()]
@@ -388,7 +390,9 @@ def plain(chosen_scenes: list[Scene]) -> None:
         for subtractor, (opening, closing) in itertools.product(
             ("MOG2", "KNN"), ((0, 5), (3, 5), (3, 9), (5, 15))
         ):
-            found = list(plain_rows(source.frames(), scene, subtractor, opening, closing))
+            found: list[Any] = list(
+                plain_rows(source.frames(), scene, subtractor, opening, closing)
+            )
             s = evaluate(truth, MotTable.from_rows(found))
             scores = (s.hota.hota, s.clear.mota, s.identity.idf1)
             best = np.maximum(best, scores)
@@ -408,7 +412,7 @@ def plain_rows(
         for size, operation in ((opening, cv2.MORPH_OPEN), (closing, cv2.MORPH_CLOSE)):
             if size:
                 shape = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-                mask = cv2.morphologyEx(mask, operation, shape)
+                mask = np.asarray(cv2.morphologyEx(mask, operation, shape), np.uint8)
         stats = cv2.connectedComponentsWithStats(mask)[2][1:]
         boxes = stats[stats[:, 4] >= 0.001 * mask.size, :4].astype(np.float64)
         for identity, box in tracker.step(boxes):

@@ -73,9 +73,8 @@ def iou(a: Boxes, b: Boxes) -> Boxes:
     low = np.maximum(a[:, None, :2], b[None, :, :2])
     high = np.minimum(a[:, None, :2] + a[:, None, 2:], b[None, :, :2] + b[None, :, 2:])
     both = np.prod(np.maximum(high - low, 0), axis=2)
-    return both / (
-        np.prod(a[:, 2:], axis=1)[:, None] + np.prod(b[:, 2:], axis=1)[None] - both
-    )
+    each = np.prod(a[:, 2:], axis=1)[:, None] + np.prod(b[:, 2:], axis=1)[None]
+    return np.asarray(both / (each - both))
 
 
 def precision_recall(
@@ -102,7 +101,7 @@ def bare_loop() -> Callable[[Image], object]:
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
 
     def step(image: Image) -> object:
-        mask = cv2.compare(subtractor.apply(image), 200, cv2.CMP_GT)
+        mask = cv2.compare(subtractor.apply(image), np.array(200.0), cv2.CMP_GT)
         mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel)
         mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, kernel)
         return cv2.connectedComponentsWithStats(mask, connectivity=8)

@@ -21,6 +21,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 
 from bench_record import bare_loop
@@ -338,7 +339,7 @@ def speed(folder: Path, rounds: int) -> None:
     )
     for label, source, log in cases:
         runs: dict[str, Callable[[], int]] = {
-            "bare OpenCV loop": lambda source=source: bare_loop(source)
+            "bare OpenCV loop": partial(bare_loop, source)
         }
         for name, settings in {
             "shells": (),
@@ -350,9 +351,7 @@ def speed(folder: Path, rounds: int) -> None:
                 config=replay_config("shells", assignments=settings),
                 force=True,
             )
-            runs[name] = lambda o=options, log=log: (
-                replay(log, folder / "speed.mcap", o).frames
-            )
+            runs[name] = partial(_frames, log, folder / "speed.mcap", options)
         clock: dict[str, list[float]] = {k: [] for k in runs}
         work: dict[str, list[float]] = {k: [] for k in runs}
         for _ in range(rounds):
@@ -369,6 +368,10 @@ def speed(folder: Path, rounds: int) -> None:
                 f"  {name:26} {a:6.0f} frames/s {a / base:5.2f} x   by processor time"
                 f" {b:6.0f} {b / base_work:5.2f} x"
             )
+
+
+def _frames(log: Path, out: Path, options: ReplayOptions) -> int:
+    return replay(log, out, options).frames
 
 
 def main() -> None:

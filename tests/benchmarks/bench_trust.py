@@ -134,8 +134,8 @@ def restored(log: Path, tracker: str) -> tuple[int, int]:
         failed = 0
         for k, state in enumerate(states[:-1]):
             engine.restore(checkpoint.decode_state(state))
-            found = engine.step()
-            same = found is not None and (found.targets, found.annotation) == results[k + 1]
+            again = engine.step()
+            same = again is not None and (again.targets, again.annotation) == results[k + 1]
             failed += not (
                 same and checkpoint.encode_state(engine.state()) == states[k + 1]
             )

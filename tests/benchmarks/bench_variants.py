@@ -77,12 +77,13 @@ def noisy(image: Image, number: int) -> Image:
 
 def dark(image: Image, number: int) -> Image:
     """Six tenths of the light."""
-    return cv2.convertScaleAbs(image, alpha=0.6)
+    return np.asarray(cv2.convertScaleAbs(image, alpha=0.6), np.uint8)
 
 
 def grey(image: Image, number: int) -> Image:
     """No colours."""
-    return cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
 
 
 def thinned(boxes: Boxes, number: int) -> Boxes:
@@ -146,10 +147,11 @@ class Altered:
         image = self._frames[original][0]
         assert image is not None
         if self._variant.mirrored:
-            image = cv2.flip(image, 1)
+            image = np.asarray(cv2.flip(image, 1), np.uint8)
         if self._variant.scale != 1:
-            image = cv2.resize(
-                image, (self.width, self.height), interpolation=cv2.INTER_AREA
+            size = (self.width, self.height)
+            image = np.asarray(
+                cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8
             )
         return self._variant.picture(image, original)
 

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from defusedxml.ElementTree import iterparse
@@ -48,7 +50,7 @@ class Sequence:
         return {i: h for i, h in self.histories.items() if i not in self.things}
 
 
-def _text(node, tag: str) -> str:
+def _text(node: Any, tag: str) -> str:
     return (node.findtext(".//" + tag) or "").strip()
 
 
@@ -88,7 +90,9 @@ def _history(rows: list[tuple[int, float, float, float, float]]) -> History:
     return History(frames, frames / FPS, table[:, 1:])
 
 
-def _intervals(pairs, things: frozenset[int]) -> tuple[list[Interval], list[Interval]]:
+def _intervals(
+    pairs: Mapping[tuple[int, int], Any], things: frozenset[int]
+) -> tuple[list[Interval], list[Interval]]:
     together: list[Interval] = []
     leaving: list[Interval] = []
     for (a, b), labels in sorted(pairs.items()):
@@ -100,14 +104,14 @@ def _intervals(pairs, things: frozenset[int]) -> tuple[list[Interval], list[Inte
     return together, leaving
 
 
-def _runs(items):
-    out = []
+def _runs(items: Iterable[tuple[int, Any]]) -> list[tuple[int, int, Any]]:
+    out: list[list[Any]] = []
     for n, value in items:
         if out and out[-1][1] == n - 1 and out[-1][2] == value:
             out[-1][1] = n
         else:
             out.append([n, n, value])
-    return [tuple(r) for r in out]
+    return [(start, end, value) for start, end, value in out]
 
 
 def counts(found: list[Interval], truth: list[Interval]) -> np.ndarray:
@@ -120,10 +124,14 @@ def counts(found: list[Interval], truth: list[Interval]) -> np.ndarray:
         f = {n for x in found if (x.a, x.b) == key for n in range(x.start, x.end + 1)}
         t = {n for x in truth if (x.a, x.b) == key for n in range(x.start, x.end + 1)}
         out[0] += (len(f & t), len(f - t), len(t - f))
-    for row, same in ((1, _overlaps), (2, lambda f, t: abs(f.start - t.start) <= FPS)):
+    for row, same in ((1, _overlaps), (2, _start_together)):
         hits = _matched(found, truth, same)
         out[row] = (hits, len(found) - hits, len(truth) - hits)
     return out
+
+
+def _start_together(f: Interval, t: Interval) -> bool:
+    return abs(f.start - t.start) <= FPS
 
 
 def _overlaps(f: Interval, t: Interval) -> bool:
@@ -131,7 +139,11 @@ def _overlaps(f: Interval, t: Interval) -> bool:
     return shared > 0 and shared / (max(f.end, t.end) - min(f.start, t.start) + 1) >= 0.5
 
 
-def _matched(found, truth, same) -> int:
+def _matched(
+    found: list[Interval],
+    truth: list[Interval],
+    same: Callable[[Interval, Interval], bool],
+) -> int:
     used: set[int] = set()
     for t in truth:
         for k, f in enumerate(found):

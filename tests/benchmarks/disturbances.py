@@ -28,7 +28,7 @@ def _spell(number: int, frames: int) -> bool:
 
 
 def _gain(image: Image, gain: float) -> Image:
-    return cv2.convertScaleAbs(image, alpha=gain)
+    return np.asarray(cv2.convertScaleAbs(image, alpha=gain), np.uint8)
 
 
 def light(image: Image, number: int, frames: int) -> Image:
@@ -50,7 +50,8 @@ def infrared(image: Image, number: int, frames: int) -> Image:
     """Grey from the middle on."""
     if not _later(number, frames):
         return image
-    return cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
 
 
 def bumped(image: Image, number: int, frames: int) -> Image:

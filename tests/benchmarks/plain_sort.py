@@ -56,7 +56,9 @@ class PlainSort:
             self._missed[row] = 0
         for column in sorted(set(range(len(detections))) - {c for _, c in pairs}):
             noise = 0.05 * float(np.sqrt(detections[column, 2] * detections[column, 3]))
-            self._bank.add(centred[column], noise * noise, (4 * noise) ** 2)
+            self._bank.add(
+                centred[column], np.full(4, noise * noise), np.full(4, (4 * noise) ** 2)
+            )
             self._ids.append(self._next)
             self._hits.append(1)
             self._missed.append(0)
@@ -72,4 +74,4 @@ class PlainSort:
             if self._missed[k] == 0
             and (self._hits[k] >= self._min_hits or self._frames <= self._min_hits)
         ]
-        return [(self._ids[k], tuple(self.boxes[k].tolist())) for k in shown]  # type: ignore[misc]
+        return [(self._ids[k], tuple(self.boxes[k].tolist())) for k in shown]

@@ -120,7 +120,7 @@ def of_replay(scene: GeneratedScene, path: str | Path) -> Replayed:
             votes.setdefault(track, Counter())[actor] += 1
             switches += now.get(actor, track) != track
             now[actor] = track
-    owner = {t: min(c, key=lambda a, c=c: (-c[a], a)) for t, c in votes.items()}
+    owner = {t: min(c, key=lambda a: (-c[a], a)) for t, c in votes.items()}
     events = [e for f in frames for e in f.events]
     forbidden = sum(e.rule == "EVENTS 3.1 transition table" for e in events)
     return Replayed(

@@ -309,9 +309,7 @@ def _names(
             true, said = int(truth.ids[rows][i]), int(result.ids[columns][j])
             if true in votes:
                 votes[true][said] = votes[true].get(said, 0) + 1
-    return tuple(
-        max(v, key=lambda k, v=v: (v[k], -k)) if v else None for v in votes.values()
-    )
+    return tuple(max(v, key=lambda k: (v[k], -k)) if v else None for v in votes.values())
 
 
 def pixel_accuracy(
@@ -377,7 +375,7 @@ def centre_errors(
             votes.setdefault(actor, {})[track] = (
                 votes.setdefault(actor, {}).get(track, 0) + 1
             )
-    own = {actor: max(v, key=lambda t, v=v: (v[t], -t)) for actor, v in votes.items()}
+    own = {actor: max(v, key=lambda t: (v[t], -t)) for actor, v in votes.items()}
     errors, other, count = [], 0, 0
     for k, pairs in enumerate(now):
         hidden = {a.id for a in scene.truth.frames[k].actors if a.hidden_by}

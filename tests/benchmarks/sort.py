@@ -30,7 +30,7 @@ def iou(a: Boxes, b: Boxes) -> Boxes:
     w = np.minimum(ax + aw, bx + bw) - np.maximum(ax, bx)
     h = np.minimum(ay + ah, by + bh) - np.maximum(ay, by)
     shared = np.maximum(w, 0) * np.maximum(h, 0)
-    return shared / (aw * ah + bw * bh - shared)
+    return np.asarray(shared / (aw * ah + bw * bh - shared))
 
 
 class Object:

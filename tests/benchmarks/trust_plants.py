@@ -74,7 +74,7 @@ def planted(scene: Path, folder: Path, tracker: str) -> list[list[str]]:
         verdict = verify(original, altered)
         try:
             writing.replay(altered, folder / "pc.mcap", whole)
-            again = compare(original, folder / "pc.mcap")
+            again: Comparison | RecordingError = compare(original, folder / "pc.mcap")
         except RecordingError as e:
             again = e
         rows.append([f"another recording: {name}", *outcome(what, (verdict,), again)])

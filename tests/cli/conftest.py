@@ -181,6 +181,6 @@ def start() -> Callable[..., subprocess.Popen[bytes]]:
 
     def begin(*words: object, **more: object) -> subprocess.Popen[bytes]:
         streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **more}
-        return subprocess.Popen([*PROGRAM, *map(str, words)], **streams)  # type: ignore[call-overload, no-any-return]
+        return subprocess.Popen([*PROGRAM, *map(str, words)], **streams)  # type: ignore[call-overload]
 
     return begin

@@ -8,13 +8,16 @@ every pair anew in every frame. It shares no code with the reasoning but the mes
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from math import hypot, sqrt
 
 import pytest
 
-from fixtures.scenes import SCRIPTS
+from fixtures.scenes import SCRIPTS, GeneratedScene
 from reasoning.reasoner import Reasoner
+from recorders import messages
+from recorders.messages import Box, Regions, Target
 
 TOLD = (
     "interaction_started",
@@ -36,20 +39,27 @@ SCENE = (
     "zone_entered",
     "zone_left",
 )
+Pair = tuple[int, int]
+Group = frozenset[int]
+Told = tuple[str, Sequence[int]]
+Targets = dict[int, Target]
+Ints = dict[int, int]
+Flags = dict[int, bool]
+Play = tuple[GeneratedScene, list[messages.Targets]]
 
 
-def centre(t):
+def centre(t: Target) -> tuple[float, float]:
     return t.box[0] + t.box[2] / 2, t.box[1] + t.box[3] / 2
 
 
-def shells_meet(a, b):
+def shells_meet(a: Target, b: Target) -> bool:
     """SHELLS 2.2: the smallest disc around the box, and 0.2 s of way."""
     (ax, ay), (bx, by) = centre(a), centre(b)
     reach = sum(hypot(t.box[2], t.box[3]) / 2 + 0.2 * hypot(*t.velocity) for t in (a, b))
     return hypot(ax - bx, ay - by) <= reach
 
 
-def safety(a, b):
+def safety(a: Target, b: Target) -> float:
     """EVENTS 3.1: ellipses in the boxes, grown by a quarter of the square root of the area."""
     (ax, ay), (bx, by) = centre(a), centre(b)
     grown = [
@@ -65,20 +75,26 @@ def safety(a, b):
 
 
 class Oracle:
-    def __init__(self, regions):
-        self.relation, self.bit, self.groups, self.thinned = {}, {}, [], []
-        self.last, self.ghosts, self.known = {}, set(), set()
-        self.scene, self.been_in, self.zones = {}, set(), {}
+    def __init__(self, regions: Regions) -> None:
+        self.relation: dict[Pair, str] = {}
+        self.bit: dict[Pair, str] = {}
+        self.groups: list[Group] = []
+        self.thinned: list[Group] = []
+        self.last: dict[int, Target] = {}
+        self.ghosts: set[int] = set()
+        self.scene: dict[int, str] = {}
+        self.been_in: set[int] = set()
+        self.zones: dict[int, set[str]] = {}
         self.roi, self.border = [self.rect(p[0]) for p in (regions.roi, regions.border)]
         self.named = {z.name: z.polygon for z in regions.zones}
 
     @staticmethod
-    def rect(polygon):
+    def rect(polygon: list[tuple[float, float]]) -> Box:
         xs, ys = [x for x, _ in polygon], [y for _, y in polygon]
         return min(xs), min(ys), max(xs), max(ys)
 
-    def step(self, k, targets):
-        out = []
+    def step(self, k: int, targets: list[Target]) -> list[tuple[int, str, tuple[int, ...]]]:
+        out: list[Told] = []
         given = {t.id: t for t in targets}
         gone = [i for i in self.last if i not in given and i not in self.ghosts]
         self.ghosts = {
@@ -98,8 +114,8 @@ class Oracle:
         self.last = here
         return [(k, kind, tuple(who)) for kind, who in out]
 
-    def scenes(self, given, gone):
-        out = []
+    def scenes(self, given: Targets, gone: list[int]) -> list[Told]:
+        out: list[Told] = []
         for i in gone:
             out += [("zone_left", [i])] * len(self.zones.pop(i, ()))
             out += [("exited", [i])] if self.scene.pop(i) == "exiting" else []
@@ -107,7 +123,9 @@ class Oracle:
             x0, y0 = t.box[:2]
             x1, y1 = x0 + t.box[2], y0 + t.box[3]
 
-            def within(r, x0=x0, y0=y0, x1=x1, y1=y1):
+            def within(
+                r: Box, x0: float = x0, y0: float = y0, x1: float = x1, y1: float = y1
+            ) -> bool:
                 return x0 >= r[0] and y0 >= r[1] and x1 <= r[2] and y1 <= r[3]
 
             if i not in self.scene:
@@ -136,8 +154,8 @@ class Oracle:
             self.zones[i] = now
         return out
 
-    def relations(self, here, blob, seen):
-        out = []
+    def relations(self, here: Targets, blob: Ints, seen: Flags) -> list[Told]:
+        out: list[Told] = []
         for pair in [p for p in self.relation if not set(p) <= set(here)]:
             del self.relation[pair]
             out.append(("interaction_ended", pair))
@@ -162,7 +180,7 @@ class Oracle:
                 out.append(("interaction_ended", (a, b)))
         return out
 
-    def shows(self, here, seen, a, b):
+    def shows(self, here: Targets, seen: Flags, a: int, b: int) -> bool:
         """Both are seen, or the one lies with its middle in the box of the other, who is."""
         if seen[a] == seen[b]:
             return seen[a]
@@ -170,12 +188,14 @@ class Oracle:
         return self.hides(here[front].box, here[behind].box)
 
     @staticmethod
-    def hides(front, behind):
+    def hides(front: Box, behind: Box) -> bool:
         middle = [behind[k] + behind[k + 2] / 2 for k in (0, 1)]
         return all(front[k] <= middle[k] <= front[k] + front[k + 2] for k in (0, 1))
 
-    def interactions(self, here, blob, seen, new):
-        out = []
+    def interactions(
+        self, here: Targets, blob: Ints, seen: Flags, new: set[int]
+    ) -> list[Told]:
+        out: list[Told] = []
         busy = {i for p in self.bit for i in p}
         before = {p: b for p, b in self.bit.items() if set(p) <= set(here)}
         collide = {
@@ -206,7 +226,15 @@ class Oracle:
         ]
         return out + self.follow_groups(clusters)
 
-    def observed_regions(self, here, blob, seen, new, before, collide):
+    def observed_regions(
+        self,
+        here: Targets,
+        blob: Ints,
+        seen: Flags,
+        new: set[int],
+        before: dict[Pair, str],
+        collide: set[Pair],
+    ) -> Ints:
         region = {
             i: blob[i]
             for i in here
@@ -226,14 +254,14 @@ class Oracle:
                 if blob[j] >= 0
                 and seen[j]
                 and self.hides(here[j].box, here[i].box)
-                and tuple(sorted((i, j))) in collide
+                and (min(i, j), max(i, j)) in collide
             ]
             if near:
                 region[i] = blob[min(near)[1]]
         return region
 
-    def follow_groups(self, clusters):
-        out = []
+    def follow_groups(self, clusters: list[Group]) -> list[Told]:
+        out: list[Told] = []
         kept = [g for g in self.groups if g in clusters and g not in self.thinned]
         begun = [c for c in clusters if c not in kept]
         replaced = [g for g in self.groups if g not in kept and any(g & c for c in begun)]
@@ -250,9 +278,11 @@ class Oracle:
         self.thinned = [g for g in self.thinned if g in waiting]
         return out + left
 
-    def without_those_who_left(self, waiting):
+    def without_those_who_left(
+        self, waiting: list[Group]
+    ) -> tuple[list[Group], list[Told]]:
         """Who splits from no other member is none any more; the label stays."""
-        still, left = [], []
+        still, left = list[Group](), list[Told]()
         for g in waiting:
             inner = {
                 i
@@ -260,28 +290,26 @@ class Oracle:
                 if b == "splitting" and set(p) <= g
                 for i in p
             }
-            still.append(type(g)(inner))
+            still.append(frozenset(inner))
             if inner != set(g):
                 self.thinned.append(still[-1])
                 left.append(("group_changed", sorted(g)))
         return still, left
 
 
-def inside(point, polygon):
+def inside(point: tuple[float, float], polygon: list[tuple[float, float]]) -> bool:
     """Even and odd crossings; the scenes' feet never lie exactly on a side."""
     x, y = point
     sides = zip(polygon, [*polygon[1:], polygon[0]], strict=True)
-    return (
-        sum(
-            (ay > y) != (by > y) and ax + (y - ay) * (bx - ax) / (by - ay) < x
-            for (ax, ay), (bx, by) in sides
-        )
-        % 2
+    crossed = sum(
+        (ay > y) != (by > y) and ax + (y - ay) * (bx - ax) / (by - ay) < x
+        for (ax, ay), (bx, by) in sides
     )
+    return crossed % 2 == 1
 
 
-def components(pairs):
-    whole = []
+def components(pairs: set[Pair]) -> list[Group]:
+    whole: list[set[int]] = []
     for p in pairs:
         mine = set(p).union(*[w for w in whole if w & set(p)])
         whole = [w for w in whole if not w & set(p)] + [mine]
@@ -291,7 +319,9 @@ def components(pairs):
 @pytest.mark.parametrize(
     ("name", "seed"), [*((n, 0) for n in SCRIPTS), ("three_way_group", 1), ("six_fish", 2)]
 )
-def test_the_reasoning_tells_what_the_rules_say(play, name, seed):
+def test_the_reasoning_tells_what_the_rules_say(
+    play: Callable[..., Play], name: str, seed: int
+) -> None:
     scene, answers = play(name, seed)
     oracle, reasoner = Oracle(scene.truth.regions), Reasoner({}, scene.width, scene.height)
     expected, found = [], []

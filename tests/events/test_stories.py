@@ -4,7 +4,9 @@ truth's boxes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,9 +24,10 @@ BY_THE_RULES_ALONE = {"crowd", "six_fish"}
 """
 
 
-def stories():
+def stories() -> dict[str, list[tuple[int, str, list[int], str]]]:
     """Scene to (frame, kind, subjects, zone), in order."""
-    found, rows = {}, []
+    found: dict[str, list[tuple[int, str, list[int], str]]] = {}
+    rows: list[tuple[int, str, list[int], str]] = []
     for line in (
         (Path(__file__).parent / "stories.txt").read_text(encoding="ascii").splitlines()
     ):
@@ -40,12 +43,12 @@ def stories():
 STORIES = stories()
 
 
-def test_every_script_has_a_story():
+def test_every_script_has_a_story() -> None:
     assert set(STORIES) | BY_THE_RULES_ALONE == set(SCRIPTS)
 
 
 @pytest.mark.parametrize("name", STORIES)
-def test_the_truth_tells_the_story(play, name):
+def test_the_truth_tells_the_story(play: Callable[..., Any], name: str) -> None:
     scene, answers = play(name)
     reasoner = Reasoner({}, scene.width, scene.height)
     told = []
@@ -69,7 +72,7 @@ def test_the_truth_tells_the_story(play, name):
 
 
 @pytest.mark.parametrize("name", STORIES)
-def test_who_comes_and_goes_is_told_by_how_far(play, name):
+def test_who_comes_and_goes_is_told_by_how_far(play: Callable[..., Any], name: str) -> None:
     """Into the region of interest, or beyond the border: the measure that decided, of the box
     that is told with it.
     """

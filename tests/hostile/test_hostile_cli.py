@@ -243,20 +243,18 @@ READERS: dict[str, list[str]] = {
     "eval": ["eval", "LOG", "--truth", "gt.txt"],
     "info": ["info", "LOG"],
 }
-BAD_FILES: dict[str, Callable[[Path], None]] = {
+BAD_FILES: dict[str, Callable[[Path], object]] = {
     "no such file": lambda path: None,
-    "empty file": lambda path: path.write_bytes(b"") and None,
-    "a text file": lambda path: path.write_text("frame,id,x,y\n1,1,10,10\n" * 50) and None,
+    "empty file": lambda path: path.write_bytes(b""),
+    "a text file": lambda path: path.write_text("frame,id,x,y\n1,1,10,10\n" * 50),
     "a folder": lambda path: path.mkdir(),
-    "a truncated log": lambda path: (
-        path.write_bytes(Path("annotated.mcap").read_bytes()[:-300]) and None
+    "a truncated log": lambda path: path.write_bytes(
+        Path("annotated.mcap").read_bytes()[:-300]
     ),
-    "a log cut in its first chunk": lambda path: (
-        path.write_bytes(Path("annotated.mcap").read_bytes()[:900]) and None
+    "a log cut in its first chunk": lambda path: path.write_bytes(
+        Path("annotated.mcap").read_bytes()[:900]
     ),
-    "a chunk that unpacks to more than it declares": lambda path: (
-        path.write_bytes(bomb()) and None
-    ),
+    "a chunk that unpacks to more than it declares": lambda path: path.write_bytes(bomb()),
 }
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import struct
 import tracemalloc
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import lz4.frame
 import mcap.writer
@@ -80,7 +81,7 @@ def log(*data: bytes, summary: bytes = b"", data_crc: int | None = None) -> byte
     return body + tail + struct.pack("<I", zlib.crc32(tail) if summary else 0) + MAGIC
 
 
-def said(path: Path, limits: Limits = DEFAULT_LIMITS) -> tuple[list[object], ...]:
+def said(path: Path, limits: Limits = DEFAULT_LIMITS) -> tuple[Sequence[object], ...]:
     """All that a log says."""
     with LogReader(path, limits) as reader:
         return (
@@ -126,11 +127,11 @@ def ours(path: Path, compression: str) -> None:
         writer.metadata("scenetrace", {"tracker": "events", "digest": "abc"})
 
 
-def theirs(path: Path, **options: object) -> None:
+def theirs(path: Path, **options: Any) -> None:
     with path.open("wb") as stream:
         writer = mcap.writer.Writer(
-            stream, enable_data_crcs=True, **{"chunk_size": 500, **options}
-        )  # type: ignore[arg-type]
+            stream, enable_data_crcs=True, **({"chunk_size": 500} | options)
+        )
         writer.start()
         schema = writer.register_schema("s", "jsonschema", b"{}")
         first, second = (

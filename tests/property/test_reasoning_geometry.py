@@ -19,11 +19,14 @@ from reasoning.geometry import (
 from reasoning.interactions import collision_map
 from reasoning.relations import Objects, RelationBook
 
+Polygon = list[tuple[float, float]]
+IntBox = tuple[int, int, int, int]
+
 whole = st.integers(0, 40)
 
 
 @st.composite
-def polygons(draw):
+def polygons(draw: st.DrawFn) -> Polygon:
     """Star-shaped polygons around a centre, so that they never cross themselves; whole and half
     coordinates.
     """
@@ -56,14 +59,14 @@ boxes = st.tuples(
 )
 
 
-def samples(box, n=23):
+def samples(box: IntBox, n: int = 23) -> np.ndarray:
     """Points in the open interior of a box, off the grid that vertices lie on."""
     steps = (np.arange(n) + 0.481) / n
     x, y = np.meshgrid(box[0] + box[2] * steps, box[1] + box[3] * steps)
     return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
-def judge(area, box):
+def judge(area: Area, box: IntBox) -> tuple[int, np.ndarray]:
     """What sampling cannot deny: the answer allows every sampled point."""
     inside = area.contains(samples(box))
     answer = int(area.cover([box])[0])
@@ -76,7 +79,7 @@ def judge(area, box):
 
 @settings(deadline=None, max_examples=150, database=None)
 @given(st.lists(rectangles, min_size=1, max_size=5), boxes)
-def test_unions_of_rectangles_exactly(parts, box):
+def test_unions_of_rectangles_exactly(parts: list[Polygon], box: IntBox) -> None:
     """On whole coordinates a unit grid decides exactly."""
     area = Area(parts)
     cells = [
@@ -91,7 +94,9 @@ def test_unions_of_rectangles_exactly(parts, box):
 
 @settings(deadline=None, max_examples=150, database=None)
 @given(st.lists(polygons(), min_size=1, max_size=3), boxes)
-def test_unions_of_slanted_polygons_are_never_denied_by_a_point(parts, box):
+def test_unions_of_slanted_polygons_are_never_denied_by_a_point(
+    parts: list[Polygon], box: IntBox
+) -> None:
     answer, inside = judge(Area(parts), box)
     if inside.any() and not inside.all():
         assert answer == PARTLY
@@ -99,7 +104,9 @@ def test_unions_of_slanted_polygons_are_never_denied_by_a_point(parts, box):
 
 @settings(deadline=None, max_examples=100, database=None)
 @given(polygons(), st.lists(boxes, min_size=1, max_size=6))
-def test_many_boxes_at_once_are_what_each_alone_is(polygon, several):
+def test_many_boxes_at_once_are_what_each_alone_is(
+    polygon: Polygon, several: list[IntBox]
+) -> None:
     area = Area([polygon])
     assert area.cover(several).tolist() == [int(area.cover([b])[0]) for b in several]
     assert Area([polygon[::-1]]).cover(several).tolist() == area.cover(several).tolist()
@@ -110,7 +117,9 @@ radii = st.floats(0.1, 50)
 
 @settings(deadline=None, max_examples=200, database=None)
 @given(st.floats(0, 120), radii, radii)
-def test_circle_overlap_is_symmetric_and_bounded(distance, r1, r2):
+def test_circle_overlap_is_symmetric_and_bounded(
+    distance: float, r1: float, r2: float
+) -> None:
     area = circles_overlap_area(distance, r1, r2)
     assert math.isclose(
         area, circles_overlap_area(distance, r2, r1), rel_tol=1e-9, abs_tol=1e-6
@@ -128,8 +137,8 @@ placed = st.tuples(
 @settings(deadline=None, max_examples=100, database=None)
 @given(st.lists(placed, min_size=2, max_size=8), st.floats(0.5, 20))
 def test_collisions_are_symmetric_and_do_not_depend_on_the_scale_of_the_picture(
-    several, factor
-):
+    several: list[IntBox], factor: float
+) -> None:
     small = np.array(several, np.float64)
     colliding = collision_map(small, 0.25)
     assert (colliding == colliding.T).all()
@@ -146,7 +155,9 @@ def test_collisions_are_symmetric_and_do_not_depend_on_the_scale_of_the_picture(
         max_size=9,
     )
 )
-def test_vectorised_meeting_is_what_each_pair_says(circles):
+def test_vectorised_meeting_is_what_each_pair_says(
+    circles: list[tuple[int, int, int]],
+) -> None:
     ids = list(range(len(circles)))
     c = np.array(circles, np.float64)
     book = RelationBook()

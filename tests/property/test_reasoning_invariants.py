@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -16,27 +18,48 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
-from reasoning.reasoner import SECTIONS, Reasoner
+from reasoning.reasoner import SECTIONS, Reasoner, SceneAnnotation
 from reasoning.regions import STATUS_EVENTS
-from recorders.messages import GroupTrack, Regions, Target, Targets, Zone
+from recorders.messages import (
+    Box,
+    Event,
+    Graph,
+    Group,
+    GroupTrack,
+    Regions,
+    Relation,
+    Target,
+    Targets,
+    Track,
+    Zone,
+)
 from recorders.parameters import configure
 
 WIDTH, HEIGHT, FRAME_NS = 320, 200, 40_000_000
 BITS = ("grouping", "grouped", "splitting")
+Pair = tuple[int, int]
 QUIET = settings(deadline=None, database=None, suppress_health_check=list(HealthCheck))
 
 
 class Check:
     """What must hold between one frame's annotation and the next one's."""
 
-    def __init__(self, damped=False):
+    def __init__(self, damped: bool = False) -> None:
         self.damped = damped
-        self.tracks, self.relations, self.bonds = {}, {}, {}
-        self.groups, self.ended, self.next_event, self.graph = {}, set(), 1, None
-        self.told_relations, self.told_bits, self.told_groups = {}, {}, {}
-        self.ghosts, self.since = set(), {}
+        self.tracks: dict[int, Track] = {}
+        self.relations: dict[Pair, Relation] = {}
+        self.bonds: dict[Pair, str] = {}
+        self.groups: dict[int, Group] = {}
+        self.ended: set[int] = set()
+        self.next_event = 1
+        self.graph: Graph | None = None
+        self.told_relations: dict[Pair, str] = {}
+        self.told_bits: dict[Pair, str] = {}
+        self.told_groups: dict[int, list[int]] = {}
+        self.ghosts: set[int] = set()
+        self.since: dict[Pair, int] = {}
 
-    def frame(self, k, targets, answer):
+    def frame(self, k: int, targets: Targets, answer: SceneAnnotation) -> None:
         tracks = {t.id: t for t in answer.tracks.tracks}
         relations = {(r.a, r.b): r for r in answer.relations.relations}
         given = {t.id for t in targets.targets}
@@ -48,7 +71,9 @@ class Check:
         self.check_graph(k, tracks, relations, answer)
         self.tracks, self.relations = tracks, relations
 
-    def check_tracks(self, tracks, given, answer):
+    def check_tracks(
+        self, tracks: dict[int, Track], given: set[int], answer: SceneAnnotation
+    ) -> None:
         assert list(tracks) == sorted(tracks)
         assert len(tracks) == len(answer.tracks.tracks)
         ghosts = set(tracks) - given
@@ -64,7 +89,13 @@ class Check:
             assert not tracks[i].grouped
         self.ghosts = ghosts
 
-    def check_relations(self, k, tracks, relations, answer):
+    def check_relations(
+        self,
+        k: int,
+        tracks: dict[int, Track],
+        relations: dict[Pair, Relation],
+        answer: SceneAnnotation,
+    ) -> None:
         assert list(relations) == sorted(relations)
         assert len(relations) == len(answer.relations.relations)
         for pair, r in relations.items():
@@ -88,7 +119,7 @@ class Check:
                 assert {was, now} != {"INDEPENDENT", "JOINT"}
                 assert self.damped or now == self.expected(was, tracks[a], tracks[b])
 
-    def expected(self, was, a, b):
+    def expected(self, was: str | None, a: Track, b: Track) -> str | None:
         """SHELLS 2.3 told anew, from what the annotation itself says of both."""
         ax, ay = a.box[0] + a.box[2] / 2, a.box[1] + a.box[3] / 2
         bx, by = b.box[0] + b.box[2] / 2, b.box[1] + b.box[3] / 2
@@ -110,7 +141,9 @@ class Check:
             return ("JOINT" if one else was) if meets else "INDEPENDENT"
         return "JOINT" if meets and one else "INTERACTION"
 
-    def check_bits(self, k, tracks, relations):
+    def check_bits(
+        self, k: int, tracks: dict[int, Track], relations: dict[Pair, Relation]
+    ) -> None:
         was, self.bonds = self.bonds, {}
         for t in tracks.values():
             for bit in BITS:
@@ -138,7 +171,9 @@ class Check:
                 self.bonds.get(pair) == bit for bit in BITS
             ]
 
-    def check_groups(self, k, tracks, answer):
+    def check_groups(
+        self, k: int, tracks: dict[int, Track], answer: SceneAnnotation
+    ) -> None:
         groups = {g.label: g for g in answer.groups.groups}
         assert list(groups) == sorted(groups)
         members = [i for g in groups.values() for i in g.members]
@@ -165,10 +200,17 @@ class Check:
             )
             for p in t.grouped_partners:
                 assert t.group == tracks[p].group is not None
+                assert t.group is not None
                 assert groups[t.group].observed
         self.groups = groups
 
-    def check_events(self, k, tracks, relations, answer):
+    def check_events(
+        self,
+        k: int,
+        tracks: dict[int, Track],
+        relations: dict[Pair, Relation],
+        answer: SceneAnnotation,
+    ) -> None:
         singles = set()
         for e in answer.events:
             assert e.id == self.next_event
@@ -201,8 +243,8 @@ class Check:
             if was is not None and was != t.scene:
                 assert (t.id, STATUS_EVENTS[was, t.scene]) in told
 
-    def follow(self, e):
-        pair = tuple(e.subjects)
+    def follow(self, e: Event) -> None:
+        pair: Any = tuple(e.subjects)
         if e.kind in ("interaction_started", "separated"):
             self.told_relations[pair] = "INTERACTION"
         elif e.kind == "joined":
@@ -218,7 +260,13 @@ class Check:
                 self.told_groups.pop(label, None)
             self.told_groups[e.groups[-1]] = e.evidence["members"]
 
-    def check_graph(self, k, tracks, relations, answer):
+    def check_graph(
+        self,
+        k: int,
+        tracks: dict[int, Track],
+        relations: dict[Pair, Relation],
+        answer: SceneAnnotation,
+    ) -> None:
         edges = {
             (f"target:{a}", f"target:{b}", r.state, r.since_frame)
             for (a, b), r in relations.items()
@@ -257,22 +305,23 @@ class Check:
         assert {n["id"] for n in self.graph.nodes if not n.get("gone")} == nodes
 
 
-def name_of(edge):
+def name_of(edge: dict[str, Any]) -> tuple[Any, ...]:
     return edge["source"], edge["target"], edge["key"]
 
 
 class World:
     """People of several sizes who wander, merge into blobs, hide, vanish, jump and are born."""
 
-    def __init__(self, seed, people, own_groups, crowd):
+    def __init__(self, seed: int, people: int, own_groups: bool, crowd: int) -> None:
         self.rng = np.random.default_rng(seed)
         self.own_groups, self.crowd = own_groups, crowd
-        self.next_id, self.people, self.fresh = 1, {}, set()
-        self.split, self.hidden, self.absent = set(), set(), set()
+        self.next_id, self.people = 1, dict[int, list[float]]()
+        self.fresh, self.split = set[int](), set[int]()
+        self.hidden, self.absent = set[int](), set[int]()
         for _ in range(people):
             self.birth()
 
-    def birth(self, near=None):
+    def birth(self, near: int | None = None) -> None:
         w = self.rng.uniform(8, 30)
         x, y = self.rng.uniform([-10, -10], [WIDTH - 20, HEIGHT - 40])
         if near is not None:
@@ -284,7 +333,7 @@ class World:
             self.split.add(self.next_id)
         self.next_id += 1
 
-    def move(self):
+    def move(self) -> None:
         for p in self.people.values():
             p[4:] = 0.9 * np.array(p[4:]) + self.rng.normal(0, 1.5, 2)
             p[0], p[1] = p[0] + p[4], p[1] + p[5]
@@ -293,7 +342,7 @@ class World:
             if not -60 < p[1] < HEIGHT + 10:
                 p[5] = -p[5]
 
-    def chance(self):
+    def chance(self) -> None:
         """Something other than walking happens now and then."""
         roll, ids = self.rng.random(), list(self.people)
         if (roll < 0.03 and len(ids) < self.crowd) or not ids:
@@ -309,8 +358,11 @@ class World:
         elif roll < 0.25:
             self.absent ^= {int(self.rng.choice(ids))}
 
-    def targets(self, k):
-        boxes = {i: tuple(float(v) for v in p[:4]) for i, p in self.people.items()}
+    def targets(self, k: int) -> Targets:
+        boxes: dict[int, Box] = {
+            i: (float(p[0]), float(p[1]), float(p[2]), float(p[3]))
+            for i, p in self.people.items()
+        }
         unseen = (self.hidden | self.absent) & set(boxes)
         blobs = blob_ids({i: b for i, b in boxes.items() if i not in unseen})
         made = [
@@ -341,12 +393,12 @@ class World:
         return Targets(k, made, tracks)
 
 
-def around(boxes):
+def around(boxes: Sequence[Sequence[float]]) -> Box:
     x, y = min(b[0] for b in boxes), min(b[1] for b in boxes)
     return (x, y, max(b[0] + b[2] for b in boxes) - x, max(b[1] + b[3] for b in boxes) - y)
 
 
-def blob_ids(boxes):
+def blob_ids(boxes: dict[int, Any]) -> dict[int, int]:
     """Overlapping boxes are one blob, numbered by their lowest member."""
     root = {i: i for i in boxes}
     for i, a in boxes.items():
@@ -383,7 +435,14 @@ REGIONS = Regions(WIDTH, HEIGHT, [SQUARE], [ROUND], [Zone("middle", SQUARE[:3])]
     damped=st.booleans(),
     cut=st.integers(1, 199),
 )
-def test_random_scenes_keep_every_invariant(seed, people, own_groups, regions, damped, cut):
+def test_random_scenes_keep_every_invariant(
+    seed: int,
+    people: int,
+    own_groups: bool,
+    regions: Regions | None,
+    damped: bool,
+    cut: int,
+) -> None:
     """200 frames an example; a twin restored at a random frame gives the same bytes to the end."""
     world, check = World(seed, people, own_groups, crowd=9), Check(damped)
     config = configure(SECTIONS, assignments=DAMPING if damped else [])
@@ -409,11 +468,11 @@ class Scene(RuleBasedStateMachine):
     """The same world, driven rule by rule, so that a failure shrinks to a short story."""
 
     @initialize(seed=st.integers(0, 999), own_groups=st.booleans())
-    def begin(self, seed, own_groups):
+    def begin(self, seed: int, own_groups: bool) -> None:
         self.world, self.check, self.k = World(seed, 2, own_groups, crowd=6), Check(), 0
         self.reasoner = Reasoner({}, WIDTH, HEIGHT)
 
-    def step(self):
+    def step(self) -> None:
         targets = self.world.targets(self.k)
         answer = self.reasoner.step(self.k, self.k * FRAME_NS, targets, None)
         self.check.frame(self.k, targets, answer)
@@ -421,27 +480,27 @@ class Scene(RuleBasedStateMachine):
         self.k += 1
 
     @rule(frames=st.integers(1, 4))
-    def walk(self, frames):
+    def walk(self, frames: int) -> None:
         for _ in range(frames):
             self.world.move()
             self.step()
 
     @precondition(lambda self: len(self.world.people) < 6)
     @rule(split=st.booleans())
-    def birth(self, split):
+    def birth(self, split: bool) -> None:
         near = next(iter(self.world.people), None) if split else None
         self.world.birth(near)
         self.step()
 
     @precondition(lambda self: self.world.people)
     @rule(data=st.data())
-    def death(self, data):
+    def death(self, data: st.DataObject) -> None:
         del self.world.people[data.draw(st.sampled_from(sorted(self.world.people)))]
         self.step()
 
     @precondition(lambda self: len(self.world.people) > 1)
     @rule(data=st.data(), distance=st.sampled_from([0.0, 5.0, 12.0, 25.0, 60.0]))
-    def jump_beside(self, data, distance):
+    def jump_beside(self, data: st.DataObject, distance: float) -> None:
         ids = sorted(self.world.people)
         a, b = data.draw(st.permutations(ids).map(lambda p: p[:2]))
         self.world.people[a][0] = self.world.people[b][0] + distance
@@ -450,7 +509,7 @@ class Scene(RuleBasedStateMachine):
 
     @precondition(lambda self: self.world.people)
     @rule(data=st.data(), whole=st.booleans())
-    def hide_or_show(self, data, whole):
+    def hide_or_show(self, data: st.DataObject, whole: bool) -> None:
         i = data.draw(st.sampled_from(sorted(self.world.people)))
         if whole:
             self.world.absent ^= {i}
@@ -459,7 +518,7 @@ class Scene(RuleBasedStateMachine):
         self.step()
 
     @rule()
-    def restore(self):
+    def restore(self) -> None:
         twin = Reasoner({}, WIDTH, HEIGHT)
         twin.restore(json.loads(json.dumps(self.reasoner.state())))
         assert twin.state() == self.reasoner.state()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -58,9 +59,9 @@ def test_save_and_restore_at_every_frame(scenes: Path, script: str, tracker: str
             other.restore(decode_state(state))
             assert encode_state(other.state()) == state
             for expected in results[k + 1 : k + 1 + AHEAD]:
-                found = other.step()
-                assert found is not None
-                assert (found.targets, found.annotation) == expected, (
+                again = other.step()
+                assert again is not None
+                assert (again.targets, again.annotation) == expected, (
                     f"{script}: restored after frame {k}"
                 )
                 if found.frame.index == k + AHEAD:
@@ -86,7 +87,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, bool], Pa
     return found
 
 
-def _options(tracker: str, hindsight: bool, **more: object) -> ReplayOptions:
+def _options(tracker: str, hindsight: bool, **more: Any) -> ReplayOptions:
     config = replay_config(
         tracker, assignments=[f"{tracker}.hindsight={str(hindsight).lower()}"]
     )

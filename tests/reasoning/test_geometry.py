@@ -35,26 +35,26 @@ HOOK = [
 ]
 
 
-def test_boxes_have_centres_and_enclosing_circles():
+def test_boxes_have_centres_and_enclosing_circles() -> None:
     boxes = [(0, 0, 6, 8), (10, 20, 0, 0)]
     assert centres(boxes).tolist() == [[3, 4], [10, 20]]
     assert half_diagonals(boxes).tolist() == [5, 0]
 
 
-def test_circle_around_an_ellipse_reaches_from_the_given_centre():
+def test_circle_around_an_ellipse_reaches_from_the_given_centre() -> None:
     e = Ellipse(3, 4, 20, 6, 0.3)
     assert circle_around_ellipse(e, (3, 4)) == 10
     assert circle_around_ellipse(e, (0, 0)) == 15
 
 
-def test_share_of_a_box_in_another():
+def test_share_of_a_box_in_another() -> None:
     assert share_inside((0, 0, 10, 10), (5, 0, 10, 10)) == 0.5
     assert share_inside((0, 0, 10, 10), (10, 0, 10, 10)) == 0
     assert share_inside((2, 2, 1, 1), (0, 0, 10, 10)) == 1
     assert share_inside((2, 2, 0, 5), (0, 0, 10, 10)) == 0
 
 
-def test_circles_overlap_area_known_cases():
+def test_circles_overlap_area_known_cases() -> None:
     assert circles_overlap_area(4, 2, 2) == 0
     assert circles_overlap_area(0, 2, 5) == pytest.approx(4 * math.pi)
     lens = 2 * math.pi / 3 - math.sqrt(3) / 2
@@ -66,18 +66,20 @@ def test_circles_overlap_area_known_cases():
     ("distance", "r1", "r2", "share"),
     [(1, 0, 2, 1), (3, 0, 2, 0), (9, 2, 2, 0), (1, 1, 5, 1)],
 )
-def test_circles_overlap_share_limits(distance, r1, r2, share):
+def test_circles_overlap_share_limits(distance: int, r1: int, r2: int, share: int) -> None:
     assert circles_overlap_share(distance, r1, r2) == share
 
 
-def test_circle_overlap_matches_counting_points():
+def test_circle_overlap_matches_counting_points() -> None:
     y, x = np.mgrid[-4:8:0.01, -4:8:0.01]
     both = (x**2 + y**2 <= 9) & ((x - 2.5) ** 2 + y**2 <= 4)
     assert circles_overlap_area(2.5, 3, 2) == pytest.approx(both.sum() * 1e-4, rel=1e-3)
 
 
 @pytest.mark.parametrize("polygon", [SQUARE, SQUARE[::-1]])
-def test_points_in_an_upright_rectangle_include_its_border(polygon):
+def test_points_in_an_upright_rectangle_include_its_border(
+    polygon: list[tuple[float, float]],
+) -> None:
     points = [(10, 10), (30, 10), (50, 50), (30, 30), (9.999, 30), (30, 50.001)]
     assert Area([polygon]).contains(points).tolist() == [
         True,
@@ -89,7 +91,7 @@ def test_points_in_an_upright_rectangle_include_its_border(polygon):
     ]
 
 
-def test_points_in_a_slanted_polygon_include_its_border():
+def test_points_in_a_slanted_polygon_include_its_border() -> None:
     points = [(50, 50), (25, 25), (50, 0), (0, 0), (24, 24), (100, 50), (100.1, 50)]
     assert Area([DIAMOND]).contains(points).tolist() == [
         True,
@@ -102,7 +104,7 @@ def test_points_in_a_slanted_polygon_include_its_border():
     ]
 
 
-def test_points_in_a_concave_polygon():
+def test_points_in_a_concave_polygon() -> None:
     assert Area([HOOK]).contains([(10, 45), (60, 45), (60, 15), (60, 30)]).tolist() == [
         True,
         False,
@@ -130,7 +132,9 @@ def test_points_in_a_concave_polygon():
         ([[(0.0, 0.0), (9.0, 9.0)]], (0, 0, 5, 5), OUTSIDE),
     ],
 )
-def test_how_a_box_lies_in_one_polygon(polygons, box, expected):
+def test_how_a_box_lies_in_one_polygon(
+    polygons: list[list[tuple[float, float]]], box: tuple[int, int, int, int], expected: int
+) -> None:
     assert Area(polygons).cover([box]).tolist() == [expected]
 
 
@@ -153,11 +157,11 @@ ISLAND = [(200.0, 0.0), (300.0, 0.0), (250.0, 90.0)]
         ((190, 60, 120, 20), PARTLY),
     ],
 )
-def test_how_a_box_lies_in_a_union(box, expected):
+def test_how_a_box_lies_in_a_union(box: tuple[int, int, int, int], expected: int) -> None:
     assert Area([LEFT, RIGHT, ISLAND]).cover([box]).tolist() == [expected]
 
 
-def test_overlapping_polygons_cover_together():
+def test_overlapping_polygons_cover_together() -> None:
     cross = [
         [(0.0, 40.0), (100.0, 40.0), (100.0, 60.0), (0.0, 60.0)],
         [(40.0, 0.0), (60.0, 0.0), (60.0, 100.0), (40.0, 100.0)],
@@ -172,7 +176,7 @@ def test_overlapping_polygons_cover_together():
     assert Area(cross).cover(boxes).tolist() == [WHOLLY, WHOLLY, WHOLLY, PARTLY, OUTSIDE]
 
 
-def test_how_deep_a_point_lies():
+def test_how_deep_a_point_lies() -> None:
     square = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)]
     slanted = [(0.0, 0.0), (4.0, -3.0), (7.0, 1.0), (3.0, 4.0)]
     points = [(5.0, 5.0), (1.0, 5.0), (10.0, 5.0), (13.0, 14.0), (5.0, 12.0)]
@@ -186,6 +190,6 @@ def test_how_deep_a_point_lies():
     assert Area([]).depth([(1.0, 1.0)]).tolist() == [-math.inf]
 
 
-def test_no_boxes_give_no_answers():
+def test_no_boxes_give_no_answers() -> None:
     assert Area([SQUARE]).cover(np.zeros((0, 4))).tolist() == []
     assert Area([LEFT, RIGHT]).contains(np.zeros((0, 2))).tolist() == []

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import networkx as nx
 import pytest
 
 from reasoning.graph import over_time, to_networkx
-from reasoning.reasoner import Reasoner
+from reasoning.reasoner import Reasoner, SceneAnnotation
 from recorders.messages import Target, Targets
 
 STORY = [
@@ -23,12 +24,12 @@ STORY = [
 ]
 
 
-def person(i, x, blob):
+def person(i: int, x: int, blob: int) -> Target:
     return Target(i, (float(x), 100.0, 20.0, 50.0), blob=blob)
 
 
 @pytest.fixture
-def annotations():
+def annotated() -> list[SceneAnnotation]:
     reasoner = Reasoner({}, 640, 240)
     answer = []
     for k, (a, b) in enumerate(STORY):
@@ -44,15 +45,15 @@ def annotations():
     return answer
 
 
-def test_a_message_is_written_only_on_change(annotations):
-    written = [k for k, a in enumerate(annotations) if a.graph is not None]
+def test_a_message_is_written_only_on_change(annotated: list[SceneAnnotation]) -> None:
+    written = [k for k, a in enumerate(annotated) if a.graph is not None]
     assert written == [0, 1, 2, 3, 5, 6]
 
 
-def test_both_views_stand_side_by_side(annotations):
+def test_both_views_stand_side_by_side(annotated: list[SceneAnnotation]) -> None:
     edges = [
         (e["source"], e["target"], e["view"], e["state"], e["since_frame"])
-        for e in annotations[3].graph.edges
+        for e in annotated[3].graph.edges
     ]
     assert edges == [
         ("group:1", "target:1", "EVENTS", "member", 3),
@@ -62,12 +63,12 @@ def test_both_views_stand_side_by_side(annotations):
         ("target:1", "target:2", "SHELLS", "INTERACTION", 1),
         ("target:1", "target:2", "SHELLS", "JOINT", 3),
     ]
-    ends = [e.get("end_frame") for e in annotations[3].graph.edges]
+    ends = [e.get("end_frame") for e in annotated[3].graph.edges]
     assert ends == [None, None, 3, None, 3, None]
 
 
-def test_nodes_carry_their_states(annotations):
-    nodes = {n["id"]: n for n in annotations[3].graph.nodes}
+def test_nodes_carry_their_states(annotated: list[SceneAnnotation]) -> None:
+    nodes = {n["id"]: n for n in annotated[3].graph.nodes}
     assert list(nodes) == ["group:1", "target:1", "target:2"]
     assert nodes["target:1"]["grouped"]
     assert nodes["target:1"]["group"] == 1
@@ -76,7 +77,7 @@ def test_nodes_carry_their_states(annotations):
     assert nodes["group:1"]["observed"]
 
 
-def words(node):
+def words(node: dict[str, str | int | list[int] | None]) -> dict[str, str | int]:
     """A node as every writer of networkx takes it."""
     return {
         k: json.dumps(v, separators=(",", ":")) if isinstance(v, list) else v
@@ -85,8 +86,8 @@ def words(node):
     }
 
 
-def test_messages_are_what_networkx_writes(annotations):
-    for a in annotations:
+def test_messages_are_what_networkx_writes(annotated: list[SceneAnnotation]) -> None:
+    for a in annotated:
         if a.graph is not None:
             graph = to_networkx(a.graph)
             assert isinstance(graph, nx.MultiGraph)
@@ -102,8 +103,8 @@ def test_messages_are_what_networkx_writes(annotations):
             }
 
 
-def test_over_time_one_edge_per_interval(annotations):
-    graph = over_time(a.graph for a in annotations if a.graph is not None)
+def test_over_time_one_edge_per_interval(annotated: list[SceneAnnotation]) -> None:
+    graph = over_time(a.graph for a in annotated if a.graph is not None)
     edges = {
         k: d
         for u, v, k, d in graph.edges(keys=True, data=True)
@@ -122,7 +123,7 @@ def test_over_time_one_edge_per_interval(annotations):
     assert graph.nodes["group:1"]["first_frame"] == 3
 
 
-def test_over_time_says_how_long_a_node_was_there_and_in_which_state_last():
+def test_over_time_says_how_long_a_node_was_there_and_in_which_state_last() -> None:
     reasoner = Reasoner({}, 640, 240)
     both, one = [person(1, 100, 1), person(2, 110, 2)], [person(1, 100, 1)]
     messages = []
@@ -139,8 +140,10 @@ def test_over_time_says_how_long_a_node_was_there_and_in_which_state_last():
     assert "gone" not in back.nodes["target:2"]
 
 
-def test_every_graph_can_be_written(annotations, tmp_path):
-    messages = [a.graph for a in annotations if a.graph is not None]
+def test_every_graph_can_be_written(
+    annotated: list[SceneAnnotation], tmp_path: Path
+) -> None:
+    messages = [a.graph for a in annotated if a.graph is not None]
     for k, graph in enumerate([*map(to_networkx, messages), over_time(messages)]):
         nx.write_graphml(graph, tmp_path / f"{k}.graphml")
         again = nx.read_graphml(tmp_path / f"{k}.graphml", force_multigraph=True)
@@ -149,11 +152,13 @@ def test_every_graph_can_be_written(annotations, tmp_path):
         assert edges_of(again) == edges_of(graph)
 
 
-def edges_of(graph):
+def edges_of(
+    graph: nx.MultiGraph,
+) -> dict[tuple[frozenset[str], str], dict[str, int | str]]:
     return {(frozenset((a, b)), k): d for a, b, k, d in graph.edges(keys=True, data=True)}
 
 
-def test_a_node_that_is_gone_ends_its_edges():
+def test_a_node_that_is_gone_ends_its_edges() -> None:
     reasoner = Reasoner({}, 640, 240)
     reasoner.step(0, 0, Targets(0, [person(1, 100, 1), person(2, 110, 2)]), None)
     graph = reasoner.step(1, 10, Targets(1, [person(1, 100, 1)]), None).graph

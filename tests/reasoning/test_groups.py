@@ -9,11 +9,17 @@ from reasoning.interactions import Cluster
 
 
 class Life:
-    def __init__(self):
+    def __init__(self) -> None:
         self.book = GroupBook()
         self.frame = -1
 
-    def step(self, *clusters, entered=(), splitting=(), ids=range(1, 10)):
+    def step(
+        self,
+        *clusters: tuple[int, ...],
+        entered: tuple[()] | list[tuple[int, ...]] = (),
+        splitting: tuple[()] | list[tuple[int, int]] = (),
+        ids: range = range(1, 10),
+    ) -> list[tuple[str, int, tuple[int, ...], tuple[int, ...]]]:
         self.frame += 1
         seen = [Cluster(tuple(c), "blob", k + 1) for k, c in enumerate(clusters)]
         changes = self.book.step(
@@ -24,7 +30,7 @@ class Life:
         ]
 
 
-def test_a_group_lives_while_observed_or_splitting():
+def test_a_group_lives_while_observed_or_splitting() -> None:
     life = Life()
     assert life.step((1, 2)) == [("group_formed", 1, (1, 2), ())]
     assert life.step((1, 2)) == []
@@ -35,7 +41,7 @@ def test_a_group_lives_while_observed_or_splitting():
     assert life.book.of(1) is None
 
 
-def test_the_same_members_in_one_region_again_are_the_same_group():
+def test_the_same_members_in_one_region_again_are_the_same_group() -> None:
     life = Life()
     life.step((1, 2))
     life.step(splitting=[(1, 2)])
@@ -45,20 +51,20 @@ def test_the_same_members_in_one_region_again_are_the_same_group():
     ]
 
 
-def test_nobody_joins_a_group():
+def test_nobody_joins_a_group() -> None:
     life = Life()
     life.step((1, 2))
     assert life.step((1, 2, 3)) == [("group_changed", 2, (1, 2, 3), (1,))]
     assert [g.label for g in life.book.groups] == [2]
 
 
-def test_one_leaves_and_the_others_are_another_group():
+def test_one_leaves_and_the_others_are_another_group() -> None:
     life = Life()
     life.step((1, 2, 3))
     assert life.step((1, 2), splitting=[(1, 3)]) == [("group_changed", 2, (1, 2), (1,))]
 
 
-def test_one_leaves_as_another_joins():
+def test_one_leaves_as_another_joins() -> None:
     life = Life()
     life.step((1, 2, 3))
     assert life.step((2, 3, 4), splitting=[(1, 2)]) == [
@@ -66,7 +72,7 @@ def test_one_leaves_as_another_joins():
     ]
 
 
-def test_who_splits_from_no_member_any_more_has_left_the_group():
+def test_who_splits_from_no_member_any_more_has_left_the_group() -> None:
     life = Life()
     life.step((1, 2, 3))
     assert life.step(splitting=[(1, 2), (2, 3)]) == []
@@ -77,7 +83,7 @@ def test_who_splits_from_no_member_any_more_has_left_the_group():
     assert life.step((1, 2), (3, 4)) == [("group_changed", 3, (1, 2), (1,))]
 
 
-def test_two_groups_merge_and_come_apart():
+def test_two_groups_merge_and_come_apart() -> None:
     life = Life()
     assert [c[1] for c in life.step((1, 2), (3, 4))] == [1, 2]
     assert life.step((1, 2, 3, 4)) == [("group_changed", 3, (1, 2, 3, 4), (1, 2))]
@@ -87,14 +93,14 @@ def test_two_groups_merge_and_come_apart():
     ]
 
 
-def test_labels_are_never_used_again():
+def test_labels_are_never_used_again() -> None:
     life = Life()
     life.step((1, 2))
     life.step()
     assert life.step((1, 2)) == [("group_formed", 2, (1, 2), ())]
 
 
-def test_a_group_that_entered_as_one():
+def test_a_group_that_entered_as_one() -> None:
     life = Life()
     assert life.step(entered=[(1, 2)], splitting=[(1, 2)]) == [
         ("group_entered_scene", 1, (1, 2), ())
@@ -103,7 +109,7 @@ def test_a_group_that_entered_as_one():
     assert life.step((1, 2)) == []
 
 
-def test_one_born_out_of_a_known_group_names_it():
+def test_one_born_out_of_a_known_group_names_it() -> None:
     life = Life()
     life.step((1, 2))
     assert life.step(entered=[(1, 2, 3)], splitting=[(1, 2), (1, 3)]) == [
@@ -111,13 +117,13 @@ def test_one_born_out_of_a_known_group_names_it():
     ]
 
 
-def test_one_born_out_of_a_group_that_is_still_seen_leaves_it_alone():
+def test_one_born_out_of_a_group_that_is_still_seen_leaves_it_alone() -> None:
     life = Life()
     life.step((1, 2))
     assert life.step((1, 2), entered=[(1, 2, 3)], splitting=[(1, 3)]) == []
 
 
-def test_the_end_names_who_is_gone():
+def test_the_end_names_who_is_gone() -> None:
     life = Life()
     life.step((1, 2))
     changes = life.book.step(1, 2000, [], [], [], [1])
@@ -128,7 +134,7 @@ def test_the_end_names_who_is_gone():
     )
 
 
-def test_state_is_plain_and_continues():
+def test_state_is_plain_and_continues() -> None:
     life, twin = Life(), Life()
     life.step((1, 2), (4, 5))
     life.step((1, 2, 3), splitting=[(4, 5)])

@@ -5,6 +5,7 @@ trackers.
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ NONE = 0
 
 @pytest.mark.parametrize("before", [NONE, GROUPING, SPLITTING])
 @pytest.mark.parametrize("over", [False, True])
-def test_without_collision_there_is_nothing(before, over):
+def test_without_collision_there_is_nothing(before: int, over: bool) -> None:
     assert (
         pair_bit(before, collides=False, over_group=over, newborn=False, of_split=False)
         == NONE
@@ -32,7 +33,7 @@ def test_without_collision_there_is_nothing(before, over):
 
 
 @pytest.mark.parametrize("over", [False, True])
-def test_grouped_that_stop_colliding_split_for_a_frame(over):
+def test_grouped_that_stop_colliding_split_for_a_frame(over: bool) -> None:
     assert (
         pair_bit(GROUPED, collides=False, over_group=over, newborn=False, of_split=False)
         == SPLITTING
@@ -52,14 +53,14 @@ def test_grouped_that_stop_colliding_split_for_a_frame(over):
         (SPLITTING, True, GROUPED),
     ],
 )
-def test_every_row_with_collision(before, over, after):
+def test_every_row_with_collision(before: int, over: bool, after: int) -> None:
     assert (
         pair_bit(before, collides=True, over_group=over, newborn=False, of_split=False)
         == after
     )
 
 
-def test_a_newborn_groups_with_nobody_and_one_of_a_split_is_splitting():
+def test_a_newborn_groups_with_nobody_and_one_of_a_split_is_splitting() -> None:
     assert (
         pair_bit(NONE, collides=True, over_group=False, newborn=True, of_split=False)
         == NONE
@@ -71,7 +72,7 @@ def test_a_newborn_groups_with_nobody_and_one_of_a_split_is_splitting():
 
 
 @pytest.mark.parametrize("over", [False, True])
-def test_one_who_is_not_in_the_picture_begins_nothing(over):
+def test_one_who_is_not_in_the_picture_begins_nothing(over: bool) -> None:
     assert (
         pair_bit(
             NONE,
@@ -89,7 +90,7 @@ def test_one_who_is_not_in_the_picture_begins_nothing(over):
     )
 
 
-def test_safety_areas_are_proportional_to_size():
+def test_safety_areas_are_proportional_to_size() -> None:
     small = np.array([(0, 0, 10, 20), (16.0, 0, 10, 20)], np.float64)
     assert collision_map(small, 0.25).tolist() == [[False, True], [True, False]]
     assert collision_map(small * 37.5, 0.25)[0, 1]
@@ -100,7 +101,7 @@ def test_safety_areas_are_proportional_to_size():
 
 
 @pytest.mark.parametrize("aspect", [0.2, 0.5, 1.0, 2.5, 6.0])
-def test_overlapping_boxes_of_one_shape_collide(aspect):
+def test_overlapping_boxes_of_one_shape_collide(aspect: float) -> None:
     w, h = 10.0, 10.0 * aspect
     boxes = np.array([(0, 0, w, h), (w * 0.999, h * 0.999, w, h)])
     assert collision_map(boxes, 0.208)[0, 1]
@@ -109,13 +110,20 @@ def test_overlapping_boxes_of_one_shape_collide(aspect):
 class Crowd:
     """People of 20 x 20 on a line; at the default margin they collide up to 30 px apart."""
 
-    def __init__(self, **parameters):
+    def __init__(self, **parameters: Any) -> None:
         self.book = InteractionBook(InteractionParameters(**parameters))
-        self.frame, self.before = -1, set()
+        self.frame, self.before = -1, set[int]()
 
     def step(
-        self, places, blobs=None, tracks=None, of_split=(), unseen=(), absent=(), leaving=()
-    ):
+        self,
+        places: dict[int, int],
+        blobs: dict[int, int] | None = None,
+        tracks: list[GroupTrack] | None = None,
+        of_split: tuple[int, ...] = (),
+        unseen: tuple[int, ...] = (),
+        absent: tuple[int, ...] = (),
+        leaving: tuple[int, ...] = (),
+    ) -> dict[tuple[int, int], int]:
         self.frame += 1
         ids, blobs = sorted(places), blobs or {}
         members = TargetRows(
@@ -135,7 +143,7 @@ class Crowd:
         return {(c.a, c.b): c.after for c in changes}
 
 
-def test_two_meet_group_split_and_are_single():
+def test_two_meet_group_split_and_are_single() -> None:
     crowd = Crowd()
     assert crowd.step({1: 0, 2: 50}) == {}
     assert crowd.step({1: 0, 2: 25}) == {(1, 2): GROUPING}
@@ -148,7 +156,7 @@ def test_two_meet_group_split_and_are_single():
     assert crowd.book.states == {1: 0, 2: 0}
 
 
-def test_the_papers_example_of_grouping_and_splitting_at_once():
+def test_the_papers_example_of_grouping_and_splitting_at_once() -> None:
     crowd = Crowd()
     crowd.step({1: 0, 2: 10, 3: 90})
     crowd.step({1: 0, 2: 10, 3: 90}, {1: 9, 2: 9})
@@ -161,21 +169,23 @@ def test_the_papers_example_of_grouping_and_splitting_at_once():
     )
 
 
-def test_new_born_tracks_wait_a_frame():
+def test_new_born_tracks_wait_a_frame() -> None:
     crowd = Crowd()
     assert crowd.step({1: 0}) == {}
     assert crowd.step({1: 0, 2: 10}, {1: 9, 2: 9}) == {}
     assert crowd.step({1: 0, 2: 10}, {1: 9, 2: 9}) == {(1, 2): GROUPED}
 
 
-def test_born_of_a_split():
+def test_born_of_a_split() -> None:
     crowd = Crowd()
     crowd.step({1: 0, 3: 70})
     assert crowd.step({1: 0, 2: 22, 3: 70}, of_split=(2,)) == {(1, 2): SPLITTING}
     assert crowd.book.bit_of(2, 1) == SPLITTING
 
 
-def test_those_in_one_blob_who_do_not_collide_are_partners_through_the_one_between():
+def test_those_in_one_blob_who_do_not_collide_are_partners_through_the_one_between() -> (
+    None
+):
     crowd = Crowd()
     crowd.step({1: 0, 2: 25, 3: 50})
     crowd.step({1: 0, 2: 25, 3: 50}, {1: 9, 2: 9, 3: 9})
@@ -184,14 +194,14 @@ def test_those_in_one_blob_who_do_not_collide_are_partners_through_the_one_betwe
     assert crowd.book.partners(2, GROUPED) == [1, 3]
 
 
-def test_far_ends_of_one_blob_are_no_group():
+def test_far_ends_of_one_blob_are_no_group() -> None:
     crowd = Crowd()
     crowd.step({1: 0, 2: 90})
     assert crowd.step({1: 0, 2: 90}, {1: 9, 2: 9}) == {}
     assert crowd.clusters == []
 
 
-def test_a_hidden_member_counts_into_its_partners_blob():
+def test_a_hidden_member_counts_into_its_partners_blob() -> None:
     crowd = Crowd()
     crowd.step({1: 0, 2: 10})
     crowd.step({1: 0, 2: 10}, {1: 9, 2: 9})
@@ -200,7 +210,7 @@ def test_a_hidden_member_counts_into_its_partners_blob():
     assert crowd.step({1: 0, 2: 10}, {1: -1, 2: -1}, unseen=(1, 2)) == {(1, 2): SPLITTING}
 
 
-def test_one_who_was_never_grouped_is_not_hidden_in_a_blob():
+def test_one_who_was_never_grouped_is_not_hidden_in_a_blob() -> None:
     crowd = Crowd()
     crowd.step({1: 0, 2: 10})
     crowd.step({1: 0, 2: 10})
@@ -208,14 +218,14 @@ def test_one_who_was_never_grouped_is_not_hidden_in_a_blob():
     assert crowd.book.states == {1: GROUPING, 2: GROUPING}
 
 
-def test_what_is_only_predicted_begins_nothing():
+def test_what_is_only_predicted_begins_nothing() -> None:
     crowd = Crowd()
     crowd.step({1: 0, 2: 10})
     assert crowd.step({1: 0, 2: 10}, {1: 9, 2: -1}, unseen=(2,)) == {}
     assert crowd.book.bonds == {}
 
 
-def test_a_jump_out_of_a_group_is_told_and_splits_for_one_frame():
+def test_a_jump_out_of_a_group_is_told_and_splits_for_one_frame() -> None:
     crowd = Crowd()
     crowd.step({1: 0, 2: 10})
     crowd.step({1: 0, 2: 10}, {1: 9, 2: 9})
@@ -223,7 +233,7 @@ def test_a_jump_out_of_a_group_is_told_and_splits_for_one_frame():
     assert crowd.step({1: 0, 2: 200}) == {(1, 2): NONE}
 
 
-def test_group_tracks_of_the_tracker_decide_when_given():
+def test_group_tracks_of_the_tracker_decide_when_given() -> None:
     crowd = Crowd()
     box = (-5, -5, 60, 40)
     crowd.step({1: 0, 2: 15, 3: 70})
@@ -237,7 +247,7 @@ def test_group_tracks_of_the_tracker_decide_when_given():
     }
 
 
-def test_group_tracks_may_name_their_members():
+def test_group_tracks_may_name_their_members() -> None:
     crowd = Crowd()
     far = (500, 500, 10, 10)
     crowd.step({1: 0, 2: 15, 3: 31})
@@ -246,7 +256,7 @@ def test_group_tracks_may_name_their_members():
     assert crowd.book.states == {1: GROUPED, 2: GROUPED | GROUPING, 3: GROUPING}
 
 
-def test_a_target_lies_over_one_group_tracker_the_one_that_holds_more_of_it():
+def test_a_target_lies_over_one_group_tracker_the_one_that_holds_more_of_it() -> None:
     crowd = Crowd()
     crowd.step({1: 0, 2: 15, 3: 30, 4: 45})
     left, right = GroupTrack(8, (0, 0, 36, 20), True), GroupTrack(9, (25, 0, 50, 20), True)
@@ -254,7 +264,7 @@ def test_a_target_lies_over_one_group_tracker_the_one_that_holds_more_of_it():
     assert [c.members for c in crowd.clusters] == [(1, 2), (3, 4)]
 
 
-def test_one_in_its_last_frame_is_in_no_region():
+def test_one_in_its_last_frame_is_in_no_region() -> None:
     crowd = Crowd()
     crowd.step({1: 0, 2: 10})
     crowd.step({1: 0, 2: 10}, {1: 9, 2: 9})
@@ -264,7 +274,7 @@ def test_one_in_its_last_frame_is_in_no_region():
     assert crowd.step({1: 0}) == {(1, 2): NONE}
 
 
-def test_a_second_threshold_damps_flicker():
+def test_a_second_threshold_damps_flicker() -> None:
     crowd, steady = Crowd(), Crowd(leave_margin=0.2)
     places = [{1: 0, 2: 29 + 3 * (f % 2)} for f in range(1, 9)]
     assert [bool(crowd.step(p)) for p in places] == [
@@ -290,7 +300,7 @@ def test_a_second_threshold_damps_flicker():
     assert steady.step({1: 0, 2: 37}) == {(1, 2): NONE}
 
 
-def test_state_is_plain_and_continues():
+def test_state_is_plain_and_continues() -> None:
     crowd, twin = Crowd(), Crowd()
     crowd.step({1: 0, 2: 10, 3: 60})
     crowd.step({1: 0, 2: 10, 3: 35}, {1: 9, 2: 9})

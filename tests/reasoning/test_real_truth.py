@@ -5,19 +5,21 @@ interact.
 from __future__ import annotations
 
 from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import pytest
 from defusedxml.ElementTree import parse
 
-from reasoning.reasoner import Reasoner
-from recorders.messages import Target, Targets
+from reasoning.reasoner import Reasoner, SceneAnnotation
+from recorders.messages import Box, Target, Targets
 
 pytestmark = pytest.mark.real
 
 CAVIAR = ("Meet_WalkTogether1", "Meet_WalkSplit", "Meet_Crowd", "Fight_RunAway1", "Walk3")
 
 
-def blobs(boxes):
+def blobs(boxes: Mapping[int, Box]) -> dict[int, int]:
     """Boxes that overlap or nearly touch (4 px) stand for one blob, numbered by its lowest
     member.
     """
@@ -31,9 +33,13 @@ def blobs(boxes):
     return root
 
 
-def reason(frames, width, height, frame_ns):
+def reason(
+    frames: Sequence[Mapping[int, Box]], width: int, height: int, frame_ns: int
+) -> tuple[Reasoner, list[SceneAnnotation]]:
     """Feed true boxes with velocities over half a second; the reasoner and all annotations."""
-    reasoner, paths, answers = Reasoner({}, width, height), defaultdict(list), []
+    reasoner = Reasoner({}, width, height)
+    paths: dict[int, list[tuple[int, float, float]]] = defaultdict(list)
+    answers = []
     back = max(1, 500_000_000 // frame_ns)
     for k, boxes in enumerate(frames):
         shared, targets = blobs(boxes), []
@@ -48,8 +54,8 @@ def reason(frames, width, height, frame_ns):
     return reasoner, answers
 
 
-def test_pets(real_data):
-    frames = defaultdict(dict)
+def test_pets(real_data: Path) -> None:
+    frames: dict[int, dict[int, Box]] = defaultdict(dict)
     for line in (real_data / "pets09-s2l1" / "gt.txt").read_text().splitlines():
         f, i, x, y, w, h, conf = (float(v) for v in line.split(",")[:7])
         if conf:
@@ -68,7 +74,7 @@ def test_pets(real_data):
 
 
 @pytest.mark.parametrize("name", CAVIAR)
-def test_caviar_true_groups_interact(real_data, name):
+def test_caviar_true_groups_interact(real_data: Path, name: str) -> None:
     frames, groups = [], []
     for f in parse(real_data / "caviar" / f"{name}.xml").getroot().iter("frame"):
         boxes = {}

@@ -5,11 +5,12 @@ continues.
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import msgspec
 import pytest
 
-from reasoning.reasoner import SECTIONS, Reasoner
+from reasoning.reasoner import SECTIONS, Reasoner, SceneAnnotation
 from recorders.messages import (
     EVENT_KINDS,
     GroupTrack,
@@ -22,13 +23,17 @@ from recorders.messages import (
 from recorders.parameters import configure
 
 
-def person(i, x, blob=None, y=100.0, **fields):
+def person(
+    i: int, x: int, blob: int | None = None, y: float = 100.0, **fields: Any
+) -> Target:
     return Target(
         i, (float(x), y, 20.0, 50.0), blob=i + 100 if blob is None else blob, **fields
     )
 
 
-def run(frames, config=None, **targets):
+def run(
+    frames: list[list[Target]], config: dict[str, Any] | None = None, **targets: Any
+) -> tuple[Reasoner, list[SceneAnnotation]]:
     reasoner = Reasoner(config, 640, 240)
     return reasoner, [
         reasoner.step(k, k * 10**8, Targets(k, t, **targets), None)
@@ -36,7 +41,7 @@ def run(frames, config=None, **targets):
     ]
 
 
-def test_an_empty_frame():
+def test_an_empty_frame() -> None:
     _, (answer,) = run([[]])
     assert (
         answer.tracks.tracks,
@@ -47,12 +52,12 @@ def test_an_empty_frame():
     assert answer.graph is not None
 
 
-def test_tracks_come_by_id_whatever_the_trackers_order():
+def test_tracks_come_by_id_whatever_the_trackers_order() -> None:
     _, (answer,) = run([[person(7, 10), person(2, 300)]])
     assert [t.id for t in answer.tracks.tracks] == [2, 7]
 
 
-def test_every_frame_answers_who_and_since_when():
+def test_every_frame_answers_who_and_since_when() -> None:
     _, answers = run(
         [[person(1, 100), person(2, 130)]] * 2
         + [[person(1, 110, 7), person(2, 120, 7)]] * 3
@@ -93,7 +98,7 @@ def test_every_frame_answers_who_and_since_when():
     )
 
 
-def test_events_are_numbered_in_order_and_carry_their_evidence():
+def test_events_are_numbered_in_order_and_carry_their_evidence() -> None:
     _, answers = run([[person(1, 100), person(2, 300)], [person(1, 100), person(2, 140)]])
     events = [e for a in answers for e in a.events]
     assert [e.id for e in events] == list(range(1, len(events) + 1))
@@ -107,7 +112,7 @@ def test_events_are_numbered_in_order_and_carry_their_evidence():
     assert started.text == "Targets 1 and 2 started to interact: their shells meet."
 
 
-def test_notices_become_events_and_are_not_told_twice():
+def test_notices_become_events_and_are_not_told_twice() -> None:
     reasoner = Reasoner({}, 640, 240)
     n = Notice(
         "track_confirmed",
@@ -126,7 +131,7 @@ def test_notices_become_events_and_are_not_told_twice():
     ]
 
 
-def test_the_order_of_events_within_a_frame():
+def test_the_order_of_events_within_a_frame() -> None:
     frames = [
         [person(1, 100), person(2, 125), person(3, 300), person(4, 500)],
         [
@@ -148,7 +153,7 @@ def test_the_order_of_events_within_a_frame():
     ]
 
 
-def test_a_disagreement_is_told_once_per_episode():
+def test_a_disagreement_is_told_once_per_episode() -> None:
     config = configure(SECTIONS, assignments=["interactions.safety_margin=3"])
     near, far = [person(1, 100), person(2, 200)], [person(1, 100), person(2, 600)]
     _, answers = run([near, near, near, far, near, near], config)
@@ -163,7 +168,7 @@ def test_a_disagreement_is_told_once_per_episode():
     assert answers[2].tracks.tracks[0].grouping
 
 
-def test_torn_pairs_are_anomalies():
+def test_torn_pairs_are_anomalies() -> None:
     _, answers = run(
         [[person(1, 100, 7), person(2, 110, 7)]] * 3
         + [[person(1, 100), person(2, 500)]] * 2
@@ -186,7 +191,7 @@ def test_torn_pairs_are_anomalies():
     ]
 
 
-def test_one_who_disappears_out_of_a_group_stays_for_one_frame():
+def test_one_who_disappears_out_of_a_group_stays_for_one_frame() -> None:
     _, answers = run([[person(1, 100, 7), person(2, 110, 7)]] * 2 + [[person(1, 100)]] * 2)
     ghost = answers[2].tracks.tracks[1]
     assert (ghost.id, ghost.present, ghost.observed, ghost.mode, ghost.splitting) == (
@@ -204,14 +209,14 @@ def test_one_who_disappears_out_of_a_group_stays_for_one_frame():
     assert "disappears" in gone.rule
 
 
-def test_one_who_comes_back_in_the_next_frame_is_recovered():
+def test_one_who_comes_back_in_the_next_frame_is_recovered() -> None:
     pair = [person(1, 100, 7), person(2, 110, 7)]
     _, answers = run([pair, pair, pair[:1], pair, pair])
     assert [e.kind for e in answers[3].events][:2] == ["track_recovered", "mode_changed"]
     assert answers[4].relations.relations[0].state == "JOINT"
 
 
-def test_one_who_comes_back_later_is_recovered_under_its_id():
+def test_one_who_comes_back_later_is_recovered_under_its_id() -> None:
     _, answers = run([[person(1, 100)], [], [], [person(1, 120)]])
     assert [[e.kind for e in a.events] for a in answers] == [
         ["track_confirmed", "entering"],
@@ -221,7 +226,7 @@ def test_one_who_comes_back_later_is_recovered_under_its_id():
     ], "it had not left the scene, so it does not enter anew"
 
 
-def test_one_who_left_enters_anew():
+def test_one_who_left_enters_anew() -> None:
     _, answers = run(
         [[person(1, 100)], [person(1, 100)], [person(1, -8)], [], [person(1, 120)]]
     )
@@ -234,7 +239,7 @@ def test_one_who_left_enters_anew():
     ]
 
 
-def test_one_who_leaves_from_within_a_group_exits_in_the_frame_of_its_end():
+def test_one_who_leaves_from_within_a_group_exits_in_the_frame_of_its_end() -> None:
     pair = [person(1, -4, 7), person(2, 8, 7)]
     inside = [person(1, 10, 7), person(2, 22, 7)]
     _, answers = run([inside, inside, pair, pair[1:], pair[1:]])
@@ -250,7 +255,7 @@ def test_one_who_leaves_from_within_a_group_exits_in_the_frame_of_its_end():
     ]
 
 
-def test_who_appears_beside_another_within_the_scene_is_born_of_a_split():
+def test_who_appears_beside_another_within_the_scene_is_born_of_a_split() -> None:
     _, answers = run(
         [
             [person(1, 100)],
@@ -271,8 +276,8 @@ def test_who_appears_beside_another_within_the_scene_is_born_of_a_split():
     assert (group.members, group.entered_as_one, group.formed_from) == ([1, 2], True, [])
 
 
-def test_a_group_names_whom_the_ones_before_it_had():
-    def three(b, c):
+def test_a_group_names_whom_the_ones_before_it_had() -> None:
+    def three(b: int, c: int) -> list[Target]:
         return [person(1, 100, 7), person(2, 112, b), person(3, 124, c)]
 
     _, answers = run([three(8, 9), three(7, 9), three(7, 7)])
@@ -284,7 +289,7 @@ def test_a_group_names_whom_the_ones_before_it_had():
     )
 
 
-def test_a_relation_says_since_when_they_have_met_and_been_partners():
+def test_a_relation_says_since_when_they_have_met_and_been_partners() -> None:
     pairs = [(100, 160), (100, 150), (110, 140), (110, 138), (112, 126)]
     frames = [[person(1, a), person(2, b)] for a, b in pairs]
     frames[4] = [person(1, 112, 7), person(2, 126, 7)]
@@ -305,7 +310,7 @@ def test_a_relation_says_since_when_they_have_met_and_been_partners():
     ]
 
 
-def test_one_who_is_not_in_the_picture_begins_nothing():
+def test_one_who_is_not_in_the_picture_begins_nothing() -> None:
     _, answers = run(
         [
             [
@@ -319,7 +324,7 @@ def test_one_who_is_not_in_the_picture_begins_nothing():
     assert not answers[-1].tracks.tracks[0].grouping
 
 
-def test_a_predicted_target_keeps_what_it_had_and_begins_nothing():
+def test_a_predicted_target_keeps_what_it_had_and_begins_nothing() -> None:
     seen = [person(1, 100), person(2, 110, -1)]
     lost = [person(1, 100), person(2, 110, -1, observed=False, mode="predicted")]
     _, answers = run([lost] * 2)
@@ -330,7 +335,7 @@ def test_a_predicted_target_keeps_what_it_had_and_begins_nothing():
     assert answers[2].tracks.tracks[1].grouping
 
 
-def test_group_tracks_of_the_tracker_are_used():
+def test_group_tracks_of_the_tracker_are_used() -> None:
     frames = [[person(1, 100), person(2, 110)]] * 3
     _, answers = run(frames, group_tracks=[GroupTrack(4, (95, 95, 40, 60), True)])
     grouped = next(e for e in answers[1].events if e.kind == "grouped")
@@ -339,7 +344,7 @@ def test_group_tracks_of_the_tracker_are_used():
     assert (formed.evidence["source"], formed.evidence["source_id"]) == ("group track", 4)
 
 
-def test_regions_may_change_and_go_back_to_the_default():
+def test_regions_may_change_and_go_back_to_the_default() -> None:
     reasoner = Reasoner({}, 640, 240)
     square = [(10.0, 10.0), (630.0, 10.0), (630.0, 230.0), (10.0, 230.0)]
     given = Regions(640, 240, [square], [square], [Zone("shop", square)])
@@ -355,7 +360,7 @@ def test_regions_may_change_and_go_back_to_the_default():
     assert reasoner.regions.source == "default"
 
 
-def test_everything_can_be_written_as_json():
+def test_everything_can_be_written_as_json() -> None:
     _, answers = run([[person(1, 100, 7), person(2, 110, 7)]] * 3 + [[]] * 2)
     for a in answers:
         plain = json.loads(msgspec.json.encode(a))
@@ -363,7 +368,7 @@ def test_everything_can_be_written_as_json():
         assert all(e["kind"] in EVENT_KINDS for e in plain["events"])
 
 
-def test_restoring_continues_as_if_nothing_had_happened():
+def test_restoring_continues_as_if_nothing_had_happened() -> None:
     square = [(10.0, 10.0), (130.0, 10.0), (130.0, 230.0), (10.0, 230.0)]
     given = Regions(640, 240, [square], [square], [Zone("shop", square)])
     frames = [
@@ -389,6 +394,6 @@ def test_restoring_continues_as_if_nothing_had_happened():
         assert reasoner.state() == twin.state()
 
 
-def test_a_section_of_the_wrong_kind_is_refused():
+def test_a_section_of_the_wrong_kind_is_refused() -> None:
     with pytest.raises(TypeError, match="ShellParameters expected"):
         Reasoner({"shell_model": SECTIONS["regions"]()}, 640, 240)

@@ -5,6 +5,7 @@ removal, named zones.
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,10 +20,10 @@ from reasoning.regions import (
     first_status,
     next_status,
 )
-from recorders.messages import Regions, Zone
+from recorders.messages import Mode, Regions, SceneStatus, Zone
 
 
-def square(x0, y0, x1, y1):
+def square(x0: float, y0: float, x1: float, y1: float) -> list[tuple[float, float]]:
     return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
@@ -36,7 +37,9 @@ SCENE = SceneRegions(REGIONS)
     ("centroid", "may"),
     [((100, 100), True), ((40, 100), True), ((30, 30), True), ((20, 100), False)],
 )
-def test_a_low_level_track_starts_in_roi_or_border(centroid, may):
+def test_a_low_level_track_starts_in_roi_or_border(
+    centroid: tuple[int, int], may: bool
+) -> None:
     assert SCENE.may_start_low_level(centroid) is may
     assert SCENE.may_start_low_level_all(np.array([centroid], np.float64)).tolist() == [may]
 
@@ -50,7 +53,9 @@ def test_a_low_level_track_starts_in_roi_or_border(centroid, may):
         ((0, 0, 5, 5), False),
     ],
 )
-def test_a_high_level_tracker_starts_at_least_partly_in_the_roi(box, may):
+def test_a_high_level_tracker_starts_at_least_partly_in_the_roi(
+    box: tuple[int, int, int, int], may: bool
+) -> None:
     assert SCENE.may_start_high_level(box) is may
 
 
@@ -66,7 +71,9 @@ def test_a_high_level_tracker_starts_at_least_partly_in_the_roi(box, may):
         ((0, 60, 20, 20), "motion", 1.0, True),
     ],
 )
-def test_removal(box, mode, confidence, removed):
+def test_removal(
+    box: tuple[int, int, int, int], mode: Mode, confidence: float, removed: bool
+) -> None:
     reason = SCENE.must_remove(box, mode, confidence)
     assert (reason is not None) is removed
     assert reason is None or reason.startswith("EVENTS 3.2")
@@ -97,13 +104,21 @@ def test_removal(box, mode, confidence, removed):
         ("outside", False, WHOLLY, WHOLLY, "entering"),
     ],
 )
-def test_every_row_of_the_status_table(status, been_in, roi, area, after):
+def test_every_row_of_the_status_table(
+    status: SceneStatus, been_in: bool, roi: int, area: int, after: str
+) -> None:
     assert next_status(status, been_in, roi, area) == after
     assert status == after or (status, after) in STATUS_EVENTS
 
 
-def test_every_change_that_can_happen_has_its_event():
-    statuses = ("entering", "inside", "exiting", "returned", "outside")
+def test_every_change_that_can_happen_has_its_event() -> None:
+    statuses: tuple[SceneStatus, ...] = (
+        "entering",
+        "inside",
+        "exiting",
+        "returned",
+        "outside",
+    )
     places = [
         (OUTSIDE, OUTSIDE),
         (OUTSIDE, PARTLY),
@@ -118,18 +133,23 @@ def test_every_change_that_can_happen_has_its_event():
     assert {c for c in seen if c[0] != c[1]} == set(STATUS_EVENTS)
 
 
-def test_who_is_born_of_a_split_is_not_entering():
+def test_who_is_born_of_a_split_is_not_entering() -> None:
     assert first_status(born_of_split=False) == "entering"
     assert first_status(born_of_split=True) == "inside"
 
 
 class Walk:
-    def __init__(self, regions=REGIONS, **parameters):
+    def __init__(self, regions: Regions = REGIONS, **parameters: Any) -> None:
         self.scene = SceneRegions(regions, RegionParameters(**parameters))
         self.book = SceneBook()
         self.frame = -1
 
-    def step(self, boxes, split=(), absent=()):
+    def step(
+        self,
+        boxes: dict[int, tuple[int, int, int, int]],
+        split: tuple[int, ...] = (),
+        absent: tuple[int, ...] = (),
+    ) -> list[tuple[str | int, ...]]:
         self.frame += 1
         ids = sorted(boxes)
         changes = self.book.step(
@@ -143,7 +163,7 @@ class Walk:
         return [(c.kind, c.id) + ((c.zone,) if c.zone else ()) for c in changes]
 
 
-def test_in_and_out():
+def test_in_and_out() -> None:
     walk = Walk()
     assert walk.step({1: (40, 90, 20, 20)}) == [("entering", 1)]
     assert walk.step({1: (45, 90, 20, 20)}) == []
@@ -154,7 +174,7 @@ def test_in_and_out():
     assert walk.step({}) == []
 
 
-def test_back_from_the_edge_and_gone_from_it():
+def test_back_from_the_edge_and_gone_from_it() -> None:
     walk = Walk()
     walk.step({1: (60, 90, 20, 20)})
     walk.step({1: (60, 90, 20, 20)})
@@ -164,13 +184,13 @@ def test_back_from_the_edge_and_gone_from_it():
     assert walk.step({}) == [("exited", 1)]
 
 
-def test_who_stands_on_the_rois_edge_makes_one_entry_and_no_more():
+def test_who_stands_on_the_rois_edge_makes_one_entry_and_no_more() -> None:
     walk = Walk()
     kinds = [k for f in range(40) for k in walk.step({1: (45 + 6 * (f % 2), 90, 20, 20)})]
     assert kinds == [("entering", 1), ("entered", 1)]
 
 
-def test_who_stands_on_the_outer_edge_does_not_come_and_go():
+def test_who_stands_on_the_outer_edge_does_not_come_and_go() -> None:
     walk = Walk()
     walk.step({1: (60, 90, 20, 20)})
     walk.step({1: (60, 90, 20, 20)})
@@ -178,7 +198,7 @@ def test_who_stands_on_the_outer_edge_does_not_come_and_go():
     assert kinds == [("exiting", 1)]
 
 
-def test_outside_and_in_again_without_removal():
+def test_outside_and_in_again_without_removal() -> None:
     walk = Walk()
     walk.step({1: (60, 90, 20, 20)})
     walk.step({1: (60, 90, 20, 20)})
@@ -188,7 +208,7 @@ def test_outside_and_in_again_without_removal():
     assert walk.step({1: (60, 90, 20, 20)}) == [("entered", 1)]
 
 
-def test_who_is_not_in_the_picture_keeps_its_status_until_wholly_outside():
+def test_who_is_not_in_the_picture_keeps_its_status_until_wholly_outside() -> None:
     walk = Walk()
     walk.step({1: (60, 90, 20, 20)})
     walk.step({1: (60, 90, 20, 20)})
@@ -205,7 +225,7 @@ ZONES = Regions(
 )
 
 
-def test_named_zones_and_the_time_in_them():
+def test_named_zones_and_the_time_in_them() -> None:
     walk = Walk(ZONES)
     assert walk.step({1: (60, 90, 20, 20)}) == [
         ("entering", 1),
@@ -220,13 +240,13 @@ def test_named_zones_and_the_time_in_them():
     ]
 
 
-def test_a_target_stands_at_its_foot_unless_told_otherwise():
+def test_a_target_stands_at_its_foot_unless_told_otherwise() -> None:
     tall = {1: (60, 40, 20, 120)}  # foot at 160, under the zone; centre in it
     assert ("zone_entered", 1, "shop") not in Walk(ZONES).step(tall)
     assert ("zone_entered", 1, "shop") in Walk(ZONES, zone_point="centre").step(tall)
 
 
-def test_default_regions_follow_the_picture():
+def test_default_regions_follow_the_picture() -> None:
     regions = default_regions(768, 576)
     assert regions.source == "default"
     assert regions.border == [square(5.76, 5.76, 768 - 5.76, 576 - 5.76)]
@@ -235,7 +255,7 @@ def test_default_regions_follow_the_picture():
     assert tight.roi == tight.border
 
 
-def test_a_border_that_does_not_hold_the_roi_is_joined_with_it():
+def test_a_border_that_does_not_hold_the_roi_is_joined_with_it() -> None:
     scene = SceneRegions(
         Regions(
             200, 200, [square(0.0, 0.0, 100.0, 100.0)], [square(100.0, 0.0, 120.0, 100.0)]
@@ -245,7 +265,7 @@ def test_a_border_that_does_not_hold_the_roi_is_joined_with_it():
     assert scene.must_remove((80, 10, 60, 20), "appearance", 0.0) is not None
 
 
-def test_a_roi_of_several_slanted_polygons():
+def test_a_roi_of_several_slanted_polygons() -> None:
     roi = [
         [(0.0, 0.0), (40.0, 0.0), (60.0, 100.0), (0.0, 100.0)],
         [(40.0, 0.0), (100.0, 0.0), (100.0, 100.0), (60.0, 100.0)],
@@ -255,7 +275,7 @@ def test_a_roi_of_several_slanted_polygons():
     assert walk.step({1: (30, 20, 40, 40)}) == [("entered", 1)]
 
 
-def test_state_is_plain_and_continues():
+def test_state_is_plain_and_continues() -> None:
     walk, twin = Walk(ZONES), Walk(ZONES)
     walk.step({1: (60, 90, 20, 20), 2: (100, 60, 9, 9)}, split=(2,))
     twin.book.restore(json.loads(json.dumps(walk.book.state())))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from reasoning.relations import (
     Objects,
     RelationBook,
+    RelationName,
     RelationParameters,
     resolve,
     same_blob,
@@ -35,7 +38,9 @@ MS = 1_000_000
         ("JOINT", False, True, "INTERACTION", "torn"),
     ],
 )
-def test_every_row_of_the_table(before, meets, one_blob, after, case):
+def test_every_row_of_the_table(
+    before: RelationName, meets: bool, one_blob: bool, after: str, case: str
+) -> None:
     step = resolve(before, meets, one_blob)
     assert (step.after, step.case) == (after, case)
     assert {before, after} != {"INDEPENDENT", "JOINT"}
@@ -57,18 +62,25 @@ def test_every_row_of_the_table(before, meets, one_blob, after, case):
         ((3, False), (3, False), False),
     ],
 )
-def test_same_blob(i, j, expected):
+def test_same_blob(i: tuple[int, bool], j: tuple[int, bool], expected: bool | None) -> None:
     assert same_blob(*i, *j) is expected
 
 
 class Line:
     """Objects on a line with shells of radius 10, fed frame by frame at 10 frames/s."""
 
-    def __init__(self, **parameters):
+    def __init__(self, **parameters: Any) -> None:
         self.book = RelationBook(RelationParameters(**parameters))
         self.frame = -1
 
-    def step(self, places, blobs=None, seen=None, starts=None, leaving=()):
+    def step(
+        self,
+        places: Mapping[int, float],
+        blobs: dict[int, int] | None = None,
+        seen: dict[int, bool] | None = None,
+        starts: dict[int, bool] | None = None,
+        leaving: tuple[int, ...] = (),
+    ) -> list[tuple[int, int, str, str]]:
         self.frame += 1
         ids = sorted(places)
         blobs, seen, starts = blobs or {}, seen or {}, starts or {}
@@ -87,7 +99,7 @@ class Line:
         ]
 
 
-def test_meeting_merging_splitting_and_parting():
+def test_meeting_merging_splitting_and_parting() -> None:
     line = Line()
     assert line.step({1: 0, 2: 30}) == []
     assert line.step({1: 0, 2: 20}) == [(1, 2, "INTERACTION", "II")]
@@ -99,19 +111,19 @@ def test_meeting_merging_splitting_and_parting():
     assert line.book.edges == []
 
 
-def test_shells_that_touch_in_one_point_meet():
+def test_shells_that_touch_in_one_point_meet() -> None:
     line = Line()
     assert line.step({1: 0, 2: np.nextafter(20.0, 21.0)}) == []
     assert line.step({1: 0, 2: 20.0}) == [(1, 2, "INTERACTION", "II")]
 
 
-def test_same_blob_while_independent_goes_through_interaction():
+def test_same_blob_while_independent_goes_through_interaction() -> None:
     line = Line()
     assert line.step({1: 0, 2: 5}, {1: 7, 2: 7}) == [(1, 2, "INTERACTION", "II")]
     assert line.step({1: 0, 2: 5}, {1: 7, 2: 7}) == [(1, 2, "JOINT", "III")]
 
 
-def test_joint_with_disjoint_shells_is_an_anomaly_and_takes_two_frames_to_end():
+def test_joint_with_disjoint_shells_is_an_anomaly_and_takes_two_frames_to_end() -> None:
     line = Line()
     line.step({1: 0, 2: 5}, {1: 7, 2: 7})
     line.step({1: 0, 2: 5}, {1: 7, 2: 7})
@@ -119,7 +131,7 @@ def test_joint_with_disjoint_shells_is_an_anomaly_and_takes_two_frames_to_end():
     assert line.step({1: 0, 2: 300}, {1: 7, 2: 8}) == [(1, 2, "INDEPENDENT", "V")]
 
 
-def test_lists_are_symmetric_and_hold_several_relations():
+def test_lists_are_symmetric_and_hold_several_relations() -> None:
     line = Line()
     line.step({1: 0, 2: 5, 3: 18, 4: 200}, {1: 7, 2: 7})
     line.step({1: 0, 2: 5, 3: 18, 4: 200}, {1: 7, 2: 7})
@@ -132,7 +144,7 @@ def test_lists_are_symmetric_and_hold_several_relations():
     assert book.state_of(1, 4) == "INDEPENDENT"
 
 
-def test_one_who_disappears_ends_every_relation_and_is_named():
+def test_one_who_disappears_ends_every_relation_and_is_named() -> None:
     line = Line()
     line.step({1: 0, 2: 5, 3: 18})
     line.frame += 1
@@ -153,7 +165,7 @@ def test_one_who_disappears_ends_every_relation_and_is_named():
     assert line.book.of(1) == [(3, "INTERACTION")]
 
 
-def test_hidden_by_the_other_stays_joint_while_the_shells_meet():
+def test_hidden_by_the_other_stays_joint_while_the_shells_meet() -> None:
     line = Line()
     line.step({1: 0, 2: 5}, {1: 7, 2: 7})
     line.step({1: 0, 2: 5}, {1: 7, 2: 7})
@@ -163,13 +175,13 @@ def test_hidden_by_the_other_stays_joint_while_the_shells_meet():
     ]
 
 
-def test_hidden_does_not_make_joint():
+def test_hidden_does_not_make_joint() -> None:
     line = Line()
     line.step({1: 0, 2: 5})
     assert line.step({1: 0, 2: 5}, {1: 7, 2: -1}, seen={2: False}) == []
 
 
-def test_a_leaving_object_cannot_stay_joint():
+def test_a_leaving_object_cannot_stay_joint() -> None:
     line = Line(blob_duration_s=5.0)
     line.step({1: 0, 2: 5}, {1: 7, 2: 7})
     for _ in range(60):
@@ -180,7 +192,7 @@ def test_a_leaving_object_cannot_stay_joint():
     ]
 
 
-def test_one_who_is_not_in_the_picture_starts_nothing_and_keeps_what_it_has():
+def test_one_who_is_not_in_the_picture_starts_nothing_and_keeps_what_it_has() -> None:
     line = Line()
     assert line.step({1: 0, 2: 5}, starts={2: False}) == []
     assert line.step({1: 0, 2: 5}) == [(1, 2, "INTERACTION", "II")]
@@ -188,7 +200,7 @@ def test_one_who_is_not_in_the_picture_starts_nothing_and_keeps_what_it_has():
     assert line.book.state_of(1, 2) == "INTERACTION"
 
 
-def test_two_thresholds_damp_flicker():
+def test_two_thresholds_damp_flicker() -> None:
     line = Line(enter_margin=0.2, leave_margin=0.2)
     assert line.step({1: 0, 2: 19}) == []
     assert line.step({1: 0, 2: 18}) == [(1, 2, "INTERACTION", "II")]
@@ -196,7 +208,7 @@ def test_two_thresholds_damp_flicker():
     assert line.step({1: 0, 2: 22.5}) == [(1, 2, "INDEPENDENT", "V")]
 
 
-def test_durations_damp_flicker():
+def test_durations_damp_flicker() -> None:
     line = Line(enter_duration_s=0.2, leave_duration_s=0.2, blob_duration_s=0.1)
     assert line.step({1: 0, 2: 9}) == []
     assert line.step({1: 0, 2: 9}) == []
@@ -213,7 +225,7 @@ def test_durations_damp_flicker():
     assert line.step({1: 0, 2: 90}) == [(1, 2, "INDEPENDENT", "V")]
 
 
-def test_an_interrupted_meeting_starts_over():
+def test_an_interrupted_meeting_starts_over() -> None:
     line = Line(enter_duration_s=0.2)
     line.step({1: 0, 2: 9})
     line.step({1: 0, 2: 99})
@@ -224,7 +236,7 @@ def test_an_interrupted_meeting_starts_over():
     ]
 
 
-def test_edges_know_since_when_and_by_which_rule():
+def test_edges_know_since_when_and_by_which_rule() -> None:
     line = Line()
     for place in (30, 15, 15):
         line.step({1: 0, 2: place})
@@ -238,7 +250,7 @@ def test_edges_know_since_when_and_by_which_rule():
     )
 
 
-def test_state_is_plain_and_continues():
+def test_state_is_plain_and_continues() -> None:
     line, twin = (
         Line(enter_duration_s=0.1, blob_duration_s=0.1),
         Line(enter_duration_s=0.1, blob_duration_s=0.1),

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from reasoning.reasoner import Reasoner
+from typing import Any
+
+from reasoning.reasoner import Reasoner, SceneAnnotation
 from recorders.messages import EVENT_KINDS, Regions, Target, Targets
 
 WIDTH, HEIGHT, FRAME_NS = 640, 240, 100_000_000
 
 
-def person(i, x, blob=None, y=100.0, v=0.0, **fields):
+def person(
+    i: int, x: int, blob: int | None = None, y: float = 100.0, v: float = 0.0, **fields: Any
+) -> Target:
     """A person of 20 x 50 whose left edge is at x; alone in a blob of its own unless told
     otherwise.
     """
@@ -21,12 +25,17 @@ def person(i, x, blob=None, y=100.0, v=0.0, **fields):
     )
 
 
-def story(frames, regions=None, scene_events=False, life=False):
+def story(
+    frames: list[list[Target]],
+    regions: Regions | None = None,
+    scene_events: bool = False,
+    life: bool = False,
+) -> tuple[list[tuple[Any, ...]], Reasoner, SceneAnnotation]:
     """(frame, kind, subjects, group labels) of every event; the Reasoner as it is at the end, the
     last annotation.
     """
     reasoner = Reasoner({}, WIDTH, HEIGHT)
-    told, last = [], None
+    told, last = list[tuple[Any, ...]](), None
     for k, targets in enumerate(frames):
         last = reasoner.step(k, k * FRAME_NS, Targets(k, targets), regions)
         for e in last.events:
@@ -42,10 +51,11 @@ def story(frames, regions=None, scene_events=False, life=False):
                     else (k, e.kind, e.subjects)
                 )
     assert reasoner.counter.forbidden == 0
+    assert last is not None
     return told, reasoner, last
 
 
-def test_pass_by_at_a_distance_gives_no_events():
+def test_pass_by_at_a_distance_gives_no_events() -> None:
     frames = [
         [person(1, 100 + 10 * f), person(2, 400 - 10 * f, y=20.0), person(3, 30)]
         for f in range(3)
@@ -53,7 +63,7 @@ def test_pass_by_at_a_distance_gives_no_events():
     assert story(frames)[0] == []
 
 
-def test_two_meet_merge_and_part():
+def test_two_meet_merge_and_part() -> None:
     xs = [
         (100, 170),
         (110, 160),
@@ -82,7 +92,7 @@ def test_two_meet_merge_and_part():
     ]
 
 
-def test_three_way_one_leaves_as_another_joins():
+def test_three_way_one_leaves_as_another_joins() -> None:
     frames = [
         [person(1, 100), person(2, 118), person(3, 136), person(4, 300)],
         [person(1, 100, 7), person(2, 118, 7), person(3, 136, 7), person(4, 220)],
@@ -119,7 +129,7 @@ def test_three_way_one_leaves_as_another_joins():
     assert last.groups.groups[0].members == [2, 3, 4]
 
 
-def test_enter_as_a_group_and_split():
+def test_enter_as_a_group_and_split() -> None:
     frames = [
         [person(1, 100)],
         [person(1, 100)],
@@ -143,7 +153,7 @@ def test_enter_as_a_group_and_split():
     ]
 
 
-def test_two_born_of_one_split_are_one_group():
+def test_two_born_of_one_split_are_one_group() -> None:
     frames = [
         [person(1, 100)],
         [
@@ -157,7 +167,7 @@ def test_two_born_of_one_split_are_one_group():
     assert [g.members for g in last.groups.groups] == [[1, 2, 3]]
 
 
-def square(x0, y0, x1, y1):
+def square(x0: float, y0: float, x1: float, y1: float) -> list[tuple[float, float]]:
     return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
@@ -166,13 +176,13 @@ REGIONS = Regions(
 )
 
 
-def test_standing_on_the_regions_edge():
+def test_standing_on_the_regions_edge() -> None:
     frames = [[person(1, 55 + 8 * (f % 2))] for f in range(20)]
     told, _, _ = story(frames, REGIONS, scene_events=True, life=True)
     assert told == [(0, "track_confirmed", [1]), (0, "entering", [1]), (1, "entered", [1])]
 
 
-def test_leave_and_return():
+def test_leave_and_return() -> None:
     xs = [100, 80, 45, 25, 12, 25, 45, 70, 80, 45, 25, 5]
     frames = [[person(1, x)] for x in xs]
     frames[4] = [
@@ -195,7 +205,7 @@ def test_leave_and_return():
     ]
 
 
-def test_full_occlusion_keeps_the_pair_joined_until_both_are_seen_apart():
+def test_full_occlusion_keeps_the_pair_joined_until_both_are_seen_apart() -> None:
     frames = [
         [person(1, 100), person(2, 125)],
         [person(1, 105, 7), person(2, 118, 7)],
@@ -219,7 +229,7 @@ def test_full_occlusion_keeps_the_pair_joined_until_both_are_seen_apart():
     ]
 
 
-def test_one_of_a_group_disappears():
+def test_one_of_a_group_disappears() -> None:
     frames = [
         [person(1, 100), person(2, 115)],
         [person(1, 100, 7), person(2, 115, 7)],
@@ -242,8 +252,8 @@ def test_one_of_a_group_disappears():
     assert [t.id for t in last.tracks.tracks] == [1]
 
 
-def test_two_couples_meet_and_part_as_they_came():
-    def at(a, b, c, d, *blobs):
+def test_two_couples_meet_and_part_as_they_came() -> None:
+    def at(a: int, b: int, c: int, d: int, *blobs: int) -> list[Target]:
         return [
             person(i, x, blob)
             for i, x, blob in zip((1, 2, 3, 4), (a, b, c, d), blobs, strict=True)

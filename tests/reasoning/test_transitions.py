@@ -22,7 +22,7 @@ from reasoning.transitions import (
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "transitions.md"
 
 
-def test_the_page_is_current():
+def test_the_page_is_current() -> None:
     assert PAGE.read_text(encoding="utf-8") == markdown(), (
         "run: python -m reasoning.transitions > docs/transitions.md"
     )
@@ -33,9 +33,10 @@ def feasible(birth: bool) -> set[tuple[int, int]]:
     pairs' table.
     """
     bits = (0, GROUPING, GROUPED, SPLITTING)
+    truth = (False, True)
     moves = {
         (before, pair_bit(before, collides, over, newborn, newborn and birth))
-        for before, collides, over, newborn in itertools.product(bits, *[(False, True)] * 3)
+        for before, collides, over, newborn in itertools.product(bits, truth, truth, truth)
         if not (newborn and before) and not (newborn and over)
     }
     found = set()
@@ -47,7 +48,7 @@ def feasible(birth: bool) -> set[tuple[int, int]]:
     return found
 
 
-def test_the_table_is_what_pairs_can_add_up_to():
+def test_the_table_is_what_pairs_can_add_up_to() -> None:
     without, with_birth = feasible(birth=False), feasible(birth=True)
     for (a, b), rule in TABLE.items():
         expected = (
@@ -64,7 +65,7 @@ def test_the_table_is_what_pairs_can_add_up_to():
         assert rule.why
 
 
-def test_the_papers_examples():
+def test_the_papers_examples() -> None:
     assert (
         TABLE[GROUPED, 0].verdict == "forbidden"
     )  # "grouped targets cannot become single"
@@ -77,7 +78,7 @@ def test_the_papers_examples():
     assert TABLE[SPLITTING, 0].verdict == "allowed"
 
 
-def test_codes_and_names():
+def test_codes_and_names() -> None:
     assert [code(s) for s in (0, GROUPING, GROUPED, SPLITTING, 7)] == [
         "000",
         "100",
@@ -99,7 +100,7 @@ def test_codes_and_names():
         (0, 1, True, True),
     ],
 )
-def test_the_counter_checks(before, after, by_birth, legal):
+def test_the_counter_checks(before: int, after: int, by_birth: bool, legal: bool) -> None:
     counter = TransitionCounter()
     counter.begin(before)
     assert counter.move(before, after, by_birth) is legal

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import struct
+from collections.abc import Callable
 from fractions import Fraction
 
 import av
@@ -99,7 +100,7 @@ def test_claims_are_checked_before_decoding() -> None:
 
 
 @pytest.mark.parametrize("encode", [pictures.encode_jpeg, pictures.encode_png])
-def test_cut_and_damaged_pictures_are_errors(encode: pictures.Image) -> None:
+def test_cut_and_damaged_pictures_are_errors(encode: Callable[..., bytes]) -> None:
     data = encode(noise())
     for end in (0, 1, 8, 20, len(data) // 2, len(data) - 3):
         with pytest.raises(RecordingError, match=r"neither|header|cut off|claims"):

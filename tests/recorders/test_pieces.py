@@ -50,7 +50,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def pictures_of(path: Path) -> dict[int, np.ndarray]:
     with SceneLog(path) as scene:
-        found = {frame.time_ns: frame.image for frame in scene.frames()}
+        found = {frame.time_ns: np.asarray(frame.image) for frame in scene.frames()}
         assert scene.unreadable.lines() == []
     return found
 

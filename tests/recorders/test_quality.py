@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +16,13 @@ from recorders.segmentation.quality import LEAST_FOREGROUND, measures, worst
 from replay.cli import main
 
 
-def verdicts(**changed: float) -> dict[str, str]:
-    usual = {"foreground": 0.02, "sightings": 50, "usual": True, "upright": True}
+def verdicts(**changed: Any) -> dict[str, str]:
+    usual: dict[str, Any] = {
+        "foreground": 0.02,
+        "sightings": 50,
+        "usual": True,
+        "upright": True,
+    }
     return {m.name: m.verdict for m in measures(**{**usual, "noisy": False, **changed})}
 
 
@@ -24,12 +30,13 @@ def test_each_verdict_that_is_not_good_says_what_to_do() -> None:
     assert set(verdicts().values()) == {GOOD}
     assert "--regions" in verdicts(foreground=0.5)["foreground_share"]
     assert "--detect threshold" in verdicts(usual=False)["clean_sightings"]
-    for name, changed in {
+    wrong: dict[str, dict[str, Any]] = {
         "foreground_share": {"foreground": 0.41},
         "clean_sightings": {"usual": False},
         "upright_bodies": {"upright": False},
         "noise": {"noisy": True},
-    }.items():
+    }
+    for name, changed in wrong.items():
         told = {n: v for n, v in verdicts(**changed).items() if v != GOOD}
         assert list(told) == [name]
         assert "--model FILE" in told[name]

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import textwrap
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from recorders.log import LogReader
+from recorders.messages import Detections
 from recorders.pictures import encode_png
 from recorders.scene import SceneLog
 from replay.cli import main
@@ -65,12 +68,14 @@ def facts(out: Path) -> dict[str, str]:
         return dict(log.metadata())["scenetrace"]
 
 
-def detections(out: Path):
+def detections(out: Path) -> list[Detections]:
     with SceneLog(out) as scene:
         return [frame.detections for frame in scene.frames()]
 
 
-def test_a_detector_in_python_finds_labels_and_stands_in_the_log(tmp_path, folder, lamps):
+def test_a_detector_in_python_finds_labels_and_stands_in_the_log(
+    tmp_path: Path, folder: Path, lamps: str
+) -> None:
     out = tmp_path / "a.mcap"
     assert run(folder, "--fps", 5, "-o", out, "--detect", f"{lamps}:Bright") == 0
     found = detections(out)
@@ -83,7 +88,9 @@ def test_a_detector_in_python_finds_labels_and_stands_in_the_log(tmp_path, folde
         assert "/camera/foreground" not in [c.topic for c in log.channels]
 
 
-def test_masks_and_detector_together_give_blobs(tmp_path, folder, lamps):
+def test_masks_and_detector_together_give_blobs(
+    tmp_path: Path, folder: Path, lamps: str
+) -> None:
     out = tmp_path / "a.mcap"
     words = ("--detect", "motion", "--detect", f"{lamps}:Bright")
     assert run(folder, "--fps", 5, "-o", out, *words) == 0
@@ -103,7 +110,14 @@ def test_masks_and_detector_together_give_blobs(tmp_path, folder, lamps):
         ("Absent", "has no 'Absent'"),
     ],
 )
-def test_detectors_that_fail_are_named(tmp_path, folder, lamps, capsys, name, said):
+def test_detectors_that_fail_are_named(
+    tmp_path: Path,
+    folder: Path,
+    lamps: str,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    said: str,
+) -> None:
     out = tmp_path / "a.mcap"
     code = run(folder, "--fps", 5, "-o", out, "--detect", f"{lamps}:{name}")
     assert code in (1, 2)
@@ -113,7 +127,9 @@ def test_detectors_that_fail_are_named(tmp_path, folder, lamps, capsys, name, sa
     assert not out.exists()
 
 
-def test_a_network_with_labels_and_least_score(tmp_path, folder, constant_model):
+def test_a_network_with_labels_and_least_score(
+    tmp_path: Path, folder: Path, constant_model: Callable[..., Any]
+) -> None:
     rows = np.zeros((1, 300, 6), np.float32)
     rows[0, 0] = [10, 20, 40, 60, 0.9, 0]
     rows[0, 1] = [50, 20, 80, 60, 0.5, 1]
@@ -152,12 +168,20 @@ def test_a_network_with_labels_and_least_score(tmp_path, folder, constant_model)
         (["--detect", "onnx", "--model", "m.onnx", "--min-score", "2"], "must be in"),
     ],
 )
-def test_words_that_do_not_go_together(tmp_path, folder, capsys, words, said):
+def test_words_that_do_not_go_together(
+    tmp_path: Path,
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    said: str,
+) -> None:
     assert run(folder, "--fps", 5, "-o", tmp_path / "a.mcap", *words) == 2
     assert said in capsys.readouterr().err
 
 
-def test_a_detector_beside_given_detections_is_refused(tmp_path, folder, lamps, capsys):
+def test_a_detector_beside_given_detections_is_refused(
+    tmp_path: Path, folder: Path, lamps: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     given = tmp_path / "det.txt"
     given.write_text("1,-1,10,10,20,20,0.9,-1,-1,-1\n")
     words = ("--detections", given, "--detect", f"{lamps}:Bright")

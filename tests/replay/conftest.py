@@ -19,6 +19,7 @@ from recorders.messages import (
     Regions,
     Relation,
     Relations,
+    RelationState,
     Track,
     Tracks,
     Zone,
@@ -54,7 +55,7 @@ def scene_of(frame: int) -> dict[str, Any]:
     ]
     if frame >= 20:
         tracks.append(track(3, 5.0, 5.0, present=False, mode="predicted"))
-    state = "JOINT" if joint else "INTERACTION"
+    state: RelationState = "JOINT" if joint else "INTERACTION"
     since = 12 if joint else (8 if frame < 12 else 18)
     edges = (
         [

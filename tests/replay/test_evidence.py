@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -75,20 +76,20 @@ def _check(events: Iterator[Event]) -> set[str]:
     return kinds
 
 
-def test_every_kind_is_in_the_table():
+def test_every_kind_is_in_the_table() -> None:
     assert set(EVIDENCE) == set(EVENT_KINDS)
 
 
 @pytest.mark.parametrize("hindsight", [False, True])
 @pytest.mark.parametrize("tracker", sorted(TRACKERS))
-def test_of_every_tracker(logs, tracker, hindsight):
+def test_of_every_tracker(logs: Any, tracker: str, hindsight: bool) -> None:
     kinds = set()
     for path in logs.values():
         kinds |= _check(_replayed(path, tracker, hindsight))
     assert {"track_confirmed", "mode_changed", "joined", "grouped"} <= kinds
 
 
-def test_of_the_reasoning_alone():
+def test_of_the_reasoning_alone() -> None:
     kinds = set()
     for name in SCRIPTS:
         kinds |= _check(_from_truth(name))
@@ -102,7 +103,7 @@ def test_of_the_reasoning_alone():
     assert kinds >= told - {"disagreement", "group_entered_scene"}
 
 
-def test_of_anomalies():
+def test_of_anomalies() -> None:
     log = tell.EventLog()
     log.open(0, 0)
     torn = RelationChange(
@@ -116,7 +117,7 @@ def test_of_anomalies():
     assert "jumped" not in log.events[1].text
 
 
-def test_a_value_out_of_the_table_is_told():
+def test_a_value_out_of_the_table_is_told() -> None:
     assert "extra is unknown" in unlike("occluded", {"evidence": 1.0, "extra": 2})
     assert "evidence has no limit" in unlike("occluded", {"evidence": 1.0, "confidence": 1})
     assert unlike("dancing", {}) == "dancing: no such kind"

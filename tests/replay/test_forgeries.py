@@ -173,7 +173,7 @@ def _targets_with_stale_digests(content: Content) -> None:
 def _digests_made_anew(content: Content) -> None:
     """Altered with care: every digest fits, only a new replay can tell."""
     _tracks_with_stale_digests(content)
-    link, payloads = digest.START, []
+    link, payloads = digest.START, list[tuple[str, bytes]]()
     for k, m in enumerate(content.messages):
         if named(m) == "digest":
             said = channels.decode("digest", m.data)

@@ -7,10 +7,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace as changed
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -45,9 +46,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
 
 
-def options(
-    tracker: str, assignments: tuple[str, ...] = (), **more: object
-) -> ReplayOptions:
+def options(tracker: Any, assignments: tuple[str, ...] = (), **more: Any) -> ReplayOptions:
     return ReplayOptions(
         tracker=tracker, config=replay_config(tracker, assignments=assignments), **more
     )
@@ -125,7 +124,7 @@ def test_checkpoints_of_another_configuration_or_recording_are_refused(
     scene: Path, tmp_path: Path, tracker: str
 ) -> None:
     replay(scene, tmp_path / "a.mcap", options(tracker, checkpoint_ns=400_000_000))
-    late = {"checkpoints": tmp_path / "a.mcap", "from_ns": 1_500_000_000}
+    late: dict[str, Any] = {"checkpoints": tmp_path / "a.mcap", "from_ns": 1_500_000_000}
     with pytest.raises(UsageError, match="another configuration or package"):
         replay(
             scene, tmp_path / "b.mcap", options(tracker, ("shell_model.k_s=0.11",), **late)
@@ -151,9 +150,9 @@ def test_save_and_restore_at_every_frame(scene: Path, tracker: str) -> None:
         for k in range(0, FRAMES - 1, 3):
             engine.restore(states[k])
             for expected in results[k + 1 : k + 6]:
-                found = engine.step()
-                assert found is not None
-                assert (found.targets, found.annotation) == expected
+                again = engine.step()
+                assert again is not None
+                assert (again.targets, again.annotation) == expected
 
 
 def test_seeking_anywhere_gives_the_frame_of_a_straight_run(scene: Path) -> None:
@@ -273,7 +272,7 @@ def altered(source: Path, out: Path, change: Callable[[str, int, bytes], bytes])
 
 def test_an_edited_event_is_found_at_its_frame(scene: Path, tmp_path: Path) -> None:
     replay(scene, tmp_path / "a.mcap", options("events"))
-    edited_frames = []
+    edited_frames: list[int] = []
 
     def edit(topic: str, sequence: int, data: bytes) -> bytes:
         if topic.endswith("/events") and sequence > 5 and not edited_frames:
@@ -332,7 +331,7 @@ class Broken:
     def __init__(self, answer: Callable[[int], Targets]) -> None:
         self._answer = answer
 
-    def step(self, frame: object) -> Targets:
+    def step(self, frame: Frame) -> Targets:
         k = frame.index
         return Targets(k) if k < 10 else self._answer(k)
 
@@ -387,7 +386,7 @@ class Asking:
 
     SECTIONS = replay_sections("events")
 
-    def __init__(self, scene: object, config: dict[str, object], more: int = 0) -> None:
+    def __init__(self, scene: object, config: Mapping[str, object], more: int = 0) -> None:
         self.asked = config["events"]
 
     def step(self, frame: Frame) -> Targets:
@@ -407,12 +406,12 @@ def test_how_a_factory_names_its_parameters(scene: Path) -> None:
             SceneTraceError,
             match=r"asks for the parameters 'events', .*an attribute SECTIONS",
         ):
-            Engine(log, lambda *given: Asking(*given, more=3))
+            Engine(log, lambda info, config: Asking(info, config, more=3))
         with pytest.raises(
             SceneTraceError,
             match=r"the tracker .* lacks step\(\) and state\(\) and restore\(\)",
         ):
-            Engine(log, lambda *_: object())
+            Engine(log, lambda *_: object())  # type: ignore[arg-type]
 
 
 def test_a_state_that_is_not_plain_is_told(scene: Path, tmp_path: Path) -> None:

@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -194,9 +196,9 @@ def test_joint_makes_contact() -> None:
     pair = {1: walk(np.full(200, 300.0)), 2: walk(arriving(200, 340.0))}
     found = find_encounters(pair)
     assert {p.kind for e in found for p in e.phases} == {"approach", "meeting"}
-    (found,) = find_encounters(pair, joint={(1, 2): [(50, 180)]})
-    assert found.kind == "contact"
-    assert [(p.kind, p.start_frame, p.end_frame) for p in found.phases][2] == (
+    (touch,) = find_encounters(pair, joint={(1, 2): [(50, 180)]})
+    assert touch.kind == "contact"
+    assert [(p.kind, p.start_frame, p.end_frame) for p in touch.phases][2] == (
         "contact",
         50,
         180,
@@ -369,7 +371,7 @@ def test_still_and_near() -> None:
 
 
 @pytest.fixture(scope="module")
-def bench(real_data: Path):
+def bench(real_data: Path) -> Iterator[tuple[Any, Any, list[Any]]]:
     folder = Path(__file__).parents[2] / "benchmarks"
     loaded = {}
     for name in ("caviar", "bench_encounters"):
@@ -387,7 +389,7 @@ def bench(real_data: Path):
 
 
 @pytest.mark.real
-def test_caviar_truth_is_what_the_labels_say(bench) -> None:
+def test_caviar_truth_is_what_the_labels_say(bench: Any) -> None:
     _, _, sequences = bench
     assert len(sequences) == 12
     assert sum(len(s.together) for s in sequences) == 15
@@ -404,7 +406,7 @@ def test_caviar_truth_is_what_the_labels_say(bench) -> None:
 
 
 @pytest.mark.real
-def test_caviar_leave_one_out(bench) -> None:
+def test_caviar_leave_one_out(bench: Any) -> None:
     caviar, module, sequences = bench
     scored = module.leave_one_out(sequences)
     frame, interval, onset = caviar.f1(scored.held_out.sum(axis=0))
@@ -417,7 +419,7 @@ def test_caviar_leave_one_out(bench) -> None:
 
 
 @pytest.mark.real
-def test_who_walks_together_on_a_street(bench, real_data: Path) -> None:
+def test_who_walks_together_on_a_street(bench: Any, real_data: Path) -> None:
     """The same thresholds, seen from above: pairs that were labelled as walking together."""
     _, module, _ = bench
     there = module.street(real_data / "ewap-hotel")

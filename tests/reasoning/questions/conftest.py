@@ -17,6 +17,7 @@ from recorders.messages import (
     Groups,
     Relation,
     Relations,
+    RelationState,
     Track,
     Tracks,
 )
@@ -39,7 +40,7 @@ class Story:
     tracks: Mapping[int, tuple[int, int, Box, tuple[float, float]]] = field(
         default_factory=dict
     )
-    relations: Sequence[tuple[int, int, str, int, int]] = ()
+    relations: Sequence[tuple[int, int, RelationState, int, int]] = ()
     groups: Sequence[tuple[int, list[int], int, int, list[int]]] = ()
     events: Sequence[tuple[str, list[int], int, list[int], dict]] = ()
     zones: Sequence[tuple[int, str, int, int]] = ()

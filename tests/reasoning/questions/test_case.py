@@ -7,7 +7,9 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import duckdb
 import pytest
@@ -18,7 +20,7 @@ from recorders.errors import RecordingError, UsageError
 
 
 @pytest.fixture(scope="module")
-def case(meeting_log: Path):
+def case(meeting_log: Path) -> Iterator[Case]:
     with Case([meeting_log]) as c:
         yield c
 
@@ -52,7 +54,7 @@ def test_columns_are_the_contract(case: Case) -> None:
         assert case.sql(f"SELECT * FROM {table}").columns == columns.split(), table
 
 
-def test_rows_are_what_the_log_says(case: Case, meeting_story) -> None:
+def test_rows_are_what_the_log_says(case: Case, meeting_story: Any) -> None:
     assert case.rows("SELECT count(*), min(t), max(t) FROM frames") == [(300, 0.0, 11.96)]
     lives = sum(e - s + 1 for s, e, *_ in meeting_story.tracks.values())
     assert case.rows("SELECT count(*) FROM tracks") == [(lives,)]
@@ -81,7 +83,7 @@ def test_rows_are_what_the_log_says(case: Case, meeting_story) -> None:
 
 
 def test_a_group_that_lives_to_the_end_was_ended_by_nothing(
-    tmp_path: Path, story_type, write_story
+    tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any]
 ) -> None:
     story = story_type(20, {1: (0, 19, (9.0, 9.0, 5.0, 9.0), (0.0, 0.0)), 2: (0, 19, (9.0, 9.0, 5.0, 9.0), (0.0, 0.0))},
                        groups=[(7, [1, 2], 5, 19, [])])  # fmt: skip
@@ -90,14 +92,14 @@ def test_a_group_that_lives_to_the_end_was_ended_by_nothing(
 
 
 def test_a_cut_out_span_keeps_the_recordings_time(
-    tmp_path: Path, meeting_story, write_story
+    tmp_path: Path, meeting_story: Any, write_story: Callable[..., Any]
 ) -> None:
     with Case([write_story(meeting_story, tmp_path / "cut.mcap", first=100)]) as c:
         assert c.rows("SELECT min(frame), min(t) FROM frames") == [(100, 4.0)]
 
 
 def test_two_intervals_of_one_state_stay_two(
-    tmp_path: Path, story_type, write_story
+    tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any]
 ) -> None:
     box = (9.0, 9.0, 5.0, 9.0)
     story = story_type(
@@ -113,7 +115,7 @@ def test_two_intervals_of_one_state_stay_two(
 
 
 def test_several_logs_and_cameras(
-    tmp_path: Path, meeting_story, write_story, meeting_log: Path
+    tmp_path: Path, meeting_story: Any, write_story: Callable[..., Any], meeting_log: Path
 ) -> None:
     (tmp_path / "b").mkdir()
     other = write_story(
@@ -413,7 +415,9 @@ def test_bad_inputs(tmp_path: Path) -> None:
         Case([stranger])
 
 
-def test_ids_that_do_not_fit_are_an_error(tmp_path: Path, story_type, write_story) -> None:
+def test_ids_that_do_not_fit_are_an_error(
+    tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any]
+) -> None:
     story = story_type(5, {2**40: (0, 4, (1.0, 1.0, 5.0, 9.0), (0.0, 0.0))})
     with pytest.raises(Exception, match="does not fit"):
         Case([write_story(story, tmp_path / "big.mcap")])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import duckdb
 import numpy as np
 import pytest
@@ -57,7 +59,7 @@ def test_chains_equal_a_search_of_every_path(depth: int, since: float | None) ->
     with duckdb.connect(":memory:", config={"threads": "1"}) as con:
         for statement in create_statements():
             con.execute(statement)
-        rows = [
+        rows: list[tuple[Any, ...]] = [
             (g, a, b, "JOINT", s, e, float(s), float(e), 1.0, 0.9, 0.8, [])
             for g, cs in made.items()
             for a, b, s, e in cs

@@ -4,8 +4,9 @@ found with.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -146,6 +147,7 @@ def test_phases_have_their_own_values_over_their_own_frames(case: Case) -> None:
 def test_nearness_and_standing_still_have_their_values(case: Case) -> None:
     near, still = explain(case, "near:1-2@60"), explain(case, "still:1@60")
     assert near.measures[-1].threshold == EncounterParameters().touch_sizes
+    assert near.measures[-1].margin is not None
     assert near.measures[-1].margin >= 0
     assert value(near, "median distance") == pytest.approx(20.0 / SIZE, abs=0.1)
     assert value(still, "highest speed") == 0
@@ -175,7 +177,7 @@ def test_the_thresholds_are_those_of_the_rows(fight: Path) -> None:
 
 
 def test_a_stay_is_explained_in_the_zone_that_the_row_named(
-    tmp_path: Path, story_type, write_story
+    tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any]
 ) -> None:
     odd = "bus stop, 'A' 50%"
     story = story_type(
@@ -216,7 +218,7 @@ def test_a_stay_is_explained_in_the_zone_that_the_row_named(
 
 
 def test_the_zone_may_be_left_out_where_there_is_one(
-    tmp_path: Path, story_type, write_story
+    tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any]
 ) -> None:
     story = story_type(
         50, {4: (0, 49, (9.0, 9.0, 9.0, 9.0), (0.0, 0.0))}, zones=[(4, "bench", 10, 40)]

@@ -7,7 +7,9 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,7 +24,9 @@ from recorders.errors import RecordingError, UsageError
 
 @pytest.fixture(scope="module")
 def logs(
-    tmp_path_factory: pytest.TempPathFactory, meeting_story, write_story
+    tmp_path_factory: pytest.TempPathFactory,
+    meeting_story: Any,
+    write_story: Callable[..., Any],
 ) -> list[Path]:
     folder = tmp_path_factory.mktemp("many")
     out = []
@@ -68,7 +72,10 @@ ASKED = [
 
 @pytest.mark.parametrize("asked", ASKED, ids=lambda a: " ".join([a[0], *a[1]]))
 def test_each_question_is_answered_alike_by_logs_database_and_parquet(
-    logs: list[Path], indexes: list[Path], asked, monkeypatch: pytest.MonkeyPatch
+    logs: list[Path],
+    indexes: list[Path],
+    asked: tuple[str, list[str], dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     name, words, options = asked
 
@@ -164,9 +171,9 @@ def test_an_interrupted_run_is_resumed(
     logs: list[Path], tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / name
-    real = index_module.read_recordings
+    real = vars(index_module)["read_recordings"]
 
-    def interrupted(path, sink, **options):
+    def interrupted(path: Path, sink: Callable[..., object], **options: Any) -> Any:
         if path == logs[3]:
             sink("frames", [("rec3", 0, 0.0)])
             raise KeyboardInterrupt
@@ -281,7 +288,7 @@ def test_strangers_are_left_alone(logs: list[Path], tmp_path: Path) -> None:
 
 
 def test_an_index_has_two_cameras_of_one_log_apart(
-    tmp_path: Path, meeting_story, meeting_log: Path
+    tmp_path: Path, meeting_story: Any, meeting_log: Path
 ) -> None:
     with Case([meeting_log]) as c:
         assert c.rows("SELECT recording, camera FROM recordings") == [

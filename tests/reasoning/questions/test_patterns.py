@@ -8,6 +8,7 @@ import itertools
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import duckdb
 import numpy as np
@@ -104,11 +105,11 @@ def histories(count: int, seed: int) -> dict[str, History]:
                     history[name].append(row)
         for _ in range(int(rng.integers(0, 4))):
             a, s = int(rng.integers(0, 4)), int(rng.integers(0, 24))
-            row = ((a,), s, s + int(rng.integers(0, 9)))
+            stay = ((a,), s, s + int(rng.integers(0, 9)))
             if not any(
-                p == (a,) and s1 <= row[2] and row[1] <= e1 for p, s1, e1 in history["in"]
+                p == (a,) and s1 <= stay[2] and stay[1] <= e1 for p, s1, e1 in history["in"]
             ):
-                history["in"].append(row)
+                history["in"].append(stay)
         for a in rng.permutation(4)[: int(rng.integers(0, 3))].tolist():
             n = int(rng.integers(5, 34))
             history["exited"].append(((int(a),), n, n))
@@ -249,7 +250,7 @@ def by_brute_force(pattern: Pattern, history: History) -> set[tuple]:
     for chosen in itertools.product(*(occurrences(history, i) for i in wanted)):
         bound: dict[str, int] | None = {}
         for item, row in zip(wanted, chosen, strict=True):
-            bound = bind(bound, item, row[0], numbers)
+            bound = bind(bound or {}, item, row[0], numbers)
             if bound is None:
                 break
         if bound is None or not fits(
@@ -269,7 +270,13 @@ def by_brute_force(pattern: Pattern, history: History) -> set[tuple]:
     return found
 
 
-def fits(pattern, history, chosen, bound, numbers) -> bool:
+def fits(
+    pattern: Pattern,
+    history: History,
+    chosen: dict[int, Any],
+    bound: dict[str, int],
+    numbers: set[int],
+) -> bool:
     spans: list[tuple[int, int] | None] = []
     previous = None
     for step in pattern.steps:
@@ -311,7 +318,14 @@ def fits(pattern, history, chosen, bound, numbers) -> bool:
     )  # fmt: skip
 
 
-def happens(history, item, k, spans, bound, numbers) -> bool:
+def happens(
+    history: History,
+    item: Any,
+    k: int,
+    spans: Sequence[Any],
+    bound: dict[str, int],
+    numbers: set[int],
+) -> bool:
     for targets, s, e in occurrences(history, item):
         if bind(bound, item, targets, numbers) is None:
             continue
@@ -332,7 +346,7 @@ def happens(history, item, k, spans, bound, numbers) -> bool:
     return False
 
 
-SURE = (1.0, 1.0, 1.0, [])
+SURE: tuple[float, float, float, list[int]] = (1.0, 1.0, 1.0, [])
 
 
 def load(made: dict[str, History]) -> duckdb.DuckDBPyConnection:
@@ -398,7 +412,11 @@ def test_a_thousand_histories_match_as_brute_force_says() -> None:
 
 
 def same_match_is_there(
-    ids, spans, every: set[tuple], pattern: Pattern, orders: Sequence[str]
+    ids: Sequence[int],
+    spans: Sequence[Any],
+    every: set[tuple],
+    pattern: Pattern,
+    orders: Sequence[str],
 ) -> bool:
     """That the table of orders above is right: each other telling is a match over the same spans."""
     value = dict(zip(variables(pattern), ids, strict=True))

@@ -4,8 +4,9 @@ wrongly.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,12 +21,12 @@ from recorders.errors import UsageError
 
 
 @pytest.fixture(scope="module")
-def case(meeting_log: Path):
+def case(meeting_log: Path) -> Iterator[Case]:
     with Case([meeting_log]) as c:
         yield c
 
 
-def ask(case: Case, name: str, *words: str, **options) -> list[dict]:
+def ask(case: Case, name: str, *words: str, **options: Any) -> list[dict]:
     answer = case.sql(question(name).sql(words, Options(**options)))
     return [dict(zip(answer.columns, row, strict=True)) for row in answer.rows]
 
@@ -73,7 +74,7 @@ def test_who_was_in(case: Case) -> None:
 
 @pytest.mark.parametrize("indexed", [False, True], ids=["logs", "an index"])
 def test_a_wall_time_is_asked_of_every_recording_by_its_own_clock(
-    tmp_path: Path, story_type, write_story, indexed: bool
+    tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any], indexed: bool
 ) -> None:
     boxes = ((9.0, 9.0, 9.0, 9.0), (0.0, 0.0))
     shared = {
@@ -120,7 +121,9 @@ def test_loitered(case: Case) -> None:
     assert [r["track"] for r in ask(case, "loitered", "scene", least_s=11.9)] == [1]
 
 
-def test_loitering_closes_gaps(tmp_path: Path, story_type, write_story) -> None:
+def test_loitering_closes_gaps(
+    tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any]
+) -> None:
     story = story_type(100, {1: (0, 99, (9.0, 9.0, 9.0, 9.0), (0.0, 0.0))},
                        zones=[(1, "door", 0, 39), (1, "door", 50, 99)])  # fmt: skip
     with Case([write_story(story, tmp_path / "gap.mcap")]) as c:
@@ -139,7 +142,7 @@ def test_entered_never_left(case: Case) -> None:
 
 
 def test_who_left_and_came_in_again_is_there(
-    tmp_path: Path, story_type, write_story
+    tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any]
 ) -> None:
     here = (9.0, 9.0, 5.0, 9.0)
     story = story_type(60, {1: (0, 59, here, (0.0, 0.0)), 2: (3, 59, here, (0.0, 0.0)), 3: (3, 59, here, (0.0, 0.0))},
@@ -184,7 +187,7 @@ def test_group_history(case: Case) -> None:
 
 
 def test_a_history_that_bites_its_tail_ends(
-    tmp_path: Path, story_type, write_story
+    tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any]
 ) -> None:
     box = (9.0, 9.0, 9.0, 9.0)
     story = story_type(30, {1: (0, 29, box, (0.0, 0.0)), 2: (0, 29, box, (0.0, 0.0))},
@@ -229,7 +232,7 @@ def test_timeline(case: Case) -> None:
 
 
 def test_every_row_can_be_explained(case: Case) -> None:
-    asked = [
+    asked: list[tuple[str, list[str], dict[str, Any]]] = [
         ("met", ["1"], {}), ("together", ["1", "2"], {}), ("left-with", ["2"], {"within_s": 5.0, "gap_s": 5.0}),
         ("who-was-in", ["bench"], {"at": moment("7")}), ("loitered", ["bench"], {"least_s": 1.0}),
         ("entered-never-left", [], {}), ("grouping-and-splitting", [], {}), ("group-history", ["3"], {}),
@@ -320,7 +323,9 @@ SEVENTHS = 142_857_143
 
 @pytest.fixture(scope="module")
 def sevenths(
-    tmp_path_factory: pytest.TempPathFactory, story_type, write_story
+    tmp_path_factory: pytest.TempPathFactory,
+    story_type: type[Any],
+    write_story: Callable[..., Any],
 ) -> Iterator[Case]:
     """Seven frames a second, so that no time has few digits: 1 and 2 meet and leave, 2 three
     frames after 1.

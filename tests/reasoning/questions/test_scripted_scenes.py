@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -70,13 +71,15 @@ def played(
 
 
 @pytest.fixture(params=[n for n in SCRIPTS if n != "empty_scene"])
-def asked(request: pytest.FixtureRequest, played) -> Iterator[tuple[GeneratedScene, Case]]:
+def asked(
+    request: pytest.FixtureRequest, played: Callable[..., Any]
+) -> Iterator[tuple[GeneratedScene, Case]]:
     scene, path = played(request.param)
     with Case([path]) as case:
         yield scene, case
 
 
-def ask(case: Case, name: str, *words: object, **options) -> list[dict]:
+def ask(case: Case, name: str, *words: object, **options: Any) -> list[dict]:
     answer = case.sql(question(name).sure_sql([str(w) for w in words], Options(**options)))
     return [dict(zip(answer.columns, row, strict=True)) for row in answer.rows]
 
@@ -108,14 +111,14 @@ def present(scene: GeneratedScene, frame: int) -> set[int]:
     return found
 
 
-def test_who_was_in_the_scene(asked) -> None:
+def test_who_was_in_the_scene(asked: tuple[GeneratedScene, Case]) -> None:
     scene, case = asked
     for frame in range(0, scene.frame_count, max(1, scene.frame_count // 12)):
         rows = ask(case, "who-was-in", "scene", at=Moment(frame=frame))
         assert {r["track"] for r in rows} == present(scene, frame), frame
 
 
-def test_who_was_in_a_zone_and_who_loitered(asked) -> None:
+def test_who_was_in_a_zone_and_who_loitered(asked: tuple[GeneratedScene, Case]) -> None:
     scene, case = asked
     for visit in scene.truth.zone_visits:
         middle = (visit.start + visit.end) // 2
@@ -150,7 +153,7 @@ def test_who_was_in_a_zone_and_who_loitered(asked) -> None:
                     assert abs(found[actor][1] - end) <= 2
 
 
-def test_who_never_left(asked) -> None:
+def test_who_never_left(asked: tuple[GeneratedScene, Case]) -> None:
     scene, case = asked
     last = scene.frame_count - 1
     away = {
@@ -169,7 +172,7 @@ CROWDED = ("crowd", "three_fish", "six_fish")
 """Scenes whose scripts say nothing of who is together: everybody keeps close to everybody."""
 
 
-def test_together(asked) -> None:
+def test_together(asked: tuple[GeneratedScene, Case]) -> None:
     """Who was together and when, as the script says it, within a second where
     one comes or goes, or as far as the two are tracked.
     """
@@ -191,7 +194,9 @@ def test_together(asked) -> None:
         assert abs(row["end_frame"] - end) <= slack, (scene.name, a, b)
 
 
-def test_phases_lead_up_to_and_out_of_the_time_together(asked) -> None:
+def test_phases_lead_up_to_and_out_of_the_time_together(
+    asked: tuple[GeneratedScene, Case],
+) -> None:
     _, case = asked
     order = {"approach": 0, "together": 1, "parting": 2}
     for a, b, first, last in case.rows(
@@ -212,7 +217,7 @@ def test_phases_lead_up_to_and_out_of_the_time_together(asked) -> None:
     "name",
     ["pass_by", "full_occlusion", "leave_and_come_back", "stand_on_edge", "single_walker"],
 )
-def test_nobody_together(name: str, played) -> None:
+def test_nobody_together(name: str, played: Callable[..., Any]) -> None:
     with Case([played(name)[1]]) as case:
         assert case.rows("SELECT * FROM encounters") == []
 
@@ -259,17 +264,13 @@ def runs(frames: list[int]) -> list[tuple[int, int]]:
 
 
 @pytest.fixture
-def raw(asked) -> Raw:
+def raw(asked: tuple[GeneratedScene, Case]) -> Raw:
     _, case = asked
     told = Raw()
     with LogReader(case.inputs[0]) as log:
         for message in log.messages([channels.topic("camera", n) for n in CHANNELS]):
-            take(
-                told,
-                channels.decode(
-                    channels.split(message.topic)[1], message.data, path=case.inputs[0]
-                ),
-            )
+            name = channels.split(message.topic)[1]
+            take(told, channels.decode(name, message.data, path=str(case.inputs[0])))
     return told
 
 
@@ -300,7 +301,7 @@ def take(told: Raw, message: object) -> None:
                 told.both[t.id, *partners].append(message.frame)
 
 
-def test_met(asked, raw: Raw) -> None:
+def test_met(asked: tuple[GeneratedScene, Case], raw: Raw) -> None:
     scene, case = asked
     for a in (x.id for x in scene.truth.actors):
         frames: dict[int, list[int]] = defaultdict(list)
@@ -324,7 +325,7 @@ def test_met(asked, raw: Raw) -> None:
             assert both == [row]
 
 
-def test_contacts(asked, raw: Raw) -> None:
+def test_contacts(asked: tuple[GeneratedScene, Case], raw: Raw) -> None:
     """The earliest arrival over at most so many contacts, contact by contact."""
     scene, case = asked
     for a in [x.id for x in scene.truth.actors][:4]:
@@ -347,7 +348,7 @@ def test_contacts(asked, raw: Raw) -> None:
         } == wanted
 
 
-def test_who_left_with_whom(asked, raw: Raw) -> None:
+def test_who_left_with_whom(asked: tuple[GeneratedScene, Case], raw: Raw) -> None:
     scene, case = asked
     last = scene.frame_count - 1
     exits = {e.subjects[0]: e.frame for e in raw.events if e.kind == "exited"}
@@ -372,7 +373,7 @@ def test_who_left_with_whom(asked, raw: Raw) -> None:
         assert {r["other"] for r in ask(case, "left-with", a)} == wanted, a
 
 
-def test_who_was_near_before(asked, raw: Raw) -> None:
+def test_who_was_near_before(asked: tuple[GeneratedScene, Case], raw: Raw) -> None:
     scene, case = asked
     met = case.rows(
         "SELECT a, b, 'together: ' || kind, start_frame, end_frame FROM encounters"
@@ -401,7 +402,7 @@ def test_who_was_near_before(asked, raw: Raw) -> None:
         assert all(r["until_t"] <= event.frame / scene.fps + 1e-6 for r in rows)
 
 
-def test_who_groups_and_splits(asked, raw: Raw) -> None:
+def test_who_groups_and_splits(asked: tuple[GeneratedScene, Case], raw: Raw) -> None:
     _, case = asked
     wanted = sorted(
         (t, s, e, list(g), list(p)) for (t, g, p), n in raw.both.items() for s, e in runs(n)
@@ -419,7 +420,7 @@ def test_who_groups_and_splits(asked, raw: Raw) -> None:
     assert sorted(found) == wanted
 
 
-def test_histories_of_groups(asked, raw: Raw) -> None:
+def test_histories_of_groups(asked: tuple[GeneratedScene, Case], raw: Raw) -> None:
     _, case = asked
     for label in raw.groups:
         older, younger = {label}, {label}
@@ -435,7 +436,9 @@ def test_histories_of_groups(asked, raw: Raw) -> None:
         assert found["descendant"] == younger - {label}
 
 
-def test_timelines_hold_everything_and_nothing_else(asked, raw: Raw) -> None:
+def test_timelines_hold_everything_and_nothing_else(
+    asked: tuple[GeneratedScene, Case], raw: Raw
+) -> None:
     _, case = asked
     met = case.rows("SELECT a, b, start_frame FROM encounters")
     for track in raw.presence:
@@ -462,7 +465,7 @@ def test_timelines_hold_everything_and_nothing_else(asked, raw: Raw) -> None:
         assert [r["start_t"] for r in rows] == sorted(r["start_t"] for r in rows)
 
 
-def test_two_leave_together_in_the_demo(played) -> None:
+def test_two_leave_together_in_the_demo(played: Callable[..., Any]) -> None:
     with Case([played("demo")[1]]) as case:
         assert [r["other"] for r in ask(case, "left-with", 1)] == [3]
         assert [r["other"] for r in ask(case, "left-with", 3)] == [1]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -63,8 +65,8 @@ def test_what_is_not_plain_is_refused_by_name() -> None:
         encode_state(np.zeros(2, complex))
 
 
-def made(**changes: object) -> Checkpoint:
-    fields = {
+def made(**changes: Any) -> Checkpoint:
+    fields: dict[str, Any] = {
         "version": checkpoint.FORMAT, "frame": 4, "time_ns": 9, "recorded": "r", "input_link": "i", "link": "l",
         "tracker": "events", "fingerprint": "f", "tracker_state": {"n": 1}, "reasoner_state": [],
     }  # fmt: skip

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from recorders.detectors import Sighting, as_detections
@@ -10,8 +12,8 @@ from recorders.limits import DEFAULT_LIMITS
 from recorders.message_checks import check_detections
 
 
-def test_boxes_are_cut_to_the_picture_and_sorted_by_score():
-    found = [
+def test_boxes_are_cut_to_the_picture_and_sorted_by_score() -> None:
+    found: list[Any] = [
         Sighting((-5, 10, 20, 30), 0.3, "cat"),
         ((300, 230, 50, 50), 0.9),
         ((400, 10, 20, 20), 1.0, "outside"),
@@ -32,6 +34,6 @@ def test_boxes_are_cut_to_the_picture_and_sorted_by_score():
         (((1, 2, 3, 4), 1.5), "a score of 1.5"),
     ],
 )
-def test_answers_that_are_none_name_detector_and_frame(one, said):
+def test_answers_that_are_none_name_detector_and_frame(one: Any, said: str) -> None:
     with pytest.raises(SceneTraceError, match=f"the detector mine:D in frame 7: .*{said}"):
         as_detections("mine:D", 7, 320, 240, [one])

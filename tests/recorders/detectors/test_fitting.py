@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from recorders.detectors.fitting import PADDING, Preparation, as_input, placement
+from recorders.detectors.fitting import PADDING, Fit, Preparation, as_input, placement
 
 
 @pytest.mark.parametrize("fit", ["letterbox", "corner", "stretch"])
 @pytest.mark.parametrize("size", [(200, 100), (100, 200), (64, 64), (33, 57)])
-def test_boxes_come_back_where_the_picture_is(fit, size):
+def test_boxes_come_back_where_the_picture_is(fit: Fit, size: tuple[int, int]) -> None:
     width, height = size
     picture = np.zeros((height, width, 3), np.uint8)
     left, top, right, bottom = width // 4, height // 4, width // 2, 3 * height // 4
@@ -28,7 +28,7 @@ def test_boxes_come_back_where_the_picture_is(fit, size):
     )
 
 
-def test_letterbox_is_grey_beside_the_picture():
+def test_letterbox_is_grey_beside_the_picture() -> None:
     made = as_input(np.zeros((32, 64, 3), np.uint8), Preparation(64, 64))
     assert made.shape == (1, 3, 64, 64)
     assert made.dtype == np.float32
@@ -38,7 +38,7 @@ def test_letterbox_is_grey_beside_the_picture():
     assert (made[0, :, 48:] == grey).all()
 
 
-def test_colours_mean_and_spread():
+def test_colours_mean_and_spread() -> None:
     blue = np.zeros((8, 8, 3), np.uint8)
     blue[..., 0] = 200
     made = as_input(blue, Preparation(8, 8, "stretch", mean=(0, 0, 100), spread=(1, 1, 50)))
@@ -47,7 +47,7 @@ def test_colours_mean_and_spread():
     assert made[0, :, 0, 0].tolist() == [2, 0, 0]
 
 
-def test_whole_numbers_with_channels_last():
+def test_whole_numbers_with_channels_last() -> None:
     picture = np.arange(8 * 8 * 3, dtype=np.uint8).reshape(8, 8, 3)
     made = as_input(picture, Preparation(8, 8, "stretch", channels_last=True, whole=True))
     assert made.dtype == np.uint8

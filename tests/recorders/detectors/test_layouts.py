@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ CELLS = 144 + 36 + 9
 FOUR = CELLS + 4
 
 
-def outputs(**shapes):
+def outputs(**shapes: Any) -> list[Output]:
     return [Output.of(name, np.zeros(shape)) for name, shape in shapes.items()]
 
 
@@ -42,7 +44,7 @@ def outputs(**shapes):
         ({"output": (1, CELLS, 112)}, "nanodet", 80),
     ],
 )
-def test_recognised(shapes, family, classes):
+def test_recognised(shapes: dict[str, tuple[int, ...]], family: str, classes: int) -> None:
     layout = recognise(outputs(**shapes), SIZE)
     assert layout is not None
     assert (layout.family, len(layout.names)) == (family, classes)
@@ -59,12 +61,12 @@ def test_recognised(shapes, family, classes):
         {"output": ()},
     ],
 )
-def test_what_is_no_detector_is_told_apart(shapes):
+def test_what_is_no_detector_is_told_apart(shapes: dict[str, tuple[int, ...]]) -> None:
     arrays = [Output.of(name, np.ones(shape)) for name, shape in shapes.items()]
     assert recognise(arrays, SIZE) is None
 
 
-def test_names_say_how_many_rows_are_classes():
+def test_names_say_how_many_rows_are_classes() -> None:
     found = outputs(output0=(1, 4 + 2 + 32, CELLS))
     layout = recognise(found, SIZE, ["cat", "dog"])
     assert layout is not None
@@ -73,13 +75,13 @@ def test_names_say_how_many_rows_are_classes():
     assert layout.decode(found, SIZE, 0.25).classes.tolist() == [1]
 
 
-def test_turned_output_where_the_names_tell():
+def test_turned_output_where_the_names_tell() -> None:
     layout = recognise(outputs(output0=(1, CELLS, 6)), SIZE, ["cat", "dog"])
     assert layout is not None
     assert layout.family == "yolov8"
 
 
-def test_a_forced_family_fits_or_not():
+def test_a_forced_family_fits_or_not() -> None:
     found = outputs(output=(1, CELLS, 85))
     forced = recognise(found, SIZE, family="yolov5")
     assert forced is not None
@@ -87,6 +89,6 @@ def test_a_forced_family_fits_or_not():
     assert recognise(found, SIZE, family="fastestdet") is None
 
 
-def test_every_family_is_fed_and_every_alias_is_a_family():
+def test_every_family_is_fed_and_every_alias_is_a_family() -> None:
     assert sorted(FEEDING) == sorted(FORMATS)
     assert set(ALIASES.values()) <= set(FORMATS)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,13 +20,17 @@ CELLS = 144 + 36 + 9
 PICTURE = np.zeros((48, 96, 3), np.uint8)  # lies in rows 24 to 72 of a letterbox of 96x96
 
 
-def opened(path, family=None, labels=(), **parameters):
+def opened(
+    path: Path, family: str | None = None, labels: tuple[str, ...] = (), **parameters: Any
+) -> OnnxDetector | None:
     return OnnxDetector(
         ModelOptions(path, family, labels), DetectorParameters(**parameters)
     )
 
 
-def test_a_yolo_runs_in_opencv_and_its_boxes_are_the_pictures(constant_model, tmp_path):
+def test_a_yolo_runs_in_opencv_and_its_boxes_are_the_pictures(
+    constant_model: Callable[..., Any], tmp_path: Path
+) -> None:
     out = np.zeros((1, 6, CELLS), F)
     out[0, :, 3] = [48, 48, 20, 10, 0.2, 0.9]
     out[0, :, 4] = [49, 48, 20, 10, 0.1, 0.8]
@@ -45,7 +52,9 @@ def test_a_yolo_runs_in_opencv_and_its_boxes_are_the_pictures(constant_model, tm
     assert len(opened(path, suppress_overlap=1.0).detect(PICTURE)) == 3
 
 
-def test_open_sizes_come_from_the_metadata_or_the_parameter(constant_model, tmp_path):
+def test_open_sizes_come_from_the_metadata_or_the_parameter(
+    constant_model: Callable[..., Any], tmp_path: Path
+) -> None:
     out = {"output0": np.zeros((1, 300, 6), F)}
     open_ = (1, 3, "h", "w")
     told = constant_model(tmp_path / "a.onnx", out, open_, metadata={"imgsz": "[64, 96]"})
@@ -56,7 +65,12 @@ def test_open_sizes_come_from_the_metadata_or_the_parameter(constant_model, tmp_
 
 
 @pytest.mark.parametrize("engine", ["opencv", "onnxruntime"])
-def test_dfine_with_its_second_input(constant_model, tmp_path, monkeypatch, engine):
+def test_dfine_with_its_second_input(
+    constant_model: Callable[..., Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    engine: str,
+) -> None:
     boxes = np.zeros((1, 300, 4), F)
     boxes[0, 0] = [48, 48, 96, 96]
     scores = np.zeros((1, 300), F)
@@ -95,8 +109,13 @@ def test_dfine_with_its_second_input(constant_model, tmp_path, monkeypatch, engi
     ],
 )
 def test_every_family_runs_in_opencv(
-    constant_model, tmp_path, outputs, picture, kind, family
-):
+    constant_model: Callable[..., Any],
+    tmp_path: Path,
+    outputs: dict[str, tuple[int, ...]],
+    picture: tuple[int, int, int, int],
+    kind: int,
+    family: str,
+) -> None:
     values = {name: np.zeros(shape, F) for name, shape in outputs.items()}
     detector = opened(constant_model(tmp_path / "m.onnx", values, picture, kind=kind))
     assert detector.facts["format"] == family
@@ -104,7 +123,9 @@ def test_every_family_runs_in_opencv(
     detector.detect(PICTURE)
 
 
-def test_a_model_that_fits_nothing_names_its_outputs(constant_model, tmp_path):
+def test_a_model_that_fits_nothing_names_its_outputs(
+    constant_model: Callable[..., Any], tmp_path: Path
+) -> None:
     path = constant_model(
         tmp_path / "c.onnx", {"classes": np.zeros((1, 1000), F)}, (1, 3, 96, 96)
     )
@@ -114,7 +135,7 @@ def test_a_model_that_fits_nothing_names_its_outputs(constant_model, tmp_path):
         opened(path, "yolo11")
 
 
-def test_words_that_are_wrong(constant_model, tmp_path):
+def test_words_that_are_wrong(constant_model: Callable[..., Any], tmp_path: Path) -> None:
     out = {"output0": np.zeros((1, 84, CELLS), F)}
     path = constant_model(tmp_path / "m.onnx", out, (1, 3, 96, 96))
     with pytest.raises(UsageError, match=r"--labels persn: m.onnx knows no such class"):
@@ -131,14 +152,21 @@ def test_words_that_are_wrong(constant_model, tmp_path):
         ((1, 1, 96, 96), r"no input takes one colour picture .* images 1x1x96x96"),
     ],
 )
-def test_inputs_that_are_refused(constant_model, tmp_path, picture, said):
+def test_inputs_that_are_refused(
+    constant_model: Callable[..., Any],
+    tmp_path: Path,
+    picture: tuple[int, int, int, int],
+    said: str,
+) -> None:
     path = constant_model(tmp_path / "m.onnx", {"o": np.zeros((1, 300, 6), F)}, picture)
     with pytest.raises(SceneTraceError, match=said) as refused:
         opened(path)
     assert "\n" not in str(refused.value)
 
 
-def test_damaged_files_are_one_line(constant_model, tmp_path):
+def test_damaged_files_are_one_line(
+    constant_model: Callable[..., Any], tmp_path: Path
+) -> None:
     whole = constant_model(
         tmp_path / "m.onnx", {"o": np.zeros((1, 300, 6), F)}, (1, 3, 96, 96)
     ).read_bytes()
@@ -164,8 +192,8 @@ def test_damaged_files_are_one_line(constant_model, tmp_path):
 
 
 def test_a_model_that_brings_the_libraries_down_is_one_line(
-    constant_model, tmp_path, monkeypatch
-):
+    constant_model: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     fall = "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"
     monkeypatch.setattr(network, "_CHILD", fall)
     path = constant_model(tmp_path / "m.onnx", {"o": np.zeros((1, 300, 6), F)})
@@ -175,7 +203,9 @@ def test_a_model_that_brings_the_libraries_down_is_one_line(
         opened(path)
 
 
-def test_what_nothing_can_run_says_so(constant_model, tmp_path, monkeypatch):
+def test_what_nothing_can_run_says_so(
+    constant_model: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     onnx = pytest.importorskip("onnx")
     path = constant_model(
         tmp_path / "m.onnx", {"o": np.zeros((1, 300, 6), F)}, (1, 3, 96, 96)
@@ -190,7 +220,9 @@ def test_what_nothing_can_run_says_so(constant_model, tmp_path, monkeypatch):
         opened(path)
 
 
-def test_onnxruntime_gives_what_opencv_gives(constant_model, tmp_path):
+def test_onnxruntime_gives_what_opencv_gives(
+    constant_model: Callable[..., Any], tmp_path: Path
+) -> None:
     pytest.importorskip("onnxruntime")
     out = np.linspace(0, 1, 1800, dtype=F).reshape(1, 300, 6)
     path = constant_model(tmp_path / "m.onnx", {"o": out}, (1, 3, 96, 96))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -21,12 +24,14 @@ from recorders.fusion.belief import (
 from recorders.fusion.chains import Chains
 from recorders.fusion.hypotheses import hypotheses
 from recorders.fusion.steadiness import Steadiness
-from recorders.messages import NO_BLOB, Blob, Detections, Ellipse
+from recorders.messages import NO_BLOB, Blob, Box, Detections, Ellipse
 
 FPS, WIDTH, HEIGHT = 10.0, 320, 240
 
+Given = tuple[list[Box], list[tuple[Box, float]]]
 
-def masks(frame, *boxes):
+
+def masks(frame: int, *boxes: tuple[float, float, float, float]) -> Detections:
     blobs = [
         Blob(k, box, 100, Ellipse(box[0], box[1], 20, 10, 0.0))
         for k, box in enumerate(boxes, 1)
@@ -38,7 +43,9 @@ def masks(frame, *boxes):
     )  # fmt: skip
 
 
-def detector(frame, *found):
+def detector(
+    frame: int, *found: tuple[tuple[float, float, float, float], float]
+) -> Detections:
     """Boxes with a score; blob 7 stands for where they lie."""
     n = len(found)
     return Detections(
@@ -47,7 +54,11 @@ def detector(frame, *found):
     )  # fmt: skip
 
 
-def fused(frames, sample=None, **parameters):
+def fused(
+    frames: Sequence[Given],
+    sample: list[Any] | None = None,
+    **parameters: Any,
+) -> list[Detections]:
     """Frames of (masks' boxes, detector's boxes with scores) -> the detections of each."""
     given = [
         (masks(k, *mine), detector(k, *theirs)) for k, (mine, theirs) in enumerate(frames)
@@ -61,15 +72,17 @@ def fused(frames, sample=None, **parameters):
     return out
 
 
-def walker(frame, x=20, speed=4):
+def walker(frame: int, x: int = 20, speed: int = 4) -> tuple[float, float, float, float]:
     return (float(x + speed * frame), 100.0, 30.0, 80.0)
 
 
-def shifted(box, dx=0.0, dy=0.0):
+def shifted(
+    box: tuple[float, float, float, float], dx: float = 0.0, dy: float = 0.0
+) -> tuple[float, float, float, float]:
     return (box[0] + dx, box[1] + dy, box[2], box[3])
 
 
-def test_what_both_see_is_one_body_with_the_masks_blob_and_the_detectors_label():
+def test_what_both_see_is_one_body_with_the_masks_blob_and_the_detectors_label() -> None:
     frames = [([walker(k)], [(shifted(walker(k), 3), 0.8)]) for k in range(40)]
     for k, d in enumerate(fused(frames)):
         ((x, *_),) = d.boxes
@@ -78,12 +91,12 @@ def test_what_both_see_is_one_body_with_the_masks_blob_and_the_detectors_label()
         assert d.scores[0] > 0.9
 
 
-def test_a_body_that_the_detector_misses_for_a_while_is_kept():
+def test_a_body_that_the_detector_misses_for_a_while_is_kept() -> None:
     frames = [([walker(k)], [] if 20 <= k < 26 else [(walker(k), 0.8)]) for k in range(60)]
     assert [len(d.boxes) for d in fused(frames)] == [1] * 60
 
 
-def test_who_stands_still_and_melts_into_the_background_is_kept_by_the_detector():
+def test_who_stands_still_and_melts_into_the_background_is_kept_by_the_detector() -> None:
     frames = []
     for k in range(120):
         box = walker(min(k, 30))
@@ -93,13 +106,13 @@ def test_who_stands_still_and_melts_into_the_background_is_kept_by_the_detector(
     assert out[-1].blobs == [7]
 
 
-def test_reflections_that_a_detector_never_sees_go():
+def test_reflections_that_a_detector_never_sees_go() -> None:
     spot = (200.0, 20.0, 12.0, 9.0)
     frames = [([walker(k), spot], [(walker(k), 0.9)]) for k in range(60)]
     assert all(len(d.boxes) == 1 for d in fused(frames)[15:])
 
 
-def test_a_detectors_weak_doubles_go_where_the_masks_miss_nobody():
+def test_a_detectors_weak_doubles_go_where_the_masks_miss_nobody() -> None:
     ghost = (250.0, 150.0, 30.0, 80.0)
     frames = [
         ([walker(k)], [(walker(k), 0.9)] + ([(ghost, 0.5)] if k % 5 == 0 else []))
@@ -108,17 +121,17 @@ def test_a_detectors_weak_doubles_go_where_the_masks_miss_nobody():
     assert all(len(d.boxes) == 1 for d in fused(frames))
 
 
-def test_masks_are_believed_where_the_detector_knows_nothing():
-    frames = [([walker(k), walker(k, 60, 3)], []) for k in range(40)]
+def test_masks_are_believed_where_the_detector_knows_nothing() -> None:
+    frames: list[Given] = [([walker(k), walker(k, 60, 3)], []) for k in range(40)]
     assert [len(d.boxes) for d in fused(frames)] == [2] * 40
 
 
-def test_the_detector_is_believed_where_the_masks_show_nothing():
-    frames = [([], [(walker(k), 0.8)]) for k in range(40)]
+def test_the_detector_is_believed_where_the_masks_show_nothing() -> None:
+    frames: list[Given] = [([], [(walker(k), 0.8)]) for k in range(40)]
     assert [len(d.boxes) for d in fused(frames)] == [1] * 40
 
 
-def test_a_blob_of_two_who_are_detected_says_nothing_new():
+def test_a_blob_of_two_who_are_detected_says_nothing_new() -> None:
     frames = []
     for k in range(60):
         a, b = walker(k), walker(k, 60)
@@ -128,7 +141,7 @@ def test_a_blob_of_two_who_are_detected_says_nothing_new():
     assert [len(d.boxes) for d in fused(frames)] == [2] * 60
 
 
-def test_the_steadier_source_counts_more():
+def test_the_steadier_source_counts_more() -> None:
     rng = np.random.default_rng(0)
     steady, shaken = [], []
     for k in range(80):
@@ -137,7 +150,14 @@ def test_the_steadier_source_counts_more():
         steady.append(([box], [(shifted(box, noise), 0.9)]))
         shaken.append(([shifted(box, noise)], [(box, 0.9)]))
 
-    def error(frames):
+    def error(
+        frames: list[
+            tuple[
+                list[tuple[float, float, float, float]],
+                list[tuple[tuple[float, float, float, float], float]],
+            ]
+        ],
+    ) -> float:
         boxes = [d.boxes[0][0] - walker(k, speed=2)[0] for k, d in enumerate(fused(frames))]
         return float(np.abs(boxes[20:]).mean())
 
@@ -145,23 +165,23 @@ def test_the_steadier_source_counts_more():
     assert error(shaken) < 0.8
 
 
-def test_boxes_stay_in_the_picture_and_blobs_among_the_components():
+def test_boxes_stay_in_the_picture_and_blobs_among_the_components() -> None:
     frames = [([walker(k, 280)], [(walker(k, 285), 0.9)]) for k in range(9)]
     for d in fused(frames):
         assert all(x >= 0 and x + w <= WIDTH for x, _, w, _ in d.boxes)
         assert all(0 < blob <= len(d.components) for blob in d.blobs)
 
 
-def test_it_does_not_look_further_ahead_than_it_says():
+def test_it_does_not_look_further_ahead_than_it_says() -> None:
     frames = [([walker(k)], [(walker(k), 0.9)]) for k in range(30)]
     changed = [*frames[:25], *[([], []) for _ in range(5)]]
     a, b = (fused(f, sample=[], ahead_s=0.5) for f in (frames, changed))
     assert a[:20] == b[:20]
 
 
-def test_the_same_frames_give_the_same_detections():
+def test_the_same_frames_give_the_same_detections() -> None:
     rng = np.random.default_rng(3)
-    frames = [
+    frames: Any = [
         (
             [tuple(map(float, rng.integers(5, 90, 4))) for _ in range(4)],
             [(tuple(map(float, rng.integers(5, 90, 4))), float(rng.random()))] * 3,
@@ -172,12 +192,12 @@ def test_the_same_frames_give_the_same_detections():
 
 
 @pytest.mark.parametrize("score", [-1.0, 7.5])
-def test_scores_on_another_scale_are_of_boxes_that_were_chosen(score):
-    frames = [([], [(walker(k), score)]) for k in range(20)]
+def test_scores_on_another_scale_are_of_boxes_that_were_chosen(score: float) -> None:
+    frames: list[Given] = [([], [(walker(k), score)]) for k in range(20)]
     assert [len(d.boxes) for d in fused(frames)] == [1] * 20
 
 
-def test_pairs_are_the_best_overlaps_and_doubles_of_the_detector_are_one():
+def test_pairs_are_the_best_overlaps_and_doubles_of_the_detector_are_one() -> None:
     a, b = (10.0, 10.0, 20.0, 40.0), (60.0, 10.0, 20.0, 40.0)
     found = hypotheses(
         masks(0, a, b), detector(0, (shifted(b, 2), 0.9), (shifted(b, 4), 0.8), (a, 0.3))
@@ -186,12 +206,12 @@ def test_pairs_are_the_best_overlaps_and_doubles_of_the_detector_are_one():
     assert [h.score for h in found] == [0.3, 0.9]
 
 
-def test_weak_boxes_of_the_detector_alone_are_no_hypotheses():
+def test_weak_boxes_of_the_detector_alone_are_no_hypotheses() -> None:
     found = hypotheses(masks(0), detector(0, (walker(0), 0.39), (walker(0, 200), 0.41)))
     assert [(h.row, h.column) for h in found] == [(NO_BLOB, 1)]
 
 
-def test_chains_follow_speed_over_a_gap():
+def test_chains_follow_speed_over_a_gap() -> None:
     chains = Chains(FPS)
     first = None
     for k in (0, 1, 2, 3, 6, 7):
@@ -201,7 +221,7 @@ def test_chains_follow_speed_over_a_gap():
         assert chain is first
 
 
-def test_usual_heights_grow_with_the_place_of_the_feet():
+def test_usual_heights_grow_with_the_place_of_the_feet() -> None:
     heights = Heights(HEIGHT)
     assert heights.size_of(200, 80) == UNKNOWN
     for foot in range(60, 240, 10):
@@ -211,17 +231,17 @@ def test_usual_heights_grow_with_the_place_of_the_feet():
     assert heights.size_of(70, 100) == LARGE
 
 
-def test_what_is_usual_are_frequencies_of_every_sign():
+def test_what_is_usual_are_frequencies_of_every_sign() -> None:
     assert len(BODY) == len(OTHER) == SIGNS
     for table in (BODY, OTHER, BODY_SIZES, OTHER_SIZES):
         assert sum(table) == pytest.approx(1.0)
 
 
-def test_shares_are_even_before_anything_was_seen():
+def test_shares_are_even_before_anything_was_seen() -> None:
     assert Steadiness().shares() == pytest.approx([0.5] * 4)
 
 
-def test_a_box_of_the_masks_that_holds_two_is_nobodys_place():
+def test_a_box_of_the_masks_that_holds_two_is_nobodys_place() -> None:
     a, b = (40.0, 40.0, 40.0, 100.0), (85.0, 40.0, 30.0, 100.0)
     merged = (40.0, 40.0, 75.0, 100.0)
     found = hypotheses(masks(0, merged), detector(0, (a, 0.9), (b, 0.9)))

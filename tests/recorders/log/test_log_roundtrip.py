@@ -281,8 +281,12 @@ def test_pictures_are_not_unpacked_for_detections(
     messages: list[Written] = [(1 + k % 2, b"x" * 100, k * 10**8, k, k) for k in range(200)]
     write_log(tmp_path / "log.mcap", messages)
     with LogReader(tmp_path / "log.mcap") as log:
-        small = {block.offset for block in log.index.blocks if block.channels == {2}}
-        pictures = {block.offset for block in log.index.blocks if block.channels == {1}}
+        small = {
+            block.offset for block in log.index.blocks if block.channels == frozenset({2})
+        }
+        pictures = {
+            block.offset for block in log.index.blocks if block.channels == frozenset({1})
+        }
         assert small
         assert pictures
         opened: list[int] = []

@@ -10,12 +10,12 @@ import pytest
 from recorders.segmentation.background import Background, Samples, most_common, sort_stack
 
 
-def picture(value, shape=(4, 5, 3)):
+def picture(value: int, shape: tuple[int, int, int] = (4, 5, 3)) -> np.ndarray:
     return np.full(shape, value % 256, np.uint8)
 
 
 @pytest.mark.parametrize("length", [1, 7, 60, 61, 500, 3001])
-def test_samples_are_few_and_spread_evenly(length):
+def test_samples_are_few_and_spread_evenly(length: int) -> None:
     samples = Samples(most=60)
     kept_at = []
     for k in range(length):
@@ -31,7 +31,7 @@ def test_samples_are_few_and_spread_evenly(length):
     assert kept[-1] >= length - 2 * (kept[1] - kept[0] if len(kept) > 1 else 1)
 
 
-def test_skipping_unwanted_pictures_is_the_same_as_adding_them():
+def test_skipping_unwanted_pictures_is_the_same_as_adding_them() -> None:
     a, b = Samples(most=8), Samples(most=8)
     for k in range(200):
         a.add(picture(k))
@@ -42,14 +42,14 @@ def test_skipping_unwanted_pictures_is_the_same_as_adding_them():
     assert [s[0, 0, 0] for s in a.kept] == [s[0, 0, 0] for s in b.kept]
 
 
-def test_large_pictures_are_sampled_less_but_enough_for_a_background():
+def test_large_pictures_are_sampled_less_but_enough_for_a_background() -> None:
     samples = Samples(most=60, most_bytes=10 * 60)
     for k in range(1000):
         samples.add(picture(k))
     assert 5 <= len(samples.kept) <= 10
 
 
-def test_a_window_slides_when_the_stride_has_reached_its_bound():
+def test_a_window_slides_when_the_stride_has_reached_its_bound() -> None:
     samples = Samples(most=10, max_stride=4)
     for k in range(1001):
         samples.add(np.array([k]))
@@ -59,12 +59,12 @@ def test_a_window_slides_when_the_stride_has_reached_its_bound():
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 6, 17, 32, 60])
-def test_the_network_sorts(n):
+def test_the_network_sorts(n: int) -> None:
     stack = np.random.default_rng(n).integers(0, 256, (n, 3, 4, 3), dtype=np.uint8)
     assert np.array_equal(np.array(sort_stack(list(stack))), np.sort(stack, axis=0))
 
 
-def test_the_most_common_value_withstands_what_passes():
+def test_the_most_common_value_withstands_what_passes() -> None:
     rng = np.random.default_rng(0)
     stack = [
         np.clip(rng.normal(90, 2, (20, 20, 3)), 0, 255).astype(np.uint8) for _ in range(41)
@@ -78,14 +78,14 @@ def test_the_most_common_value_withstands_what_passes():
     assert spread.max() <= 8
 
 
-def test_one_picture_is_its_own_background():
+def test_one_picture_is_its_own_background() -> None:
     only = picture(77)
     centre, spread = most_common([only])
     assert np.array_equal(centre, only)
     assert not spread.any()
 
 
-def test_the_level_is_higher_where_the_background_changes():
+def test_the_level_is_higher_where_the_background_changes() -> None:
     stack = [picture(100 + (40 if k % 2 else 0)) for k in range(20)]
     for s in stack:
         s[:2] = 100
@@ -93,7 +93,7 @@ def test_the_level_is_higher_where_the_background_changes():
     assert background.level[0, 0] < background.level[3, 0]
 
 
-def test_the_background_follows_a_change_of_light_of_the_whole_picture():
+def test_the_background_follows_a_change_of_light_of_the_whole_picture() -> None:
     background = Background.learn([picture(100, (60, 80, 3))] * 5, 30.0, 2.0)
     brighter = picture(100, (60, 80, 3))
     brighter[..., 0] = 118
@@ -102,14 +102,14 @@ def test_the_background_follows_a_change_of_light_of_the_whole_picture():
     assert (background.colour[..., 0] == 100).all()
 
 
-def test_something_large_is_not_taken_for_light():
+def test_something_large_is_not_taken_for_light() -> None:
     background = Background.learn([picture(100, (60, 80, 3))] * 5, 30.0, 2.0)
     rng = np.random.default_rng(1)
     covered = rng.integers(0, 256, (60, 80, 3), dtype=np.uint8)
     assert background.in_light_of(covered) is background.colour
 
 
-def test_the_background_moves_by_one_level_where_it_may():
+def test_the_background_moves_by_one_level_where_it_may() -> None:
     background = Background.learn([picture(100)] * 5, 30.0, 2.0)
     still = np.zeros((4, 5), np.uint8)
     still[:2] = 255
@@ -119,7 +119,7 @@ def test_the_background_moves_by_one_level_where_it_may():
 
 
 @pytest.mark.parametrize(("sigma", "noisy"), [(1.0, False), (9.0, True)])
-def test_noise_is_told_by_its_share_of_the_levels(sigma, noisy):
+def test_noise_is_told_by_its_share_of_the_levels(sigma: float, noisy: bool) -> None:
     rng = np.random.default_rng(2)
     stack = [
         np.clip(rng.normal(128, sigma, (20, 30, 3)), 0, 255).astype(np.uint8)
@@ -128,7 +128,7 @@ def test_noise_is_told_by_its_share_of_the_levels(sigma, noisy):
     assert Background.learn(stack, 30.0, 2.0).noisy is noisy
 
 
-def test_a_monochrome_camera_is_told_by_its_chroma():
+def test_a_monochrome_camera_is_told_by_its_chroma() -> None:
     grey = np.full((20, 30, 3), 128, np.uint8)
     grey[..., 0] = np.arange(30)
     coloured = grey.copy()

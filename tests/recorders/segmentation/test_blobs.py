@@ -14,7 +14,9 @@ from recorders.segmentation.blobs import components, ellipse_of
 from recorders.vision import cv2
 
 
-def filled_ellipse(cx, cy, h, w, theta, size=200):
+def filled_ellipse(
+    cx: float, cy: float, h: float, w: float, theta: float, size: int = 200
+) -> np.ndarray:
     y, x = np.mgrid[0:size, 0:size] + 0.5
     along = (x - cx) * math.cos(theta) + (y - cy) * math.sin(theta)
     across = -(x - cx) * math.sin(theta) + (y - cy) * math.cos(theta)
@@ -24,7 +26,7 @@ def filled_ellipse(cx, cy, h, w, theta, size=200):
 
 
 @pytest.mark.parametrize("theta", [-1.2, -0.7, 0.0, 0.4, 1.0, math.pi / 2])
-def test_the_ellipse_of_a_drawn_ellipse_is_that_ellipse(theta):
+def test_the_ellipse_of_a_drawn_ellipse_is_that_ellipse(theta: float) -> None:
     e = ellipse_of(filled_ellipse(97.3, 104.8, 80.0, 36.0, theta))
     assert (e.x, e.y) == pytest.approx((97.3, 104.8), abs=0.15)
     assert (e.h, e.w) == pytest.approx((80.0, 36.0), rel=0.01)
@@ -32,7 +34,7 @@ def test_the_ellipse_of_a_drawn_ellipse_is_that_ellipse(theta):
     assert -math.pi / 2 < e.theta <= math.pi / 2
 
 
-def test_the_ellipse_follows_the_formulas_to_the_letter():
+def test_the_ellipse_follows_the_formulas_to_the_letter() -> None:
     mask = np.random.default_rng(5).integers(0, 2, (13, 29), dtype=np.uint8)
     y, x = np.nonzero(mask)
     sxx, syy = x.var(), y.var()
@@ -44,7 +46,7 @@ def test_the_ellipse_follows_the_formulas_to_the_letter():
     assert e.theta == pytest.approx(math.atan2(2 * sxy, sxx - syy) / 2)
 
 
-def test_an_upright_line_has_the_angle_pi_half_and_no_width():
+def test_an_upright_line_has_the_angle_pi_half_and_no_width() -> None:
     e = ellipse_of(np.full((9, 1), 255, np.uint8))
     assert e.theta == pytest.approx(math.pi / 2)
     assert e.w == 0.0
@@ -57,11 +59,14 @@ def test_an_upright_line_has_the_angle_pi_half_and_no_width():
     blur=st.integers(0, 3),
     least=st.integers(0, 30),
 )
-def test_blob_ids_are_the_labels_of_the_mask_that_is_kept(seed, shape, blur, least):
+def test_blob_ids_are_the_labels_of_the_mask_that_is_kept(
+    seed: int, shape: tuple[int, int], blur: int, least: int
+) -> None:
     noise = np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8)
     level = 128
     if blur:
-        noise = cv2.GaussianBlur(noise, (2 * blur + 1, 2 * blur + 1), 0)
+        width = 2 * blur + 1
+        noise = np.asarray(cv2.GaussianBlur(noise, (width, width), 0), np.uint8)
         level = 134
     mask = (noise > level).astype(np.uint8) * np.uint8(255)
     kept, labels, found = components(mask, least)
@@ -76,7 +81,7 @@ def test_blob_ids_are_the_labels_of_the_mask_that_is_kept(seed, shape, blur, lea
         assert b.box == (x.min(), y.min(), x.max() - x.min() + 1, y.max() - y.min() + 1)
 
 
-def test_the_size_filter_drops_the_small_and_keeps_the_rest_untouched():
+def test_the_size_filter_drops_the_small_and_keeps_the_rest_untouched() -> None:
     mask = np.zeros((40, 60), np.uint8)
     mask[3:6, 3:6] = 255
     mask[10:30, 20:30] = 255
@@ -87,7 +92,7 @@ def test_the_size_filter_drops_the_small_and_keeps_the_rest_untouched():
     assert np.array_equal(kept[10:30, 20:30], mask[10:30, 20:30])
 
 
-def test_small_pieces_stay_where_most_of_them_was_foreground_before():
+def test_small_pieces_stay_where_most_of_them_was_foreground_before() -> None:
     mask, before = np.zeros((40, 80), np.uint8), np.zeros((40, 80), np.uint8)
     mask[5:9, 5:9] = mask[5:9, 25:29] = mask[5:9, 45:49] = 255
     mask[5:6, 65:67] = 255
@@ -101,14 +106,16 @@ def test_small_pieces_stay_where_most_of_them_was_foreground_before():
     assert [b.area for b in components(mask, 40, before)[2]] == [16, 16, 16]
 
 
-def test_nothing_gives_nothing():
+def test_nothing_gives_nothing() -> None:
     kept, labels, found = components(np.zeros((5, 7), np.uint8), 1)
     assert not kept.any()
     assert not labels.any()
     assert found == []
 
 
-def test_of_very_many_components_the_largest_are_kept(monkeypatch):
+def test_of_very_many_components_the_largest_are_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(module, "MOST_BLOBS", 3)
     mask = np.zeros((10, 60), np.uint8)
     for k, size in enumerate([1, 4, 2, 5, 3, 1]):

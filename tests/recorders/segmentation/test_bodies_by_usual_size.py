@@ -13,24 +13,24 @@ from recorders.vision import cv2
 WIDTH, HEIGHT = 320, 240
 
 
-def usual(width=20.0, height=60.0):
+def usual(width: float = 20.0, height: float = 60.0) -> UsualSize:
     return UsualSize(
         np.array([0.0, HEIGHT]), np.array([[width, height, width * height]] * 2)
     )
 
 
-def rows(*boxes):
+def rows(*boxes: tuple[int, int, int, int]) -> np.ndarray:
     return np.array([(x, y, w, h, w * h) for x, y, w, h in boxes], np.float64)
 
 
-def mask_of(*boxes):
+def mask_of(*boxes: tuple[int, int, int, int]) -> np.ndarray:
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
     for x, y, w, h in boxes:
         mask[y : y + h, x : x + w] = 255
     return mask
 
 
-def test_what_stands_alone_and_moves_teaches_the_usual_size():
+def test_what_stands_alone_and_moves_teaches_the_usual_size() -> None:
     seen = Sightings(WIDTH, HEIGHT)
     for k in range(8):
         specks = [(10 + 30 * i, 20, 3, 3) for i in range(8)]
@@ -47,7 +47,7 @@ def test_what_stands_alone_and_moves_teaches_the_usual_size():
 
 
 @pytest.mark.parametrize("moves", [0, 4])
-def test_what_never_moves_teaches_nothing(moves):
+def test_what_never_moves_teaches_nothing(moves: int) -> None:
     seen = Sightings(WIDTH, HEIGHT)
     for k in range(8):
         seen.observe(
@@ -56,7 +56,7 @@ def test_what_never_moves_teaches_nothing(moves):
     assert (seen.learn() is None) == (moves == 0)
 
 
-def test_near_and_far_bodies_have_sizes_of_their_own():
+def test_near_and_far_bodies_have_sizes_of_their_own() -> None:
     seen = Sightings(WIDTH, HEIGHT)
     for k in range(8):
         far, near = (10 + 30 * k, 20, 5, 15), (10 + 25 * k, 90, 50, 140)
@@ -67,7 +67,7 @@ def test_near_and_far_bodies_have_sizes_of_their_own():
     assert learnt.at(np.array([35.0, 230.0]))[1].tolist() == [15, 140]
 
 
-def test_pieces_of_one_body_are_one_and_two_bodies_are_two():
+def test_pieces_of_one_body_are_one_and_two_bodies_are_two() -> None:
     head, trunk, legs = (103, 50, 12, 12), (100, 66, 20, 20), (100, 92, 20, 18)
     other = (126, 50, 20, 60)
     groups = together(rows(head, trunk, legs, other), usual())
@@ -75,7 +75,7 @@ def test_pieces_of_one_body_are_one_and_two_bodies_are_two():
     assert groups[0].box == (100, 50, 120, 110)
 
 
-def test_a_body_is_one_component_of_the_mask_and_specks_are_none():
+def test_a_body_is_one_component_of_the_mask_and_specks_are_none() -> None:
     pieces = [(103, 50, 12, 12), (100, 66, 20, 20), (100, 92, 20, 18)]
     mask, labels, blobs = bodies_of(mask_of(*pieces, (200, 50, 3, 3)), usual(), None)
     assert [blob.box for blob in blobs] == [(100, 50, 20, 60)]
@@ -83,14 +83,14 @@ def test_a_body_is_one_component_of_the_mask_and_specks_are_none():
     assert labels.max() == 1
 
 
-def test_a_thin_tail_does_not_count_for_a_size():
+def test_a_thin_tail_does_not_count_for_a_size() -> None:
     mask = mask_of((100, 50, 20, 60), (120, 100, 60, 1))
     thick = without_thin(mask, usual())
     assert not thick[:, 122:].any()
     assert np.count_nonzero(thick) >= 0.95 * 20 * 60
 
 
-def test_the_background_behind_visitors_is_what_recurs():
+def test_the_background_behind_visitors_is_what_recurs() -> None:
     ground = np.full((40, 40, 3), (120, 128, 128), np.uint8)
     stack = []
     for k in range(2 * FEWEST):
@@ -105,7 +105,7 @@ def test_the_background_behind_visitors_is_what_recurs():
     assert np.array_equal(changed > 0, (visitor != ground).any(axis=2))
 
 
-def test_of_few_samples_nothing_recurs():
+def test_of_few_samples_nothing_recurs() -> None:
     picture = np.zeros((8, 8, 3), np.uint8)
     found, changed = recurring([picture] * (FEWEST - 1), picture)
     assert found is picture

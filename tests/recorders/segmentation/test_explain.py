@@ -4,6 +4,8 @@ proposed.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -20,7 +22,7 @@ MODEL = SizeModel(0.2, 20.0, 0.4, 40.0, 90.0)
 WIDTH, HEIGHT = 400, 300
 
 
-def draw(*feet):
+def draw(*feet: tuple[float, float]) -> np.ndarray:
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
     for x, y in feet:
         (bx, by, w, h) = MODEL.boxes(np.array([float(x)]), np.array([float(y)]))[0]
@@ -31,12 +33,12 @@ def draw(*feet):
     return mask
 
 
-def feet(boxes):
+def feet(boxes: np.ndarray) -> list[tuple[float, float]]:
     return sorted((x + w / 2, y + h) for x, y, w, h in boxes.tolist())
 
 
 @pytest.fixture(scope="module")
-def explainer():
+def explainer() -> Explainer:
     return Explainer(MODEL, WIDTH, HEIGHT)
 
 
@@ -52,7 +54,9 @@ def explainer():
     ],
     ids=["one", "two", "side by side", "three abreast", "one behind", "two pairs"],
 )
-def test_each_body_gets_its_box(explainer, bodies):
+def test_each_body_gets_its_box(
+    explainer: Explainer, bodies: list[tuple[int, int]]
+) -> None:
     found = explainer.explain(draw(*bodies))
     assert len(found.boxes) == len(bodies)
     for got, wanted in zip(feet(found.boxes), sorted(bodies), strict=True):
@@ -60,27 +64,27 @@ def test_each_body_gets_its_box(explainer, bodies):
     assert ((found.scores > 0.3) & (found.scores <= 1)).all()
 
 
-def test_a_body_alone_is_more_certain_than_one_half_hidden(explainer):
+def test_a_body_alone_is_more_certain_than_one_half_hidden(explainer: Explainer) -> None:
     alone = explainer.explain(draw((100, 200))).scores[0]
     pair = explainer.explain(draw((100, 200), (108, 215))).scores
     assert alone > 0.9
     assert pair.min() < alone
 
 
-def test_a_body_cut_by_the_border_is_found(explainer):
+def test_a_body_cut_by_the_border_is_found(explainer: Explainer) -> None:
     found = explainer.explain(draw((3, 200)))
     assert len(found.boxes) == 1
     assert found.boxes[0, 0] < 0
     assert found.boxes[0, 1] + found.boxes[0, 3] == pytest.approx(200, abs=8)
 
 
-def test_nothing_needs_no_explanation(explainer):
+def test_nothing_needs_no_explanation(explainer: Explainer) -> None:
     found = explainer.explain(np.zeros((HEIGHT, WIDTH), np.uint8))
     assert found.boxes.shape == (0, 4)
     assert found.scores.shape == found.sources.shape == (0,)
 
 
-def test_noise_is_not_explained_and_stays(explainer):
+def test_noise_is_not_explained_and_stays(explainer: Explainer) -> None:
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
     mask[100:104, 100:104] = 255
     found = explainer.explain(mask)
@@ -88,7 +92,7 @@ def test_noise_is_not_explained_and_stays(explainer):
     assert np.array_equal(found.rest, mask)
 
 
-def test_the_rest_is_what_no_box_covers(explainer):
+def test_the_rest_is_what_no_box_covers(explainer: Explainer) -> None:
     mask = draw((100, 200))
     mask[20:24, 300:310] = 255
     found = explainer.explain(mask)
@@ -97,14 +101,14 @@ def test_the_rest_is_what_no_box_covers(explainer):
     assert found.rest[21, 305] == 255
 
 
-def test_the_mask_is_left_as_it_was(explainer):
+def test_the_mask_is_left_as_it_was(explainer: Explainer) -> None:
     mask = draw((100, 200), (110, 210))
     before = mask.copy()
     explainer.explain(mask)
     assert np.array_equal(mask, before)
 
 
-def test_a_proposal_of_another_size_is_taken_with_its_row(explainer):
+def test_a_proposal_of_another_size_is_taken_with_its_row(explainer: Explainer) -> None:
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
     mask[150:175, 40:50] = 255
     small = np.array([[300.0, 100.0, 20.0, 50.0], [40.0, 151.0, 10.0, 24.0]])
@@ -113,14 +117,14 @@ def test_a_proposal_of_another_size_is_taken_with_its_row(explainer):
     assert found.boxes[0] == pytest.approx([40, 150, 10, 25], abs=2.5)
 
 
-def test_each_proposal_is_used_once(explainer):
+def test_each_proposal_is_used_once(explainer: Explainer) -> None:
     mask = draw((100, 200), (122, 200))
     proposals = MODEL.boxes(np.array([101.0, 121.0]), np.array([200.0, 200.0]))
     found = explainer.explain(mask, proposals)
     assert sorted(found.sources.tolist()) == [0, 1]
 
 
-def test_scores_are_those_of_the_formula_for_a_lone_full_box():
+def test_scores_are_those_of_the_formula_for_a_lone_full_box() -> None:
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
     mask[100:150, 100:120] = 255
     scores = box_scores(
@@ -137,6 +141,6 @@ def test_scores_are_those_of_the_formula_for_a_lone_full_box():
     [SizeModel(0.0, 1.0, 1e-9, 1e-9, 1e-9), SizeModel(0.0, 3.0, 0.5, 3.0, 3.0)],
     ids=["no size at all", "three pixels"],
 )
-def test_tiny_bodies_in_a_large_picture_make_no_more_boxes_than_allowed(model):
+def test_tiny_bodies_in_a_large_picture_make_no_more_boxes_than_allowed(model: Any) -> None:
     explainer = Explainer(model, 4000, 3000)
     assert len(explainer._grid.boxes) <= MOST_BOXES

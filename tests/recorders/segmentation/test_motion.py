@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from fixtures.scenes import generate
-from recorders.messages import to_json
+from fixtures.scenes import GeneratedScene, generate
+from recorders.messages import Box, to_json
 from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmenter
+from recorders.segmentation.segmenter import Image
 from recorders.sources import open_source
 from recorders.vision import cv2
 
+Walkers = tuple[GeneratedScene, list[Image]]
 
-def make(scene_or_size, kind="motion", **values):
+
+def make(scene_or_size: Any, kind: str = "motion", **values: Any) -> Segmenter:
     if isinstance(scene_or_size, tuple):
         width, height, fps = scene_or_size
     else:
@@ -22,11 +28,11 @@ def make(scene_or_size, kind="motion", **values):
     return SEGMENTERS[kind](SegmentationParameters(**values), width, height, fps)
 
 
-def pictures(scene):
+def pictures(scene: GeneratedScene) -> list[Image]:
     return [image for _, _, image in scene.frames()]
 
 
-def iou(a, b):
+def iou(a: Box, b: Box) -> float:
     ax, ay, aw, ah = a
     bx, by, bw, bh = b
     w = min(ax + aw, bx + bw) - max(ax, bx)
@@ -34,13 +40,13 @@ def iou(a, b):
     return w * h / (aw * ah + bw * bh - w * h) if w > 0 and h > 0 else 0.0
 
 
-def matched(found, truth, least=0.5):
+def matched(found: Sequence[Box], truth: Sequence[Box], least: float = 0.5) -> int:
     """How many of two lists of boxes can be paired, greedily from the best pair on."""
     pairs = sorted(
         ((iou(f, t), i, j) for i, f in enumerate(found) for j, t in enumerate(truth)),
         reverse=True,
     )
-    left, right = set(), set()
+    left, right = set[int](), set[int]()
     for value, i, j in pairs:
         if value >= least and i not in left and j not in right:
             left.add(i)
@@ -48,7 +54,7 @@ def matched(found, truth, least=0.5):
     return len(left)
 
 
-def digest(segmenter, images):
+def digest(segmenter: Segmenter, images: Iterable[Image]) -> list[tuple[bytes, bytes]]:
     return [
         (s.mask.tobytes(), to_json(s.detections))
         for s in map(segmenter.segment, itertools.count(), images)
@@ -56,13 +62,13 @@ def digest(segmenter, images):
 
 
 @pytest.fixture(scope="module")
-def walkers():
+def walkers() -> tuple[GeneratedScene, list[Image]]:
     scene = generate("pass_by", frames=90)
     return scene, pictures(scene)
 
 
 @pytest.mark.parametrize("kind", sorted(SEGMENTERS))
-def test_every_segmenter_answers_in_the_same_shape(kind, walkers):
+def test_every_segmenter_answers_in_the_same_shape(kind: str, walkers: Walkers) -> None:
     scene, images = walkers
     segmenter = make(scene, kind)
     assert isinstance(segmenter, Segmenter)
@@ -92,7 +98,9 @@ def test_every_segmenter_answers_in_the_same_shape(kind, walkers):
 
 @pytest.mark.parametrize("kind", sorted(SEGMENTERS))
 @pytest.mark.parametrize("prepared", [True, False])
-def test_the_answers_do_not_depend_on_threads_or_run(kind, prepared, walkers):
+def test_the_answers_do_not_depend_on_threads_or_run(
+    kind: str, prepared: bool, walkers: Walkers
+) -> None:
     scene, images = walkers
     results = []
     before = cv2.getNumThreads()
@@ -109,7 +117,7 @@ def test_the_answers_do_not_depend_on_threads_or_run(kind, prepared, walkers):
 
 
 @pytest.mark.parametrize("script", ["pass_by", "full_occlusion", "fight"])
-def test_people_are_found_without_their_shadows(script):
+def test_people_are_found_without_their_shadows(script: str) -> None:
     scene = generate(script, frames=200)
     images = pictures(scene)
     segmenter = make(scene)
@@ -125,7 +133,7 @@ def test_people_are_found_without_their_shadows(script):
     assert hits / wanted >= 0.85
 
 
-def test_touching_fish_are_told_apart_by_their_area():
+def test_touching_fish_are_told_apart_by_their_area() -> None:
     scene = generate("three_fish", frames=200)
     images = pictures(scene)
     segmenter = make(scene)
@@ -142,7 +150,12 @@ def test_touching_fish_are_told_apart_by_their_area():
     assert hits / wanted >= 0.9
 
 
-def still_life(frames, person=(30, 20, 60, 40), until=None, shadow=True):
+def still_life(
+    frames: int,
+    person: tuple[int, int, int, int] = (30, 20, 60, 40),
+    until: int | None = None,
+    shadow: bool = True,
+) -> Iterator[Image]:
     """A textured ground where something stands until it is gone; shape (top, left, bottom,
     right).
     """
@@ -159,10 +172,13 @@ def still_life(frames, person=(30, 20, 60, 40), until=None, shadow=True):
                     ground[bottom - 4 : bottom + 6, right : right + 30] * 0.7
                 )
             image[top:bottom, left:right] = (30, 40, 200)
-        yield cv2.add(image, rng.integers(0, 3, image.shape, dtype=np.uint8))
+        noise = rng.integers(0, 3, image.shape, dtype=np.uint8)
+        yield np.asarray(cv2.add(image, np.asarray(noise)), np.uint8)
 
 
-def test_hindsight_finds_who_stands_still_from_the_first_frame_and_leaves_no_ghost():
+def test_hindsight_finds_who_stands_still_from_the_first_frame_and_leaves_no_ghost() -> (
+    None
+):
     images = list(still_life(60, until=25))
     segmenter = make((160, 120, 10.0))
     segmenter.prepare(iter(images))
@@ -172,7 +188,7 @@ def test_hindsight_finds_who_stands_still_from_the_first_frame_and_leaves_no_gho
     assert not masks[25].any()
 
 
-def test_shadows_are_removed_unless_they_are_wanted():
+def test_shadows_are_removed_unless_they_are_wanted() -> None:
     images = list(still_life(60, until=25))
     shadow = np.s_[58:64, 45:65]
     with_shadow = make((160, 120, 10.0), shadow_darkest=1.0)
@@ -183,7 +199,7 @@ def test_shadows_are_removed_unless_they_are_wanted():
     assert not without.segment(0, images[0]).mask[shadow].any()
 
 
-def test_without_a_first_reading_movement_is_found_from_the_second_sight_on():
+def test_without_a_first_reading_movement_is_found_from_the_second_sight_on() -> None:
     scene = generate("pass_by", frames=150)
     images = pictures(scene)
     segmenter = make(scene)
@@ -193,7 +209,7 @@ def test_without_a_first_reading_movement_is_found_from_the_second_sight_on():
     assert matched(results[80].boxes, truth, 0.4) >= len(truth) - 1
 
 
-def test_the_size_filter_is_relative_to_the_picture():
+def test_the_size_filter_is_relative_to_the_picture() -> None:
     images = list(still_life(30, until=10, shadow=False))
     area = 30 * 20 / (160 * 120)
     for share, expected in ((0.5 * area, 1), (1.5 * area, 0)):
@@ -204,7 +220,7 @@ def test_the_size_filter_is_relative_to_the_picture():
 
 @pytest.mark.parametrize("kind", sorted(SEGMENTERS))
 @pytest.mark.parametrize("size", [(1, 1), (3, 2), (16, 9), (31, 64)])
-def test_tiny_pictures_are_no_trouble(kind, size):
+def test_tiny_pictures_are_no_trouble(kind: str, size: tuple[int, int]) -> None:
     width, height = size
     rng = np.random.default_rng(0)
     images = [rng.integers(0, 256, (height, width, 3), dtype=np.uint8) for _ in range(12)]
@@ -217,7 +233,7 @@ def test_tiny_pictures_are_no_trouble(kind, size):
 
 
 @pytest.mark.parametrize("kind", sorted(SEGMENTERS))
-def test_a_first_reading_of_nothing_or_of_one_frame_is_as_good_as_none(kind):
+def test_a_first_reading_of_nothing_or_of_one_frame_is_as_good_as_none(kind: str) -> None:
     images = list(still_life(3, until=1))
     for readings in ([], images[:1]):
         segmenter = make((160, 120, 10.0), kind)
@@ -226,7 +242,7 @@ def test_a_first_reading_of_nothing_or_of_one_frame_is_as_good_as_none(kind):
         assert segmenter.segment(1, images[1]).mask.shape == (120, 160)
 
 
-def test_an_empty_scene_is_empty():
+def test_an_empty_scene_is_empty() -> None:
     scene = generate("empty_scene", frames=30)
     images = pictures(scene)
     segmenter = make(scene)
@@ -237,7 +253,7 @@ def test_an_empty_scene_is_empty():
         assert got.detections.boxes == []
 
 
-def test_an_unknown_frame_rate_is_no_trouble():
+def test_an_unknown_frame_rate_is_no_trouble() -> None:
     images = list(still_life(5))
     segmenter = make((160, 120, 0.0))
     for k, image in enumerate(images):
@@ -245,7 +261,7 @@ def test_an_unknown_frame_rate_is_no_trouble():
 
 
 @pytest.mark.parametrize("prepared", [True, False])
-def test_densities_find_what_motion_finds(prepared):
+def test_densities_find_what_motion_finds(prepared: bool) -> None:
     scene = generate("pass_by", frames=150)
     images = pictures(scene)
     segmenter = make(scene, "density")
@@ -262,15 +278,16 @@ def test_densities_find_what_motion_finds(prepared):
 
 
 @pytest.mark.real
-def test_people_of_the_pets_recording_are_found(real_data):
+def test_people_of_the_pets_recording_are_found(real_data: Path) -> None:
     folder = real_data / "pets09-s2l1"
-    truth = {}
+    truth: dict[int, list[Box]] = {}
     for line in (folder / "gt.txt").read_text().splitlines():
         v = [float(x) for x in line.split(",")]
         if v[6] != 0:
-            truth.setdefault(int(v[0]) - 1, []).append(tuple(0.625 * x for x in v[2:6]))
+            x, y, w, h = (0.625 * u for u in v[2:6])
+            truth.setdefault(int(v[0]) - 1, []).append((x, y, w, h))
     images = [
-        frame.image
+        np.asarray(frame.image)
         for frame in itertools.islice(
             open_source(folder / "video.avi", fps=7).frames(), 300
         )
@@ -289,7 +306,7 @@ def test_people_of_the_pets_recording_are_found(real_data):
     assert close / wanted >= 0.90
 
 
-def found_share(scene, images):
+def found_share(scene: GeneratedScene, images: Any) -> tuple[float, float]:
     """The share of the true boxes that a segmenter finds, and of what it finds that is true."""
     segmenter = make(scene)
     segmenter.prepare(images)
@@ -305,7 +322,7 @@ def found_share(scene, images):
     return right / wanted, right / found
 
 
-def test_people_are_found_in_noise_and_without_colours(walkers):
+def test_people_are_found_in_noise_and_without_colours(walkers: Walkers) -> None:
     scene, images = walkers
     clean, _ = found_share(scene, images)
     noise = [

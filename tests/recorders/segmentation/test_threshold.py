@@ -3,32 +3,36 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from recorders.segmentation import SEGMENTERS, SegmentationParameters
+from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmenter
+from recorders.segmentation.segmenter import Image
 from recorders.segmentation.threshold import otsu
 from recorders.segmentation.touching import split
 from recorders.sources import open_source
 from recorders.vision import cv2
 
 
-def tank(*animals, bright=200, ground=20, size=256):
+def tank(
+    *animals: tuple[int, int, float], bright: int = 200, ground: int = 20, size: int = 256
+) -> Image:
     """Ellipses (x, y, angle in degrees) of 40 x 16 px on a smooth slope of light with noise."""
     y, _ = np.mgrid[0:size, 0:size]
     grey = (ground + 20 * y / size).astype(np.uint8)
     for x, yy, angle in animals:
         cv2.ellipse(grey, (x, yy), (20, 8), angle, 0, 360, bright, -1)
     noise = np.random.default_rng(len(animals)).integers(0, 6, grey.shape, dtype=np.uint8)
-    return cv2.cvtColor(cv2.add(grey, noise), cv2.COLOR_GRAY2BGR)
+    return np.asarray(cv2.cvtColor(cv2.add(grey, noise), cv2.COLOR_GRAY2BGR), np.uint8)
 
 
-def segmenter(size=256):
+def segmenter(size: int = 256) -> Segmenter:
     return SEGMENTERS["threshold"](SegmentationParameters(), size, size, 25.0)
 
 
-def test_still_animals_are_found_brighter_and_darker():
+def test_still_animals_are_found_brighter_and_darker() -> None:
     for bright, ground in ((200, 20), (20, 180)):
         got = segmenter().segment(
             0, tank((60, 60, 0), (180, 150, 70), bright=bright, ground=ground)
@@ -39,7 +43,7 @@ def test_still_animals_are_found_brighter_and_darker():
         assert got.detections.scores == [1.0, 1.0]
 
 
-def test_touching_animals_share_a_blob_and_have_a_box_each():
+def test_touching_animals_share_a_blob_and_have_a_box_each() -> None:
     apart = [tank((60, 60, 0), (180, 150 + k, 70)) for k in range(8)]
     touching = tank((100, 100, 0), (127, 113, 80))
     s = segmenter()
@@ -53,7 +57,7 @@ def test_touching_animals_share_a_blob_and_have_a_box_each():
     assert max(d.scores) < 1
 
 
-def test_pixels_are_shared_out_completely_and_once():
+def test_pixels_are_shared_out_completely_and_once() -> None:
     grey = tank((100, 100, 0), (127, 113, 80))[..., 0]
     own = (grey > 100).astype(np.uint8) * np.uint8(255)
     parts = split(own, own, 500.0)
@@ -61,12 +65,12 @@ def test_pixels_are_shared_out_completely_and_once():
     assert np.array_equal(sum((p > 0).astype(int) for p in parts), (own > 0).astype(int))
 
 
-def test_a_body_is_not_split_where_no_size_is_known():
+def test_a_body_is_not_split_where_no_size_is_known() -> None:
     own = np.full((30, 90), 255, np.uint8)
     assert len(split(own, own, 0.0)) == 1
 
 
-def test_otsu_is_that_of_opencv():
+def test_otsu_is_that_of_opencv() -> None:
     image = np.concatenate(
         [np.random.default_rng(1).normal(m, 12, 4000) for m in (60, 170)]
     )
@@ -78,9 +82,9 @@ def test_otsu_is_that_of_opencv():
 
 @pytest.mark.real
 @pytest.mark.parametrize(("name", "animals"), [("two_flies", 2), ("three_flies", 3)])
-def test_flies_in_touch_are_counted_right(real_data, name, animals):
+def test_flies_in_touch_are_counted_right(real_data: Path, name: str, animals: int) -> None:
     images = [
-        f.image
+        np.asarray(f.image)
         for f in itertools.islice(
             open_source(real_data / "flies" / f"{name}.mp4").frames(), 0, 120, 6
         )

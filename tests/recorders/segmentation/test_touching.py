@@ -11,7 +11,9 @@ from recorders.segmentation.blobs import components
 from recorders.segmentation.touching import MOST_BODIES, bodies_in, split
 
 
-def disks(*centres, radius=10, size=(120, 120)):
+def disks(
+    *centres: tuple[int, int], radius: int = 10, size: tuple[int, int] = (120, 120)
+) -> np.ndarray:
     yy, xx = np.mgrid[0 : size[0], 0 : size[1]] + 0.5
     mask = np.zeros(size, np.uint8)
     for x, y in centres:
@@ -22,7 +24,7 @@ def disks(*centres, radius=10, size=(120, 120)):
 @pytest.mark.parametrize(
     "centres", [[(40, 60)], [(40, 60), (57, 60)], [(40, 60), (57, 60), (48, 75)]]
 )
-def test_disks_that_overlap_are_told_apart(centres):
+def test_disks_that_overlap_are_told_apart(centres: list[tuple[int, int]]) -> None:
     mask = disks(*centres)
     area = int(np.count_nonzero(disks((60, 60))))
     parts = split(mask, mask, area)
@@ -33,7 +35,7 @@ def test_disks_that_overlap_are_told_apart(centres):
         assert got == pytest.approx(wanted, abs=3.0)
 
 
-def test_what_is_as_large_as_a_crowd_is_one_thing():
+def test_what_is_as_large_as_a_crowd_is_one_thing() -> None:
     everything = np.full((300, 400), 255, np.uint8)
     blob = components(everything, 1.0)[2][0]
     assert bodies_in(blob, blob.area / (MOST_BODIES - 0.5)) > 1

@@ -67,7 +67,7 @@ def test_rate_and_size_can_be_said(tmp_path: Path) -> None:
 def test_ids_and_their_order_do_not_reach_the_detections(tmp_path: Path) -> None:
     objects = [(1, 200, 50, 20, 40), (2, 100, 60, 20, 40), (3, 150, 10, 20, 40)]
     first = detections(open_source(document(tmp_path, (0, objects))))
-    renamed = [(9 - i, *rest) for i, *rest in reversed(objects)]
+    renamed = [(9 - i, x, y, w, h) for i, x, y, w, h in reversed(objects)]
     assert detections(open_source(document(tmp_path, (0, renamed)))) == first
     assert [b[0] for b in first[0].boxes] == [90, 140, 190]
 

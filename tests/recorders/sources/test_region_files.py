@@ -125,7 +125,9 @@ def test_a_polygon_encloses_its_own_shrunk_copy_and_not_the_other_way(
         regions(folder, {"roi": ring(radius), "border": ring(radius * share)})
 
 
-def test_border_polygons_together_may_enclose_the_region_of_interest(tmp_path):
+def test_border_polygons_together_may_enclose_the_region_of_interest(
+    tmp_path: Path,
+) -> None:
     halves = [
         [[0, 0], [60, 0], [60, 100], [0, 100]],
         [[50, 0], [100, 0], [100, 100], [50, 100]],

@@ -43,7 +43,7 @@ def renumbered(value: Any, number: Callable[[int], int]) -> Any:
         return [renumbered(v, number) for v in value]
     if not isinstance(value, dict):
         return value
-    out = {}
+    out: dict[str, Any] = {}
     for key, v in value.items():
         if key in _TRACK_FIELDS and isinstance(v, int) and "kind" not in value:
             out[key] = number(v)

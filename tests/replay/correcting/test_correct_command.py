@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -87,7 +88,7 @@ def test_every_kind_changes_its_answer(
     log = folder / "events.mcap"
     before = tracks(log, capsys)
     a, b = sorted(before)[:2]
-    kinds = {
+    kinds: dict[str, tuple[list[str], Callable[[dict[int, int]], bool]]] = {
         "swap": (["swap", str(a), str(b), "--at", "1"], lambda t: set(t) == set(before)),
         "split": (["split", str(a), "--at", "1"], lambda t: len(t) == len(before) + 1),
         "rename": (["rename", str(a), "77"], lambda t: t[77] == before[a] and a not in t),

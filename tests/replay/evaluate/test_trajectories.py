@@ -16,10 +16,10 @@ def line(
 
 
 def judged(truth: list[Rows], result: list[Rows]) -> Trajectories:
-    tables = [
+    true, found = (
         MotTable.from_rows([r for part in rows for r in part]) for rows in (truth, result)
-    ]
-    return evaluate(*tables).trajectories
+    )
+    return evaluate(true, found).trajectories
 
 
 def test_mostly_tracked_lost_and_missed() -> None:

@@ -140,7 +140,7 @@ def test_a_bag_is_read_back_by_rosbags(write_annotated: Any, tmp_path: Path) -> 
     found, markers, pictures, events = [], 0, 0, []
     with AnyReader([out]) as reader:
         for connection, time_ns, data in reader.messages():
-            message = reader.deserialize(data, connection.msgtype)
+            message: Any = reader.deserialize(data, connection.msgtype)
             if connection.topic == "/camera/tracked_boxes":
                 frame = round((time_ns - 5_000_000_000) / 100_000_000)
                 stamp = message.header.stamp

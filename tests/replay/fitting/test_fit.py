@@ -88,7 +88,10 @@ def test_the_command_writes_a_configuration_that_says_what_it_was_fitted_on(
         assert sum(v for k, v in found.items() if k.startswith(weights)) == pytest.approx(
             1.0, abs=0.01
         )
-    assert replay_config("parts", out)["part_features"].fitted_on == found["fitted_on"]
+    assert (
+        vars(replay_config("parts", out)["part_features"])["fitted_on"]
+        == found["fitted_on"]
+    )
     assert plot.read_bytes().startswith(b"\x89PNG")
     assert main(words) == 1, "nothing is overwritten"
     assert main([*words, "--truth", str(truth), "--force"]) == 2

@@ -43,10 +43,10 @@ def walker(k: int) -> Box:
 def test_a_part_that_goes_with_its_body_is_none_of_its_own() -> None:
     out = told(lambda k: (55.0 + 5 * k, 100.0, 20.0, 50.0), walker)
     assert ids(out) == {2}
-    assert {w.reason for f in out for w in f.held_back} == {
+    assert {w.reason for f in out for w in f.held_back or ()} == {
         "at one place with track 2 for 1.00 of its life: one body"
     }
-    assert sum(len(f.held_back) for f in out) == 40
+    assert sum(len(f.held_back or ()) for f in out) == 40
 
 
 def test_a_larger_box_that_lives_shortly_is_no_body_either() -> None:
@@ -76,6 +76,6 @@ def test_what_is_held_back_lies_in_the_log(tmp_path: Path) -> None:
     with AnnotatedLog(out) as log:
         frames = list(log.frames())
     assert not any(f.tracks for f in frames)
-    reasons = {w.reason for f in frames for w in f.held_back}
+    reasons = {w.reason for f in frames for w in f.held_back or ()}
     assert reasons
     assert all(r.startswith("short: ") for r in reasons)

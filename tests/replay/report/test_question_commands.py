@@ -255,9 +255,8 @@ def test_evidence_command(
         main(["evidence", str(log), "--events", "1,relation:1-2@20", "-o", str(out)]) == 0
     )
     assert main(["evidence", str(log), "--events", "1", "-o", str(out)]) == 1
-    listed = dict(
-        reversed(line.split("  ")) for line in (out / "SHA256SUMS").read_text().splitlines()
-    )
+    sums = (line.split("  ") for line in (out / "SHA256SUMS").read_text().splitlines())
+    listed = {name: digest for digest, name in sums}
     files = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()} - {
         "SHA256SUMS",
         "manifest.json",

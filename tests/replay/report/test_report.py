@@ -22,6 +22,7 @@ from recorders.messages import (
     Groups,
     Relation,
     Relations,
+    RelationState,
     Track,
     Tracks,
 )
@@ -52,7 +53,7 @@ def _track(i: int, n: int) -> Track:
 
 
 def _messages(n: int) -> list[tuple[str, object]]:
-    state = "JOINT" if 20 <= n < 30 else "INTERACTION"
+    state: RelationState = "JOINT" if 20 <= n < 30 else "INTERACTION"
     related = (
         [Relation(1, 2, state, 10, 10 * FRAME_NS, False, state == "JOINT", False, 0.4)]
         if 10 <= n < 40
@@ -182,7 +183,7 @@ def embedded(page: Path) -> dict:
 
 
 def test_a_page_is_bounded_and_says_what_it_leaves_out(
-    browser, scene: Path, tmp_path: Path
+    browser: Any, scene: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "short.html"
     options = ReportOptions(
@@ -226,7 +227,7 @@ def test_a_page_is_bounded_and_says_what_it_leaves_out(
     assert browser.console() == []
 
 
-def test_hours_are_told_as_hours(browser, tmp_path: Path) -> None:
+def test_hours_are_told_as_hours(browser: Any, tmp_path: Path) -> None:
     path = tmp_path / "long.mcap"
     with LogWriter(path) as log:
         names = ("detections", "tracks", "relations", "groups", "events")
@@ -268,7 +269,7 @@ def test_hours_are_told_as_hours(browser, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("width", "dark"), [(1280, False), (400, True)])
 def test_in_a_browser(
-    browser, report: Path, tmp_path: Path, width: int, dark: bool
+    browser: Any, report: Path, tmp_path: Path, width: int, dark: bool
 ) -> None:
     browser.size(width, 1600, dark=dark)
     browser.open(report)

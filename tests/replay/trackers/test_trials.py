@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from math import hypot
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -146,13 +147,13 @@ CHECKS: dict[str, Callable[[Answer], list[str]]] = {
 }
 
 
-def test_every_trial_is_held():
+def test_every_trial_is_held() -> None:
     assert set(CHECKS) == set(TRIALS)
 
 
 @pytest.mark.parametrize("tracker", sorted(TRACKERS))
 @pytest.mark.parametrize("name", sorted(TRIALS))
-def test_identities(answer, name, tracker):
+def test_identities(answer: Callable[..., Any], name: str, tracker: str) -> None:
     wrong = CHECKS[name](answer(name, tracker))
     if (name, tracker) in LIMITS:
         assert wrong, f"{tracker} manages {name} by now: take it out of LIMITS"
@@ -164,7 +165,9 @@ def _middle(box: Box) -> tuple[float, float]:
     return box[0] + box[2] / 2, box[1] + box[3] / 2
 
 
-def test_events_follows_a_person_in_plain_view_without_segmentation(answer):
+def test_events_follows_a_person_in_plain_view_without_segmentation(
+    answer: Callable[..., Any],
+) -> None:
     """EVENTS 2: tracking goes on even when image segmentation is not feasible."""
     a = answer("empty_mask", "events", hindsight=False)
     for frame in range(66, 115):
@@ -177,7 +180,7 @@ def test_events_follows_a_person_in_plain_view_without_segmentation(answer):
         assert track.confidence < 0.95
 
 
-def test_events_is_less_sure_of_whom_it_does_not_see(answer):
+def test_events_is_less_sure_of_whom_it_does_not_see(answer: Callable[..., Any]) -> None:
     """EVENTS 2: appearance confidence is a likeness; the red person is wholly behind the van."""
     a = answer("van_in_front", "events", hindsight=False)
     hidden = [
@@ -196,7 +199,7 @@ def test_events_is_less_sure_of_whom_it_does_not_see(answer):
     assert all(e.frame > hidden[-1] for e in left), "he stood in the picture"
 
 
-def test_groups_have_no_members_who_left(answer):
+def test_groups_have_no_members_who_left(answer: Callable[..., Any]) -> None:
     """EVENTS 3.1: one of three goes and meets a fourth; that is no change of their group."""
     a = answer("three_way_split", "shells")
     one, two, three = (a.identity(k, 0.6) for k in (1, 2, 3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -84,8 +85,8 @@ def _segmented(path: Path, fps: float) -> tuple[Iterator[Frame], SceneInfo]:
                 round(k * 1e9 / fps),
                 found.detections,
                 None,
-                lambda p=picture: p,
-                lambda m=found.mask: m,
+                partial(np.asarray, picture),
+                partial(np.asarray, found.mask),
             )
 
     return frames(), SceneInfo(width, height, round(1e9 / fps), True, True)

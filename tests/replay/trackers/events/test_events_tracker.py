@@ -249,9 +249,7 @@ def test_two_who_pass_keep_their_ids_and_are_followed_by_appearance_within_one_b
     )
     newborn = [g.newborn for o in merged for g in o.group_tracks or [] if g.observed]
     assert newborn == [True] + [False] * (len(newborn) - 1)
-    red, blue = (
-        min(out[8].targets, key=lambda t, x=x: abs(t.box[0] - x)).id for x in (150, 72)
-    )
+    red, blue = (min(out[8].targets, key=lambda t: abs(t.box[0] - x)).id for x in (150, 72))
     end = {t.id: t for t in out[-1].targets}
     assert end[red].box[0] == pytest.approx(150, abs=4)
     assert end[blue].box[0] == pytest.approx(40 + 4 * 59, abs=6)
@@ -336,9 +334,7 @@ def test_in_one_blob_with_a_detection_for_each_nobody_is_taken_for_another() -> 
     together = [o for o in out if len({t.blob for t in o.targets}) == 1 < len(o.targets)]
     assert len(together) >= 12
     places = {o.frame: {t.id: t.box[0] for t in o.targets} for o in out[6:]}
-    ids = [
-        min(places[10], key=lambda i, x=x: abs(places[10][i] - x)) for x in (140, 158, 60)
-    ]
+    ids = [min(places[10], key=lambda i: abs(places[10][i] - x)) for x in (140, 158, 60)]
     for frame, at in places.items():
         assert [at[i] for i in ids] == pytest.approx([140, 158, 20 + 4.0 * frame], abs=5)
 
@@ -431,6 +427,7 @@ def test_who_comes_out_of_the_door_is_not_who_went_in() -> None:
         (f, n) for f, n in _told(out, "track_recovered") if n.since_frame is not None
     ]
     assert notice.subjects == [1, 2]
+    assert notice.since_frame is not None
     assert 30 <= notice.since_frame <= 32 <= told <= 35
     assert notice.evidence["appearance"] > notice.evidence["appearance_over"]
     assert {t.id for o in out[:told] for t in o.targets} == {1}

@@ -16,6 +16,7 @@ from replay.trackers.parts.features import (
     FURTHEST,
     MASS,
     ONE,
+    Measured,
     PartsModel,
     Pixels,
     differences,
@@ -57,13 +58,13 @@ def measured(
     mask: np.ndarray | None,
     boxes: np.ndarray,
     size: tuple[int, int] = (120, 110),
-):
+) -> Measured:
     half = np.full(len(boxes), 0.5), np.full(len(boxes), 0.4)
     parts, own = parts_of(boxes, *half), parts_of(np.repeat(BOX, len(boxes), 0), *half)
     return measure(Pixels(image, mask, size), parts, own, own, np.full(len(boxes), 20.0))
 
 
-def learnt(m) -> PartsModel:
+def learnt(m: Measured) -> PartsModel:
     model = PartsModel.empty(1)
     model.learn(0, m, 0, np.full(5, ONE, np.int64))
     return model
@@ -204,7 +205,7 @@ def test_two_heads_are_found_in_a_merged_blob() -> None:
     heads = ColourShapeHeads()(None, mask, np.array([10.0, 10.0, 90.0, 105.0]), 84.0)
     found = sorted((round(h.x), round(h.y)) for h in heads)[:2]
     assert len(heads) >= 2
-    assert found[0] == (pytest.approx(30, abs=3), pytest.approx(20, abs=3))
+    assert found[0] == pytest.approx((30, 20), abs=3)
     assert any(abs(h.x - 70) <= 3 and abs(h.y - 26) <= 3 for h in heads)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -21,7 +23,7 @@ Pair = tuple[int, int, tuple[float, float, float, float], float]
 
 
 def associate(
-    pairs: list[Pair], refine: Refine | None = None, **changes: float
+    pairs: list[Pair], refine: Refine | None = None, **changes: Any
 ) -> list[Match]:
     n = len(pairs)
     boxes = np.array([box for _, _, box, _ in pairs])

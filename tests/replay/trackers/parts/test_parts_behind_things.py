@@ -4,6 +4,9 @@ under their id.
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -48,7 +51,7 @@ def picture(k: int | None) -> Picture:
 
 def follow(*assignments: str) -> list[list[Target]]:
     """The answers to frames that are segmented as a recording is."""
-    config = replay_config("parts", assignments=assignments)
+    config: Any = replay_config("parts", assignments=assignments)
     pictures = [picture(k) for k in range(FRAMES)]
     segmenter = MotionSegmenter(SegmentationParameters(), WIDTH, HEIGHT, FPS)
     segmenter.prepare(iter([*[picture(None)] * 150, *pictures]))
@@ -62,8 +65,8 @@ def follow(*assignments: str) -> list[list[Target]]:
             k * round(1e9 / FPS),
             found.detections,
             None,
-            lambda p=image: p,
-            lambda m=found.mask: m,
+            partial(np.asarray, image),
+            partial(np.asarray, found.mask),
         )
         said.append(list(tracker.step(frame).targets))
     return said

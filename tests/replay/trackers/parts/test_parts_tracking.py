@@ -5,6 +5,7 @@ plugged-in heads.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from reasoning.regions import RegionParameters
 from recorders.annotated.reader import AnnotatedLog
 from recorders.messages import Target
 from recorders.recording import RecordOptions, record
-from recorders.scene import SceneLog
+from recorders.scene import SceneInfo, SceneLog
 from recorders.sources import open_source
 from replay.annotated_writer import replay
 from replay.cli import main
@@ -27,6 +28,7 @@ from replay.run import ReplayOptions
 from replay.trackers.association import iou
 from replay.trackers.parts import PartsTracker
 from replay.trackers.parts.heads import Head
+from replay.trackers.parts.parameters import PartsParameters
 from replay.verification import verify
 
 SIZE = (320, 240)
@@ -41,11 +43,12 @@ def passing(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
 
 
-def forward(path: Path, *assignments: str, **more: object) -> list[list[Target]]:
+def forward(path: Path, *assignments: str, **more: Any) -> list[list[Target]]:
     config = replay_config("parts", assignments=assignments)
 
-    def make(info: object, _: object) -> PartsTracker:
-        return PartsTracker(info, config["parts"], config["part_features"], **more)
+    def make(info: SceneInfo, _: object) -> PartsTracker:
+        found: Any = config
+        return PartsTracker(info, found["parts"], found["part_features"], **more)
 
     with SceneLog(path) as log:
         return [step.targets.targets for step in Forward(log, make, config).steps()]
@@ -96,7 +99,7 @@ def test_who_stands_behind_has_hidden_parts_and_who_stands_before_has_not(
 
 def test_gates_are_told_and_double_while_a_target_is_missed(passing: Path) -> None:
     answers = forward(passing)
-    most = replay_config("parts")["parts"].gate_most
+    most = PartsParameters().gate_most
     sides: dict[int, tuple[bool, float]] = {}
     doubled = 0
     for targets in answers:

@@ -26,7 +26,7 @@ def overlapping(front: int) -> Depth:
     ``front``.
     """
     boxes = np.array([[5.0, 5.0, 20.0, 20.0], [15.0, 5.0, 20.0, 20.0]])
-    owner = np.zeros((30, 40), np.uint8)
+    owner = np.zeros((30, 40), np.uint16)
     for k in (1 - front, front):
         x, y, w, h = boxes[k].astype(int)
         owner[y : y + h, x : x + w] = k + 1
@@ -51,7 +51,7 @@ def test_who_has_its_whole_area_and_the_overlaps_pixels_is_in_front(front: int) 
 
 def test_who_does_not_overlap_tells_nothing() -> None:
     boxes = np.array([[0.0, 0.0, 10.0, 10.0], [20.0, 0.0, 10.0, 10.0]])
-    owner = np.zeros((20, 40), np.uint8)
+    owner = np.zeros((20, 40), np.uint16)
     who = Claimants(boxes, np.array([9.0, 9.0]), [None, None], [FULL, FULL])
     cut = Cut(owner > 0, owner == 0, owner.astype(np.uint16), 0, 0)
     assert Depth(who, owner, cut).lead(0, 1, [1.0, 0.2]) is None

@@ -176,8 +176,8 @@ def test_who_is_not_related_is_no_rival(related: bool) -> None:
     )
     assert resolver.blobs() == {0: 1, 1: 1}
     resolver.resolve()
-    own = [resolver.found[k].pixels for k in (0, 1)]
-    assert (sum(own) == 1200) if related else (sum(own) > 1300)
+    found = sum(resolver.found[k].pixels for k in (0, 1))
+    assert (found == 1200) if related else (found > 1300)
 
 
 def test_nothing_is_learnt_in_joint(tmp_path: Path) -> None:
