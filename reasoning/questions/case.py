@@ -28,10 +28,11 @@ from reasoning.questions.duckdb_tables import insert
 from reasoning.questions.ingest import file_digest, read_recordings
 from reasoning.questions.literals import Recordings
 from reasoning.questions.macros import macro_statements
-from reasoning.questions.schema import SURE, TABLES, create_statements, shown
+from reasoning.questions.schema import DRAWN, SURE, TABLES, create_statements, shown
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.messages import EVENT_LEVELS
+from recorders.told_times import CLOCKED_NS, clock_text
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 DUCKDB_MAGIC = b"DUCK"
@@ -114,6 +115,7 @@ class Case:
         encounters: EncounterParameters | None = None,
         brief: bool = False,
         drawn: Drawn | None = None,
+        start_ns: int | None = None,
     ) -> None:
         """Open and read the inputs.
 
@@ -127,9 +129,11 @@ class Case:
                 is DEBUG in `recorders.messages.EVENT_LEVELS`.
             drawn: zones and lines that are drawn after the fact; stays in the zones join those
                 in recorded ones, crossings of the lines are the table ``crossings``.
+            start_ns: when the recording began (ns since 1970), where it was made without a clock.
 
         Raises:
-            UsageError: a zone or line lies beyond a picture, or is called as a recorded zone is.
+            UsageError: a zone or line lies beyond a picture, or is called as a recorded zone is;
+                a start for several recordings, or one that has a clock.
             RecordingError: an input is neither log, index nor Parquet folder, or is damaged.
         """
         if not inputs:
@@ -141,6 +145,7 @@ class Case:
         self.limits = limits or QueryLimits()
         self._brief = brief
         self.drawn = drawn or Drawn()
+        self._start_ns = start_ns
         self._con = duckdb.connect(":memory:", config=locked_down(self.limits))
         self._places: list[tuple[Path, Callable[[str], str]]] = []
         self._files: list[Path] = []
@@ -193,6 +198,9 @@ class Case:
                     *([made[table]] if table in made else []),
                 ]
             )
+            if table == "recordings" and self._start_ns is not None:
+                self._check_start(parts)
+                parts = f"SELECT * REPLACE (CAST({self._start_ns} AS BIGINT) AS start_ns) FROM ({parts})"
             if table == "events" and self._brief:
                 parts = f"SELECT * FROM ({parts}) WHERE kind NOT IN ({_OF_TRACKERS})"
             try:
@@ -205,7 +213,8 @@ class Case:
                 raise RecordingError(
                     f"{table} cannot be read: {_first_line(error)}", self._damaged(table)
                 ) from error
-        self._con.execute(f"CREATE VIEW crossings AS {made['crossings']}")
+        for table in DRAWN:
+            self._con.execute(f"CREATE VIEW {table} AS {made[table]}")
         for statement in macro_statements():
             self._con.execute(statement)
         draw(self._con, self.drawn)
@@ -216,6 +225,18 @@ class Case:
             )
         self._con.execute("SET enable_external_access = false")
         self._con.execute("SET lock_configuration = true")
+
+    def _check_start(self, recordings: str) -> None:
+        rows = self._con.execute(
+            f"SELECT recording, start_ns FROM ({recordings})"
+        ).fetchall()
+        if len(rows) > 1:
+            raise UsageError(f"--start: of {len(rows)} recordings; give one of them alone")
+        for name, start_ns in rows:
+            if start_ns >= CLOCKED_NS:
+                raise UsageError(
+                    f"--start: {name} has a clock, it began at {clock_text(start_ns)}"
+                )
 
     def _damaged(self, table: str) -> Path:
         """The input whose table cannot be read, to be named."""

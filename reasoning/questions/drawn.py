@@ -11,7 +11,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from reasoning.geometry import Area
-from reasoning.questions.standing import OPPOSITE, Point, Steps, crossings, positive_side, stays
+from reasoning.questions.standing import (
+    OPPOSITE,
+    Point,
+    Steps,
+    crossings,
+    positive_side,
+    stays,
+)
 from recorders.errors import UsageError
 from recorders.message_checks import LARGEST
 from recorders.sources.regions import beyond, checked
@@ -54,6 +61,11 @@ class Drawn:
     def __bool__(self) -> bool:
         return bool(self.zones or self.lines)
 
+    @property
+    def names(self) -> list[str]:
+        """All names, those of zones first."""
+        return [*(zone.name for zone in self.zones), *(line.name for line in self.lines)]
+
     def line(self, name: str) -> DrawnLine | None:
         """The line of that name."""
         return next((line for line in self.lines if line.name == name), None)
@@ -93,7 +105,7 @@ def drawn(zones: list[str] | None = None, lines: list[str] | None = None) -> Dra
         UsageError: a word draws nothing, or two have one name.
     """
     made = Drawn(tuple(map(zone, zones or ())), tuple(map(line, lines or ())))
-    names = [x.name for x in (*made.zones, *made.lines)]
+    names = made.names
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise UsageError(f"{twice!r} is drawn twice; every zone and line has its own name")
@@ -136,7 +148,7 @@ def line(text: str) -> DrawnLine:
 
 def _points(text: str, wanted: str) -> tuple[str, list[Point]]:
     name, equals, rest = text.rpartition("=")
-    flag = wanted.split()[0]
+    flag = wanted.split(maxsplit=1)[0]
     if not equals or not name.strip() or name == "scene":
         raise UsageError(f"{flag} {text}: wanted {wanted}, in pixels")
     try:

@@ -39,14 +39,21 @@ def draw(con: duckdb.DuckDBPyConnection, drawn: Drawn) -> None:
     """
     if not drawn:
         return
-    for name in (zone.name for zone in drawn.zones):
+    for line in drawn.lines:
+        for way in line.directions:
+            ends = (*line.start, *line.end)
+            con.execute(
+                f"INSERT INTO {SCHEMA}.lines VALUES (?, ?, ?, ?, ?, ?)",
+                [line.name, way, *ends],
+            )
+    for name in drawn.names:
         taken = con.execute(
             "SELECT recording FROM zones WHERE zone = ? LIMIT 1", [name]
         ).fetchone()
         if taken is not None:
             raise UsageError(
-                f"--zone {name}: {taken[0]!r} has a recorded zone of that name; give the"
-                " drawn one another"
+                f"{name!r}: {taken[0]!r} has a recorded zone of that name; give what is drawn"
+                " another"
             )
     recordings = con.execute(
         "SELECT recording, width, height FROM recordings ORDER BY recording"
@@ -62,9 +69,7 @@ def draw(con: duckdb.DuckDBPyConnection, drawn: Drawn) -> None:
         insert(con, "crossings", crossings, _TABLES["crossings"], SCHEMA)
 
 
-def _steps(
-    con: duckdb.DuckDBPyConnection, recording: str
-) -> Iterator[tuple[int, Steps]]:
+def _steps(con: duckdb.DuckDBPyConnection, recording: str) -> Iterator[tuple[int, Steps]]:
     """Each target's steps, by its id."""
     frames = con.execute(
         "SELECT frame FROM frames WHERE recording = ? ORDER BY frame", [recording]
@@ -84,18 +89,21 @@ def _steps(
     ).fetchnumpy()
     found = {name: np.asarray(values) for name, values in rows.items()}
     tracks = found["track"]
-    starts = np.flatnonzero(np.diff(tracks, prepend=-1)) if len(tracks) else []
+    starts: list[int] = np.flatnonzero(np.diff(tracks, prepend=-1)).tolist()
     for first, end in zip(starts, [*starts[1:], len(tracks)], strict=True):
         cut = {name: values[first:end] for name, values in found.items()}
         number = cut["frame"].astype(np.int64)
         track = int(tracks[first])
-        yield track, Steps(
-            number,
-            np.searchsorted(frames, number).astype(np.int64),
-            cut["t"].astype(np.float64),
-            np.stack([cut[c].astype(np.float64) for c in "xywh"], axis=1),
-            cut["seen"].astype(np.bool_),
-            cut["confidence"].astype(np.float64),
-            cut["identity"].astype(np.float64),
-            joins.get(track, ()),
+        yield (
+            track,
+            Steps(
+                number,
+                np.searchsorted(frames, number).astype(np.int64),
+                cut["t"].astype(np.float64),
+                np.stack([cut[c].astype(np.float64) for c in "xywh"], axis=1),
+                cut["seen"].astype(np.bool_),
+                cut["confidence"].astype(np.float64),
+                cut["identity"].astype(np.float64),
+                joins.get(track, ()),
+            ),
         )

@@ -4,8 +4,8 @@ that led there.
 An answer row names what it rests on by references: ``event:12``, ``relation:1-2@40`` (the
 interval of 1 and 2 that frame 40 lies in; also ``encounter``, ``phase``, ``abrupt``, ``near``),
 ``group:3``, ``track:7@31``, ``still:4@160``, ``zone:4@160:bench`` (the zone's name as in a URL;
-it may be left out where target 4 is in one zone alone). An explanation's own reference names its
-interval by the first frame, whatever frame was given.
+it may be left out where target 4 is in one zone alone), ``line:4@160:gate`` (4 crossed
+it). An explanation's own reference names its interval by the first frame, whatever frame was given.
 """
 
 from __future__ import annotations
@@ -19,15 +19,19 @@ from urllib.parse import unquote
 
 from reasoning.questions import thresholds
 from reasoning.questions.case import Case
+from reasoning.questions.clocks import NANOS, starts
 from reasoning.questions.joins import joins_of
-from reasoning.questions.literals import literal, zone_reference
+from reasoning.questions.literals import literal, zone_reference, zone_word
 from reasoning.questions.thresholds import Measure, event_measures, measure_line
+from reasoning.regions import EDGE_SIZES
 from recorders.errors import UsageError
+from recorders.told_times import clock_text
 
 _REFERENCE = re.compile(
     r"(?:event:)?(?P<event>\d{1,10})|correction:(?P<correction>\d{1,10})|group:(?P<group>\d{1,10})"
     r"|(?P<single>track|still):(?P<one>\d{1,10})@(?P<at>\d{1,10})"
     r"|zone:(?P<inside>\d{1,10})@(?P<then>\d{1,10})(?::(?P<zone>\S+))?"
+    r"|line:(?P<who>\d{1,10})@(?P<when>\d{1,10})(?::(?P<line>\S+))?"
     r"|(?P<pair>relation|encounter|phase|near|abrupt):(?P<a>\d{1,10})-(?P<b>\d{1,10})@(?P<since>\d{1,10})"
 )
 _TABLE = {
@@ -54,6 +58,7 @@ class Explanation:
         evidence: the event's evidence as it was recorded.
         joins: the events in it, and before it, after which a subject may be another, in words.
         corrected: what people corrected of the subjects, by whom and why, in words.
+        clock: the clock's times of start and end, empty where the recording has no clock.
     """
 
     reference: str
@@ -71,6 +76,7 @@ class Explanation:
     evidence: Mapping[str, Any]
     joins: list[str] = field(default_factory=list)
     corrected: list[str] = field(default_factory=list)
+    clock: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Plain data."""
@@ -88,6 +94,7 @@ class Explanation:
             f"{self.reference}: {self.kind}",
             f"  {self.text}",
             f"  when:  {when}",
+            *([f"  clock: {' to '.join(dict.fromkeys(self.clock))}"] if self.clock else []),
             f"  rule:  {self.rule}",
         ]
         if self.measures:
@@ -105,18 +112,29 @@ class Explanation:
         return out
 
 
-def explain(case: Case, reference: str, recording: str | None = None) -> Explanation:
-    """Explain what a reference names.
+def explain(
+    case: Case, reference: str, recording: str | None = None, zone: str = "UTC"
+) -> Explanation:
+    """Explain what a reference names; the clock's times are told in a time zone.
 
     Raises:
         UsageError: it names nothing, or something in several recordings; says what there is.
     """
+    found = _explain(case, reference, recording)
+    start = starts(case).get(found.recording)
+    if start is None:
+        return found
+    told = (start + round(t * NANOS) for t in (found.start_t, found.end_t))
+    return replace(found, clock=tuple(clock_text(ns, zone) for ns in told))
+
+
+def _explain(case: Case, reference: str, recording: str | None) -> Explanation:
     match = _REFERENCE.fullmatch(reference.strip())
     if match is None:
         raise UsageError(
             f"{reference!r}: give an event's number (12 or event:12) or an id of a column"
             " `explain`, like relation:1-2@40, encounter:1-2@65, group:3, track:7@31,"
-            " zone:4@160:bench, correction:2"
+            " zone:4@160:bench, line:4@160:gate, correction:2"
         )
     found = _explained(case, match, recording)
     return replace(found, joins=_joins(case, found), corrected=_corrected(case, found))
@@ -135,6 +153,9 @@ def _explained(case: Case, match: re.Match[str], recording: str | None) -> Expla
     if match["inside"] is not None:
         zone = None if match["zone"] is None else unquote(match["zone"])
         return _inside(case, int(match["inside"]), int(match["then"]), zone, only)
+    if match["who"] is not None:
+        line = None if match["line"] is None else unquote(match["line"])
+        return _crossed(case, int(match["who"]), int(match["when"]), line, only)
     a, b = sorted((int(match["a"]), int(match["b"])))
     return _pair(case, match["pair"], (a, b), int(match["since"]), only)
 
@@ -334,6 +355,35 @@ def _bits(case: Case, row: Mapping[str, Any], at: int) -> list[Measure]:
         Measure(f"{bit} in frame {at}", f"with {_listed(p)}, frames {s} to {e}")
         for bit, p, s, e in rows
     ]
+
+
+def _crossed(case: Case, track: int, at: int, line: str | None, only: str) -> Explanation:
+    """A crossing of a drawn line."""
+    asked = f"line:{track}@{at}" + ("" if line is None else f":{zone_word(line)}")
+    if line is not None:
+        only += f" AND line = {literal(line)}"
+    rows = _rows(
+        case,
+        f"SELECT *, frame AS start_frame, frame AS end_frame, t AS start_t, t AS end_t"
+        f" FROM crossings WHERE track = {track} AND frame = {at}{only} ORDER BY line",
+        asked,
+    )
+    lines = sorted({row["line"] for row in rows})
+    if len(lines) > 1:
+        raise UsageError(
+            f"{asked}: crossed {', '.join(lines)}; name one, as {asked}:{lines[0]}"
+        )
+    row = rows[0]
+    found = [
+        Measure("x_px", row["x"]),
+        Measure("y_px", row["y"]),
+        Measure("direction", row["direction"]),
+    ]
+    text = f"Target {track} crossed line {row['line']} to the {row['direction']}."
+    text = text.replace("to the up.", "upwards.").replace("to the down.", "downwards.")
+    rule = f"ours: feet that were {EDGE_SIZES:g} of the body's size on one side, then on the other"
+    reference = f"line:{track}@{at}:{zone_word(row['line'])}"
+    return _of_one(case, row, (reference, f"crossed {row['line']}"), text, rule, found)
 
 
 def _of_one(

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from urllib.parse import quote
 
 from recorders.errors import UsageError
+from recorders.told_times import CLOCKED_NS, colon_time, time_zone
 
 _UNITS = {"ms": 0.001, "s": 1.0, "sec": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
 _DURATION = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*([a-z]*)")
@@ -16,7 +17,7 @@ _LARGEST = 2**31 - 1
 
 
 def duration(text: str) -> float:
-    """Seconds of ``30``, ``30s``, ``500ms``, ``2min``, ``1.5h``.
+    """Seconds of ``30``, ``30s``, ``500ms``, ``2min``, ``1.5h``, ``1:20``.
 
     >>> duration("2min")
     120.0
@@ -24,6 +25,9 @@ def duration(text: str) -> float:
     Raises:
         UsageError: it is no duration.
     """
+    told = colon_time(text)
+    if told is not None:
+        return told.seconds
     match = _DURATION.fullmatch(text.strip().lower())
     if match is None or match[2] not in ("", *_UNITS):
         raise UsageError(
@@ -96,13 +100,16 @@ def zone_reference(track: int, frame: int, zone: str) -> str:
 
 @dataclass(frozen=True)
 class Moment:
-    """A moment in a recording: seconds from its start, a frame, or a wall time (``since_ns``: ns
-    since 1970).
+    """A moment in a recording: seconds from its start, a frame, a wall time (``since_ns``: ns
+    since 1970), or a time of day (``of_day``: seconds since midnight in ``zone``), which in a
+    recording without a clock is one from its start.
     """
 
     seconds: float | None = None
     frame: int | None = None
     since_ns: int | None = None
+    of_day: float | None = None
+    zone: str = "UTC"
 
     def text(self) -> str:
         """As a person would write it."""
@@ -110,6 +117,8 @@ class Moment:
             return f"frame:{self.frame}"
         if self.seconds is not None:
             return f"{self.seconds:g}"
+        if self.of_day is not None:
+            return f"{timedelta(seconds=self.of_day)} ({self.zone})"
         return f"{datetime.fromtimestamp((self.since_ns or 0) // _NANOS, UTC):%Y-%m-%dT%H:%M:%SZ}"
 
     def sql(self, row: str) -> str:
@@ -123,15 +132,30 @@ class Moment:
             return repr(self.seconds)
         if self.frame is not None:
             found, table, which = "m_.t", "frames", f" AND m_.frame = {self.frame}"
+        elif self.of_day is not None:
+            found, table, which = self._from_midnight(), "recordings", ""
         else:
             found, table, which = f"({self.since_ns} - m_.start_ns) / 1e9", "recordings", ""
         return (
             f"(SELECT {found} FROM {table} m_ WHERE m_.recording = {row}.recording{which})"
         )
 
+    def _from_midnight(self) -> str:
+        """Seconds from the start of ``m_`` to the first such time of day at or after it."""
+        zone, micros = literal(self.zone), round((self.of_day or 0.0) * 1_000_000)
+        start = f"timezone({zone}, make_timestamptz(m_.start_ns // 1000))"
+        that = f"date_trunc('day', {start}) + to_microseconds({micros})"
+        late = f"{that} + to_milliseconds(1) <= {start}"
+        found = f"CASE WHEN {late} THEN {that} + INTERVAL 1 DAY ELSE {that} END"
+        return (
+            f"if(m_.start_ns < {CLOCKED_NS}, {self.of_day!r},"
+            f" (epoch_us(timezone({zone}, {found})) - m_.start_ns / 1000) / 1e6)"
+        )
 
-def moment(text: str) -> Moment:
-    """``12.5`` (or ``12.5s``), ``frame:300``, or RFC 3339.
+
+def moment(text: str, zone: str = "UTC") -> Moment:
+    """``12.5`` (or ``12.5s``), ``1:20``, ``12:03:40`` (a time of day in ``zone``), ``frame:300``,
+    or RFC 3339.
 
     Raises:
         UsageError: it is none of them.
@@ -140,13 +164,21 @@ def moment(text: str) -> Moment:
         return Moment(frame=identity(match[1]))
     if _DURATION.fullmatch(text.lower()):
         return Moment(seconds=duration(text))
+    told = colon_time(text)
+    if told is not None:
+        return (
+            Moment(of_day=told.seconds, zone=time_zone(zone).key)
+            if told.of_day
+            else Moment(seconds=told.seconds)
+        )
     try:
         when = datetime.fromisoformat(text.replace("Z", "+00:00").replace("z", "+00:00"))
         if when.tzinfo is None:
             raise ValueError(text)
     except ValueError:
         raise UsageError(
-            f"time {text!r}: must be seconds from the start (12.5), frame:300, or RFC 3339"
+            f"time {text!r}: must be seconds from the start (12.5), minutes and seconds"
+            " (1:20), a time of day (12:03:40), frame:300, or RFC 3339"
             " (2026-01-31T12:00:00Z)"
         ) from None
     whole = int(when.replace(microsecond=0).timestamp())

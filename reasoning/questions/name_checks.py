@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from reasoning.questions.case import Case
-from reasoning.questions.literals import Moment, Recordings, identity, literal
+from reasoning.questions.literals import Moment, Recordings, identity, literal, moment
 from reasoning.questions.patterns import Pattern, PatternError
 from reasoning.questions.ready_questions import Options, Question
 from recorders.errors import UsageError
@@ -24,8 +24,8 @@ _SUBJECTS = {
 _NONE = {
     "track": "there are no targets at all",
     "zone": (
-        "nobody was in a named zone (`record --regions FILE` names zones); `scene` is the"
-        " whole picture"
+        "nobody was in a named zone (--zone NAME=x,y,x,y,... draws one, `record --regions"
+        " FILE` records some); `scene` is the whole picture"
     ),
     "group": "no group was formed",
     "event": "there are no events",
@@ -81,14 +81,42 @@ def check_words(
         UsageError: it is in none; says which there are.
     """
     for kind, word in zip(question.kinds(), words, strict=False):
-        if not kind or (kind == "zone" and word == _EVERYWHERE):
+        if not kind or (kind in ("zone", "place") and word == _EVERYWHERE):
             continue
-        _check(case, kind, word, options.recordings)
+        if kind == "moment":
+            check_moment(
+                case, moment(word, options.timezone), options.recordings, word="", ends=True
+            )
+        elif kind == "line" or (kind == "place" and case.drawn.line(word) is not None):
+            _check_line(case, word, options)
+        else:
+            _check(case, "zone" if kind == "place" else kind, word, options.recordings)
     check_moment(case, options.at, options.recordings)
 
 
-def check_moment(case: Case, at: Moment | None, recordings: Recordings | None) -> None:
-    """That a moment lies within one of the recordings that are asked.
+def _check_line(case: Case, name: str, options: Options) -> None:
+    line = case.drawn.line(name)
+    if line is None:
+        there = _few([x.name for x in case.drawn.lines])
+        known = f"there are {there}" if there else "draw it: --line NAME=x1,y1,x2,y2"
+        raise UsageError(f"line {name!r}: there is none; {known}")
+    if options.direction not in (None, *line.directions):
+        raise UsageError(
+            f"--direction {options.direction}: line {name!r} is crossed to the"
+            f" {' or '.join(line.directions)}"
+        )
+
+
+def check_moment(
+    case: Case,
+    at: Moment | None,
+    recordings: Recordings | None,
+    word: str = "--at ",
+    *,
+    ends: bool = False,
+) -> None:
+    """That a moment lies within one of the recordings that are asked; ``ends`` says that the end
+    of a span may lie behind it.
 
     Raises:
         UsageError: it lies in none; says from when to when they go.
@@ -106,7 +134,7 @@ def check_moment(case: Case, at: Moment | None, recordings: Recordings | None) -
             f"(SELECT 1 FROM frames f WHERE f.recording = r.recording AND f.t <= {seconds}"
             " + 0.0005) LIMIT 1"
         )
-    if case.rows(within):
+    if case.rows(within) or (ends and at.frame is None and not _before(case, at, only)):
         return
     spans = case.rows(
         "SELECT recording, first_frame, (SELECT min(f.t) FROM frames f WHERE f.recording = r.recording), "
@@ -119,13 +147,20 @@ def check_moment(case: Case, at: Moment | None, recordings: Recordings | None) -
     for name, first, since, last, until, wall_since, wall_until in spans[:3]:
         if at.frame is not None:
             told.append(f"{name} has frames {first} to {last}")
-        elif at.seconds is not None:
+        elif at.seconds is not None or wall_since < "1971":
             told.append(f"{name} goes from {since or 0:.3f} to {until:.3f} s")
         else:
             told.append(f"{name} goes from {wall_since} to {wall_until} UTC")
     raise UsageError(
-        f"--at {at.text()}: outside of the recording;"
+        f"{word}{at.text()}: outside of the recording;"
         f" {'; '.join(told)}{' ...' if len(spans) > 3 else ''}"
+    )
+
+
+def _before(case: Case, at: Moment, only: str) -> bool:
+    """Whether a moment lies before all that is asked."""
+    return not case.rows(
+        f"SELECT 1 FROM recordings r WHERE {only} AND {at.sql('r')} >= 0 LIMIT 1"
     )
 
 
@@ -157,6 +192,8 @@ def _check(case: Case, kind: str, word: str, recordings: Recordings | None) -> N
 def _missing(case: Case, kind: str, word: str, recordings: Recordings | None) -> str | None:
     """That there is none of that name, and what there is; None if there is one."""
     noun, column, table = _SUBJECTS[kind]
+    if kind == "zone" and any(word == zone.name for zone in case.drawn.zones):
+        return None
     value = word if kind == "zone" else identity(word.removeprefix(f"{kind}:"))
     only = "true" if recordings is None else recordings.sql()
     if case.rows(

@@ -7,15 +7,27 @@ starts in frame 40, ``group:3``, ``encounter:1-2@65``, ``zone:4@160:bench``, ``t
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from string import Template
 
 from reasoning.questions import statements as sql
-from reasoning.questions.literals import Moment, Recordings, identity, literal, zone_word
+from reasoning.questions.desk_questions import DESK, SETTLED_S, stays_of
+from reasoning.questions.literals import identity
+from reasoning.questions.question import FLAGS, Options, Question, only_of, track_of
 from recorders import plugins
 from recorders.errors import SceneTraceError, UsageError
+
+__all__ = [
+    "DEFAULT_CERTAINTY",
+    "FLAGS",
+    "QUESTIONS",
+    "Options",
+    "Question",
+    "all_questions",
+    "question",
+    "unsure_contacts_sql",
+]
 
 SOURCES: Mapping[str, str] = {
     "relations": sql.BY_RELATIONS,
@@ -25,158 +37,15 @@ SOURCES: Mapping[str, str] = {
 }
 
 
-@dataclass(frozen=True)
-class Options:
-    """Options that ready questions take.
-
-    Attributes:
-        recordings: only these recordings.
-        at: the moment of who-was-in, the start of contacts.
-        least_s: shortest stay of loitered.
-        within_s: how far back (before), or how close together (left-with).
-        gap_s: stays with a gap up to this are one (loitered); contact until so long before
-            leaving (left-with).
-        depth: longest chain of contacts (3).
-        by: what counts as a contact (relations).
-        certainty: rows less sure than this are left out (none; of contacts, chains do not run
-            over them).
-    """
-
-    recordings: Recordings | None = None
-    at: Moment | None = None
-    least_s: float | None = None
-    within_s: float | None = None
-    gap_s: float | None = None
-    depth: int | None = None
-    by: str | None = None
-    certainty: float | None = None
-
-
-FLAGS: Mapping[str, str] = {
-    "at": "--at",
-    "least_s": "--min",
-    "within_s": "--within",
-    "gap_s": "--gap",
-    "depth": "--depth",
-    "by": "--by",
-    "certainty": "--certainty",
-    "recordings": "--recording",
-}
-EVERY = ("recordings", "certainty")
-"""Options that every question takes."""
-_KINDS = {"A": "track", "B": "track", "ZONE": "zone", "LABEL": "group", "EVENT": "event"}
 DEFAULT_CERTAINTY = 0.5
 """What the command leaves out unless told otherwise; see docs/questions.md for why."""
-SETTLED_S = 1.0
-"""Who is first seen so soon after the recording's start was there when it started."""
-Build = Callable[[Sequence[str], Options], Mapping[str, str]]
-
-
-@dataclass(frozen=True)
-class Question:
-    """A ready question.
-
-    Attributes:
-        name: what it is called on the command line.
-        arguments: its arguments as shown to people; brackets mark what may be left out.
-        about: one line on what it answers.
-        template: its SQL, with ``$name`` where values go.
-        build: the values.
-        nothing: what an empty answer means, and what to ask then.
-        takes: names of the `Options` that it takes besides ``recordings``.
-        certain: whether rows that are not sure are left out unless asked for.
-        few_from: with so many arguments or more it keeps few of the rows that it looks through
-            (None: never).
-    """
-
-    name: str
-    arguments: str
-    about: str
-    template: str
-    build: Build
-    nothing: str = ""
-    takes: tuple[str, ...] = ()
-    few_from: int | None = None
-    certain: bool = True
-
-    def _words(self) -> list[str]:
-        wanted = self.arguments.split()
-        return [
-            w
-            for index, w in enumerate(wanted)
-            if not w.startswith("-") and not (index and wanted[index - 1].startswith("-"))
-        ]
-
-    def why_empty(self, words: Sequence[str]) -> str:
-        """What an empty answer to these arguments means, and what to ask then."""
-        text = self.nothing
-        for name, word in zip(self._words(), words, strict=False):
-            text = re.sub(
-                rf"\b{name.strip('[]')}\b", word.rpartition(":")[2].replace("\\", ""), text
-            )
-        return text
-
-    def kinds(self) -> list[str]:
-        """What each argument is: track, zone, group or event; empty for anything else."""
-        return [_KINDS.get(w.strip("[]"), "") for w in self._words()]
-
-    def keeps_few(self, words: Sequence[str]) -> bool:
-        """Whether the question to all recordings is best asked of all at once
-        (`Case.by_recording`).
-        """
-        return self.few_from is not None and len(words) >= self.few_from
-
-    def sql(self, words: Sequence[str], options: Options) -> str:
-        """The SQL for these arguments.
-
-        Raises:
-            UsageError: too few, too many or wrong arguments; says which are wanted.
-        """
-        names = self._words()
-        least = sum(not name.startswith("[") for name in names)
-        if not least <= len(words) <= len(names):
-            raise UsageError(
-                f"--ask {self.name} {self.arguments}: {len(words)} arguments given;"
-                f" {self.about}"
-            )
-        for field, flag in FLAGS.items():
-            if getattr(options, field) is not None and field not in (*self.takes, *EVERY):
-                taken = ", ".join(FLAGS[take] for take in (*self.takes, *EVERY))
-                raise UsageError(f"--ask {self.name} takes no {flag}; it takes: {taken}")
-        try:
-            values = {"only": _only(options), **self.build(words, options)}
-            return Template(self.template).substitute(values).strip()
-        except (ValueError, KeyError) as error:
-            # A question of the user's own need not know our errors.
-            raise UsageError(
-                f"--ask {self.name} {self.arguments}: {type(error).__name__}: {error}"
-            ) from error
-
-    def sure_sql(self, words: Sequence[str], options: Options) -> str:
-        """The SQL whose rows are all at least as sure as the options ask for.
-
-        Raises:
-            UsageError: as `sql`.
-        """
-        sql = self.sql(words, options)
-        if options.certainty is None or "certainty" not in self.template:
-            return sql
-        return f"SELECT * FROM (\n{sql}\n) WHERE certainty >= {options.certainty!r}"
-
-
-def _only(options: Options) -> str:
-    return "" if options.recordings is None else f" AND {options.recordings.sql()}"
-
-
-def _track(word: str) -> int:
-    return identity(word.removeprefix("track:"))
 
 
 def _met(words: Sequence[str], _: Options) -> Mapping[str, str]:
-    a = _track(words[0])
+    a = track_of(words[0])
     if len(words) == 1:
         return {"a": str(a), "b": "", "a_too": ""}
-    b = _track(words[1])
+    b = track_of(words[1])
     if a == b:
         raise UsageError(f"--ask met {a} {b}: two different targets are wanted")
     # A row has a < b: of the two ways round one is empty, and need not be looked for.
@@ -187,7 +56,7 @@ def _met(words: Sequence[str], _: Options) -> Mapping[str, str]:
 
 
 def _two(words: Sequence[str], _: Options) -> Mapping[str, str]:
-    a, b = _track(words[0]), _track(words[1])
+    a, b = track_of(words[0]), track_of(words[1])
     if a == b:
         raise UsageError(f"--ask together {a} {b}: two different targets are wanted")
     return {"a": str(min(a, b)), "b": str(max(a, b))}
@@ -196,14 +65,7 @@ def _two(words: Sequence[str], _: Options) -> Mapping[str, str]:
 def _one(words: Sequence[str], options: Options) -> Mapping[str, str]:
     within = 5.0 if options.within_s is None else options.within_s
     gap = 1.0 if options.gap_s is None else options.gap_s
-    return {"a": str(_track(words[0])), "within": repr(within), "gap": repr(gap)}
-
-
-def _stays(words: Sequence[str]) -> Mapping[str, str]:
-    if words[0] == "scene":
-        return {"stays": sql.SCENE_STAYS, "what": "track", "which": ""}
-    stays = Template(sql.ZONE_STAYS).substitute(zone=literal(words[0]))
-    return {"stays": stays, "what": "zone", "which": f":{zone_word(words[0])}"}
+    return {"a": str(track_of(words[0])), "within": repr(within), "gap": repr(gap)}
 
 
 def _zone_at(words: Sequence[str], options: Options) -> Mapping[str, str]:
@@ -211,13 +73,13 @@ def _zone_at(words: Sequence[str], options: Options) -> Mapping[str, str]:
         raise UsageError(
             "--ask who-was-in ZONE --at T: give --at (seconds, frame:N, or RFC 3339)"
         )
-    return {**_stays(words), "at": options.at.sql("s")}
+    return {**stays_of(words), "at": options.at.sql("s")}
 
 
 def _loitered(words: Sequence[str], options: Options) -> Mapping[str, str]:
     least = 30.0 if options.least_s is None else options.least_s
     return {
-        **_stays(words),
+        **stays_of(words),
         "least": repr(least),
         "gap": repr(2.0 if options.gap_s is None else options.gap_s),
     }
@@ -228,7 +90,7 @@ def _nothing(_: Sequence[str], __: Options) -> Mapping[str, str]:
 
 
 def _anybody(words: Sequence[str], _: Options) -> Mapping[str, str]:
-    return {"whose": f"track = {_track(words[0])}" if words else "true"}
+    return {"whose": f"track = {track_of(words[0])}" if words else "true"}
 
 
 def _label(words: Sequence[str], _: Options) -> Mapping[str, str]:
@@ -243,7 +105,7 @@ def _before(words: Sequence[str], options: Options) -> Mapping[str, str]:
 def _contacts_of(by: str, options: Options, sure: float) -> str:
     """The contacts of a sort that are sure enough."""
     template = Template(SOURCES[by])
-    return template.substitute(only=_only(options), sure=repr(sure)).strip()
+    return template.substitute(only=only_of(options), sure=repr(sure)).strip()
 
 
 def unsure_contacts_sql(options: Options) -> str:
@@ -262,7 +124,7 @@ def _contacts(words: Sequence[str], options: Options) -> Mapping[str, str]:
     since = "-1e18" if options.at is None else options.at.sql("r")
     what = "encounter" if by == "encounters" else "relation"
     return {
-        "a": str(_track(words[0])),
+        "a": str(track_of(words[0])),
         "contacts": _contacts_of(by, options, options.certainty or 0.0),
         "since": since,
         "why": (
@@ -308,6 +170,7 @@ QUESTIONS: Mapping[str, Question] = {
                  _anybody,
                  "no part of anybody asked about was hidden, or the tracker knows no parts (replay --tracker parts)"),
         Question("timeline", "A", "everything about A in order", sql.TIMELINE, _one),
+        *DESK,
     )
 }  # fmt: skip
 

@@ -248,6 +248,14 @@ DRAWN: Mapping[str, Columns] = {
         ("y", "DOUBLE"),
         *BELIEF,
     ),
+    "lines": (
+        ("line", "VARCHAR"),
+        ("direction", "VARCHAR"),
+        ("x1", "DOUBLE"),
+        ("y1", "DOUBLE"),
+        ("x2", "DOUBLE"),
+        ("y2", "DOUBLE"),
+    ),
 }
 """Tables of what is drawn after the fact, which no index holds."""
 

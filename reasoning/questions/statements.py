@@ -4,24 +4,24 @@ Times are compared as they are shown, to the millisecond: a row at a limit that 
 in the answer.
 """
 
-_SHOWN = """seen_share, existence, identity,
+SHOWN = """seen_share, existence, identity,
   least(seen_share, existence, identity) AS certainty, joins"""
 """How sure a row is; as many as its least sure part (see `schema.BELIEF`)."""
 
-_OF_ALL = """round(sum(seen_share * (end_frame - start_frame + 1)) / sum(end_frame - start_frame + 1), 4) AS seen_share,
+OF_ALL = """round(sum(seen_share * (end_frame - start_frame + 1)) / sum(end_frame - start_frame + 1), 4) AS seen_share,
     min(existence) AS existence, min(identity) AS identity,
     list_sort(list_distinct(flatten(list(joins)))) AS joins"""
 """How sure several intervals together are."""
 
-_BELIEF = "seen_share, existence, identity, joins"
+BELIEF = "seen_share, existence, identity, joins"
 
 MET = f"""
 -- intervals of A with one partner that follow one another without a gap are one meeting
 WITH mine AS (
-  SELECT recording, b AS other, state, start_frame, end_frame, start_t, end_t, {_BELIEF}
+  SELECT recording, b AS other, state, start_frame, end_frame, start_t, end_t, {BELIEF}
   FROM sure_relations WHERE a = $a$b$only
   UNION ALL
-  SELECT recording, a, state, start_frame, end_frame, start_t, end_t, {_BELIEF}
+  SELECT recording, a, state, start_frame, end_frame, start_t, end_t, {BELIEF}
   FROM sure_relations WHERE b = $a$a_too$only),
 marked AS (
   SELECT *, start_frame > 1 + coalesce(max(end_frame) OVER (
@@ -33,10 +33,10 @@ numbered AS (
 whole AS (
   SELECT recording, other, min(start_frame) AS first, max(end_frame) AS last, min(start_t) AS start_t,
     max(end_t) AS end_t, round(max(end_t) - min(start_t), 3) AS seconds,
-    round(coalesce(sum(end_t - start_t) FILTER (state = 'JOINT'), 0), 3) AS joint_s, {_OF_ALL}
+    round(coalesce(sum(end_t - start_t) FILTER (state = 'JOINT'), 0), 3) AS joint_s, {OF_ALL}
   FROM numbered GROUP BY recording, other, meeting)
 SELECT recording, $a AS track, other, first AS start_frame, last AS end_frame, start_t, end_t, seconds, joint_s,
-  {_SHOWN},
+  {SHOWN},
   concat('relation:', least($a, other), '-', greatest($a, other), '@', first) AS explain
 FROM whole ORDER BY recording, first, other
 """
@@ -98,7 +98,7 @@ FROM both_left g JOIN last_contact c USING (recording, other)
 ORDER BY g.recording, abs(g.t - g.first_t), g.other
 """
 
-_STAY = f"SELECT recording, track, start_frame, end_frame, start_t, end_t, {_BELIEF}"
+_STAY = f"SELECT recording, track, start_frame, end_frame, start_t, end_t, {BELIEF}"
 
 ZONE_STAYS = f"{_STAY} FROM zones WHERE zone = $zone"
 
@@ -107,7 +107,7 @@ SCENE_STAYS = f"{_STAY} FROM presence WHERE true"
 WHO_WAS_IN = f"""
 WITH stays AS ($stays$only)
 SELECT s.recording, s.track, s.start_frame AS since_frame, s.end_frame AS until_frame,
-  s.start_t AS since_t, s.end_t AS until_t, {_SHOWN},
+  s.start_t AS since_t, s.end_t AS until_t, {SHOWN},
   concat('$what:', s.track, '@', s.start_frame, '$which') AS explain
 FROM stays s WHERE $at BETWEEN s.start_t - 0.0005 AND s.end_t + 0.0005 ORDER BY s.recording, s.track
 """
@@ -121,17 +121,17 @@ numbered AS (
   SELECT *, sum(fresh::INTEGER) OVER (PARTITION BY recording, track ORDER BY start_frame) AS stay FROM marked),
 stay AS (
   SELECT recording, track, min(start_frame) AS first, max(end_frame) AS last, min(start_t) AS start_t,
-    max(end_t) AS end_t, {_OF_ALL} FROM numbered GROUP BY recording, track, stay
+    max(end_t) AS end_t, {OF_ALL} FROM numbered GROUP BY recording, track, stay
   HAVING round(max(end_t) - min(start_t), 3) >= $least)
 SELECT recording, track, first AS start_frame, last AS end_frame, start_t, end_t, round(end_t - start_t, 3) AS seconds,
-  {_SHOWN},
+  {SHOWN},
   concat('$what:', track, '@', first, '$which') AS explain
 FROM stay ORDER BY recording, first, track
 """
 
 HIDDEN = f"""
 SELECT recording, track, part, start_frame, end_frame, start_t, end_t, round(end_t - start_t, 3) AS seconds,
-  {_SHOWN}, format('track:{{}}@{{}}', track, start_frame) AS explain
+  {SHOWN}, format('track:{{}}@{{}}', track, start_frame) AS explain
 FROM hidden WHERE $whose$only ORDER BY recording, start_frame, track, part
 """
 
@@ -151,7 +151,7 @@ entered AS (
   WHERE t.kind <> 'exited' AND (g.at IS NULL OR (t.frame, t.event) > g.at) GROUP BY t.recording, t.track),
 stays AS (
   SELECT p.recording, p.track, g.at IS NOT NULL AS left_before, min(p.start_frame) AS first, min(p.start_t) AS first_t,
-    max(p.end_frame) AS last, max(p.end_t) AS last_t, {_OF_ALL}
+    max(p.end_frame) AS last, max(p.end_t) AS last_t, {OF_ALL}
   FROM (FROM presence WHERE true$only) p LEFT JOIN gone g USING (recording, track)
   WHERE g.at IS NULL OR p.end_frame > g.at[1] GROUP BY ALL),
 stayed AS (
@@ -213,11 +213,11 @@ BEFORE = f"""
 WITH event AS (
   SELECT recording, event, t, frame, unnest(subjects) AS subject FROM sure_events WHERE event = $event$only),
 pairs AS (
-  SELECT recording, a, b, state AS how, 'relation' AS what, start_frame, start_t, end_t, 1.0 AS confidence, {_BELIEF}
+  SELECT recording, a, b, state AS how, 'relation' AS what, start_frame, start_t, end_t, 1.0 AS confidence, {BELIEF}
   FROM sure_relations
   WHERE end_t >= (SELECT min(t) - $within - 0.001 FROM event)$only
   UNION ALL
-  SELECT recording, a, b, 'together: ' || kind, 'encounter', start_frame, start_t, end_t, confidence, {_BELIEF}
+  SELECT recording, a, b, 'together: ' || kind, 'encounter', start_frame, start_t, end_t, confidence, {BELIEF}
   FROM sure_encounters
   WHERE end_t >= (SELECT min(t) - $within - 0.001 FROM event)$only),
 near AS (
@@ -307,25 +307,25 @@ GROUP_WHY = "format('group:{}', ids[i] % 4294967296)"
 TIMELINE = f"""
 WITH told AS (
   SELECT recording, start_t, end_t, start_frame, 'present' AS what, CAST([] AS INTEGER[]) AS others, '' AS text,
-    1.0 AS confidence, {_BELIEF}, format('track:{{}}@{{}}', track, start_frame) AS explain
+    1.0 AS confidence, {BELIEF}, format('track:{{}}@{{}}', track, start_frame) AS explain
     FROM presence WHERE track = $a$only
-  UNION ALL SELECT recording, start_t, end_t, start_frame, 'in ' || zone, [], '', 1.0, {_BELIEF},
+  UNION ALL SELECT recording, start_t, end_t, start_frame, 'in ' || zone, [], '', 1.0, {BELIEF},
     format('zone:{{}}@{{}}:{{}}', track, start_frame, url_encode(zone)) FROM zones WHERE track = $a$only
-  UNION ALL SELECT recording, start_t, end_t, start_frame, state, [b], '', 1.0, {_BELIEF},
+  UNION ALL SELECT recording, start_t, end_t, start_frame, state, [b], '', 1.0, {BELIEF},
     concat('relation:', a, '-', b, '@', start_frame) FROM sure_relations WHERE a = $a$only
-  UNION ALL SELECT recording, start_t, end_t, start_frame, state, [a], '', 1.0, {_BELIEF},
+  UNION ALL SELECT recording, start_t, end_t, start_frame, state, [a], '', 1.0, {BELIEF},
     concat('relation:', a, '-', b, '@', start_frame) FROM sure_relations WHERE b = $a$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'group ' || group_id,
-    list_filter(members, lambda x: x <> $a), coalesce(ended_by, ''), 1.0, {_BELIEF}, format('group:{{}}', group_id)
+    list_filter(members, lambda x: x <> $a), coalesce(ended_by, ''), 1.0, {BELIEF}, format('group:{{}}', group_id)
     FROM sure_groups WHERE list_contains(members, $a)$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'together: ' || kind, [b],
-    format('confidence {{}}', confidence), confidence, {_BELIEF}, concat('encounter:', a, '-', b, '@', start_frame)
+    format('confidence {{}}', confidence), confidence, {BELIEF}, concat('encounter:', a, '-', b, '@', start_frame)
     FROM sure_encounters WHERE a = $a$only
   UNION ALL SELECT recording, start_t, end_t, start_frame, 'together: ' || kind, [a],
-    format('confidence {{}}', confidence), confidence, {_BELIEF}, concat('encounter:', a, '-', b, '@', start_frame)
+    format('confidence {{}}', confidence), confidence, {BELIEF}, concat('encounter:', a, '-', b, '@', start_frame)
     FROM sure_encounters WHERE b = $a$only
   UNION ALL SELECT recording, t, t, frame, 'event ' || kind, list_filter(subjects, lambda x: x <> $a), text,
-    1.0, {_BELIEF}, format('event:{{}}', event) FROM sure_events WHERE list_contains(subjects, $a)$only)
+    1.0, {BELIEF}, format('event:{{}}', event) FROM sure_events WHERE list_contains(subjects, $a)$only)
 SELECT recording, start_t, end_t, what, others, text, seen_share, existence, identity,
   least(seen_share, existence, identity, confidence) AS certainty, joins, explain FROM told
 ORDER BY recording, start_t, end_t DESC, what, others, explain

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Protocol
 
 from recorders.errors import UsageError
 from recorders.limits import Limits
+from recorders.told_times import after_start, colon_time
 
 if TYPE_CHECKING:
     from recorders.scene import SceneLog
@@ -80,7 +81,10 @@ def add_tracker(parser: argparse.ArgumentParser, otherwise: str) -> None:
 def add_span(parser: argparse.ArgumentParser) -> None:
     """``--from`` and ``--to``."""
     parser.add_argument(
-        "--from", dest="start", metavar="T", help="first time: seconds, frame:N or RFC 3339"
+        "--from",
+        dest="start",
+        metavar="T",
+        help="first time: seconds, 1:20, 12:03:40, frame:N or RFC 3339",
     )
     parser.add_argument("--to", dest="end", metavar="T", help="the end, excluded")
 
@@ -182,7 +186,8 @@ def printable(text: str) -> str:
 
 
 def parse_time(text: str, scene: SceneLog) -> int:
-    """A time as log time in ns: seconds from the start, ``frame:N``, or RFC 3339.
+    """A time as log time in ns: seconds from the start, ``1:20``, ``12:03:40`` (a time of day,
+    UTC, where the recording has a clock, else from the start), ``frame:N``, or RFC 3339.
 
     Raises:
         UsageError: it is none of them, or the frame is not there.
@@ -197,7 +202,21 @@ def parse_time(text: str, scene: SceneLog) -> int:
         start = next(scene.frame_times())
         whole, _, fraction = text.partition(".")
         return start + int(whole) * NANOS + int(fraction[:9].ljust(9, "0") or 0)
-    return parse_rfc3339(text)
+    return parse_clock(text, lambda: next(scene.frame_times()))
+
+
+def parse_clock(text: str, start_ns: Callable[[], int]) -> int:
+    """``1:20``, ``12:03:40`` or RFC 3339 as log time in ns, the first two from a start.
+
+    Raises:
+        UsageError: it is none of them.
+    """
+    told = colon_time(text)
+    if told is None:
+        return parse_rfc3339(text)
+    start = start_ns()
+    seconds = after_start(told.seconds, start, "UTC") if told.of_day else told.seconds
+    return start + round(seconds * NANOS)
 
 
 def parse_rfc3339(text: str) -> int:
@@ -220,7 +239,8 @@ def parse_rfc3339(text: str) -> int:
         )
     except ValueError:
         raise UsageError(
-            f"time {text!r}: must be seconds from the start (12.5), frame:N, or RFC 3339"
+            f"time {text!r}: must be seconds from the start (12.5), minutes and seconds"
+            " (1:20), a time of day (12:03:40), frame:N, or RFC 3339"
             " (2026-01-31T12:00:00Z)"
         ) from None
     return seconds * NANOS + int((match[2] or ".0")[1:10].ljust(9, "0"))

@@ -130,4 +130,4 @@ def span_time(
             ) from None
     if re.fullmatch(r"\d{1,12}(\.\d*)?", text):
         return start_ns + round(Decimal(text) * common.NANOS)
-    return common.parse_rfc3339(text)
+    return common.parse_clock(text, lambda: start_ns)

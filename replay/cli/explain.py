@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
 from replay.cli.common import Commands, add_configuration, command, printable, say
+from replay.cli.drawing import add_clock, add_drawing, drawn_of, start_of
 from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
@@ -59,6 +60,8 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--force", action="store_true", help="write into an older explanation's folder"
     )
+    add_clock(parser)
+    add_drawing(parser)
     add_configuration(parser)
     parser.set_defaults(run=run)
 
@@ -80,7 +83,10 @@ def run(args: argparse.Namespace) -> int:
         check_folder(args.output, EXPLANATION, force=args.force)
         check_log(args.annotated)
     with Case(
-        [args.annotated], encounters=encounter_config(args.config, args.assignments)
+        [args.annotated],
+        encounters=encounter_config(args.config, args.assignments),
+        drawn=drawn_of(args),
+        start_ns=start_of(args),
     ) as case:
         check_thresholds(case, chosen_encounters(args.config, args.assignments))
         check_recording(case, args.recording)
@@ -90,7 +96,9 @@ def run(args: argparse.Namespace) -> int:
             else _of_camera(case, args.camera, args.recording)
         )
         references = [r for word in args.references for r in word.split()]
-        found = [explain(case, reference, recording) for reference in references]
+        found = [
+            explain(case, reference, recording, args.timezone) for reference in references
+        ]
     if args.output is not None:
         from replay.report.evidence import write_explanations
 

@@ -175,7 +175,7 @@ def log_time(text: str | None, log: AnnotatedLog) -> int | None:
         return log.time_of(int(match[1]))
     if re.fullmatch(r"\d{1,12}(\.\d*)?", text):
         return log.start_ns + round(Decimal(text) * common.NANOS)
-    return common.parse_rfc3339(text)
+    return common.parse_clock(text, lambda: log.start_ns)
 
 
 def _tables(args: argparse.Namespace, camera: str) -> str:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from recorders.errors import OutputExistsError, UsageError
 from replay.cli.common import Commands, add_configuration, command, say, take_words_anywhere
+from replay.cli.drawing import add_clock, add_drawing, drawn_of, start_of
 from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
@@ -75,7 +76,11 @@ def add(commands: Commands) -> None:
     )
     asking = parser.add_argument_group("options of questions")
     asking.add_argument("--recording", metavar="NAME", help="only this recording")
-    asking.add_argument("--at", metavar="T", help="a moment: seconds, frame:N, or RFC 3339")
+    asking.add_argument(
+        "--at",
+        metavar="T",
+        help="a moment: seconds, 1:20, 12:03:40 (time of day), frame:N, or RFC 3339",
+    )
     asking.add_argument(
         "--min", metavar="TIME", dest="least", help="shortest stay, like 30s"
     )
@@ -92,6 +97,13 @@ def add(commands: Commands) -> None:
         help="a contact is: relations (default), joint, encounters, groups",
     )
     asking.add_argument(
+        "--direction", metavar="WAY", help="only crossings to the left, right, up or down"
+    )
+    asking.add_argument(
+        "--every", metavar="TIME", help="count by spans so long, like 1h (default 1h)"
+    )
+    add_clock(asking)
+    asking.add_argument(
         "--certainty",
         type=float,
         metavar="P",
@@ -104,6 +116,7 @@ def add(commands: Commands) -> None:
         help="events for people: without what trackers say of themselves (confirmed, lost,"
         " mode changed ...)",
     )
+    add_drawing(parser)
     add_configuration(parser)
     limits = parser.add_argument_group("limits")
     limits.add_argument(
@@ -123,6 +136,7 @@ def add(commands: Commands) -> None:
 def run(args: argparse.Namespace) -> int:
     """Answer."""
     from reasoning.questions import Case, QueryLimits
+    from reasoning.questions.clocks import starts, with_clocks
     from reasoning.questions.guard import guarded
     from reasoning.questions.name_checks import check_thresholds
     from replay.configuration import chosen_encounters, encounter_config
@@ -148,12 +162,16 @@ def run(args: argparse.Namespace) -> int:
         QueryLimits(args.time_limit, args.memory),
         encounters=encounters,
         brief=args.brief,
+        drawn=drawn_of(args),
+        start_ns=start_of(args),
     ) as case:
         check_thresholds(case, chosen_encounters(args.config, args.assignments))
         ask, nothing = _asked(case, query, args)
         unsure = Unsure(_certainty(args) if args.ask else None)
         with guarded(case.limits):
-            count = _answer(unsure.left_out_of(ask()), form, args)
+            begun = starts(case) if args.ask or args.pattern else {}
+            answer = with_clocks(unsure.left_out_of(ask()), begun, args.timezone)
+            count = _answer(answer, form, args)
             unsure.add_contacts(case, args)
         if unsure.count:
             say(unsure.told())
@@ -220,6 +238,8 @@ def _check_options(args: argparse.Namespace) -> None:
         "--gap": args.gap,
         "--depth": args.depth,
         "--by": args.by,
+        "--direction": args.direction,
+        "--every": args.every,
         "--certainty": args.certainty,
     }
     taken = ("--show-sql", FLAGS["recordings"]) if args.pattern is not None else ()
@@ -273,13 +293,16 @@ def _options(args: argparse.Namespace) -> Options:
 
     return Options(
         recordings=only(args.recording),
-        at=None if args.at is None else moment(args.at),
+        at=None if args.at is None else moment(args.at, args.timezone),
         least_s=seconds(args.least),
         within_s=seconds(args.within),
         gap_s=seconds(args.gap),
         depth=args.depth,
         by=args.by,
         certainty=_certainty(args),
+        direction=args.direction,
+        every_s=seconds(args.every),
+        timezone=args.timezone,
     )
 
 

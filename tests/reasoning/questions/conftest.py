@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from fixtures.scenes import GeneratedScene, generate
+from fixtures.targets import truth_targets
+from reasoning.reasoner import Reasoner
 from recorders import channels
 from recorders.log import LogWriter
 from recorders.messages import (
@@ -191,3 +194,53 @@ def meeting_story() -> Story:
 @pytest.fixture(scope="session")
 def meeting_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(MEETING, tmp_path_factory.mktemp("questions") / "meeting.mcap")
+
+
+CHANNELS = ("regions", "tracks", "relations", "groups", "events")
+
+
+def write_played(scene: GeneratedScene, path: Path) -> Path:
+    reasoner = Reasoner({}, scene.width, scene.height)
+    with LogWriter(path) as log:
+        ids = {
+            n: log.channel(
+                channels.topic("camera", n),
+                channels.schema(n),
+                channels.message_encoding(n),
+            )
+            for n in CHANNELS
+        }
+        for targets in truth_targets(scene):
+            ns = targets.frame * scene.frame_ns
+            made = reasoner.step(targets.frame, ns, targets, scene.truth.regions)
+            messages = [
+                *([("regions", scene.truth.regions)] if targets.frame == 0 else []),
+                ("tracks", made.tracks),
+                ("relations", made.relations),
+                ("groups", made.groups),
+            ]
+            for name, message in [*messages, *(("events", e) for e in made.events)]:
+                log.write(ids[name], channels.encode(name, message), ns)
+    return path
+
+
+@pytest.fixture(scope="session")
+def played(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Callable[[str], tuple[GeneratedScene, Path]]:
+    """A scene and its annotated log by name, made once in whatever order the tests run."""
+    folder = tmp_path_factory.mktemp("scripted")
+    made: dict[str, tuple[GeneratedScene, Path]] = {}
+
+    def play(name: str) -> tuple[GeneratedScene, Path]:
+        if name not in made:
+            scene = generate(name)
+            made[name] = scene, write_played(scene, folder / f"{name}.mcap")
+        return made[name]
+
+    return play
+
+
+@pytest.fixture(scope="session")
+def write_scene() -> Callable[[GeneratedScene, Path], Path]:
+    return write_played

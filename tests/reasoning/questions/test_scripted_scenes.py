@@ -10,64 +10,19 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from fixtures.scenes import SCRIPTS, GeneratedScene, generate
-from fixtures.targets import truth_targets
+from fixtures.scenes import SCRIPTS, GeneratedScene
 from reasoning.questions import Case
 from reasoning.questions.literals import Moment, zone_reference
 from reasoning.questions.ready_questions import DEFAULT_CERTAINTY, Options, question
-from reasoning.reasoner import Reasoner
 from recorders import channels
-from recorders.log import LogReader, LogWriter
+from recorders.log import LogReader
 from recorders.messages import Event, Groups, Relations, Tracks
 
-CHANNELS = ("regions", "tracks", "relations", "groups", "events")
-
-
-def write(scene: GeneratedScene, path: Path) -> Path:
-    reasoner = Reasoner({}, scene.width, scene.height)
-    with LogWriter(path) as log:
-        ids = {
-            n: log.channel(
-                channels.topic("camera", n),
-                channels.schema(n),
-                channels.message_encoding(n),
-            )
-            for n in CHANNELS
-        }
-        for targets in truth_targets(scene):
-            ns = targets.frame * scene.frame_ns
-            made = reasoner.step(targets.frame, ns, targets, scene.truth.regions)
-            messages = [
-                *([("regions", scene.truth.regions)] if targets.frame == 0 else []),
-                ("tracks", made.tracks),
-                ("relations", made.relations),
-                ("groups", made.groups),
-            ]
-            for name, message in [*messages, *(("events", e) for e in made.events)]:
-                log.write(ids[name], channels.encode(name, message), ns)
-    return path
-
-
-@pytest.fixture(scope="session")
-def played(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Callable[[str], tuple[GeneratedScene, Path]]:
-    """A scene and its annotated log by name, made once in whatever order the tests run."""
-    folder = tmp_path_factory.mktemp("scripted")
-    made: dict[str, tuple[GeneratedScene, Path]] = {}
-
-    def play(name: str) -> tuple[GeneratedScene, Path]:
-        if name not in made:
-            scene = generate(name)
-            made[name] = scene, write(scene, folder / f"{name}.mcap")
-        return made[name]
-
-    return play
+CHANNELS = ("tracks", "relations", "groups", "events")
 
 
 @pytest.fixture(params=[n for n in SCRIPTS if n != "empty_scene"])
