@@ -150,14 +150,19 @@ def _explained(case: Case, match: re.Match[str], recording: str | None) -> Expla
         return _group(case, int(match["group"]), only)
     if match["single"] is not None:
         return _single(case, match["single"], int(match["one"]), int(match["at"]), only)
-    if match["inside"] is not None:
-        zone = None if match["zone"] is None else unquote(match["zone"])
-        return _inside(case, int(match["inside"]), int(match["then"]), zone, only)
-    if match["who"] is not None:
-        line = None if match["line"] is None else unquote(match["line"])
-        return _crossed(case, int(match["who"]), int(match["when"]), line, only)
+    if match["inside"] is not None or match["who"] is not None:
+        return _placed(case, match, only)
     a, b = sorted((int(match["a"]), int(match["b"])))
     return _pair(case, match["pair"], (a, b), int(match["since"]), only)
+
+
+def _placed(case: Case, match: re.Match[str], only: str) -> Explanation:
+    """What is about a place: a stay in a zone, or a crossing of a line."""
+    name = match["zone"] or match["line"]
+    named = None if name is None else unquote(name)
+    if match["inside"] is not None:
+        return _inside(case, int(match["inside"]), int(match["then"]), named, only)
+    return _crossed(case, int(match["who"]), int(match["when"]), named, only)
 
 
 def _row(case: Case, query: str, reference: str) -> dict[str, Any]:
