@@ -242,7 +242,7 @@ def test_what_happened_between_two_times(played: Played) -> None:
 
 def test_what_is_drawn_wrongly_is_said(played: Played) -> None:
     _, path = played("loiter")
-    wrong = (
+    wrong: tuple[tuple[list[str], list[str], str], ...] = (
         (["bench=1,2,3"], [], "no pairs"), (["bench=1,2,3,4,5,6"], [], "no area"), (["=1,2,3,4"], [], "wanted --zone"),
         ([], ["gate=1,2,1,2"], "one point"), ([], ["gate=1,2,3,4,5,6"], "two are wanted"),
         (["a=0,0,9,9", "a=0,0,8,8"], [], "drawn twice"), (["scene=0,0,9,9"], [], "wanted --zone"),
