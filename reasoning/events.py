@@ -70,7 +70,7 @@ def list_of(ids: Sequence[int]) -> str:
     >>> list_of([1, 2, 5])
     '1, 2 and 5'
     """
-    words = [str(i) for i in ids]
+    words = [str(identity) for identity in ids]
     return (
         " and ".join([", ".join(words[:-1]), words[-1]])
         if len(words) > 1
@@ -114,16 +114,18 @@ def notice(log: EventLog, n: Notice) -> None:
     log.add(n.kind, n.subjects, n.rule, dict(n.evidence), text)
 
 
-def life(log: EventLog, kind: str, t: Target, evidence: dict[str, Any], text: str) -> None:
+def life(
+    log: EventLog, kind: str, target: Target, evidence: dict[str, Any], text: str
+) -> None:
     """A track is confirmed, lost, recovered, removed or followed in another way."""
     values = {
-        "box": list(t.box),
-        "mode": t.mode,
-        "confidence": t.confidence,
-        "observed": t.observed,
+        "box": list(target.box),
+        "mode": target.mode,
+        "confidence": target.confidence,
+        "observed": target.observed,
         **evidence,
     }
-    log.add(kind, [t.id], "EVENTS 2", values, text)
+    log.add(kind, [target.id], "EVENTS 2", values, text)
 
 
 _SCENE_TEXT = {
@@ -143,7 +145,7 @@ _SCENE_TEXT = {
 
 def scene(
     log: EventLog,
-    c: SceneChange,
+    change: SceneChange,
     regions_source: str,
     box: Sequence[float],
     margins: tuple[float, float],
@@ -153,7 +155,7 @@ def scene(
 
     Args:
         log: where it is told.
-        c: the change.
+        change: the change.
         regions_source: where the regions are from.
         box: the target's, its last one if it is gone.
         margins: how far it lies within the region of interest and beyond region and border, pixels.
@@ -161,33 +163,43 @@ def scene(
     """
     evidence: dict[str, Any] = {}
     rule = "EVENTS 3.2"
-    if c.zone:
+    if change.zone:
         rule = "ours: named zones"
-        evidence["zone"] = c.zone
-        if c.kind == "zone_left":
-            evidence["time_in_zone_s"] = seconds(c.lasted_ns)
+        evidence["zone"] = change.zone
+        if change.kind == "zone_left":
+            evidence["time_in_zone_s"] = seconds(change.lasted_ns)
     else:
         evidence = {
-            "status_before": c.before or "none",
-            "time_in_status_s": seconds(c.lasted_ns),
+            "status_before": change.before or "none",
+            "time_in_status_s": seconds(change.lasted_ns),
         }
-    if c.reason:
-        evidence["reason"] = c.reason
+    if change.reason:
+        evidence["reason"] = change.reason
     else:
-        evidence |= {"in_roi": PLACES[c.roi], "in_roi_and_border": PLACES[c.area]}
-    if not c.reason and c.kind in ("entered", "returned") and math.isfinite(margins[0]):
+        evidence |= {"in_roi": PLACES[change.roi], "in_roi_and_border": PLACES[change.area]}
+    if (
+        not change.reason
+        and change.kind in ("entered", "returned")
+        and math.isfinite(margins[0])
+    ):
         evidence |= {"within_roi_px": margins[0], "within_roi_px_at_least": 0.0}
-    if c.kind == "entering" and margins[0] < 0.0:
+    if change.kind == "entering" and margins[0] < 0.0:
         evidence |= {"within_roi_px": margins[0], "within_roi_px_under": 0.0}
-    if c.kind == "zone_entered":
+    if change.kind == "zone_entered":
         evidence |= {"inside_px": in_zone, "inside_px_at_least": 0.0}
-    if c.kind == "zone_left" and not c.reason and math.isfinite(in_zone):
+    if change.kind == "zone_left" and not change.reason and math.isfinite(in_zone):
         evidence |= {"inside_px": in_zone, "inside_px_at_most": 0.0}
-    if not c.reason and c.kind in ("exiting", "exited") and math.isfinite(margins[1]):
+    if (
+        not change.reason
+        and change.kind in ("exiting", "exited")
+        and math.isfinite(margins[1])
+    ):
         evidence |= {"beyond_border_px": margins[1], "beyond_border_px_over": 0.0}
     evidence |= {"box": list(box), "regions": regions_source}
-    text = _SCENE_TEXT[c.kind].format(i=c.id, z=c.zone, s=seconds(c.lasted_ns))
-    log.add(c.kind, [c.id], rule, evidence, text)
+    text = _SCENE_TEXT[change.kind].format(
+        i=change.id, z=change.zone, s=seconds(change.lasted_ns)
+    )
+    log.add(change.kind, [change.id], rule, evidence, text)
 
 
 _RELATION_KINDS = {
@@ -260,11 +272,11 @@ def safety(distance: float, margin: float) -> dict[str, float]:
     return {"safety_distance": distance, f"safety_distance_{held}": 1.0 + margin}
 
 
-def _safety(change: PairChange, p: InteractionParameters) -> dict[str, float]:
+def _safety(change: PairChange, parameters: InteractionParameters) -> dict[str, float]:
     """A pair's safety distance, its limit, and what the safety areas are made of."""
     assert change.distance is not None, "nobody measures the distance to who is gone"
-    found = safety(change.distance, p.leave_margin if change.before else 0.0)
-    return {**found, "safety_margin": p.safety_margin}
+    found = safety(change.distance, parameters.leave_margin if change.before else 0.0)
+    return {**found, "safety_margin": parameters.safety_margin}
 
 
 def _splitting(change: PairChange, collides: bool) -> tuple[str, str]:
@@ -297,7 +309,7 @@ def pair(
     log: EventLog,
     change: PairChange,
     group: int | None,
-    p: InteractionParameters,
+    parameters: InteractionParameters,
     inferred: Collection[int] = (),
 ) -> None:
     """Two targets are grouping, grouped or splitting from this frame on (EVENTS 3.1).
@@ -305,7 +317,7 @@ def pair(
     ``inferred``: who is born of a split by our rule, without a word of the tracker.
     """
     kind = BIT_KINDS[change.after]
-    safety = _safety(change, p)
+    safety = _safety(change, parameters)
     evidence = {
         "before": BIT_KINDS.get(change.before, "none"),
         "after": kind,
@@ -336,7 +348,7 @@ def single(
     target: int,
     before: int,
     parted: Sequence[PairChange],
-    p: InteractionParameters,
+    parameters: InteractionParameters,
 ) -> None:
     """A target collides with nobody any more; ``parted``: the pairs that ended with this frame."""
     measured = [c for c in parted if c.distance is not None]
@@ -347,7 +359,7 @@ def single(
         "partners_before": [c.b if c.a == target else c.a for c in parted],
         "safety_distances": [c.distance for c in parted],
         "partners_gone": sorted(i for c in parted for i in c.gone),
-        **({} if nearest is None else _safety(nearest, p)),
+        **({} if nearest is None else _safety(nearest, parameters)),
     }
     log.add(
         "single",
@@ -358,47 +370,53 @@ def single(
     )
 
 
-def group(log: EventLog, c: GroupChange) -> None:
+def group(log: EventLog, group_change: GroupChange) -> None:
     """A group began, changed its members (one ended, another began), ended, or is understood to
     have entered as one.
     """
-    g = c.group
+    g = group_change.group
     members = list(g.members)
     evidence: dict[str, Any] = {"members": members, "observed": g.observed}
-    if c.kind == "group_ended":
+    if group_change.kind == "group_ended":
         evidence |= {"splitting_pairs": 0, "splitting_pairs_at_most": 0}
     else:
         evidence |= {"count": len(members), "count_at_least": 2}
     if g.source:
         evidence |= {"source": g.source, "source_id": g.source_id}
-    if c.before:
-        evidence |= _membership(g, c.before)
+    if group_change.before:
+        evidence |= _membership(g, group_change.before)
     text = f"Group {g.label} of targets {list_of(members)} formed."
-    if c.kind == "group_changed":
-        old = list_of([b.label for b in c.before])
+    if group_change.kind == "group_changed":
+        old = list_of([b.label for b in group_change.before])
         text = (
             f"Group {old} ended; group {g.label} of targets {list_of(members)} began in its"
             " place."
         )
-        if c.before[0].label == g.label:
-            gone = list_of([i for i in c.before[0].members if i not in members])
+        if group_change.before[0].label == g.label:
+            gone = list_of(
+                [
+                    member
+                    for member in group_change.before[0].members
+                    if member not in members
+                ]
+            )
             text = f"Group {g.label} goes on as targets {list_of(members)}, without {gone}."
-    elif c.kind == "group_entered_scene":
+    elif group_change.kind == "group_entered_scene":
         text = (
             f"Targets {list_of(members)} had entered the scene as one: understood as group"
             f" {g.label} when they split."
         )
-    elif c.kind == "group_ended":
+    elif group_change.kind == "group_ended":
         evidence |= {
-            "lasted_s": seconds(c.lasted_ns),
+            "lasted_s": seconds(group_change.lasted_ns),
             "since_frame": g.since_frame,
-            "gone": list(c.gone),
+            "gone": list(group_change.gone),
         }
         text = (
             f"Group {g.label} of targets {list_of(members)} ended: no two of them are"
             " splitting any more."
         )
-    labels = [b.label for b in c.before if b.label != g.label] + [g.label]
+    labels = [b.label for b in group_change.before if b.label != g.label] + [g.label]
     rules = {
         "group_formed": "EVENTS 3.1 group tracker over a collision zone",
         "group_changed": (
@@ -409,23 +427,25 @@ def group(log: EventLog, c: GroupChange) -> None:
             "EVENTS 3.1 a group that entered as one, detected as it splits"
         ),
     }
-    rule = rules[c.kind]
-    if labels == [g.label] and c.before:
+    rule = rules[group_change.kind]
+    if labels == [g.label] and group_change.before:
         rule = (
             "EVENTS 3.1, ours: who collides with no member of a splitting group has left it"
         )
-    subjects = sorted({member for b in c.before for member in b.members}.union(members))
-    log.add(c.kind, subjects, rule, evidence, text, labels)
+    subjects = sorted(
+        {member for b in group_change.before for member in b.members}.union(members)
+    )
+    log.add(group_change.kind, subjects, rule, evidence, text, labels)
 
 
-def _membership(g: HeldGroup, before: Sequence[HeldGroup]) -> dict[str, Any]:
+def _membership(held_group: HeldGroup, before: Sequence[HeldGroup]) -> dict[str, Any]:
     old = sorted({member for b in before for member in b.members})
     return {
-        "ended": [b.label for b in before if b.label != g.label],
-        "began": g.label,
+        "ended": [b.label for b in before if b.label != held_group.label],
+        "began": held_group.label,
         "members_before": [list(b.members) for b in before],
-        "joined": [member for member in g.members if member not in old],
-        "left": [i for i in old if i not in g.members],
+        "joined": [member for member in held_group.members if member not in old],
+        "left": [i for i in old if i not in held_group.members],
     }
 
 
@@ -455,9 +475,9 @@ def torn(log: EventLog, change: RelationChange) -> None:
     log.add("anomaly", [change.a, change.b], change.rule, evidence, text)
 
 
-def jumped(log: EventLog, change: PairChange, p: InteractionParameters) -> None:
+def jumped(log: EventLog, change: PairChange, parameters: InteractionParameters) -> None:
     """A grouped pair stopped colliding without having been seen to split."""
-    evidence = {"before": "grouped", **_safety(change, p)}
+    evidence = {"before": "grouped", **_safety(change, parameters)}
     text = (
         f"Targets {list_of([change.a, change.b])} were grouped and do not collide at once: they were"
         " not seen to split."

@@ -93,11 +93,11 @@ class GraphBook:
             return None
         ended = [v for key, v in self._open.items() if key not in intervals]
         known = {node["id"] for node in nodes}
-        gone = sorted({n for v in ended for n in v[:2]} - known, key=node_order)
+        gone = sorted({node for v in ended for node in v[:2]} - known, key=node_order)
         edges = [_edge(interval) for interval in intervals.values()]
         edges += [{**_edge(v), "end_frame": frame, "end_ns": time_ns} for v in ended]
         all_nodes = nodes + [
-            {"id": n, "kind": n.partition(":")[0], "gone": True} for n in gone
+            {"id": node, "kind": node.partition(":")[0], "gone": True} for node in gone
         ]
         self._open, self._nodes, self._started = intervals, nodes, True
         return Graph(
@@ -121,7 +121,7 @@ class GraphBook:
         """Continue from what `state` gave."""
         intervals = [cast(Interval, tuple(v)) for v in state["open"]]
         self._open = {_interval_id(interval): interval for interval in intervals}
-        self._nodes = [dict(n) for n in state["nodes"]]
+        self._nodes = [dict(node) for node in state["nodes"]]
         self._started = state["started"]
         self._facts = None
 
@@ -163,31 +163,31 @@ def _facts(scene: GraphScene) -> list[tuple[Any, ...]]:
     return facts
 
 
-def _target_node(t: Track) -> dict[str, Any]:
+def _target_node(track: Track) -> dict[str, Any]:
     return {
-        "id": target_node(t.id),
+        "id": target_node(track.id),
         "kind": "target",
-        "grouping": t.grouping,
-        "grouped": t.grouped,
-        "splitting": t.splitting,
-        "group": t.group,
-        "scene": t.scene,
-        "mode": t.mode,
-        "present": t.present,
+        "grouping": track.grouping,
+        "grouped": track.grouped,
+        "splitting": track.splitting,
+        "group": track.group,
+        "scene": track.scene,
+        "mode": track.mode,
+        "present": track.present,
     }
 
 
-def _group_node(g: HeldGroup) -> dict[str, Any]:
+def _group_node(held_group: HeldGroup) -> dict[str, Any]:
     return {
-        "id": group_node(g.label),
+        "id": group_node(held_group.label),
         "kind": "group",
-        "members": list(g.members),
-        "observed": g.observed,
-        "since_frame": g.since_frame,
-        "since_ns": g.since_ns,
-        "formed_from": list(g.formed_from),
-        "former_members": [list(member) for member in g.former_members],
-        "entered_as_one": g.entered_as_one,
+        "members": list(held_group.members),
+        "observed": held_group.observed,
+        "since_frame": held_group.since_frame,
+        "since_ns": held_group.since_ns,
+        "formed_from": list(held_group.formed_from),
+        "former_members": [list(member) for member in held_group.former_members],
+        "entered_as_one": held_group.entered_as_one,
     }
 
 
@@ -227,12 +227,12 @@ def _intervals(scene: GraphScene) -> Iterable[Interval]:
             )
 
 
-def _interval_id(v: Interval) -> str:
-    return f"{v[0]} {v[1]} {v[3]}@{v[4]}"
+def _interval_id(interval: Interval) -> str:
+    return f"{interval[0]} {interval[1]} {interval[3]}@{interval[4]}"
 
 
-def _edge(v: Interval) -> dict[str, Any]:
-    source, target, view, state, since_frame, since_ns, rule = v
+def _edge(interval: Interval) -> dict[str, Any]:
+    source, target, view, state, since_frame, since_ns, rule = interval
     return {
         "source": source,
         "target": target,

@@ -150,16 +150,18 @@ class GroupBook:
     def _drop_left(self, splitting: Collection[tuple[int, int]]) -> list[GroupChange]:
         """Groups without observation: who is not splitting from another member is none any more."""
         changes: list[GroupChange] = []
-        for g in self.groups:
-            if g.observed:
+        for group in self.groups:
+            if group.observed:
                 continue
-            members = set(g.members)
+            members = set(group.members)
             inner = {i for p in splitting if members.issuperset(p) for i in p}
             if inner and inner != members:
-                before = dataclasses.replace(g)
-                g.left += tuple(i for i in g.members if i not in inner)
-                g.members = tuple(i for i in g.members if i in inner)
-                changes.append(GroupChange("group_changed", g, (before,)))
+                before = dataclasses.replace(group)
+                group.left += tuple(
+                    member for member in group.members if member not in inner
+                )
+                group.members = tuple(member for member in group.members if member in inner)
+                changes.append(GroupChange("group_changed", group, (before,)))
         return changes
 
     def _end_replaced(self, new: Sequence[int]) -> list[HeldGroup]:
@@ -213,14 +215,14 @@ class GroupBook:
         for group in groups:
             for name in ("members", "formed_from", "left"):
                 group[name] = list(group[name])
-            group["former_members"] = [list(m) for m in group["former_members"]]
+            group["former_members"] = [list(member) for member in group["former_members"]]
         return {"groups": groups, "next": self._next}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` gave."""
         self._groups = {}
         for g in state["groups"]:
-            former = tuple(tuple(m) for m in g["former_members"])
+            former = tuple(tuple(member) for member in g["former_members"])
             plain = dict(
                 g,
                 members=tuple(g["members"]),

@@ -110,7 +110,9 @@ class TargetRows:
         """
         return self.seen[k] or (
             blob != NO_BLOB
-            and any(b == blob and self.hidden(k, j) for j, b in enumerate(self.blobs))
+            and any(
+                b == blob and self.hidden(k, index) for index, b in enumerate(self.blobs)
+            )
         )
 
 
@@ -252,21 +254,23 @@ class InteractionBook:
         self,
         frame: int,
         time_ns: int,
-        m: TargetRows,
+        target_rows: TargetRows,
         group_tracks: Sequence[GroupTrack] | None,
     ) -> tuple[list[PairChange], list[Cluster]]:
         """Take a frame's targets; answer with every pair's change, by (a, b), and the clusters
         seen in this frame.
         """
         areas = SafetyAreas(
-            m.boxes.tolist() if isinstance(m.boxes, np.ndarray) else m.boxes,
+            target_rows.boxes.tolist()
+            if isinstance(target_rows.boxes, np.ndarray)
+            else target_rows.boxes,
             self._p.safety_margin,
         )
-        row = {i: index for index, i in enumerate(m.ids)}
+        row = {identity: index for index, identity in enumerate(target_rows.ids)}
         touching = self._touching(areas, row)
         collides = set(touching)
-        regions, source = self._regions(m, areas, group_tracks)
-        clusters = _clusters(m.ids, regions, source, touching)
+        regions, source = self._regions(target_rows, areas, group_tracks)
+        clusters = _clusters(target_rows.ids, regions, source, touching)
         over = {
             member: index
             for index, cluster in enumerate(clusters)
@@ -282,7 +286,7 @@ class InteractionBook:
             changes.append(
                 PairChange(*pair, bond.bit, 0, None, bond.since_frame, lasted, gone=gone)
             )
-        todo = {(m.ids[i], m.ids[j]): (i, j) for i, j in touching}
+        todo = {(target_rows.ids[i], target_rows.ids[j]): (i, j) for i, j in touching}
         for a, b in self.bonds:
             todo.setdefault((a, b), (row[a], row[b]))
         for pair, rows in todo.items():
@@ -292,7 +296,7 @@ class InteractionBook:
                 time_ns,
                 pair,
                 rows,
-                m,
+                target_rows,
                 one_group=one_group,
                 squared=areas.squared(*rows),
                 collides=rows in collides,
@@ -306,7 +310,7 @@ class InteractionBook:
                     if same
                     else change
                 )
-        self._collect(m.ids)
+        self._collect(target_rows.ids)
         return sorted(changes, key=lambda c: (c.a, c.b)), clusters
 
     def _touching(self, areas: SafetyAreas, row: Mapping[int, int]) -> list[Pair]:
@@ -327,7 +331,7 @@ class InteractionBook:
         ns: int,
         pair: Pair,
         rows: Pair,
-        m: TargetRows,
+        target_rows: TargetRows,
         *,
         one_group: bool,
         squared: float,
@@ -336,8 +340,11 @@ class InteractionBook:
         i, j = rows
         bond = self.bonds.get(pair)
         before = bond.bit if bond is not None else 0
-        newborn, of_split = m.newborn[i] or m.newborn[j], m.of_split[i] or m.of_split[j]
-        starts = all(m.present[k] and m.seen[k] for k in rows)
+        newborn, of_split = (
+            target_rows.newborn[i] or target_rows.newborn[j],
+            target_rows.of_split[i] or target_rows.of_split[j],
+        )
+        starts = all(target_rows.present[row] and target_rows.seen[row] for row in rows)
         after = pair_bit(before, collides, one_group, newborn, of_split, starts)
         distance = math.sqrt(squared)
         if bond is not None:
@@ -355,7 +362,7 @@ class InteractionBook:
         jumped = (
             before == GROUPED
             and not collides
-            and not (pair[0] in m.leaving or pair[1] in m.leaving)
+            and not (pair[0] in target_rows.leaving or pair[1] in target_rows.leaving)
         )
         return PairChange(
             *pair,
@@ -369,64 +376,73 @@ class InteractionBook:
         )
 
     def _regions(
-        self, m: TargetRows, areas: SafetyAreas, tracks: Sequence[GroupTrack] | None
+        self,
+        target_rows: TargetRows,
+        areas: SafetyAreas,
+        tracks: Sequence[GroupTrack] | None,
     ) -> tuple[list[int], str]:
         """Each target's observed region (NO_BLOB: none), and what kind of region that is."""
         if tracks is None:
-            return self._blob_regions(m, areas), "blob"
+            return self._blob_regions(target_rows, areas), "blob"
         seen = [track for track in tracks if track.observed]
         return [
-            self._track_of(index, m, seen) if seen else NO_BLOB
-            for index in range(len(m.ids))
+            self._track_of(index, target_rows, seen) if seen else NO_BLOB
+            for index in range(len(target_rows.ids))
         ], "group track"
 
-    def _may_lie_over(self, k: int, m: TargetRows) -> bool:
+    def _may_lie_over(self, k: int, target_rows: TargetRows) -> bool:
         """Newborn and leaving targets belong to no group's region; absent ones only if they were
         grouped before.
         """
-        if m.newborn[k] or m.ids[k] in m.leaving:
+        if target_rows.newborn[k] or target_rows.ids[k] in target_rows.leaving:
             return False
-        return m.present[k] or bool(self.states.get(m.ids[k], 0) & GROUPED)
+        return target_rows.present[k] or bool(
+            self.states.get(target_rows.ids[k], 0) & GROUPED
+        )
 
-    def _blob_regions(self, m: TargetRows, areas: SafetyAreas) -> list[int]:
+    def _blob_regions(self, target_rows: TargetRows, areas: SafetyAreas) -> list[int]:
         regions = [
-            blob if self._may_lie_over(index, m) and m.lies_in(index, blob) else NO_BLOB
-            for index, blob in enumerate(m.blobs)
+            blob
+            if self._may_lie_over(index, target_rows) and target_rows.lies_in(index, blob)
+            else NO_BLOB
+            for index, blob in enumerate(target_rows.blobs)
         ]
-        for index, i in enumerate(m.ids):
+        for index, identity in enumerate(target_rows.ids):
             if (
-                m.seen[index]
+                target_rows.seen[index]
                 or regions[index] != NO_BLOB
-                or not self.states.get(i, 0) & GROUPED
-                or not self._may_lie_over(index, m)
+                or not self.states.get(identity, 0) & GROUPED
+                or not self._may_lie_over(index, target_rows)
             ):
                 continue
-            row = {other: index for index, other in enumerate(m.ids)}
+            row = {other: index for index, other in enumerate(target_rows.ids)}
             near = [
                 (areas.squared(index, row[partner]), partner)
-                for partner in self.partners(i, GROUPED)
+                for partner in self.partners(identity, GROUPED)
                 if partner in row
-                and m.blobs[row[partner]] >= 0
-                and m.hidden(index, row[partner])
+                and target_rows.blobs[row[partner]] >= 0
+                and target_rows.hidden(index, row[partner])
                 and areas.squared(index, row[partner]) <= self._reach
             ]
             if near:
-                regions[index] = m.blobs[row[min(near)[1]]]
+                regions[index] = target_rows.blobs[row[min(near)[1]]]
         return regions
 
-    def _track_of(self, k: int, m: TargetRows, tracks: Sequence[GroupTrack]) -> int:
+    def _track_of(
+        self, k: int, target_rows: TargetRows, tracks: Sequence[GroupTrack]
+    ) -> int:
         """The one of some observed group trackers that target k lies over: named by the tracker,
         else the largest share of its box, ties by the lower id; NO_BLOB if none. Who is not seen
         is hidden in it where he lies within it, whatever it names.
         """
-        if not self._may_lie_over(k, m):
+        if not self._may_lie_over(k, target_rows):
             return NO_BLOB
-        box = m.box(k)
+        box = target_rows.box(k)
         best = (0.0, 0)
         for track in tracks:
-            named = 2.0 if m.ids[k] in track.members else 0.0
+            named = 2.0 if target_rows.ids[k] in track.members else 0.0
             share = named if track.members else share_inside(box, track.box)
-            within = m.seen[k] or hidden_by(box, track.box)
+            within = target_rows.seen[k] or hidden_by(box, track.box)
             if within and share >= self._p.over_share:
                 best = max(best, (share, -track.id - 1))
         return -best[1] - 1 if best[0] else NO_BLOB
@@ -448,8 +464,8 @@ class InteractionBook:
         """The whole book as plain data."""
         return {
             "bonds": [
-                [a, b, v.bit, v.since_frame, v.since_ns, v.distance]
-                for (a, b), v in sorted(self.bonds.items())
+                [a, b, bond.bit, bond.since_frame, bond.since_ns, bond.distance]
+                for (a, b), bond in sorted(self.bonds.items())
             ],
             "ids": list(self.states),
         }

@@ -97,7 +97,7 @@ class Reasoner:
     """
 
     def __init__(self, config: Config | None, width: int, height: int) -> None:
-        chosen = {s: (config or {}).get(s, cls()) for s, cls in SECTIONS.items()}
+        chosen = {name: (config or {}).get(name, cls()) for name, cls in SECTIONS.items()}
         self._shell = _as(ShellParameters, chosen["shell_model"])
         self._relation = _as(RelationParameters, chosen["relations"])
         self._interaction = _as(InteractionParameters, chosen["interactions"])
@@ -229,8 +229,10 @@ class Reasoner:
         """
         new = [
             index
-            for index, i in enumerate(rows.ids)
-            if rows.newborn[index] and i not in self._known and not rows.of_split[index]
+            for index, identity in enumerate(rows.ids)
+            if rows.newborn[index]
+            and identity not in self._known
+            and not rows.of_split[index]
         ]
         old = [
             index
@@ -255,7 +257,7 @@ class Reasoner:
         return sorted(
             i
             for i in removed
-            if states[i] & GROUPED or any(s == "JOINT" for _, s in self._book.of(i))
+            if states[i] & GROUPED or any(name == "JOINT" for _, name in self._book.of(i))
         )
 
     def _tell_life(
@@ -390,13 +392,17 @@ class Reasoner:
         self, frame: int, ns: int, rows: TargetColumns, clusters: Sequence[Cluster]
     ) -> list[GroupChange]:
         splitting = [
-            p for p, bond in self._interactions.bonds.items() if bond.bit == SPLITTING
+            pair for pair, bond in self._interactions.bonds.items() if bond.bit == SPLITTING
         ]
         entered: list[list[int]] = []
         if any(rows.of_split):
-            born = [i for i, split in zip(rows.ids, rows.of_split, strict=True) if split]
+            born = [
+                identity
+                for identity, split in zip(rows.ids, rows.of_split, strict=True)
+                if split
+            ]
             entered = [[i, *self._interactions.partners(i, SPLITTING)] for i in born]
-            entered = [s for s in entered if not self._may_be_known(s, rows)]
+            entered = [name for name in entered if not self._may_be_known(name, rows)]
         self._keep_company(clusters, rows)
         return self._groups.step(
             frame, ns, clusters, merge_overlapping(entered), splitting, rows.row
@@ -407,27 +413,42 @@ class Reasoner:
         for c in clusters:
             for i in c.members:
                 known = self._company.setdefault(i, [])
-                known += [j for j in c.members if j != i and j not in known]
-        self._company = {i: c for i, c in self._company.items() if i in rows.row}
+                known += [
+                    member for member in c.members if member != i and member not in known
+                ]
+        self._company = {
+            i: cluster for i, cluster in self._company.items() if i in rows.row
+        }
 
     def _may_be_known(self, born: Sequence[int], rows: TargetColumns) -> bool:
         """Whether one who is born of a split may be somebody who came by himself: one with whom
         they shared a region has vanished since.
         """
-        there = {t.id for t in rows.targets if t.present}
+        there = {target.id for target in rows.targets if target.present}
         return any(j not in there for i in born for j in self._company.get(i, ()))
 
-    def _group_of_pair(self, c: PairChange, changes: Sequence[GroupChange]) -> int | None:
+    def _group_of_pair(
+        self, pair_change: PairChange, changes: Sequence[GroupChange]
+    ) -> int | None:
         """The group that both are in; where they split and it ended for others, the one that had
         them both.
         """
-        label = self._groups.of(c.a)
-        if label is not None and label == self._groups.of(c.b):
+        label = self._groups.of(pair_change.a)
+        if label is not None and label == self._groups.of(pair_change.b):
             return label
         ended = (
-            [g for change in changes for g in change.before] if c.after == SPLITTING else []
+            [group for change in changes for group in change.before]
+            if pair_change.after == SPLITTING
+            else []
         )
-        return next((g.label for g in ended if c.a in g.members and c.b in g.members), None)
+        return next(
+            (
+                group.label
+                for group in ended
+                if pair_change.a in group.members and pair_change.b in group.members
+            ),
+            None,
+        )
 
     def _bonds(self) -> list[tuple[int, int, Bond]]:
         return [
@@ -463,13 +484,15 @@ class Reasoner:
         others connect them.
         """
         found: list[tuple[int, int, Bond]] = []
-        for g in self._groups.groups:
-            for a, b in combinations(g.members, 2) if g.observed else ():
+        for group in self._groups.groups:
+            for a, b in combinations(group.members, 2) if group.observed else ():
                 if not self._interactions.bit_of(a, b) and a in rows.row and b in rows.row:
                     distance = self._interactions.safety_distance(
                         rows.boxes[rows.row[a]], rows.boxes[rows.row[b]]
                     )
-                    found.append((a, b, Bond(0, g.since_frame, g.since_ns, distance)))
+                    found.append(
+                        (a, b, Bond(0, group.since_frame, group.since_ns, distance))
+                    )
         return found
 
     def _tell_anomalies(
@@ -582,11 +605,11 @@ class Reasoner:
             "counter": self.counter.state(),
             "next_event": self._log.next_id,
             "regions": None if default else msgspec.to_builtins(self._regions.message),
-            "last": [msgspec.to_builtins(t) for t in self._last.values()],
+            "last": [msgspec.to_builtins(target) for target in self._last.values()],
             "leaving": list(self._leaving),
             "known": sorted(self._known),
             "disputes": [[a, b, kind] for (a, b), kind in self._disputes.items()],
-            "company": [[i, list(c)] for i, c in self._company.items()],
+            "company": [[i, list(cluster)] for i, cluster in self._company.items()],
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -604,32 +627,34 @@ class Reasoner:
         self._use(
             None if state["regions"] is None else msgspec.convert(state["regions"], Regions)
         )
-        self._last = {t.id: t for t in msgspec.convert(state["last"], list[Target])}
+        self._last = {
+            target.id: target for target in msgspec.convert(state["last"], list[Target])
+        }
         self._leaving = list(state["leaving"])
         self._known = set(state["known"])
         self._disputes = {(a, b): kind for a, b, kind in state["disputes"]}
-        self._company = {i: list(c) for i, c in state["company"]}
+        self._company = {i: list(cluster) for i, cluster in state["company"]}
 
 
 def _once(notices: Sequence[Notice]) -> list[Notice]:
     """What a tracker tells of the same targets twice in a frame is told once, as it came first."""
     first: dict[tuple[str, tuple[int, ...]], Notice] = {}
-    for n in notices:
-        first.setdefault((n.kind, tuple(n.subjects)), n)
+    for notice in notices:
+        first.setdefault((notice.kind, tuple(notice.subjects)), notice)
     return list(first.values())
 
 
-def _group(g: HeldGroup) -> Group:
-    former = [list(member) for member in g.former_members]
+def _group(held_group: HeldGroup) -> Group:
+    former = [list(member) for member in held_group.former_members]
     return Group(
-        g.label,
-        members=list(g.members),
-        observed=g.observed,
-        since_frame=g.since_frame,
-        since_ns=g.since_ns,
-        formed_from=list(g.formed_from),
+        held_group.label,
+        members=list(held_group.members),
+        observed=held_group.observed,
+        since_frame=held_group.since_frame,
+        since_ns=held_group.since_ns,
+        formed_from=list(held_group.formed_from),
         former_members=former,
-        entered_as_one=g.entered_as_one,
+        entered_as_one=held_group.entered_as_one,
     )
 
 

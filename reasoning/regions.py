@@ -335,7 +335,10 @@ class SceneBook:
         lie wholly outside. Those who are ``leaving`` have disappeared and stay among the targets
         for this frame alone.
         """
-        stood = [self.targets[i].zones if i in self.targets else () for i in ids]
+        stood = [
+            self.targets[identity].zones if identity in self.targets else ()
+            for identity in ids
+        ]
         places, zones = regions.places(boxes), regions.zones_of(boxes, stood)
         changes: list[SceneChange] = []
         for i in sorted(self.targets.keys() - set(ids) | set(leaving)):
@@ -430,12 +433,12 @@ class SceneBook:
             "targets": [
                 [
                     i,
-                    h.status,
-                    h.since_ns,
-                    h.been_in,
-                    [[z, ns] for z, ns in sorted(h.zones.items())],
+                    target.status,
+                    target.since_ns,
+                    target.been_in,
+                    [[z, ns] for z, ns in sorted(target.zones.items())],
                 ]
-                for i, h in sorted(self.targets.items())
+                for i, target in sorted(self.targets.items())
             ],
             "away": [[i, status] for i, status in sorted(self._away.items())],
         }

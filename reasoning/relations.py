@@ -271,13 +271,15 @@ class RelationBook:
     def of(self, i: int) -> list[tuple[int, RelationName]]:
         """L_i: (j, relation) of everyone related to i, by j."""
         return sorted(
-            (e.b if e.a == i else e.a, e.state) for p, e in self._edges.items() if i in p
+            (edge.b if edge.a == i else edge.a, edge.state)
+            for pair, edge in self._edges.items()
+            if i in pair
         )
 
     def step(self, frame: int, time_ns: int, objects: Objects) -> list[RelationChange]:
         """Take a frame's objects; answer with every change, by (a, b)."""
         ids = objects.ids
-        row = {i: index for index, i in enumerate(ids)}
+        row = {identity: index for index, identity in enumerate(ids)}
         discs = _Discs(objects)
         changes: list[RelationChange] = []
         for pair in list(self._edges):
@@ -315,14 +317,14 @@ class RelationBook:
         return distance - (ra + rb) <= limit
 
     def _begin(
-        self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, discs: _Discs
+        self, frame: int, ns: int, pair: Pair, m: Pair, objects: Objects, discs: _Discs
     ) -> RelationChange:
         step = resolve("INDEPENDENT", meets=True, same_blob=False)
         distance, ra, rb = discs.distance(*m), discs.radii[m[0]], discs.radii[m[1]]
         self._edges[pair] = Edge(
             *pair, step.after, frame, ns, step.rule, distance, ra, rb, frame, ns
         )
-        same = o.same_blob(*m)
+        same = objects.same_blob(*m)
         return RelationChange(
             *pair,
             "INDEPENDENT",
@@ -338,7 +340,7 @@ class RelationBook:
         )
 
     def _advance(
-        self, frame: int, ns: int, pair: Pair, m: Pair, o: Objects, discs: _Discs
+        self, frame: int, ns: int, pair: Pair, m: Pair, objects: Objects, discs: _Discs
     ) -> RelationChange | None:
         """One frame of a pair that is related: what its case demands, once it has lasted long
         enough.
@@ -347,8 +349,8 @@ class RelationBook:
         distance, ra, rb = discs.distance(*m), discs.radii[m[0]], discs.radii[m[1]]
         edge.distance, edge.radius_a, edge.radius_b = distance, ra, rb
         meets = distance - (ra + rb) <= self._p.leave_margin * min(ra, rb)
-        same = o.same_blob(*m)
-        leaving = pair[0] in o.leaving or pair[1] in o.leaving
+        same = objects.same_blob(*m)
+        leaving = pair[0] in objects.leaving or pair[1] in objects.leaving
         one_blob = (edge.state == "JOINT" and not leaving) if same is None else same
         step = resolve(edge.state, meets, one_blob)
         if step.after == edge.state:
@@ -373,7 +375,7 @@ class RelationBook:
         unseen = tuple(
             i
             for i, k in zip(pair, m, strict=True)
-            if o.blobs[k] == NO_BLOB or not o.seen[k]
+            if objects.blobs[k] == NO_BLOB or not objects.seen[k]
         )
         if case == "IV" and (leaving or unseen):
             # Case IV asks for two blobs, and there are not two.

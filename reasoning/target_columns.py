@@ -15,7 +15,7 @@ class TargetColumns:
     def __init__(self, targets: Sequence[Target], before: Mapping[int, Target]) -> None:
         self.targets = targets
         self.ids = [target.id for target in targets]
-        self.row = {i: index for index, i in enumerate(self.ids)}
+        self.row = {identity: index for index, identity in enumerate(self.ids)}
         self.boxes: list[Box] = [target.box for target in targets]
         self.blobs = [target.blob for target in targets]
         self.seen = [target.observed for target in targets]
@@ -28,10 +28,10 @@ class TargetColumns:
         self.inferred: list[int] = []
 
 
-def ghost(t: Target) -> Target:
+def ghost(target: Target) -> Target:
     """A target in the frame after its last: at its place, neither present nor observed."""
     return msgspec.structs.replace(
-        t,
+        target,
         present=False,
         observed=False,
         mode="predicted",

@@ -153,7 +153,7 @@ class Corrections:
     def in_force(self) -> list[Correction]:
         """Those that are applied: neither taken back nor a taking back."""
         gone = self.undone
-        return [r for r in self.rows if r.do != "undo" and r.correction not in gone]
+        return [row for row in self.rows if row.do != "undo" and row.correction not in gone]
 
     def then(self, row: Correction) -> Corrections:
         """With one more, which gets its number and the digest of what stands before it."""

@@ -166,15 +166,15 @@ def _check_size_model(detections: Detections) -> None:
     )
 
 
-def check_regions(r: Regions) -> None:
+def check_regions(regions: Regions) -> None:
     """Hold regions to what `recorders.sources.regions` takes from a file, as far as a reader
     relies on it.
 
     Raises:
         ValueError: names the polygon, the value and the rule.
     """
-    named = [("roi", p) for p in r.roi] + [("border", p) for p in r.border]
-    named += [(f"zone {zone.name[:40]!r}", zone.polygon) for zone in r.zones]
+    named = [("roi", p) for p in regions.roi] + [("border", p) for p in regions.border]
+    named += [(f"zone {zone.name[:40]!r}", zone.polygon) for zone in regions.zones]
     if len(named) > 3 * MOST_POLYGONS:
         raise ValueError(f"{len(named)} polygons, at most {3 * MOST_POLYGONS}")
     for name, polygon in named:

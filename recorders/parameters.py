@@ -239,7 +239,7 @@ def _comment(f: dataclasses.Field[Any]) -> str:
     if meta.get("choices"):
         facts.append("one of " + ", ".join(meta["choices"]))
     facts.append(f"source: {meta.get('source', 'ours')}")
-    return f"{meta.get('doc', f.name)} ({'; '.join(x for x in facts if x)})"
+    return f"{meta.get('doc', f.name)} ({'; '.join(fact for fact in facts if fact)})"
 
 
 def _toml_value(value: Plain) -> str:

@@ -66,9 +66,9 @@ class Span:
     def keeps(self, topic: str) -> bool:
         """Whether a topic is wanted."""
         kept = self.topics is None or any(
-            fnmatch.fnmatchcase(topic, p) for p in self.topics
+            fnmatch.fnmatchcase(topic, piece) for piece in self.topics
         )
-        return kept and not any(fnmatch.fnmatchcase(topic, p) for p in self.exclude)
+        return kept and not any(fnmatch.fnmatchcase(topic, piece) for piece in self.exclude)
 
     def holds(self, time_ns: int) -> bool:
         """Whether a log time lies in the span."""
@@ -109,7 +109,7 @@ def cut(
     """
     report = PieceReport()
     with LogReader(path, limits) as log:
-        kept = [c for c in log.channels if span.keeps(c.topic)]
+        kept = [channel for channel in log.channels if span.keeps(channel.topic)]
         if not kept:
             raise UsageError(
                 f"{path}: none of its topics is wanted; it has {', '.join(log.topics())}"
@@ -119,12 +119,14 @@ def cut(
         else:
             keeps_digests = _lacks_only_what_may(log, kept)
         if not keeps_digests and _facts(log) is not None:
-            kept = [c for c in kept if channels.split(c.topic)[1] != "digest"]
+            kept = [
+                channel for channel in kept if channels.split(channel.topic)[1] != "digest"
+            ]
             report.notes.append(
                 "its digests are taken out, because they are those of more topics: `verify`"
                 " needs the whole log"
             )
-        topics = [c.topic for c in kept]
+        topics = [channel.topic for channel in kept]
         before = list(carried(log, topics, span, report.notes))
         with LogWriter(
             out, force=force, limits=limits, profile=log.header.profile
@@ -168,7 +170,11 @@ def merge(
         kept = [log.channels for log in logs]
         if not alone:
             kept = [
-                [c for c in log.channels if channels.split(c.topic)[1] != "digest"]
+                [
+                    channel
+                    for channel in log.channels
+                    if channels.split(channel.topic)[1] != "digest"
+                ]
                 if _facts(log) is not None
                 else log.channels
                 for log in logs
@@ -188,7 +194,7 @@ def merge(
             copies.append(_Copy(writer, wanted, known))
             _copy_attachments(log, writer, without_checkpoints=not alone)
         streams = [
-            _numbered(log.messages([c.topic for c in wanted]), number)
+            _numbered(log.messages([channel.topic for channel in wanted]), number)
             for number, (log, wanted) in enumerate(zip(logs, kept, strict=True))
         ]
         for time_and_number, message in in_order(*streams, key=lambda pair: pair[0]):
@@ -231,9 +237,9 @@ def carried(
             continue
         if topic.endswith("/tf_static"):
             found += (
-                m
-                for m in log.messages([topic], end_ns=span.from_ns)
-                if m.channel == channel
+                message
+                for message in log.messages([topic], end_ns=span.from_ns)
+                if message.channel == channel
             )
         elif _is_latched(channel):
             last = log.latched(topic, span.from_ns - 1)
@@ -311,7 +317,11 @@ class _Links:
     """The digest chain's part that is in a piece."""
 
     def __init__(self, kept: Iterable[ChannelInfo]) -> None:
-        self._topics = {c.topic for c in kept if channels.split(c.topic)[1] == "digest"}
+        self._topics = {
+            channel.topic
+            for channel in kept
+            if channels.split(channel.topic)[1] == "digest"
+        }
         self.first_frame = -1
         self.frames = 0
         self.last = ""
@@ -326,7 +336,7 @@ class _Links:
 
 def _facts(log: LogReader) -> dict[str, str] | None:
     """What an annotated log with digests says of its making; None of any other log."""
-    if not any(channels.split(c.topic)[1] == "digest" for c in log.channels):
+    if not any(channels.split(channel.topic)[1] == "digest" for channel in log.channels):
         return None
     for name, values in log.metadata():
         if name == METADATA and DIGESTS in values and "camera" in values:
@@ -341,20 +351,28 @@ def _lacks_only_what_may(log: LogReader, kept: Collection[ChannelInfo]) -> bool:
     facts = _facts(log)
     if facts is None or len(annotated_cameras(log)) != 1:
         return False
-    ids = {c.id for c in kept}
+    ids = {channel.id for channel in kept}
     annotated = {
-        c.id for c in log.channels if channels.split(c.topic)[1] in channels.ANNOTATED
+        channel.id
+        for channel in log.channels
+        if channels.split(channel.topic)[1] in channels.ANNOTATED
     }
-    recorded = {c.id for c in log.channels} - annotated
+    recorded = {channel.id for channel in log.channels} - annotated
     return annotated <= ids and (recorded <= ids or not recorded & ids)
 
 
 def _copy_attachments(
     log: LogReader, writer: LogWriter, *, without_checkpoints: bool
 ) -> None:
-    for a in log.attachments():
-        if not (without_checkpoints and a.name.startswith(f"{PREFIX}/")):
-            writer.attach(a.name, a.media_type, a.data, a.log_time_ns, a.create_time_ns)
+    for attachment in log.attachments():
+        if not (without_checkpoints and attachment.name.startswith(f"{PREFIX}/")):
+            writer.attach(
+                attachment.name,
+                attachment.media_type,
+                attachment.data,
+                attachment.log_time_ns,
+                attachment.create_time_ns,
+            )
 
 
 def _copy_metadata(
@@ -381,14 +399,23 @@ def _facts_of_piece(
     facts |= {"checkpoints": canonical({}), "checkpoint_ns": ""}
     camera = values.get("camera", "")
     recorded = [
-        c.topic
-        for c in log.channels
-        if channels.split(c.topic)[1] not in channels.ANNOTATED and span.keeps(c.topic)
+        channel.topic
+        for channel in log.channels
+        if channels.split(channel.topic)[1] not in channels.ANNOTATED
+        and span.keeps(channel.topic)
     ]
     if not recorded:
         facts["annotations_only"] = "true"
-    starts = [t for t in (span.from_ns, _number(values.get("from_ns"))) if t is not None]
-    ends = [t for t in (span.to_ns, _number(values.get("to_ns"))) if t is not None]
+    starts = [
+        time_ns
+        for time_ns in (span.from_ns, _number(values.get("from_ns")))
+        if time_ns is not None
+    ]
+    ends = [
+        time_ns
+        for time_ns in (span.to_ns, _number(values.get("to_ns")))
+        if time_ns is not None
+    ]
     facts["from_ns"] = str(max(starts)) if starts else ""
     facts["to_ns"] = str(min(ends)) if ends else ""
     if span.from_ns is not None:

@@ -177,7 +177,10 @@ def _write(
     ):
         if zone.polygon:
             canvas.label(
-                min(zone.polygon, key=lambda p: (p[1], p[0])), zone.name, _ZONE, below=True
+                min(zone.polygon, key=lambda point: (point[1], point[0])),
+                zone.name,
+                _ZONE,
+                below=True,
             )
     for box, text in overlay.marks:
         canvas.label((box[0], box[1] + box[3]), text, _WHITE, below=True)
@@ -234,7 +237,7 @@ def part_box(track: Track, name: str) -> Box:
 
 def _draw_edge(canvas: _Canvas, edge: Relation, places: dict[int, Track]) -> None:
     joint = edge.state == "JOINT"
-    ends = [_centre(places[i].box) for i in (edge.a, edge.b)]
+    ends = [_centre(places[identity].box) for identity in (edge.a, edge.b)]
     canvas.polyline(ends, _JOINT if joint else _INTERACTION, 4 if joint else 1)
     for end in ends:
         canvas.dot(end, _JOINT if joint else _INTERACTION, 4 if joint else 3)
@@ -254,7 +257,9 @@ def _group_box(group: Group, places: dict[int, Track]) -> Box | None:
 
 
 def _draw_regions(canvas: _Canvas, regions: Regions) -> None:
-    outlines = [(_BORDER, p) for p in regions.border] + [(_ROI, p) for p in regions.roi]
+    outlines = [(_BORDER, point) for point in regions.border] + [
+        (_ROI, point) for point in regions.roi
+    ]
     for colour, polygon in outlines + [(_ZONE, zone.polygon) for zone in regions.zones]:
         if len(polygon) >= 3:
             canvas.polyline(polygon, colour, 1, closed=True)
@@ -313,7 +318,8 @@ class _Canvas:
         for index in range(pieces):
             start, end = index / pieces, (index + 0.5) / pieces
             ends = [
-                (a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t) for t in (start, end)
+                (a[0] + (b[0] - a[0]) * track, a[1] + (b[1] - a[1]) * track)
+                for track in (start, end)
             ]
             self.polyline(ends, colour, thickness)
 
@@ -336,7 +342,7 @@ class _Canvas:
         """
         (w, h), base = cv2.getTextSize(text, _FONT, self._letters, 1)
         height, width = self.image.shape[:2]
-        x, y = (min(max(v, -20000.0), 20000.0) * self.scale for v in corner)
+        x, y = (min(max(value, -20000.0), 20000.0) * self.scale for value in corner)
         left = min(max(0, round(x)), max(0, width - w - 4))
         top = round(y) if below else round(y) - h - base - 2
         top = self._free(
@@ -366,8 +372,8 @@ class _Canvas:
         for move in (0, -1, -2, -3, 1, 2, 3):
             y = top + move * (height + 1)
             taken = any(
-                a < left + width and left < c and b < y + height and y < d
-                for a, b, c, d in self._labels
+                a < left + width and left < colour and b < y + height and y < d
+                for a, b, colour, d in self._labels
             )
             if y in rows and not taken:
                 top = y

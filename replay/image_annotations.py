@@ -73,8 +73,8 @@ def _point(head: bytes, x: float, y: float) -> bytes:
 
 def _colour(red: float, green: float, blue: float, alpha: float) -> bytes:
     return b"".join(
-        _double(tag, v)
-        for tag, v in ((0x09, red), (0x11, green), (0x19, blue), (0x21, alpha))
+        _double(tag, value)
+        for tag, value in ((0x09, red), (0x11, green), (0x19, blue), (0x21, alpha))
     )
 
 
@@ -215,12 +215,12 @@ class _Styles:
     """How items end: colours, thickness, letters, for pictures of one height."""
 
     def __init__(self, height: int) -> None:
-        self.outlines = tuple(_line(c, _BOX * height) for c in _COLOURS)
-        self.crosses = tuple(_line(c, _FINE * height) for c in _COLOURS)
+        self.outlines = tuple(_line(colour, _BOX * height) for colour in _COLOURS)
+        self.crosses = tuple(_line(colour, _FINE * height) for colour in _COLOURS)
         self.interaction = _line(_YELLOW, _MEDIUM * height)
         self.joint = _line(_RED, _THICK * height)
         thin, font = _double(0x21, _THIN * height), _double(0x21, _FONT * height)
-        self.rings = tuple(thin + _framed(b"\x32", c) for c in _COLOURS)
+        self.rings = tuple(thin + _framed(b"\x32", colour) for colour in _COLOURS)
         self.letters = tuple(
             font + _framed(b"\x2a", letters) + _framed(b"\x32", ground)
             for letters, ground in zip(_LETTERS, _COLOURS, strict=True)
@@ -280,7 +280,9 @@ def drawing(
 
 
 def _region_lines(pen: _Pen, regions: Regions) -> list[bytes]:
-    polygons = [(_BORDER, p) for p in regions.border] + [(_ROI, p) for p in regions.roi]
+    polygons = [(_BORDER, polygon) for polygon in regions.border] + [
+        (_ROI, polygon) for polygon in regions.roi
+    ]
     polygons += [(_ZONE, zone.polygon) for zone in regions.zones]
     return [pen.loop(polygon, colour, _THIN) for colour, polygon in polygons]
 

@@ -131,9 +131,9 @@ def find_encounters(
 def side_by_side(histories: Mapping[int, History]) -> Iterator[tuple[int, int]]:
     """Pairs (a < b) whose lives overlap: a sweep over the first frames, not the full product."""
     lives = sorted(
-        (int(h.frames[0]), int(h.frames[-1]), i)
-        for i, h in histories.items()
-        if len(h.frames)
+        (int(history.frames[0]), int(history.frames[-1]), i)
+        for i, history in histories.items()
+        if len(history.frames)
     )
     alive: list[tuple[int, int]] = []
     for first, last, i in lives:
@@ -144,13 +144,24 @@ def side_by_side(histories: Mapping[int, History]) -> Iterator[tuple[int, int]]:
 
 
 def _of_pair(
-    a: int, b: int, pair: Pair, p: EncounterParameters, joint: Sequence[Span], live: bool
+    a: int,
+    b: int,
+    pair: Pair,
+    encounter_parameters: EncounterParameters,
+    joint: Sequence[Span],
+    live: bool,
 ) -> Iterator[Encounter]:
-    sure = (pair.distance <= p.near_sizes) & (pair.relative_speed <= p.pace_sizes_per_s)
+    sure = (pair.distance <= encounter_parameters.near_sizes) & (
+        pair.relative_speed <= encounter_parameters.pace_sizes_per_s
+    )
     step = frame_step(pair.times_s)
-    for start, end in _closed(spans(pair.gap <= p.far_gap_sizes), pair, p.gap_s):
+    for start, end in _closed(
+        spans(pair.gap <= encounter_parameters.far_gap_sizes),
+        pair,
+        encounter_parameters.gap_s,
+    ):
         near = np.flatnonzero(sure[start : end + 1]) + start
-        least_s = p.live_s if live else p.least_s
+        least_s = encounter_parameters.live_s if live else encounter_parameters.least_s
         enough = max(1, round(least_s / step)) if step > 0 else 1
         if len(near) < enough:
             continue
@@ -158,12 +169,14 @@ def _of_pair(
         proven = enough - 1
         # live, the first moments cannot tell who goes through from who slows down to stay
         if not live:
-            held = np.flatnonzero(drifts[proven:] <= p.drift_sizes_per_s)
-            if drifts[-1] > p.drift_sizes_per_s or not _moved(pair, p):
+            held = np.flatnonzero(drifts[proven:] <= encounter_parameters.drift_sizes_per_s)
+            if drifts[-1] > encounter_parameters.drift_sizes_per_s or not _moved(
+                pair, encounter_parameters
+            ):
                 continue
             proven += int(held[0])
-        together = settled(pair, (start, end), near, p)
-        if not live and _goes_through(pair, together, step, p):
+        together = settled(pair, (start, end), near, encounter_parameters)
+        if not live and _goes_through(pair, together, step, encounter_parameters):
             continue
         sure_at = int(near[proven])
         found = _Evidence(
@@ -174,16 +187,18 @@ def _of_pair(
             sure_at,
             step,
         )
-        yield _encounter((a, b), pair, found, p, joint)
+        yield _encounter((a, b), pair, found, encounter_parameters, joint)
 
 
-def _moved(pair: Pair, p: EncounterParameters) -> bool:
+def _moved(pair: Pair, encounter_parameters: EncounterParameters) -> bool:
     """Whether one of the two ever gets away from where it was at first."""
     ways = (length(x - x[:1]) for x in (pair.place_a, pair.place_b))
-    return any(float(w.max()) >= p.moved_sizes for w in ways)
+    return any(float(way.max()) >= encounter_parameters.moved_sizes for way in ways)
 
 
-def _goes_through(pair: Pair, together: Span, step: float, p: EncounterParameters) -> bool:
+def _goes_through(
+    pair: Pair, together: Span, step: float, encounter_parameters: EncounterParameters
+) -> bool:
     """Whether all their time together is one straight, steady way past one another: most of
     the time it is under way, so that who stops to talk does not.
     """
@@ -191,8 +206,8 @@ def _goes_through(pair: Pair, together: Span, step: float, p: EncounterParameter
     way = float(length(pair.apart[last : last + 1] - pair.apart[first : first + 1])[0])
     speeds = pair.relative_speed[first : last + 1]
     steady = float(np.median(speeds)) * len(speeds) * step >= way / 2
-    straight = way > p.through_share * float(np.sum(speeds)) * step
-    return way >= p.moved_sizes and straight and steady
+    straight = way > encounter_parameters.through_share * float(np.sum(speeds)) * step
+    return way >= encounter_parameters.moved_sizes and straight and steady
 
 
 def _drifts(pair: Pair, near: Ints) -> Floats:
@@ -233,15 +248,15 @@ def _encounter(
     ids: tuple[int, int],
     pair: Pair,
     found: _Evidence,
-    p: EncounterParameters,
+    encounter_parameters: EncounterParameters,
     joint: Sequence[Span],
 ) -> Encounter:
     near, step, (start, end) = found.near, found.step_s, found.span
     first, last = found.together
-    phases = cut(pair, found.span, (first, last), p, joint)
+    phases = cut(pair, found.span, (first, last), encounter_parameters, joint)
     whole = slice(start, end + 1)
     seconds = {
-        k: sum(x.end_s - x.start_s + step for x in phases if x.kind == k)
+        k: sum(phase.end_s - phase.start_s + step for phase in phases if phase.kind == k)
         for k in TOGETHER_KINDS
     }
     near_s = len(near) * step
@@ -266,22 +281,27 @@ def _encounter(
         sure_frame=int(pair.frames[found.proven]), phases=phases,
         all_distance=float(np.median(pair.distance[whole])),
         all_relative_speed=float(np.median(pair.relative_speed[whole])),
-        abrupt=abrupt_stretches(pair, found.span, (first, last), p),
+        abrupt=abrupt_stretches(pair, found.span, (first, last), encounter_parameters),
     )  # fmt: skip
 
 
-def settled(pair: Pair, span: Span, near: Ints, p: EncounterParameters) -> Span:
+def settled(
+    pair: Pair, span: Span, near: Ints, encounter_parameters: EncounterParameters
+) -> Span:
     """First and last moment together: near without closing in on one another any more, or
     drawing away already, on from the moments together for sure.
     """
     opening = _opening(pair)
-    stays = (opening > -p.walk_sizes_per_s, opening < p.walk_sizes_per_s)
-    firm = [near[s[near]] for s in stays]
+    stays = (
+        opening > -encounter_parameters.walk_sizes_per_s,
+        opening < encounter_parameters.walk_sizes_per_s,
+    )
+    firm = [near[stay[near]] for stay in stays]
     first = int(firm[0][0] if len(firm[0]) else near[0])
     last = int(firm[1][-1] if len(firm[1]) else near[-1])
     if first > last:
         return int(near[0]), int(near[-1])
-    close = pair.distance <= p.near_sizes
+    close = pair.distance <= encounter_parameters.near_sizes
     while first > span[0] and close[first - 1] and stays[0][first - 1]:
         first -= 1
     while last < span[1] and close[last + 1] and stays[1][last + 1]:

@@ -51,7 +51,7 @@ def ground_of(histories: Mapping[int, History], width: float | None = None) -> G
         histories: boxes over time of each target, by id.
         width: the picture's, pixels; None: as far as the boxes reach.
     """
-    sights = [histories[i].sights().boxes for i in sorted(histories)]
+    sights = [histories[history].sights().boxes for history in sorted(histories)]
     boxes = np.concatenate(sights) if sights else np.zeros((0, 4))
     if len(boxes) < _LEAST_BOXES:
         return Ground()

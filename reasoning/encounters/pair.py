@@ -99,7 +99,9 @@ def spans(mask: Bools) -> list[tuple[int, int]]:
     [(0, 1), (3, 3)]
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return [(int(s), int(e) - 1) for s, e in zip(edges[::2], edges[1::2], strict=True)]
+    return [
+        (int(edge), int(e) - 1) for edge, e in zip(edges[::2], edges[1::2], strict=True)
+    ]
 
 
 def frame_step(times_s: Floats) -> float:

@@ -83,7 +83,11 @@ class Abrupt:
 
 
 def cut(
-    pair: Pair, span: Span, together: Span, p: EncounterParameters, joint: Sequence[Span]
+    pair: Pair,
+    span: Span,
+    together: Span,
+    parameters: EncounterParameters,
+    joint: Sequence[Span],
 ) -> tuple[Phase, ...]:
     """The phases of an encounter, in order, without gaps.
 
@@ -91,45 +95,47 @@ def cut(
         pair: the two over time.
         span: the encounter, first and last index.
         together: first and last index of the time together.
-        p: thresholds.
+        parameters: thresholds.
         joint: closed frame intervals in which the two were JOINT.
     """
     start, _ = span
-    sudden = _sudden(pair, p)
+    sudden = _sudden(pair, parameters)
     return tuple(
         _phase(pair, KINDS[code], start + s, start + e, sudden)
-        for code, s, e in _parts(pair, span, together, p, joint, sudden)
+        for code, s, e in _parts(pair, span, together, parameters, joint, sudden)
     )
 
 
 def abrupt_stretches(
-    pair: Pair, span: Span, together: Span, p: EncounterParameters
+    pair: Pair, span: Span, together: Span, parameters: EncounterParameters
 ) -> tuple[Abrupt, ...]:
     """What would be the contacts of an encounter without any JOINT, those left out that go
     through.
     """
     start, _ = span
-    sudden = _sudden(pair, p)
+    sudden = _sudden(pair, parameters)
     found = [
         _abrupt(pair, start + s, start + e, sudden)
-        for code, s, e in _parts(pair, span, together, p, (), sudden)
+        for code, s, e in _parts(pair, span, together, parameters, (), sudden)
         if KINDS[code] == "contact"
     ]
-    return tuple(a for a in found if a.through <= p.through_share)
+    return tuple(a for a in found if a.through <= parameters.through_share)
 
 
-def _sudden(pair: Pair, p: EncounterParameters) -> Bools:
+def _sudden(pair: Pair, parameters: EncounterParameters) -> Bools:
     """(N,) at touching distance, abrupt against one another, and not walking the same way."""
     found: Bools = (
-        (pair.distance <= p.touch_sizes)
-        & (pair.agitation >= p.abrupt_sizes_per_s)
-        & ~_moving(pair, p)
+        (pair.distance <= parameters.touch_sizes)
+        & (pair.agitation >= parameters.abrupt_sizes_per_s)
+        & ~_moving(pair, parameters)
     )
     return found
 
 
-def _moving(pair: Pair, p: EncounterParameters) -> Bools:
-    walking = (pair.speed_a >= p.walk_sizes_per_s) & (pair.speed_b >= p.walk_sizes_per_s)
+def _moving(pair: Pair, parameters: EncounterParameters) -> Bools:
+    walking = (pair.speed_a >= parameters.walk_sizes_per_s) & (
+        pair.speed_b >= parameters.walk_sizes_per_s
+    )
     found: Bools = walking & (pair.heading >= SAME_WAY)
     return found
 
@@ -138,19 +144,21 @@ def _parts(
     pair: Pair,
     span: Span,
     together: Span,
-    p: EncounterParameters,
+    parameters: EncounterParameters,
     joint: Sequence[Span],
     sudden: Bools,
 ) -> list[tuple[int, int, int]]:
     """(index into `KINDS`, first, last), indices from the encounter's first."""
     start, end = span
     part = slice(start, end + 1)
-    moving = _moving(pair, p)[part]
-    contact = _contact(pair, part, p, joint, moving, sudden[part].copy())
+    moving = _moving(pair, parameters)[part]
+    contact = _contact(pair, part, parameters, joint, moving, sudden[part].copy())
     code = np.where(contact, 2, np.where(moving, 1, 0))
     first, last = together[0] - start, together[1] - start
     code[first : last + 1] = _steady(
-        code[first : last + 1], pair.times_s[start + first : start + last + 1], p.window_s
+        code[first : last + 1],
+        pair.times_s[start + first : start + last + 1],
+        parameters.window_s,
     )
     code[:first], code[last + 1 :] = 4, 3
     cuts = [0, *(np.flatnonzero(np.diff(code)) + 1).tolist(), len(code)]
@@ -160,7 +168,7 @@ def _parts(
 def _contact(
     pair: Pair,
     part: slice,
-    p: EncounterParameters,
+    parameters: EncounterParameters,
     joint: Sequence[Span],
     moving: Bools,
     contact: Bools,
@@ -171,7 +179,7 @@ def _contact(
     times = pair.times_s[part]
     found = spans(contact)
     for (_, end), (start, _) in pairwise(found):
-        if times[start] - times[end] <= p.gap_s:
+        if times[start] - times[end] <= parameters.gap_s:
             contact[end:start] = True
     frames = pair.frames[part]
     for first, last in joint:

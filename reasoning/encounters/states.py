@@ -67,9 +67,9 @@ def still(history: History, parameters: EncounterParameters | None = None) -> li
     speed = length(velocity(steady, history.times_s, half)) / size
     gap = np.concatenate([[False], np.diff(history.times_s) > p.gap_s])
     return [
-        s
-        for s in _stretches(speed <= STILL_SIZES_PER_S, gap, history, speed)
-        if s.end_s - s.start_s >= STILL_LEAST_S
+        stretch
+        for stretch in _stretches(speed <= STILL_SIZES_PER_S, gap, history, speed)
+        if stretch.end_s - stretch.start_s >= STILL_LEAST_S
     ]
 
 
@@ -105,7 +105,8 @@ def near(
         gap = np.concatenate([[False], np.diff(times) > p.gap_s])
         pair = History(common, times, box_a)
         out += [
-            (a, b, s) for s in _stretches(distance <= p.touch_sizes, gap, pair, distance)
+            (a, b, stretch)
+            for stretch in _stretches(distance <= p.touch_sizes, gap, pair, distance)
         ]
     return sorted(out, key=lambda x: (x[2].start_frame, x[0], x[1]))
 

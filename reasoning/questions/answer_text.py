@@ -141,13 +141,13 @@ def _table(answer: Answer, out: IO[str]) -> int:
 
     def line(cells: list[str]) -> str:
         padded = (
-            cell.rjust(w) if n else cell.ljust(w)
-            for cell, w, n in zip(cells, widths, numeric, strict=True)
+            cell.rjust(width) if n else cell.ljust(width)
+            for cell, width, n in zip(cells, widths, numeric, strict=True)
         )
         return "  ".join(padded).rstrip() + "\n"
 
     out.write(line(names))
-    out.write("  ".join("-" * w for w in widths) + "\n")
+    out.write("  ".join("-" * width for width in widths) + "\n")
     count = 0
     for row in chain(first, rows):
         out.write(line(row))

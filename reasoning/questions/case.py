@@ -463,7 +463,7 @@ class Case:
             kind = query.split(maxsplit=1)[0].upper()
         words = query.split()
         if kind not in _ALLOWED or (
-            kind == "EXPLAIN" and "ANALYZE" in (w.upper().strip("(),") for w in words)
+            kind == "EXPLAIN" and "ANALYZE" in (word.upper().strip("(),") for word in words)
         ):
             shown = "EXPLAIN ANALYZE" if kind == "EXPLAIN" else kind
             raise QueryError(

@@ -94,8 +94,17 @@ class Drawn:
     def crossing_rows(self, track: int, steps: Steps) -> Iterator[tuple[Any, ...]]:
         """A target's rows of the table ``crossings``, without the recording."""
         for line in self.lines:
-            for c in crossings(line.start, line.end, steps):
-                yield track, line.name, c.frame, c.t, c.direction, c.x, c.y, *c.belief
+            for crossing in crossings(line.start, line.end, steps):
+                yield (
+                    track,
+                    line.name,
+                    crossing.frame,
+                    crossing.t,
+                    crossing.direction,
+                    crossing.x,
+                    crossing.y,
+                    *crossing.belief,
+                )
 
 
 def drawn(zones: list[str] | None = None, lines: list[str] | None = None) -> Drawn:
@@ -154,7 +163,7 @@ def _points(text: str, wanted: str) -> tuple[str, list[Point]]:
     try:
         numbers = [float(word) for word in rest.replace(";", ",").replace(" ", ",").split(",")
                    if word]  # fmt: skip
-        if len(numbers) % 2 or not all(abs(n) <= LARGEST for n in numbers):
+        if len(numbers) % 2 or not all(abs(number) <= LARGEST for number in numbers):
             raise ValueError(rest)
     except ValueError:
         raise UsageError(

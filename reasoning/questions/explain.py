@@ -238,9 +238,9 @@ def _joins(case: Case, found: Explanation) -> list[str]:
     """The joins that the identities of an explanation's subjects rest on, in order."""
     joins = joins_of(case, found.recording, found.subjects, found.end_frame)
     return [
-        f"{j.t:.2f} s: event:{j.event}: {j.text}"
-        for j in joins
-        if found.reference != f"event:{j.event}"
+        f"{join.t:.2f} s: event:{join.event}: {join.text}"
+        for join in joins
+        if found.reference != f"event:{join.event}"
     ]
 
 
@@ -527,7 +527,7 @@ def chain(
 
 
 def _listed(ids: Sequence[int]) -> str:
-    words = [str(i) for i in ids]
+    words = [str(identity) for identity in ids]
     return (
         words[0]
         if len(words) == 1

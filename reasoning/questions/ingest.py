@@ -166,16 +166,16 @@ class _Boxes:
             self.joins,
         )
 
-    def add(self, rank: int, frame: int, t: float, s: Seen, told: Sight) -> None:
+    def add(self, rank: int, frame: int, t: float, seen: Seen, told: Sight) -> None:
         self.ranks.append(rank)
         self.told.append(told.seen)
         self.frames.append(frame)
         self.times.append(t)
-        self.boxes.append(s.box)
-        self.seen.append(s.observed)
-        self.existence.append(s.existence)
-        self.identity.append(s.identity)
-        self.joins += [(frame, event) for event in s.joins]
+        self.boxes.append(seen.box)
+        self.seen.append(seen.observed)
+        self.existence.append(seen.existence)
+        self.identity.append(seen.identity)
+        self.joins += [(frame, event) for event in seen.joins]
 
     def between(self, first: int, last: int) -> tuple[float, float, list[int]]:
         """Mean existence where it was observed, least identity, joins, from frame to frame."""
@@ -234,10 +234,10 @@ class _Camera:
         if text is None:
             return
         found = parse_corrections(text, self._facts.path)
-        for r in found.rows:
+        for row in found.rows:
             self._add(
-                "corrections", r.correction, r.do, list(r.tracks), r.frame, r.t, r.told(),
-                r.by, r.why, r.date or None, r.other or None, r.correction in found.undone,
+                "corrections", row.correction, row.do, list(row.tracks), row.frame, row.t, row.told(),
+                row.by, row.why, row.date or None, row.other or None, row.correction in found.undone,
             )  # fmt: skip
 
     def _take(self, frame: AnnotatedFrame) -> None:
@@ -368,23 +368,23 @@ class _Camera:
             frame.index, t, now, lambda _, members: self._sight(_ids(members))
         )
 
-    def _take_event(self, e: Event) -> None:
-        t = (e.time_ns - self._facts.start_ns) / channels.NANOS
-        evidence = msgspec.json.encode(e.evidence).decode()
-        told = self._sight(e.subjects)
+    def _take_event(self, event: Event) -> None:
+        t = (event.time_ns - self._facts.start_ns) / channels.NANOS
+        evidence = msgspec.json.encode(event.evidence).decode()
+        told = self._sight(event.subjects)
         belief = (
             (float(told.seen), told.existence, told.identity)
-            if e.subjects
+            if event.subjects
             else (None, None, None)
         )
         self._add(
-            "events", e.id, e.kind, e.frame, t, list(e.subjects), e.rule, evidence, e.text,
+            "events", event.id, event.kind, event.frame, t, list(event.subjects), event.rule, evidence, event.text,
             *belief, list(told.joins),
         )  # fmt: skip
-        for label in e.groups:
-            self._add("event_groups", e.id, label)
-            if e.kind in ENDING:
-                self._ended.setdefault(label, []).append((e.frame, e.kind))
+        for label in event.groups:
+            self._add("event_groups", event.id, label)
+            if event.kind in ENDING:
+                self._ended.setdefault(label, []).append((event.frame, event.kind))
 
     def _finish(self) -> None:
         self._facts.seconds = self._t
@@ -396,7 +396,7 @@ class _Camera:
         self._end_relations(self._relations.close())
         self._group_rows += self._groups.close()
         for key, members, interval, belief in sorted(
-            self._group_rows, key=lambda g: (g.interval[0], str(g.key).zfill(10))
+            self._group_rows, key=lambda row: (row.interval[0], str(row.key).zfill(10))
         ):
             label = int(str(key))
             formed = list(self._formed[label])
@@ -433,10 +433,10 @@ class _Camera:
             self._add("encounter_parameters", name, value)
         histories = {track: self._boxes[track].history() for track in sorted(self._boxes)}
         width = float(self._facts.width) or None
-        for e in find_encounters(
+        for encounter in find_encounters(
             histories, self._parameters, joint=self._joint, width=width
         ):
-            self._add_encounter(e)
+            self._add_encounter(encounter)
         self._add_targets()
         for track, history in histories.items():
             for stretch in still(history, self._parameters):
@@ -454,44 +454,49 @@ class _Camera:
                 round(identity, 4), None, None, None, round(existence, 4),
             )  # fmt: skip
 
-    def _add_encounter(self, e: Encounter) -> None:
+    def _add_encounter(self, encounter: Encounter) -> None:
         """The time together is the encounter's row; approach and parting are phases of it."""
-        seen_share, existence, identity, joins = self._belief_of_pair(e)
+        seen_share, existence, identity, joins = self._belief_of_pair(encounter)
         self._add(
-            "encounters", e.a, e.b, e.kind, e.together_frame, e.apart_frame, e.together_s,
-            e.apart_s, e.confidence, seen_share, identity, existence, joins,
+            "encounters", encounter.a, encounter.b, encounter.kind, encounter.together_frame,
+            encounter.apart_frame, encounter.together_s, encounter.apart_s, encounter.confidence,
+            seen_share, identity, existence, joins,
         )  # fmt: skip
-        for p in e.phases:
-            self._add("phases", e.a, e.b, *astuple(p), PHASES[p.kind])
-        for fierce in e.abrupt:
-            self._add("abrupt", e.a, e.b, *astuple(fierce))
+        for phase in encounter.phases:
+            self._add(
+                "phases", encounter.a, encounter.b, *astuple(phase), PHASES[phase.kind]
+            )
+        for fierce in encounter.abrupt:
+            self._add("abrupt", encounter.a, encounter.b, *astuple(fierce))
         self._add(
-            "encounter_evidence", e.a, e.b, e.together_frame, e.near_s, e.distance,
-            e.relative_speed, e.sure_frame, e.drift, e.all_distance, e.all_relative_speed,
+            "encounter_evidence", encounter.a, encounter.b, encounter.together_frame, encounter.near_s,
+            encounter.distance, encounter.relative_speed, encounter.sure_frame, encounter.drift,
+            encounter.all_distance, encounter.all_relative_speed,
         )  # fmt: skip
 
-    def _belief_of_pair(self, e: Encounter) -> Belief:
+    def _belief_of_pair(self, encounter: Encounter) -> Belief:
         of_a, of_b = (
-            self._boxes[i].between(e.together_frame, e.apart_frame) for i in (e.a, e.b)
+            self._boxes[i].between(encounter.together_frame, encounter.apart_frame)
+            for i in (encounter.a, encounter.b)
         )
         existence, identity = min(of_a[0], of_b[0]), min(of_a[1], of_b[1])
         joins = sorted({*of_a[2], *of_b[2]})
-        return e.seen_share, round(existence, 4), round(identity, 4), joins
+        return encounter.seen_share, round(existence, 4), round(identity, 4), joins
 
 
 def _targets(tracks: Sequence[Track], events: Sequence[Event]) -> dict[int, Seen]:
     """A frame's targets as they were seen, with the joins that were told in it."""
     joins: dict[int, tuple[int, ...]] = {}
-    for e in events:
-        if e.kind in JOINS:
-            for i in e.subjects:
-                joins[i] = (*joins.get(i, ()), e.id)
-    return {k.id: _seen(k, joins.get(k.id, ())) for k in tracks}
+    for event in events:
+        if event.kind in JOINS:
+            for subject in event.subjects:
+                joins[subject] = (*joins.get(subject, ()), event.id)
+    return {track.id: _seen(track, joins.get(track.id, ())) for track in tracks}
 
 
-def _seen(k: Track, joins: tuple[int, ...]) -> Seen:
-    observed = k.observed and k.present
-    return Seen(k.box, observed, k.confidence, k.identity, joins)
+def _seen(track: Track, joins: tuple[int, ...]) -> Seen:
+    observed = track.observed and track.present
+    return Seen(track.box, observed, track.confidence, track.identity, joins)
 
 
 def _pair(value: Hashable) -> tuple[Any, Any]:

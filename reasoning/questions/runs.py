@@ -44,22 +44,23 @@ def sight(targets: Mapping[int, Seen], ids: Sequence[int]) -> Sight:
     Who is not observed counts as seen where he lies wholly within another of them who is; of one
     target alone, within anybody (SHELLS 2.3: the hidden one is somewhere in its occluder).
     """
-    own = [targets[i] for i in ids if i in targets]
+    own = [targets[identity] for identity in ids if identity in targets]
     if len(own) < len(ids) or not own:
         return Sight(False, 0.0, 0.0)
     seen = all(
-        s.observed or _hidden(i, s, targets, ids) for i, s in zip(ids, own, strict=True)
+        s.observed or _hidden(identity, s, targets, ids)
+        for identity, s in zip(ids, own, strict=True)
     )
-    joins = tuple(sorted({n for s in own for n in s.joins}))
+    joins = tuple(sorted({join for s in own for join in s.joins}))
     return Sight(seen, min(s.existence for s in own), min(s.identity for s in own), joins)
 
 
 def _hidden(i: int, behind: Seen, targets: Mapping[int, Seen], ids: Sequence[int]) -> bool:
     others = targets if len(ids) == 1 else ids
     return any(
-        targets[k].observed and hidden_by(behind.box, targets[k].box)
-        for k in others
-        if k != i
+        targets[other].observed and hidden_by(behind.box, targets[other].box)
+        for other in others
+        if other != i
     )
 
 
@@ -92,7 +93,7 @@ class _Open:
         else:
             self.unseen_existence += s.existence
         if s.joins:
-            self.joins += [n for n in s.joins if n not in self.joins]
+            self.joins += [join for join in s.joins if join not in self.joins]
 
     @property
     def belief(self) -> Belief:

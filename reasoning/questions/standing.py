@@ -56,7 +56,7 @@ class Steps:
         return Steps(
             self.frames[cut], self.ranks[cut], self.t[cut], self.boxes[cut], self.seen[cut],
             self.existence[cut], self.identity[cut],
-            [j for j in self.joins if first <= j[0] < end],
+            [join for join in self.joins if first <= join[0] < end],
         )  # fmt: skip
 
     def belief(self, first: int, last: int) -> Belief:

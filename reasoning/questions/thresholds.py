@@ -45,15 +45,15 @@ def at_least(name: str, value: float, threshold: float, compare: str = ">=") -> 
     return Measure(name, value, compare, threshold, value - threshold)
 
 
-def measure_line(m: Measure) -> str:
+def measure_line(measure: Measure) -> str:
     """A measure for a person to read: value, threshold, and by how much it was met."""
-    line = f"{m.name} = {_shown(m.value)}"
-    if m.threshold is None:
+    line = f"{measure.name} = {_shown(measure.value)}"
+    if measure.threshold is None:
         return line
-    verdict = "met by" if (m.margin or 0) >= 0 else "missed by"
+    verdict = "met by" if (measure.margin or 0) >= 0 else "missed by"
     return (
-        f"{line}, wanted {m.compare} {_shown(m.threshold)}: {verdict}"
-        f" {_shown(abs(m.margin or 0))}"
+        f"{line}, wanted {measure.compare} {_shown(measure.threshold)}: {verdict}"
+        f" {_shown(abs(measure.margin or 0))}"
     )
 
 
@@ -193,7 +193,9 @@ def phase_measures(case: Case, row: Mapping[str, Any]) -> list[Measure]:
     ]
 
 
-def _contact(case: Case, row: Mapping[str, Any], p: EncounterParameters) -> list[Measure]:
+def _contact(
+    case: Case, row: Mapping[str, Any], encounter_parameters: EncounterParameters
+) -> list[Measure]:
     """Both ways to a contact: whether it is one by JOINT, by touching and being abrupt, or by
     both.
     """
@@ -223,8 +225,9 @@ def _contact(case: Case, row: Mapping[str, Any], p: EncounterParameters) -> list
         Measure("a contact by", " and ".join(ways) or "a lull between contacts"),
         Measure("JOINT in it", "; ".join(spans) or "never"),
         Measure("seconds of it at touching distance and abrupt", row["abrupt_s"]),
-        at_most(touch, row["distance"], p.touch_sizes) if by_touch else Measure(touch, row["distance"]),
-        at_least(agitation, row["agitation"], p.abrupt_sizes_per_s) if by_touch
+        at_most(touch, row["distance"], encounter_parameters.touch_sizes) if by_touch
+        else Measure(touch, row["distance"]),
+        at_least(agitation, row["agitation"], encounter_parameters.abrupt_sizes_per_s) if by_touch
         else Measure(agitation, row["agitation"]),
         Measure("abrupt without going through (a fight's mark)",
                 ", ".join(f"abrupt:{row['a']}-{row['b']}@{s}" for (s,) in fierce) or "never"),

@@ -30,7 +30,9 @@ class Document:
         self._bad: list[tuple[str, str]] = []
 
     def _take(self, row: BoxRow, where: str) -> None:
-        kept = checked(row, self.path, where, lambda what, w: self._bad.append((what, w)))
+        kept = checked(
+            row, self.path, where, lambda what, why: self._bad.append((what, why))
+        )
         if kept is not None:
             self._found.append(kept)
 
@@ -64,16 +66,16 @@ class Coco(Document):
             entries = _listed(document, "annotations", path)
             images = self._images(_listed(document, "images", path))
             names = {
-                c.get("id"): str(c.get("name", ""))
-                for c in document.get("categories", [])
-                if isinstance(c, dict)
+                category.get("id"): str(category.get("name", ""))
+                for category in document.get("categories", [])
+                if isinstance(category, dict)
             }
-        for k, one in enumerate(entries):
-            where = f"{path.name}, annotation {k + 1}"
+        for index, one in enumerate(entries):
+            where = f"{path.name}, annotation {index + 1}"
             try:
                 frame = one["image_id"]
                 frame = images[frame] if images else _frame_of(frame)
-                x, y, w, h = (number(v, "bbox") for v in one["bbox"])
+                x, y, w, h = (number(value, "bbox") for value in one["bbox"])
                 score = one.get("score", 1.0)
                 label = names.get(one.get("category_id"), one.get("category_id", ""))
                 identity = one.get("track_id", NOBODY)
@@ -84,9 +86,9 @@ class Coco(Document):
                     number(score, "score"),
                     str(label),
                 )
-            except (KeyError, TypeError, ValueError, AttributeError) as e:
+            except (KeyError, TypeError, ValueError, AttributeError) as error:
                 self._bad.append(
-                    (f"an annotation that is none ({type(e).__name__})", where)
+                    (f"an annotation that is none ({type(error).__name__})", where)
                 )
                 continue
             self._take(row, where)
@@ -95,13 +97,13 @@ class Coco(Document):
 
     def _images(self, images: list[Any]) -> dict[Any, int]:
         """Each image's frame: the number in its name, or its place by name where there is none."""
-        named = [i for i in images if isinstance(i, dict) and "id" in i]
-        sizes = {(i.get("width"), i.get("height")) for i in named}
+        named = [image for image in images if isinstance(image, dict) and "id" in image]
+        sizes = {(image.get("width"), image.get("height")) for image in named}
         if len(sizes) == 1:
             width, height = next(iter(sizes))
             if isinstance(width, int) and isinstance(height, int) and width > 0 < height:
                 self.size = width, height
-        files = {i["id"]: str(i.get("file_name", i["id"])) for i in named}
+        files = {image["id"]: str(image.get("file_name", image["id"])) for image in named}
         try:
             numbers = {identity: number_in(file) for identity, file in files.items()}
         except ValueError:
@@ -142,10 +144,10 @@ class LabelStudio(Document):
                 for result in one.get("result") or []:
                     try:
                         self._result(task, place, result)
-                    except (KeyError, TypeError, ValueError, AttributeError) as e:
+                    except (KeyError, TypeError, ValueError, AttributeError) as error:
                         self._bad.append(
                             (
-                                f"a result that is none ({type(e).__name__})",
+                                f"a result that is none ({type(error).__name__})",
                                 f"task {place + 1}",
                             )
                         )
@@ -167,7 +169,7 @@ class LabelStudio(Document):
                 frame = number_in(name)
             except ValueError:
                 frame = place
-            box = tuple(float(value[k]) for k in ("x", "y", "width", "height"))
+            box = tuple(float(value[key]) for key in ("x", "y", "width", "height"))
             self._take(
                 BoxRow(
                     frame, NOBODY, _percent(box, self._size_of(result)), 1.0, str(labels[0])
@@ -213,7 +215,7 @@ def _between(sequence: list[Any], count: Any) -> Iterator[tuple[int, tuple[float
         if k + 1 < len(keys):
             following = keys[k + 1]
             end = int(following["frame"])
-            target = tuple(float(following[n]) for n in ("x", "y", "width", "height"))
+            target = tuple(float(following[name]) for name in ("x", "y", "width", "height"))
             for f in range(frame + 1, end):
                 share = (f - frame) / (end - frame)
                 yield (
@@ -243,12 +245,12 @@ class Frigate(Document):
         self.notes.append(f"the events' times were put into frames of {fps:g} per second")
         found = [e.get("after", e) for e in events if isinstance(e, dict)]
         times = [e.get("frame_time") or e.get("start_time") for e in found]
-        known = [t for t in times if isinstance(t, int | float)]
+        known = [moment for moment in times if isinstance(moment, int | float)]
         first = min(known, default=0.0)
         if any("frame_time" not in e for e in found):
             self.notes.append("each event gives one box, at its start")
-        for k, (event, time) in enumerate(zip(found, times, strict=True)):
-            where = f"{path.name}, event {k + 1}"
+        for index, (event, time) in enumerate(zip(found, times, strict=True)):
+            where = f"{path.name}, event {index + 1}"
             try:
                 frame = round((float(time) - first) * fps)
                 row = BoxRow(
@@ -267,7 +269,7 @@ class Frigate(Document):
         box = event.get("box") or (event.get("data") or {}).get("box")
         if not isinstance(box, list):
             raise KeyError("box")
-        a, b, c, d = (number(v, "box") for v in box)
+        a, b, c, d = (number(value, "box") for value in box)
         if max(a, b, c, d) > 1:
             return a, b, c - a, d - b  # published updates: two corners in pixels
         if self._picture is None:

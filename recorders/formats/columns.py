@@ -79,9 +79,11 @@ class Columns:
         ]
         if "x1" not in roles and "left" in _plain(names) and "x2" in roles:
             roles = ["x1" if r == "x" else "y1" if r == "y" else r for r in roles]
-        for k, role in enumerate(roles):
-            if role and role in roles[:k]:
-                roles[k] = ""  # the first of two of one kind (class_id beside class_name)
+        for index, role in enumerate(roles):
+            if role and role in roles[:index]:
+                roles[index] = (
+                    ""  # the first of two of one kind (class_id beside class_name)
+                )
         found = set(roles)
         if not {"frame", "file"} & found:
             raise ValueError("no column of frames (frame, frame_id, file_name)")
@@ -102,12 +104,14 @@ class Columns:
         Raises:
             ValueError: a value is missing, or no number.
         """
-        held = {r: v for r, v in zip(self.roles, values, strict=False) if r}
+        held = {
+            role: value for role, value in zip(self.roles, values, strict=False) if role
+        }
         return row_of(held, size, line)
 
 
 def _plain(names: Sequence[str]) -> set[str]:
-    return {n.strip().strip('"').lower() for n in names}
+    return {name.strip().strip('"').lower() for name in names}
 
 
 def _shape_of(roles: set[str]) -> tuple[str, ...] | None:
@@ -214,7 +218,7 @@ def box_of(held: Mapping[str, Any], size: tuple[int, int] | None) -> Box:
             four = re.split(r"[\s,;]+", four.strip().strip("[]()"))
         if not hasattr(four, "__len__") or len(four) != 4:
             raise ValueError(f"a box of {str(four)[:40]!r}: four numbers are wanted")
-        values = [number(v, "box") for v in four]
+        values = [number(value, "box") for value in four]
         corners, centred = shape[0].startswith("corners"), False
     else:
         values = [number(held[name], name) for name in shape]
@@ -237,8 +241,8 @@ def parse_columns(text: str) -> Columns:
     Raises:
         UsageError: a name is not known, or there is no frame or no box among them.
     """
-    names = [n.strip() for n in text.split(",")]
-    unknown = [n for n in names if n.lower() not in _NAMES]
+    names = [name.strip() for name in text.split(",")]
+    unknown = [name for name in names if name.lower() not in _NAMES]
     if unknown:
         raise UsageError(
             f"--columns {text}: {unknown[0]!r} is not known; known are frame, file, id, x, y,"
@@ -247,8 +251,8 @@ def parse_columns(text: str) -> Columns:
         )
     try:
         return Columns.of(names)
-    except ValueError as e:
-        raise UsageError(f"--columns {text}: {e}") from e
+    except ValueError as error:
+        raise UsageError(f"--columns {text}: {error}") from error
 
 
 def is_number(cell: str) -> bool:

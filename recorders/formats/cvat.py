@@ -57,14 +57,14 @@ class Cvat:
                     if depth == 1 and element.tag in _ONLY_LATER:
                         yield element
                         root.clear()
-            except DefusedXmlException as e:
+            except DefusedXmlException as error:
                 raise SourceError(
                     "a DOCTYPE or an entity in the XML: refused, it could reach for other"
                     " files or grow",
                     self.path,
-                ) from e
-            except (ParseError, LookupError) as e:
-                raise SourceError(f"not well-formed XML: {e}", self.path) from e
+                ) from error
+            except (ParseError, LookupError) as error:
+                raise SourceError(f"not well-formed XML: {error}", self.path) from error
 
     def _take_size(self, element: Any) -> None:
         width, height = element.findtext("width"), element.findtext("height")
@@ -91,11 +91,11 @@ class Cvat:
                 float(box.get(name)) for name in ("xtl", "ytl", "xbr", "ybr")
             )
             identity = int(element.get("id")) if element.tag == "track" else NOBODY
-        except (TypeError, ValueError) as e:
+        except (TypeError, ValueError) as error:
             raise SourceError(
                 f"a box of {element.tag} {element.get('id')} without frame or corners",
                 self.path,
-            ) from e
+            ) from error
         label = element.get("label") or box.get("label") or ""
         return BoxRow(frame, identity, (left, top, right - left, bottom - top), 1.0, label)
 

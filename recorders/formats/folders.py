@@ -94,8 +94,8 @@ class BoxFolder:
                     kept = checked(row, path, f"{path.name}", bad)
                     if kept is not None:
                         yield kept
-            except (ValueError, IndexError, KeyError, TypeError) as e:
-                raise SourceError(f"not {self.name}: {e}", path) from e
+            except (ValueError, IndexError, KeyError, TypeError) as error:
+                raise SourceError(f"not {self.name}: {error}", path) from error
 
     def files(self) -> list[Path]:
         """See `recorders.formats.readers.RowReader`."""
@@ -126,7 +126,7 @@ class BoxFolder:
             cells = line.split()
             # A tracker's dump has the identity behind the class.
             at = 5 if len(cells) in (17, 18) else 4
-            left, top, right, bottom = (number(v, "box") for v in cells[at : at + 4])
+            left, top, right, bottom = (number(cell, "box") for cell in cells[at : at + 4])
             score = number(cells[-1], "score") if len(cells) in (16, 18) else 1.0
             if cells[0] != "DontCare":
                 yield (left, top, right - left, bottom - top), score, cells[0]
@@ -193,8 +193,8 @@ def _parsed(path: Path) -> Any:
         data = file.read(_LARGEST_FILE)
     try:
         return fromstring(data, forbid_dtd=True)
-    except (ParseError, DefusedXmlException, ValueError, LookupError) as e:
-        raise SourceError(f"not XML that is read: {e}", path) from e
+    except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
+        raise SourceError(f"not XML that is read: {error}", path) from error
 
 
 def _class_names(folder: Path) -> list[str]:

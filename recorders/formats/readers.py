@@ -88,5 +88,5 @@ def read_json(path: Path, limits: Limits = DEFAULT_LIMITS) -> Any:
         )
     try:
         return msgspec.json.decode(data.removeprefix(b"\xef\xbb\xbf"))
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
-        raise SourceError(f"not JSON: {e}", path) from e
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise SourceError(f"not JSON: {error}", path) from error

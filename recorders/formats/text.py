@@ -81,7 +81,7 @@ class TextTable:
             raise SourceError("no detections in this file", self.path)
         names = first[0]
         if self._given is not None:
-            self._named = not any(is_number(c) for c in names)
+            self._named = not any(is_number(name) for name in names)
         elif not any(map(is_number, names[:_LEAST_COLUMNS])) and len(names) > 1:
             self._take_names(names)
         elif len(names) > 10 and not is_number(names[2]) and is_number(names[0]):
@@ -95,10 +95,10 @@ class TextTable:
         self._named = True
         try:
             self._columns = Columns.of(names)
-        except ValueError as e:
+        except ValueError as error:
             raise SourceError(
-                f"the columns {','.join(names)[:80]!r}: {e}", self.path, 1
-            ) from e
+                f"the columns {','.join(names)[:80]!r}: {error}", self.path, 1
+            ) from error
         self.name = "a table with named columns"
         if not {"x", "y", "w", "h"} <= set(self._columns.roles):
             self.first_frame = 0  # a program's own output counts from 0
@@ -125,10 +125,10 @@ class TextTable:
         self._check_shares(whole)
         eighth = [cells[7].strip() for cells in first if len(cells) > 7]
         self._labelled = bool(eighth) and not all(
-            c in ("-1", "-1.0", "") or "." in c for c in eighth
+            cell in ("-1", "-1.0", "") or "." in cell for cell in eighth
         )
         scores = [n[6] for n in whole if len(n) > 6]
-        if scores and all(s == -1 for s in scores):
+        if scores and all(score == -1 for score in scores):
             self._unsure = True
 
     _unsure = False
@@ -138,10 +138,12 @@ class TextTable:
         return UsageError(f"{self.path}: {why}; say which it is: {choice}")
 
     def _check_six(self, rows: list[list[float]]) -> None:
-        ids = [r[1] for r in rows]
-        last = [r[5] for r in rows]
-        fractions = any(v != int(v) for v in ids if abs(v) < 2**53)
-        if rows and (fractions or (all(0 <= v <= 1 for v in last))):
+        ids = [row[1] for row in rows]
+        last = [row[5] for row in rows]
+        fractions = any(
+            identity != int(identity) for identity in ids if abs(identity) < 2**53
+        )
+        if rows and (fractions or (all(0 <= value <= 1 for value in last))):
             raise self._ask(
                 "six columns, of which the second is no identity or the sixth a score",
                 "frame,x1,y1,x2,y2,score",
@@ -151,9 +153,11 @@ class TextTable:
 
     def _check_corners(self, rows: list[list[float]]) -> None:
         """Whether the fifth and sixth number follow the third and fourth, as a second corner does."""
-        if len(rows) < _ASK_FROM or not all(r[4] > r[2] and r[5] > r[3] for r in rows):
+        if len(rows) < _ASK_FROM or not all(
+            row[4] > row[2] and row[5] > row[3] for row in rows
+        ):
             return
-        across = [(r[2], r[4]) for r in rows]
+        across = [(row[2], row[4]) for row in rows]
         spread = _variance([a for a, _ in across])
         if spread > 0 and _variance([b - a for a, b in across]) < spread / 4:
             raise self._ask(
@@ -164,8 +168,11 @@ class TextTable:
 
     def _check_shares(self, rows: list[list[float]]) -> None:
         if len(rows) >= _ASK_FROM and all(
-            abs(r[2]) <= 1.5 and abs(r[3]) <= 1.5 and 0 < r[4] <= 1 and 0 < r[5] <= 1
-            for r in rows
+            abs(row[2]) <= 1.5
+            and abs(row[3]) <= 1.5
+            and 0 < row[4] <= 1
+            and 0 < row[5] <= 1
+            for row in rows
         ):
             raise self._ask(
                 "all boxes lie between 0 and 1, as shares of the picture do",
@@ -177,10 +184,10 @@ class TextTable:
     def _cells(self, text: str) -> list[str]:
         if self._separator == ";":
             # Where commas do not separate, they are decimal points.
-            return [c.strip().replace(",", ".") for c in text.rstrip(";").split(";")]
+            return [cell.strip().replace(",", ".") for cell in text.rstrip(";").split(";")]
         if self._separator is None:
             return text.split()
-        cells = [c.strip().strip('"') for c in text.split(self._separator)]
+        cells = [cell.strip().strip('"') for cell in text.split(self._separator)]
         return (
             cells[:-1] if cells and not cells[-1] and len(cells) > _LEAST_COLUMNS else cells
         )
@@ -222,8 +229,8 @@ class TextTable:
                 continue
             try:
                 row = self._columns.row(cells, self._picture, line)
-            except ValueError as e:
-                raise SourceError(f"{e}: {text[:60]!r}", self.path, line) from e
+            except ValueError as error:
+                raise SourceError(f"{error}: {text[:60]!r}", self.path, line) from error
             if self._labelled and len(cells) > 7 and cells[7] not in ("", "-1"):
                 row = row._replace(label=cells[7])
             if self._unsure:
@@ -256,12 +263,12 @@ def _separator_of(text: str) -> str | None:
 def _numbers(cells: Sequence[str]) -> list[float] | None:
     if len(cells) < _LEAST_COLUMNS or not all(map(is_number, (cells[0], *cells[2:6]))):
         return None
-    return [float(c) if is_number(c) else 0.0 for c in cells]
+    return [float(cell) if is_number(cell) else 0.0 for cell in cells]
 
 
 def _variance(values: Sequence[float]) -> float:
     mean = sum(values) / len(values)
-    return sum((v - mean) ** 2 for v in values) / len(values)
+    return sum((value - mean) ** 2 for value in values) / len(values)
 
 
 class Records:
@@ -298,8 +305,10 @@ class Records:
             return
         try:
             self._columns = Columns.of(self._names)
-        except ValueError as e:
-            raise SourceError(f"{e}; it holds {', '.join(self._names)[:80]}", path) from e
+        except ValueError as error:
+            raise SourceError(
+                f"{error}; it holds {', '.join(self._names)[:80]}", path
+            ) from error
 
     def _objects(self) -> Iterator[tuple[int, dict[str, Any]]]:
         found = {"lines": self._lines, "list": self._list}.get(self._kind, self._parquet)
@@ -316,8 +325,12 @@ class Records:
                 if data.strip():
                     try:
                         yield line, msgspec.json.decode(data)
-                    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
-                        raise SourceError(f"not JSON: {e}", self.path, line) from e
+                    except (
+                        msgspec.DecodeError,
+                        UnicodeDecodeError,
+                        RecursionError,
+                    ) as error:
+                        raise SourceError(f"not JSON: {error}", self.path, line) from error
 
     def _list(self) -> Iterator[tuple[int, Any]]:
         found = read_json(self.path, self._limits)
@@ -335,20 +348,22 @@ class Records:
                     for row in rows:
                         line += 1
                         yield line, dict(zip(names, row, strict=True))
-        except duckdb.Error as e:
-            raise SourceError(f"not Parquet: {str(e).splitlines()[0]}", self.path) from e
+        except duckdb.Error as error:
+            raise SourceError(
+                f"not Parquet: {str(error).splitlines()[0]}", self.path
+            ) from error
 
     def rows(self, bad: Bad) -> Iterator[BoxRow]:
         """See `recorders.formats.readers.RowReader`."""
         roles = dict(zip(self._names, self._columns.roles, strict=True))
         for line, one in self._objects():
-            held = {roles[k]: v for k, v in one.items() if roles.get(k)}
+            held = {roles[k]: value for k, value in one.items() if roles.get(k)}
             where = f"{self.path.name}:{line}"
             try:
                 row = row_of(held, self._picture, line)
-            except ValueError as e:
-                if "not a number" not in str(e) and "lacks" not in str(e):
-                    raise SourceError(str(e), self.path, line) from e
+            except ValueError as error:
+                if "not a number" not in str(error) and "lacks" not in str(error):
+                    raise SourceError(str(error), self.path, line) from error
                 bad("a row without a number where one belongs", where)
                 continue
             kept = checked(row, self.path, where, bad)

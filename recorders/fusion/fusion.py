@@ -147,7 +147,7 @@ class Fusion:
 def sure_of(detected: Detections) -> int:
     """Of how many bodies in a frame a detector is sure."""
     nothing = Detections(detected.frame, detected.width, detected.height)
-    return sum(h.step >= SURE_STEP for h in hypotheses(nothing, detected))
+    return sum(hypothese.step >= SURE_STEP for hypothese in hypotheses(nothing, detected))
 
 
 def _show(chain: Chain, frame: int, sign: int, size: int) -> None:
@@ -162,12 +162,14 @@ def _without_doubles(made: list[Decided]) -> list[Decided]:
     """
     corners = corners_of([d.box for d in made])
     over = overlaps(corners, corners) >= DOUBLE
-    detected = [k for k, d in enumerate(made) if d.hypothesis.detected is not None]
+    detected = [index for index, d in enumerate(made) if d.hypothesis.detected is not None]
     kept = []
     for k, one in enumerate(made):
         rivals = [j for j in np.flatnonzero(over[k]).tolist() if j != k]
         if one.hypothesis.masked is None:
-            double = any((made[j].belief, -j) > (one.belief, -k) for j in rivals)
+            double = any(
+                (made[rival].belief, -rival) > (one.belief, -k) for rival in rivals
+            )
         else:
             double = k not in detected and _explained(corners[k], corners[detected])
         if not double:

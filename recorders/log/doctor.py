@@ -48,7 +48,13 @@ def examine(path: str | Path, limits: Limits = DEFAULT_LIMITS) -> list[Finding]:
         examination = _Examination(file)
         examination.run()
         return sorted(
-            examination.findings, key=lambda f: (f.offset, f.severity, f.record, f.text)
+            examination.findings,
+            key=lambda finding: (
+                finding.offset,
+                finding.severity,
+                finding.record,
+                finding.text,
+            ),
         )[:MAX_FINDINGS]
 
 

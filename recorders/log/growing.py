@@ -214,11 +214,14 @@ class GrowingLog(LogReader):
         cursor = _Cursor(self._tail, self._begin)
         for _ in cursor.blocks():
             counts = cursor.scan.counts
-            if sum(counts.get(i, 0) for i in cursor.frame_channels()) >= _FRAMES_FIRST:
+            if (
+                sum(counts.get(channel, 0) for channel in cursor.frame_channels())
+                >= _FRAMES_FIRST
+            ):
                 break
         self._scan = cursor.scan
         infos = cursor.scan.definitions.infos(None)
-        self.channels = sorted(infos.values(), key=lambda c: (c.topic, c.id))
+        self.channels = sorted(infos.values(), key=lambda info: (info.topic, info.id))
 
     @property
     def complete(self) -> bool:

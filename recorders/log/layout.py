@@ -59,14 +59,14 @@ class Definitions:
         }
         return {
             identity: ChannelInfo(
-                topic=c.topic,
-                schema=schemas.get(c.schema_id),
-                message_encoding=c.message_encoding,
-                metadata=c.metadata,
+                topic=channel.topic,
+                schema=schemas.get(channel.schema_id),
+                message_encoding=channel.message_encoding,
+                metadata=channel.metadata,
                 message_count=None if counts is None else counts.get(identity, 0),
                 id=identity,
             )
-            for identity, c in sorted(self.channels.items())
+            for identity, channel in sorted(self.channels.items())
         }
 
 

@@ -52,7 +52,7 @@ class LogReader:
             self._file.close()
             raise
         self.channels: list[ChannelInfo] = sorted(
-            self._index.channels.values(), key=lambda c: (c.topic, c.id)
+            self._index.channels.values(), key=lambda channel: (channel.topic, channel.id)
         )
 
     def __enter__(self) -> Self:

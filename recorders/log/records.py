@@ -227,8 +227,8 @@ def parse_chunk_index(content: bytes | memoryview) -> ChunkIndexRecord:
 def encode_chunk_index(index: ChunkIndexRecord) -> bytes:
     """A ChunkIndex record."""
     offsets = b"".join(
-        wire.U16.pack(k) + wire.U64.pack(v)
-        for k, v in sorted(index.message_index_offsets.items())
+        wire.U16.pack(k) + wire.U64.pack(offset)
+        for k, offset in sorted(index.message_index_offsets.items())
     )
     return wire.record(
         wire.CHUNK_INDEX,
@@ -393,8 +393,8 @@ def parse_statistics(content: bytes | memoryview) -> StatisticsRecord:
 def encode_statistics(statistics: StatisticsRecord) -> bytes:
     """A Statistics record."""
     counts = b"".join(
-        wire.U16.pack(k) + wire.U64.pack(v)
-        for k, v in sorted(statistics.channel_message_counts.items())
+        wire.U16.pack(k) + wire.U64.pack(count)
+        for k, count in sorted(statistics.channel_message_counts.items())
     )
     head = struct.pack(
         "<QHIIIIQQI",

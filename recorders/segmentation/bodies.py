@@ -53,11 +53,11 @@ class Bodies:
     def observe(self, blobs: list[Blob]) -> None:
         """Take in the blobs of one frame; the oldest of very many are forgotten."""
         if self._use_size:
-            self._seen += [b.box for b in blobs]
+            self._seen += [blob.box for blob in blobs]
             self._regrouped += map(
                 tuple,
                 regrouped(
-                    np.array([b.box for b in blobs], np.float64).reshape(-1, 4)
+                    np.array([blob.box for blob in blobs], np.float64).reshape(-1, 4)
                 ).tolist(),
             )
             self._single_areas += single_areas(blobs)
@@ -179,7 +179,7 @@ class Bodies:
             found = self._explainer.explain(left)
             boxes = [one.box for one in whole]
             boxes += [_clipped(box, self._width, self._height) for box in found.boxes]
-            scores = [1.0] * len(whole) + [float(s) for s in found.scores]
+            scores = [1.0] * len(whole) + [float(score) for score in found.scores]
             for box in self._unexplained(found.rest):
                 boxes.append(box)
                 scores.append(REST_SCORE)
@@ -208,12 +208,12 @@ class Bodies:
         ask for.
         """
         bodies = divide(blobs, labels, None, self._body_area)
-        scores = [LONE_SCORE if b.among == 1 else REST_SCORE for b in bodies]
+        scores = [LONE_SCORE if body.among == 1 else REST_SCORE for body in bodies]
         return (
-            [b.box for b in bodies],
+            [body.box for body in bodies],
             scores,
-            [b.ellipse for b in bodies],
-            [b.blob for b in bodies],
+            [body.ellipse for body in bodies],
+            [body.blob for body in bodies],
         )
 
     def _unexplained(self, rest: Image) -> list[Box]:

@@ -85,8 +85,10 @@ def together(pieces: Floats, usual: UsualSize) -> list[Group]:
         members[i] += members.pop(j)
         box, area = np.delete(box, j, axis=0), np.delete(area, j)
     return [
-        Group((x1, y1, x2, y2), a, m)
-        for (x1, y1, x2, y2), a, m in zip(box.tolist(), area.tolist(), members, strict=True)
+        Group((x1, y1, x2, y2), a, member)
+        for (x1, y1, x2, y2), a, member in zip(
+            box.tolist(), area.tolist(), members, strict=True
+        )
     ]
 
 
@@ -129,7 +131,7 @@ def bodies_of(
     pieces = pieces_in(without_thin(mask, usual, THIN, SMALL), usual)
     clean = np.zeros_like(mask)
     for group in together(pieces.rows, usual):
-        own = [pieces.part(k) for k in group.pieces]
+        own = [pieces.part(piece) for piece in group.pieces]
         least = float(usual.at(np.array(group.box[3]))[2])
         goes_on = before is not None and group.area >= LEAST_GOING_ON * least
         if group.area < LEAST * least and not (
@@ -232,9 +234,10 @@ def _thick(part: Part, side: int) -> Part:
 
 def _goes_on(parts: list[Part], before: Image) -> bool:
     """Whether most of the pieces lies on foreground of the frame before."""
-    area = sum(int(np.count_nonzero(p.pixels)) for p in parts)
+    area = sum(int(np.count_nonzero(part.pixels)) for part in parts)
     shared = sum(
-        int(np.count_nonzero((p.pixels > 0) & (before[p.within] > 0))) for p in parts
+        int(np.count_nonzero((part.pixels > 0) & (before[part.within] > 0)))
+        for part in parts
     )
     return 2 * shared >= area
 

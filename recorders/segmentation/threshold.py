@@ -113,7 +113,7 @@ class ThresholdSegmenter:
         core = as_image(cv2.threshold(difference, int(high), 255, cv2.THRESH_BINARY)[1])
         mask, labels, blobs = components(mask, self._min_area)
         bright = np.bincount(labels[core > 0], minlength=len(blobs) + 1)
-        if any(not bright[b.id] for b in blobs):
+        if any(not bright[blob.id] for blob in blobs):
             lit = (bright > 0).astype(np.uint8) * np.uint8(255)
             lit[0] = 0
             mask, labels, blobs = components(lit[labels], self._min_area)
@@ -138,17 +138,17 @@ class ThresholdSegmenter:
     ) -> Detections:
         least = LEAST * self._body_area
         bodies = divide(
-            [b for b in blobs if b.area >= least], labels, core, self._body_area
+            [blob for blob in blobs if blob.area >= least], labels, core, self._body_area
         )
         return Detections(
             frame=index,
             width=self._width,
             height=self._height,
-            boxes=[b.box for b in bodies],
-            scores=[CERTAIN if b.among == 1 else DOUBTFUL for b in bodies],
+            boxes=[body.box for body in bodies],
+            scores=[CERTAIN if body.among == 1 else DOUBTFUL for body in bodies],
             labels=["object"] * len(bodies),
-            ellipses=[b.ellipse for b in bodies],
-            blobs=[b.blob for b in bodies],
+            ellipses=[body.ellipse for body in bodies],
+            blobs=[body.blob for body in bodies],
             components=blobs,
         )
 

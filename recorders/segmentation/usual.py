@@ -137,7 +137,8 @@ class Sightings:
         return UsualSize(
             feet,
             np.array(
-                [[median(rows[:, k], w) for k in (2, 3, 4)] for w in weights], np.float64
+                [[median(rows[:, k], weight) for k in (2, 3, 4)] for weight in weights],
+                np.float64,
             ),
         )
 

@@ -68,8 +68,8 @@ def chosen(found: list[Any], number: int | None, path: Path) -> Any:
 def described(found: list[Any]) -> str:
     """Size and codec of each stream."""
     names = [
-        f"{k}: {s.width}x{s.height} {getattr(s.codec_context, 'name', '?')}"
-        for k, s in enumerate(found)
+        f"{index}: {s.width}x{s.height} {getattr(s.codec_context, 'name', '?')}"
+        for index, s in enumerate(found)
     ]
     return ", ".join(names)
 

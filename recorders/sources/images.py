@@ -172,7 +172,7 @@ class ImageFolderSource:
                 " missing: frames are counted by position, without gaps"
             )
             if numbers[0] in (0, 1) and missing < len(numbers):
-                self.numbers = [n + 1 - numbers[0] for n in numbers]
+                self.numbers = [number + 1 - numbers[0] for number in numbers]
 
     def time_ns(self, index: int) -> int:
         """See `recorders.sources.source.NumberedSource`."""
@@ -199,8 +199,8 @@ class ImageFolderSource:
         if header.bits <= 8:
             return 16
         bits = 8
-        for k, name in enumerate(self._names):
-            if spread(k, _DEEP_SAMPLES, len(self._names)):
+        for index, name in enumerate(self._names):
+            if spread(index, _DEEP_SAMPLES, len(self._names)):
                 try:
                     data, one = self._read(name)
                     bits = max(bits, bits_used(stored_values(data, one, self.path / name)))

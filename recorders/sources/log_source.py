@@ -142,7 +142,7 @@ class LogSource:
             self.width, self.height = self._size_of_boxes(size)
         check_size(self.width, self.height, self.path, self._limits)
         leading = images or found
-        times = [t for t, _ in leading]
+        times = [topic for topic, _ in leading]
         nominal = nominal_ns(times)
         self.frame_ns = nominal or _ASSUMED_NS
         if self._rate is not None:
@@ -295,7 +295,11 @@ class LogSource:
     def _joined(self, pairing: Pairing) -> Iterator[tuple[int, Joined]]:
         reader = PictureReader(self.path, self._left_out, self._limits)
         reader.bits = getattr(self, "_bits", 0)
-        wanted = [t for t in (self.topics.image, self.topics.detections) if t is not None]
+        wanted = [
+            topic
+            for topic in (self.topics.image, self.topics.detections)
+            if topic is not None
+        ]
         for message in self._onwards(self._messages(wanted)):
             if max(message.log_time_ns, message.publish_time_ns) > LAST_NS:
                 self._left_out.note(
@@ -417,9 +421,9 @@ class LogSource:
             index,
             self.width,
             self.height,
-            [k[0] for k in kept],
-            [k[1] for k in kept],
-            [k[2] for k in kept],
+            [entry[0] for entry in kept],
+            [entry[1] for entry in kept],
+            [entry[2] for entry in kept],
         )
 
     def _sum_up(self, count: int, clock: Clock[Joined], pairing: Pairing) -> None:
@@ -482,9 +486,10 @@ class LogSource:
         """Every message that is passed on as it is, by log time; to be read beside the frames."""
         taken = {self.topics.image, self.topics.detections}
         wanted = sorted(
-            {channel.topic for channel in self._log.channels} - {t for t in taken if t}
+            {channel.topic for channel in self._log.channels}
+            - {topic for topic in taken if topic}
         )
-        chosen = [t for t in wanted if self._passes(t)]
+        chosen = [topic for topic in wanted if self._passes(topic)]
         if not chosen:
             return
         log = self._log.again()
@@ -503,10 +508,12 @@ class LogSource:
 
     def _passes(self, topic: str) -> bool:
         if self._options.topics is not None and not any(
-            fnmatch.fnmatchcase(topic, p) for p in self._options.topics
+            fnmatch.fnmatchcase(topic, pattern) for pattern in self._options.topics
         ):
             return False
-        return not any(fnmatch.fnmatchcase(topic, p) for p in self._options.exclude)
+        return not any(
+            fnmatch.fnmatchcase(topic, pattern) for pattern in self._options.exclude
+        )
 
     def digests(self) -> list[tuple[str, str]]:
         """SHA-256 of each file."""
@@ -514,7 +521,7 @@ class LogSource:
 
 
 def _named(kind: str, topics: Topics) -> str:
-    parts = [t for t in (topics.image, topics.detections) if t is not None]
+    parts = [topic for topic in (topics.image, topics.detections) if topic is not None]
     return f"{kind}: {' with '.join(parts)}"
 
 

@@ -61,14 +61,14 @@ def found_in(held: Any) -> Iterator[Found]:
 def _supervision(held: Any) -> Iterator[Found]:
     scores, classes = getattr(held, "confidence", None), getattr(held, "class_id", None)
     names = (getattr(held, "data", None) or {}).get("class_name")
-    for k, corners in enumerate(held.xyxy):
-        left, top, right, bottom = (float(v) for v in corners)
+    for index, corners in enumerate(held.xyxy):
+        left, top, right, bottom = (float(corner) for corner in corners)
         label = ""
         if names is not None:
-            label = str(names[k])
+            label = str(names[index])
         elif classes is not None:
-            label = str(classes[k])
-        score = 1.0 if scores is None else float(scores[k])
+            label = str(classes[index])
+        score = 1.0 if scores is None else float(scores[index])
         yield (left, top, right - left, bottom - top), score, label
 
 

@@ -104,7 +104,8 @@ def _check_series(names: list[str], folder: Path) -> None:
     if len(large) > 1 and max(counts.values()) > 1:
         patterns = [p.replace("#", "*") for p in sorted(large)]
         listed = ", ".join(
-            f"{folder}/{p}* ({len(large[p.replace('*', '#')])})" for p in patterns
+            f"{folder}/{pattern}* ({len(large[pattern.replace('*', '#')])})"
+            for pattern in patterns
         )
         raise UsageError(
             f"{folder}: {len(large)} series of pictures with the same numbers: {listed};"

@@ -55,8 +55,10 @@ def plugin_source(word: str | Path) -> Source | None:
         source = made(where)
     except SceneTraceError:
         raise
-    except Exception as e:
-        raise SourceError(f"the source {name} fails: {type(e).__name__}: {e}", where) from e
+    except Exception as error:
+        raise SourceError(
+            f"the source {name} fails: {type(error).__name__}: {error}", where
+        ) from error
     missing = [needed for needed in _NEEDED if not hasattr(source, needed)]
     if missing:
         raise UsageError(

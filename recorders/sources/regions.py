@@ -68,7 +68,7 @@ def checked(
 
 def beyond(points: Polygon, size: tuple[int, int]) -> bool:
     """Whether all points lie beyond one side of a picture of (width, height)."""
-    xs, ys = [p[0] for p in points], [p[1] for p in points]
+    xs, ys = [point[0] for point in points], [point[1] for point in points]
     return max(xs) <= 0 or max(ys) <= 0 or min(xs) >= size[0] or min(ys) >= size[1]
 
 
@@ -108,7 +108,9 @@ class _Reader:
     def _object(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) != len(pairs):
-            twice = next(k for k, _ in pairs if [pair[0] for pair in pairs].count(k) > 1)
+            twice = next(
+                key for key, _ in pairs if [pair[0] for pair in pairs].count(key) > 1
+            )
             self._fail(f"{twice!r} is there twice")
         return found
 
@@ -134,12 +136,16 @@ class _Reader:
             return [self._polygon(data, name)]
         if len(data) > MOST_POLYGONS:
             self._fail(f"{len(data)} polygons in {name}, at most {MOST_POLYGONS}")
-        return [self._polygon(p, f"{name} {index + 1}") for index, p in enumerate(data)]
+        return [
+            self._polygon(point, f"{name} {index + 1}") for index, point in enumerate(data)
+        ]
 
     def _polygon(self, data: object, name: str) -> Polygon:
         if not isinstance(data, list):
             self._fail(f"{name} must be a list of vertices [x, y]")
-        fault, polygon = checked([self._point(p, name) for p in data], name, self._size)
+        fault, polygon = checked(
+            [self._point(point, name) for point in data], name, self._size
+        )
         if fault:
             self._fail(fault)
         return polygon
@@ -189,7 +195,7 @@ def _meet(a: Point, b: Point, c: Point, d: Point) -> bool:
     if ((s > 0) != (t > 0)) and ((u > 0) != (v > 0)) and 0.0 not in (s, t, u, v):
         return True
     touching = ((s, c, a, b), (t, d, a, b), (u, a, c, d), (v, b, c, d))
-    return any(side == 0 and _on(p, q, r) for side, p, q, r in touching)
+    return any(side == 0 and _on(point, q, r) for side, point, q, r in touching)
 
 
 def _crosses_itself(polygon: Polygon) -> bool:
@@ -226,7 +232,7 @@ def _inside(p: Point, polygon: Polygon) -> bool:
 
 def _encloses(outer: Polygon, inner: Polygon) -> bool:
     """Whether no point of the inner polygon lies outside the outer one; edges may be shared."""
-    if not all(_inside(p, outer) for p in inner):
+    if not all(_inside(point, outer) for point in inner):
         return False
     for a, b in _edges(inner):
         # Between its meetings with the outer outline an edge lies on one side: ask in the middle
@@ -254,8 +260,8 @@ def _meetings(a: Point, b: Point, c: Point, d: Point) -> list[float]:
     if direction == 0:
         length = (b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2
         along = [
-            ((p[0] - a[0]) * (b[0] - a[0]) + (p[1] - a[1]) * (b[1] - a[1])) / length
-            for p in (c, d)
+            ((point[0] - a[0]) * (b[0] - a[0]) + (point[1] - a[1]) * (b[1] - a[1])) / length
+            for point in (c, d)
         ]
         return [t for t in along if 0 < t < 1]
     t = ((c[0] - a[0]) * (d[1] - c[1]) - (c[1] - a[1]) * (d[0] - c[0])) / direction

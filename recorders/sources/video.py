@@ -317,7 +317,11 @@ class VideoSource:
                 frames = packet.decode()
             except (av.error.FFmpegError, ValueError):
                 frames, run, wanted = [], [], False
-            run += [f for f in frames if start is None or f.pts is None or f.pts >= start]
+            run += [
+                frame
+                for frame in frames
+                if start is None or frame.pts is None or frame.pts >= start
+            ]
             if len(run) >= length:
                 yield from run[:length]
                 wanted = False

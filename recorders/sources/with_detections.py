@@ -83,7 +83,7 @@ class WithDetections:
     def _detections(self, index: int, rows: FrameRows | None) -> Detections:
         if rows is None:
             return detections_of(index, self.width, self.height, [], [])
-        boxes = [self._scaled(b) for b in rows.boxes]
+        boxes = [self._scaled(box) for box in rows.boxes]
         return detections_of(
             index, self.width, self.height, boxes, rows.scores, rows.labels
         )

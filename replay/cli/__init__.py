@@ -95,7 +95,7 @@ def main(  # noqa: PLR0911
 ) -> int:
     """Run a command; returns the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    named = next((w for w in words if not w.startswith("-")), "")
+    named = next((word for word in words if not word.startswith("-")), "")
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A file's name may hold bytes that no encoding has: spelt out, never a crash.
         sys.stdout.reconfigure(errors="backslashreplace")
@@ -143,7 +143,7 @@ def _written(words: Sequence[str]) -> str:
     """What a failed write without a name was for."""
     from tempfile import gettempdir
 
-    flag = next((w for w in words if w in ("-o", "--output")), None)
+    flag = next((word for word in words if word in ("-o", "--output")), None)
     output = "" if flag is None else "".join(words[words.index(flag) + 1 :][:1])
     return f"{output or 'standard output'} (or a temporary file in {gettempdir()})"
 

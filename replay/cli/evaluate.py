@@ -328,8 +328,8 @@ def _table(title: str, *columns: str) -> Table:
     return table
 
 
-def _headline(s: Scores, name: str) -> Table:
-    h, c, i = s.hota, s.clear, s.identity
+def _headline(scores: Scores, name: str) -> Table:
+    h, c, i = scores.hota, scores.clear, scores.identity
     table = _table(
         f"{name} (percent)",
         "HOTA",
@@ -357,19 +357,19 @@ def _headline(s: Scores, name: str) -> Table:
         c.precision,
         c.recall,
     )
-    table.add_row(*(f"{x:.1f}" for x in shares))
+    table.add_row(*(f"{share:.1f}" for share in shares))
     table.caption = (
         f"switches {c.switches}, fragments {c.fragments}, false positives"
         f" {c.false_positives}, misses {c.false_negatives}, mostly tracked"
         f" {c.mostly_tracked}, partly {c.partly_tracked}, mostly lost {c.mostly_lost};"
-        f" {s.true_ids} true and {s.result_ids} result identities"
+        f" {scores.true_ids} true and {scores.result_ids} result identities"
     )
     table.caption_justify = "left"
     return table
 
 
-def _criteria(s: Scores) -> Table:
-    trajectories = s.trajectories
+def _criteria(scores: Scores) -> Table:
+    trajectories = scores.trajectories
     table = _table("Trajectories (PARTS 5.2)", "criterion", "")
     for what, value in (
         ("trajectories", f"{trajectories.count}"),
@@ -387,8 +387,8 @@ def _criteria(s: Scores) -> Table:
     return table
 
 
-def _errors(s: Scores) -> Table:
-    trajectories = s.trajectories
+def _errors(scores: Scores) -> Table:
+    trajectories = scores.trajectories
     table = _table(
         "Errors of place and size (PARTS 5.3)",
         "over",
@@ -413,16 +413,16 @@ def _errors(s: Scores) -> Table:
     return table
 
 
-def _normalisations(e: Errors) -> list[tuple[str, tuple[float, ...], str]]:
+def _normalisations(errors: Errors) -> list[tuple[str, tuple[float, ...], str]]:
     return [
-        ("centre by coordinate, size by size", e.headline, " %"),
-        ("all by true coordinate", e.coordinate, " %"),
-        ("all by true size", e.size, " %"),
-        ("pixels", e.pixels, " px"),
+        ("centre by coordinate, size by size", errors.headline, " %"),
+        ("all by true coordinate", errors.coordinate, " %"),
+        ("all by true size", errors.size, " %"),
+        ("pixels", errors.pixels, " px"),
     ]
 
 
-def _each(s: Scores) -> Table:
+def _each(scores: Scores) -> Table:
     table = _table(
         "Each trajectory",
         "truth",
@@ -434,7 +434,7 @@ def _each(s: Scores) -> Table:
         "fragments",
         "centre off",
     )
-    for t in s.trajectories.each:
+    for t in scores.trajectories.each:
         ids = " ".join(map(str, t.ids[:6])) + (
             f" +{len(t.ids) - 6}" if len(t.ids) > 6 else ""
         )

@@ -84,7 +84,9 @@ def without_hindsight(
     config = replay_config(tracker, args.config, assignments)
     if not tracker.wants_hindsight(config):
         return config
-    found = [s for s in tracker.sections if hasattr(config.get(s), "hindsight")]
+    found = [
+        section for section in tracker.sections if hasattr(config.get(section), "hindsight")
+    ]
     if not found:
         raise UsageError(
             f"--follow: the tracker {tracker.title} wants hindsight, and what is still recorded"

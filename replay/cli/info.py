@@ -198,7 +198,7 @@ def _print(info: LogInfo, quality: dict[str, list[Measure]] | None) -> None:
                 print(
                     common.printable(
                         f"    [{section}] "
-                        + ", ".join(f"{k}={v}" for k, v in sorted(fields.items()))
+                        + ", ".join(f"{k}={field}" for k, field in sorted(fields.items()))
                     )
                 )
 

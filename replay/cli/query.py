@@ -372,10 +372,12 @@ def _split(args: argparse.Namespace) -> tuple[list[Path], str]:
         )
     if args.ask is not None or args.pattern is not None:
         kind = "--ask" if args.ask is not None else "--pattern"
-        sql = next((w for w in words if _looks_like_sql(w) and not _is_there(w)), None)
+        sql = next(
+            (word for word in words if _looks_like_sql(word) and not _is_there(word)), None
+        )
         if sql is not None:
             raise UsageError(f"{kind} and SQL ({sql[:40]!r}): give one of them")
-    return [Path(w) for w in words], query
+    return [Path(word) for word in words], query
 
 
 def _is_there(word: str) -> bool:

@@ -138,8 +138,8 @@ def add(commands: common.Commands) -> None:
     parser.set_defaults(run=run)
 
 
-def _add_log_options(p: argparse.ArgumentParser) -> None:
-    logs = p.add_argument_group("of logs (MCAP, ROS 1 and 2 bags)")
+def _add_log_options(argument_parser: argparse.ArgumentParser) -> None:
+    logs = argument_parser.add_argument_group("of logs (MCAP, ROS 1 and 2 bags)")
     logs.add_argument(
         "--image-topic", metavar="T",
         help="the topic of the pictures, or none; default: the only one, else they are listed",

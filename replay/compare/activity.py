@@ -98,8 +98,8 @@ class Happenings:
     ) -> Iterator[Difference]:
         kind, subjects = key
         left, right = (
-            [self._time_ns(c, e.frame) for e in es]
-            for c, es in ((self.a, ours), (self.b, theirs))
+            [self._time_ns(content, event.frame) for event in es]
+            for content, es in ((self.a, ours), (self.b, theirs))
         )
         pairs, lost, new = nearest(left, right, self._tolerance_ns)
         # Paired before they are left out: what one log lacks at the very time it may have beside
@@ -284,8 +284,8 @@ class Happenings:
         theirs: list[Lasting],
     ) -> Iterator[Difference]:
         left, right = (
-            [self._time_ns(c, span.first) for span in spans]
-            for c, spans in ((self.a, ours), (self.b, theirs))
+            [self._time_ns(content, span.first) for span in spans]
+            for content, spans in ((self.a, ours), (self.b, theirs))
         )
         pairs, lost, new = nearest(left, right, self._tolerance_ns)
         subjects = self._shown(members)

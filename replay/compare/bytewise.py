@@ -138,8 +138,14 @@ class _Frames:
             # Topics share one time in whatever order they lie in the file.
             self.trailing += sorted(
                 (
-                    (m.topic, moment.time_ns, m.publish_time_ns, m.sequence, m.data)
-                    for m in moment.recorded
+                    (
+                        message.topic,
+                        moment.time_ns,
+                        message.publish_time_ns,
+                        message.sequence,
+                        message.data,
+                    )
+                    for message in moment.recorded
                 ),
                 key=itemgetter(0),
             )
@@ -189,7 +195,7 @@ def _note_recorded(
     x, y = next((x, y) for x, y in zip_longest(a, b) if x != y)
     topic = (x or y or ("",))[0]
     if x is None or y is None or x[0] != y[0]:
-        old, new = ("nothing" if r is None else r[0] for r in (x, y))
+        old, new = ("nothing" if one is None else one[0] for one in (x, y))
         first = First(frame, "messages", old, new)
     else:
         k, what = next((k, what) for k, what in _PARTS if x[k] != y[k])
@@ -224,7 +230,9 @@ def _note_recording(out: Raw, a: Payloads, b: Payloads) -> bool:
     """Whether two frames' digests say that their recordings differ."""
     payloads = (*a.get("digest", [])[:1], *b.get("digest", [])[:1])
     sides = [
-        d for d in (_readable("digest", payload) for payload in payloads) if d is not None
+        digest
+        for digest in (_readable("digest", payload) for payload in payloads)
+        if digest is not None
     ]
     if len(sides) < 2 or sides[0].recorded == sides[1].recorded:
         return False

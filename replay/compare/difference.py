@@ -103,13 +103,13 @@ class Comparison:
         ]
         if len(shown) < len(self.differences):
             rows.append(f"... and {len(self.differences) - len(shown)} more")
-        counts = ", ".join(f"{n} {what}" for what, n in self.counts().items())
+        counts = ", ".join(f"{count} {what}" for what, count in self.counts().items())
         total = f"{count_of(len(self.differences), 'difference')} over {frames}: {counts}"
         return [*head, *rows, total]
 
     def as_plain(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        tracks = {str(a): b for a, b in self.tracks.items()}
+        tracks = {str(a): track for a, track in self.tracks.items()}
         return {
             **asdict(self),
             "tracks": tracks,

@@ -139,8 +139,8 @@ class TrackMatching:
         self, left: Sequence[Track], right: Sequence[Track], now: dict[int, int]
     ) -> None:
         """Note of tracks that lay over each other before that they do not touch now."""
-        apart = {t.id: t.box for t in left if t.id in self._met}
-        theirs = {t.id: t.box for t in right} if apart else {}
+        apart = {track.id: track.box for track in left if track.id in self._met}
+        theirs = {track.id: track.box for track in right} if apart else {}
         for a, (x, y, w, h) in apart.items():
             for b in self._met[a]:
                 if b not in theirs or now.get(a) == b:
@@ -293,7 +293,7 @@ def _joined(runs: Sequence[OverlapRun], gap: float = float("inf")) -> list[Overl
     one.
     """
     kept: list[OverlapRun] = []
-    for run in sorted(runs, key=lambda r: (r.first, r.a, r.b)):
+    for run in sorted(runs, key=lambda one: (one.first, one.a, one.b)):
         before = kept[-1] if kept else None
         if (
             before is not None

@@ -212,8 +212,8 @@ def _page(found: Comparison, moments: Sequence[_Moment]) -> str:
         f"<p>{escape(_verdict(found))}</p>",
         '<ul class="counts">',
         *(
-            f'<li class="{what.rsplit(" ", 1)[1]}">{n} {escape(what)}</li>'
-            for what, n in found.counts().items()
+            f'<li class="{what.rsplit(" ", 1)[1]}">{count} {escape(what)}</li>'
+            for what, count in found.counts().items()
         ),
         "</ul>",
     ]

@@ -174,16 +174,16 @@ def _differently_made(a: Provenance, b: Provenance) -> list[str]:
         ]
     lines += _differently_corrected(a.corrections, b.corrections)
     pairs = [
-        (n, a.packages.get(n), b.packages.get(n))
-        for n in sorted({*a.packages, *b.packages})
+        (name, a.packages.get(name), b.packages.get(name))
+        for name in sorted({*a.packages, *b.packages})
     ]
     pairs += [
-        (f"OpenCV: {n}", a.opencv_build.get(n), b.opencv_build.get(n))
-        for n in sorted(a.opencv_build)
+        (f"OpenCV: {name}", a.opencv_build.get(name), b.opencv_build.get(name))
+        for name in sorted(a.opencv_build)
     ]
     return lines + [
-        f"version: {n} {new or 'absent'}, not {old or 'absent'}"
-        for n, old, new in pairs
+        f"version: {name} {new or 'absent'}, not {old or 'absent'}"
+        for name, old, new in pairs
         if old != new
     ]
 
@@ -245,16 +245,32 @@ class _Comparer:
         ]
         if self.strict and self.options.story:
             found += self._edge_values(
-                {(d.what, *d.subjects) for d in found if d.what == "relation"}
+                {
+                    (difference.what, *difference.subjects)
+                    for difference in found
+                    if difference.what == "relation"
+                }
             )
         elif self.strict:
             found += self._edge_values(
-                {(d.what, *d.subjects) for d in found if d.what == "relation"}
+                {
+                    (difference.what, *difference.subjects)
+                    for difference in found
+                    if difference.what == "relation"
+                }
             )
             found += self._recording()
             found += self._messages(found)
-        found.sort(key=lambda d: (d.frame, d.what, d.change, d.subjects, d.text))
-        return [replace(d, frame=self._number(d)) for d in found]
+        found.sort(
+            key=lambda difference: (
+                difference.frame,
+                difference.what,
+                difference.change,
+                difference.subjects,
+                difference.text,
+            )
+        )
+        return [replace(difference, frame=self._number(difference)) for difference in found]
 
     def _number(self, difference: Difference) -> int:
         """A difference's frame as the log counts it in which it is to be seen: B for what is only
@@ -419,8 +435,13 @@ class _Comparer:
             f" {count_of(frames, 'frame')}"
         )
         details = {
-            n: {"frames": c.frames, "first": c.first, "a": shorten(c.a), "b": shorten(c.b)}
-            for n, c in values.items()
+            n: {
+                "frames": value.frames,
+                "first": value.first,
+                "a": shorten(value.a),
+                "b": shorten(value.b),
+            }
+            for n, value in values.items()
         }
         return Difference(what, "changed", first.first, t, subjects, text, details)
 
@@ -480,12 +501,13 @@ class _Comparer:
         """
         ids = {*self.a.tracks, *self.b.tracks}
         if any(
-            self.matching.partner.get(i, i) != i or self.matching.back.get(i, i) != i
-            for i in ids
+            self.matching.partner.get(identity, identity) != identity
+            or self.matching.back.get(identity, identity) != identity
+            for identity in ids
         ):
             return
-        explained = min((d.frame for d in found), default=None)
-        kinds = {d.what for d in found}
+        explained = min((difference.frame for difference in found), default=None)
+        kinds = {difference.what for difference in found}
         for name, first in self.raw.channels.items():
             shown_as = _SHOWN_AS.get(name)
             place = self.a.place(first.frame)

@@ -33,31 +33,39 @@ def weightiest(differences: Sequence[Difference], most: int) -> list[Difference]
     return sorted(chosen, key=_rank)
 
 
-def _rank(d: Difference) -> tuple[int, float, int, list[int], str]:
-    return _sort(d), -_size(d), d.frame, d.subjects, d.text
+def _rank(difference: Difference) -> tuple[int, float, int, list[int], str]:
+    return (
+        _sort(difference),
+        -_size(difference),
+        difference.frame,
+        difference.subjects,
+        difference.text,
+    )
 
 
-def _sort(d: Difference) -> int:
+def _sort(difference: Difference) -> int:
     """The lower the weightier."""
-    if d.what in ("recording", "frames"):
+    if difference.what in ("recording", "frames"):
         return 0
-    if d.what == "identity":
+    if difference.what == "identity":
         return 1
-    if d.what == "track" and d.change in _THERE:
-        return 2 if "partner" not in d.details else 7
-    if d.change in _THERE:
-        quiet = EVENT_LEVELS.get(str(d.details.get("kind", ""))) == "DEBUG"
-        return {"encounter": 3, "group": 4, "relation": 6}.get(d.what, 9 if quiet else 5)
-    return 8 if d.change == "moved" else 10
+    if difference.what == "track" and difference.change in _THERE:
+        return 2 if "partner" not in difference.details else 7
+    if difference.change in _THERE:
+        quiet = EVENT_LEVELS.get(str(difference.details.get("kind", ""))) == "DEBUG"
+        return {"encounter": 3, "group": 4, "relation": 6}.get(
+            difference.what, 9 if quiet else 5
+        )
+    return 8 if difference.change == "moved" else 10
 
 
-def _size(d: Difference) -> float:
+def _size(difference: Difference) -> float:
     """How many frames it is about."""
-    if "frames" in d.details:
-        return float(d.details["frames"])
+    if "frames" in difference.details:
+        return float(difference.details["frames"])
     lengths = [
         span[1] - span[0]
-        for span in (d.details.get("a"), d.details.get("b"))
-        if d.what in ("encounter", "group", "relation") and isinstance(span, list)
+        for span in (difference.details.get("a"), difference.details.get("b"))
+        if difference.what in ("encounter", "group", "relation") and isinstance(span, list)
     ]
     return float(max(lengths, default=0))

@@ -54,11 +54,11 @@ def write_coco(
     """
     width, height = _size(log, size)
     labels = sorted(
-        {_label(t) for f in log.frames(("tracks",)) for t in f.tracks if t.present}
+        {_label(t) for frame in log.frames(("tracks",)) for t in frame.tracks if t.present}
     )
     categories = {name: k for k, name in enumerate(labels or [PLAIN_LABEL], 1)}
     with whole_file(out, force=force) as file:
-        listed = [{"id": k, "name": name} for name, k in categories.items()]
+        listed = [{"id": category, "name": name} for name, category in categories.items()]
         file.write(b'{"categories": ' + msgspec.json.encode(listed) + b',\n"images": [')
         images = (
             {
@@ -117,7 +117,7 @@ def write_cvat(
         UsageError: the picture's size is not known.
     """
     width, height = _size(log, size)
-    last = max((f.index for f in log.frames(("tracks",))), default=-1)
+    last = max((frame.index for frame in log.frames(("tracks",))), default=-1)
     boxes = 0
     with whole_file(out, force=force) as file, TableSpool(log.path, log.camera) as spool:
         name = escape(log.path.stem)

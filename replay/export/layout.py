@@ -26,7 +26,8 @@ def write_layout(log: AnnotatedLog, out: str | Path, *, force: bool = False) -> 
     with LogReader(log.path, log.limits) as reader:
         cameras = annotated_cameras(reader)
         present = {
-            c.topic: "" if c.schema is None else c.schema.name for c in reader.channels
+            channel.topic: "" if channel.schema is None else channel.schema.name
+            for channel in reader.channels
         }
     layout = layout_of(cameras, present)
     with whole_file(out, force=force) as file:

@@ -68,7 +68,7 @@ def write_ros2(
     rosbag2 = needed("rosbags.rosbag2", "rosbags", "ros", "--to ros2")
     typesys = needed("rosbags.typesys", "rosbags", "ros", "--to ros2")
     path = Path(out)
-    old = [p.name for p in path.glob("*.mcap")] if path.is_dir() else []
+    old = [point.name for point in path.glob("*.mcap")] if path.is_dir() else []
     with whole_folder(path, _METADATA, force=force, stale=old) as folder:
         inner = folder / path.name
         plugin = rosbag2.StoragePlugin.MCAP
@@ -155,9 +155,9 @@ class _Bag:
     def frame(self, frame: AnnotatedFrame) -> None:
         now = frame.time_ns
         header = self._header(now)
-        present = [t for t in frame.tracks if t.present]
+        present = [track for track in frame.tracks if track.present]
         array = self._type("vision_msgs/Detection2DArray")(
-            header=header, detections=[self._detection(t, header) for t in present]
+            header=header, detections=[self._detection(track, header) for track in present]
         )
         self._put("tracked_boxes", "vision_msgs/Detection2DArray", array, now)
         markers = self._type("visualization_msgs/MarkerArray")(
@@ -214,8 +214,12 @@ class _Bag:
             yield self._marker(
                 header, "ids", own, _TEXT, place=(x, y), text=str(track.id), colour=colour
             )
-        edges = [e for e in frame.relations if e.a in centres and e.b in centres]
-        ends = [centres[end] for e in edges for end in (e.a, e.b)]
+        edges = [
+            relation
+            for relation in frame.relations
+            if relation.a in centres and relation.b in centres
+        ]
+        ends = [centres[end] for edge in edges for end in (edge.a, edge.b)]
         if ends:
             yellow = (1.0, 0.85, 0.2, 1.0)
             yield self._marker(

@@ -112,21 +112,21 @@ class _Scene:
     def frame(self, frame: AnnotatedFrame) -> None:
         self._at(frame.time_ns, frame.index)
         rr = self._rr
-        present = [t for t in frame.tracks if t.present]
+        present = [track for track in frame.tracks if track.present]
         self._log(
             "image/tracks",
             rr.Boxes2D(
-                array=[t.box for t in present] or None,
+                array=[track.box for track in present] or None,
                 array_format=rr.Box2DFormat.XYWH if present else None,
-                labels=[_words(t) for t in present],
-                colors=[_rgb(t.id) for t in present],
-                class_ids=[self._class(t) for t in present],
+                labels=[_words(track) for track in present],
+                colors=[_rgb(track.id) for track in present],
+                class_ids=[self._class(track) for track in present],
             )
             if present
             else rr.Clear(recursive=False),
         )
         self._trail(present)
-        self._edges(frame, {t.id: _centre(t) for t in present})
+        self._edges(frame, {track.id: _centre(track) for track in present})
         self._regions(frame)
         for event in frame.events:
             level = {"DEBUG": "DEBUG", "WARNING": "WARN"}.get(
@@ -149,7 +149,7 @@ class _Scene:
             x, y, w, h = track.box
             own.append((x + w / 2, y + h))
         ids = {t.id for t in present}
-        for gone in [k for k in self._trails if k not in ids]:
+        for gone in [trail for trail in self._trails if trail not in ids]:
             del self._trails[gone]
         lines = [list(self._trails[t.id]) for t in present if len(self._trails[t.id]) > 1]
         colors = [_rgb(t.id) for t in present if len(self._trails[t.id]) > 1]
@@ -162,17 +162,21 @@ class _Scene:
     def _edges(
         self, frame: AnnotatedFrame, centres: dict[int, tuple[float, float]]
     ) -> None:
-        edges = [e for e in frame.relations if e.a in centres and e.b in centres]
+        edges = [
+            relation
+            for relation in frame.relations
+            if relation.a in centres and relation.b in centres
+        ]
         if not edges:
             self._log("image/relations", self._nothing())
             return
         self._log(
             "image/relations",
             self._rr.LineStrips2D(
-                [[centres[e.a], centres[e.b]] for e in edges],
-                colors=[_RED if e.state == "JOINT" else _YELLOW for e in edges],
-                radii=[2.0 if e.state == "JOINT" else 0.75 for e in edges],
-                labels=[e.state for e in edges],
+                [[centres[edge.a], centres[edge.b]] for edge in edges],
+                colors=[_RED if edge.state == "JOINT" else _YELLOW for edge in edges],
+                radii=[2.0 if edge.state == "JOINT" else 0.75 for edge in edges],
+                labels=[edge.state for edge in edges],
             ),
         )
 
@@ -181,13 +185,13 @@ class _Scene:
         if found is None or found == self._drawn_regions:
             return
         self._drawn_regions = found
-        named = [("border", _ORANGE, p) for p in found.border]
-        named += [("region of interest", _GREEN, p) for p in found.roi]
+        named = [("border", _ORANGE, polygon) for polygon in found.border]
+        named += [("region of interest", _GREEN, polygon) for polygon in found.roi]
         named += [(zone.name, _BLUE, zone.polygon) for zone in found.zones]
         self._log(
             "image/regions",
             self._rr.LineStrips2D(
-                [[*p, p[0]] for _, _, p in named],
+                [[*polygon, polygon[0]] for _, _, polygon in named],
                 colors=[colour for _, colour, _ in named],
                 labels=[name for name, _, _ in named],
             ),

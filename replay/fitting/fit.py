@@ -73,8 +73,8 @@ def mixture(d: Floats) -> str:
             _LEAST_SIGMA
         )
     return "mixture " + " ".join(
-        f"{w:.4f} {mean:.4f} {sigma:.4f}"
-        for w, mean, sigma in zip(weights, means, sigmas, strict=True)
+        f"{weight:.4f} {mean:.4f} {sigma:.4f}"
+        for weight, mean, sigma in zip(weights, means, sigmas, strict=True)
     )
 
 

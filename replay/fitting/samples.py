@@ -209,13 +209,15 @@ def _look(frame: Frame, table: MotTable, frame_s: float, span: tuple[int, int]) 
     last_ids = table.ids[earlier_low:earlier_high].tolist()
     earlier = dict(zip(last_ids, table.centres[earlier_low:earlier_high], strict=True))
     speed = np.array(
-        [0.0 if i not in earlier else float(np.hypot(*(centre - earlier[i]))) / frame_s
-         for i, centre in zip(ids, table.centres[low:high], strict=True)]
+        [0.0 if identity not in earlier else float(np.hypot(*(centre - earlier[identity]))) / frame_s
+         for identity, centre in zip(ids, table.centres[low:high], strict=True)]
     )  # fmt: skip
-    p = PartsParameters()
+    parameters = PartsParameters()
     gates = np.minimum(
-        np.maximum(p.gate_sizes * boxes[:, 3], p.gate_speeds * speed * frame_s),
-        p.gate_most * boxes[:, 3],
+        np.maximum(
+            parameters.gate_sizes * boxes[:, 3], parameters.gate_speeds * speed * frame_s
+        ),
+        parameters.gate_most * boxes[:, 3],
     )
     foot = boxes[:, 1] + boxes[:, 3]
     share = intersection(boxes, boxes) / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)[:, None]

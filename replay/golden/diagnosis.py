@@ -44,7 +44,7 @@ def shared_state(job: Job) -> Memory:
     own = (
         []
         if module is None
-        else [c for _, c in sorted(vars(module).items()) if inspect.isclass(c)]
+        else [var for _, var in sorted(vars(module).items()) if inspect.isclass(var)]
     )
     classes = [c for c in own if c.__module__ == getattr(module, "__name__", None)]
     if inspect.isclass(factory):
@@ -52,13 +52,15 @@ def shared_state(job: Job) -> Memory:
     found: Memory = {}
     for owner in classes:
         found |= {
-            f"{owner.__name__}.{name}": repr(v)[:200]
-            for name, v in vars(owner).items()
-            if _is_plain(name, v)
+            f"{owner.__name__}.{name}": repr(var)[:200]
+            for name, var in vars(owner).items()
+            if _is_plain(name, var)
         }
     if module is not None:
         found |= {
-            name: repr(v)[:200] for name, v in vars(module).items() if _is_plain(name, v)
+            name: repr(var)[:200]
+            for name, var in vars(module).items()
+            if _is_plain(name, var)
         }
     return found
 

@@ -34,7 +34,7 @@ class Within:
             yield answer
 
     def _take(self, answer: Targets) -> None:
-        here = [t for t in answer.targets if t.present]
+        here = [target for target in answer.targets if target.present]
         for t in here:
             self._frames[t.id] = self._frames.get(t.id, 0) + 1
             self._areas[t.id] = self._areas.get(t.id, 0.0) + t.box[2] * t.box[3]
@@ -52,7 +52,7 @@ class Within:
         """Of lives (id -> the forward ids that it is made of) those that are second tracks on a
         body: the body's id, and the share of its life that it was at one place with it.
         """
-        of = {k: life for life, ids in lives.items() for k in ids}
+        of = {identity: life for life, ids in lives.items() for identity in ids}
         shared: dict[tuple[int, int], int] = {}
         for (i, j), n in sorted(self._shared.items()):
             if i in of and j in of and of[i] != of[j]:
@@ -69,8 +69,8 @@ class Within:
 
     def _seen(self, ids: Sequence[int]) -> int:
         """Frames in which a life was present."""
-        return max(1, sum(self._frames.get(i, 0) for i in ids))
+        return max(1, sum(self._frames.get(identity, 0) for identity in ids))
 
     def _area(self, ids: Sequence[int]) -> float:
         """Mean area of a life's boxes, square pixels."""
-        return sum(self._areas.get(i, 0.0) for i in ids) / self._seen(ids)
+        return sum(self._areas.get(identity, 0.0) for identity in ids) / self._seen(ids)

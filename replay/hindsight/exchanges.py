@@ -45,7 +45,7 @@ def undone(stream: Iterable[Targets], exchanges: list[Exchange]) -> Iterator[Tar
     """The answers with every exchange undone in the frames where it held, in the order in which
     they were found.
     """
-    ordered = sorted(exchanges, key=lambda e: e.end)
+    ordered = sorted(exchanges, key=lambda exchange: exchange.end)
     for answer in stream:
         name: dict[int, int] = {}
         for e in ordered:
@@ -57,10 +57,17 @@ def undone(stream: Iterable[Targets], exchanges: list[Exchange]) -> Iterator[Tar
 
 
 def _renamed(answer: Targets, name: dict[int, int]) -> Targets:
-    targets = [replace(t, id=name.get(t.id, t.id)) for t in answer.targets]
+    targets = [
+        replace(target, id=name.get(target.id, target.id)) for target in answer.targets
+    ]
     groups = answer.group_tracks
     if groups is not None:
         groups = [
-            replace(g, members=sorted(name.get(k, k) for k in g.members)) for g in groups
+            replace(
+                group, members=sorted(name.get(member, member) for member in group.members)
+            )
+            for group in groups
         ]
-    return replace(answer, targets=sorted(targets, key=lambda t: t.id), group_tracks=groups)
+    return replace(
+        answer, targets=sorted(targets, key=lambda target: target.id), group_tracks=groups
+    )

@@ -40,8 +40,8 @@ class Path:
     def __init__(self, sightings: Iterable[Sighting] = ()) -> None:
         self._when = array("q")
         self._boxes = array("d")
-        for s in sightings:
-            self.add(s.at, s.time_ns, s.box)
+        for sighting in sightings:
+            self.add(sighting.at, sighting.time_ns, sighting.box)
 
     def __len__(self) -> int:
         return len(self._when) // 2
@@ -184,9 +184,9 @@ def end_of(sightings: Sequence[Sighting], at_start: bool) -> End:
     """
     n = len(sightings)
     origin = sightings[0 if at_start else -1].time_ns
-    t = [(s.time_ns - origin) * 1e-9 for s in sightings]
-    x = [s.box[0] + s.box[2] / 2 for s in sightings]
-    y = [s.box[1] + s.box[3] / 2 for s in sightings]
+    t = [(sighting.time_ns - origin) * 1e-9 for sighting in sightings]
+    x = [sighting.box[0] + sighting.box[2] / 2 for sighting in sightings]
+    y = [sighting.box[1] + sighting.box[3] / 2 for sighting in sightings]
     mean = math.fsum(t) / n
     spread = math.fsum((u - mean) ** 2 for u in t)
     mx, my = math.fsum(x) / n, math.fsum(y) / n
@@ -200,8 +200,8 @@ def end_of(sightings: Sequence[Sighting], at_start: bool) -> End:
         if spread > 0.01
         else 0.0
     )
-    w = math.fsum(s.box[2] for s in sightings) / n
-    h = math.fsum(s.box[3] for s in sightings) / n
+    w = math.fsum(sighting.box[2] for sighting in sightings) / n
+    h = math.fsum(sighting.box[3] for sighting in sightings) / n
     return End(mx - mean * vx, my - mean * vy, vx, vy, w, h, origin)
 
 

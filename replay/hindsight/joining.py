@@ -96,10 +96,12 @@ def join(
     Where two that are ``apart`` would be of one life, the dearest join between them is forbidden
     and all is joined anew, until they are not.
     """
-    items = sorted(fragments.values(), key=lambda f: (f.first.time_ns, f.id))
-    outs = [end_of(list(f.tail), False) for f in items]
-    intos = [end_of(list(f.head), True) for f in items]
-    starts = [f.first.time_ns for f in items]
+    items = sorted(
+        fragments.values(), key=lambda fragment: (fragment.first.time_ns, fragment.id)
+    )
+    outs = [end_of(list(item.tail), False) for item in items]
+    intos = [end_of(list(item.head), True) for item in items]
+    starts = [item.first.time_ns for item in items]
     prices: dict[tuple[int, int], Join] = {}
     for i, a in enumerate(items):
         ended = a.last.time_ns

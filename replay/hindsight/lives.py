@@ -62,9 +62,9 @@ class Life:
 
     def of(self, forward: dict[int, Target]) -> Target | None:
         """What the forward pass said of it in a frame."""
-        for f in self.fragments:
-            if f.id in forward:
-                return forward[f.id]
+        for fragment in self.fragments:
+            if fragment.id in forward:
+                return forward[fragment.id]
         return None
 
 
@@ -79,7 +79,7 @@ def lives_of(
     """Every forward id's life, and of those that are not told why. A life has the id of its first
     fragment.
     """
-    followed = {j.later: j for j in joins}
+    followed = {join.later: join for join in joins}
     reasons: dict[int, str] = {}
     told: dict[int, list[int]] = {}
     whys: dict[int, dict[str, float]] = {}
@@ -100,8 +100,8 @@ def lives_of(
         life = Life(identity, parts, joined, parts[0].first.at, parts[-1].last.at)
         life.why, life.odds = whys[identity], mean_odds(parts)
         life.doubts = doubts(parts, joined, scene.has_images)
-        for f in parts:
-            f.forget()
+        for part in parts:
+            part.forget()
         lives.update((k, life) for k in chain)
     return lives, reasons
 
@@ -112,7 +112,9 @@ def _chains(
     """Ids of the fragments that are one life, in order, by the first one's."""
     chains: dict[int, list[int]] = {}
     root: dict[int, int] = {}
-    for f in sorted(fragments.values(), key=lambda f: (f.first.at, f.id)):
+    for f in sorted(
+        fragments.values(), key=lambda fragment: (fragment.first.at, fragment.id)
+    ):
         before = followed.get(f.id)
         root[f.id] = f.id if before is None else root[before.earlier]
         chains.setdefault(root[f.id], []).append(f.id)
@@ -128,7 +130,7 @@ def _judged(
     """What speaks for a life, and why it is not told, "" where it is."""
     first, last = parts[0].first, parts[-1].last
     seconds = (last.time_ns - first.time_ns + scene.frame_ns) * 1e-9
-    frames = sum(f.last.at - f.first.at + 1 for f in parts)
+    frames = sum(part.last.at - part.first.at + 1 for part in parts)
     # Who is there in the first or the last frame was cut off by the recording, and lived longer
     # than is seen.
     cut_off = first.at == 0 or last.at == len(times) - 1
@@ -136,7 +138,7 @@ def _judged(
     why = {
         "life_s": seconds,
         "life_s_at_least": least,
-        "support": sum(f.hits for f in parts) / frames,
+        "support": sum(part.hits for part in parts) / frames,
         "support_at_least": p.min_support,
     }
     return why, why_not(parts, seconds, least, p)

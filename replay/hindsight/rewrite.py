@@ -91,7 +91,7 @@ def rewrite(
     lives, reasons = lives_of(fragments, joins, within, p, scene, times)
     del fragments  # and with them those of dropped paths
     if names is not None:
-        names.update((k, lives[k].id) for k in sorted(lives))
+        names.update((live, lives[live].id) for live in sorted(lives))
     yield from _Writer(lives, reasons, scene, times, p).run(undone(targets(), exchanges))
 
 
@@ -121,7 +121,7 @@ class _Writer:
         self._fill = max(1, math.floor(p.fill_s / self._frame_s + 1e-6))
         self._margin = self._fill + max(8, round(1.0 / self._frame_s))
         # By the first frame, as they were chained; those who have begun and may still be spoken of.
-        self._waiting = deque({id(v): v for v in lives.values()}.values())
+        self._waiting = deque({id(live): live for live in lives.values()}.values())
         self._begun: list[Life] = []
 
     def run(self, stream: Iterable[Targets]) -> Iterator[Targets]:
@@ -225,14 +225,14 @@ class _Writer:
         open_rows: dict[int, _Row] = {}
         earlier: dict[int, list[tuple[Life, Box]]] = {}
         for life in self._begun:
-            for s in (s for f in life.fragments for s in f.earlier):
+            for s in (s for fragment in life.fragments for s in fragment.earlier):
                 earlier.setdefault(s.at, []).append((life, s.box))
         for at, answer in enumerate(window, start):
             found = list(earlier.get(at, ()))
             found += [
-                (self._lives[t.id], t.measured or t.box)
-                for t in answer.targets
-                if t.observed and t.id in self._lives
+                (self._lives[target.id], target.measured or target.box)
+                for target in answer.targets
+                if target.observed and target.id in self._lives
             ]
             for life, box in found:
                 row = open_rows.get(life.id)
@@ -288,7 +288,12 @@ class _Writer:
         kept: list[GroupTrack] = []
         for group in answer.group_tracks:
             members = sorted(
-                {self._lives[k].id for k in group.members if k in self._lives} & here
+                {
+                    self._lives[member].id
+                    for member in group.members
+                    if member in self._lives
+                }
+                & here
             )
             if not group.members or len(members) >= 2:
                 kept.append(replace(group, members=members))
@@ -306,7 +311,11 @@ class _Writer:
             notices += self._life_notices(life, at, present.get(life.id))
         for notice in answer.notices:
             if not notice.kind.startswith("track_") and notice.kind != "mode_changed":
-                ids = [self._lives[k].id for k in notice.subjects if k in self._lives]
+                ids = [
+                    self._lives[subject].id
+                    for subject in notice.subjects
+                    if subject in self._lives
+                ]
                 if ids:
                     notices.append(replace(notice, subjects=ids))
         return notices
@@ -338,8 +347,8 @@ class _Writer:
         notices: list[Notice] = []
         if at == life.first_at:
             evidence = {
-                "sightings": sum(f.hits for f in life.fragments),
-                "fragments": [f.id for f in life.fragments],
+                "sightings": sum(fragment.hits for fragment in life.fragments),
+                "fragments": [fragment.id for fragment in life.fragments],
             }
             evidence |= life.why
             notices.append(
@@ -348,7 +357,9 @@ class _Writer:
                 )
             )
             life.mode = target.mode
-        elif not life.present and all(f.first.at != at for f in life.fragments[1:]):
+        elif not life.present and all(
+            fragment.first.at != at for fragment in life.fragments[1:]
+        ):
             gap = (self._times[at] - self._times[life.seen_at]) * 1e-9
             waited, most = {"gap_s": gap}, self._fill * self._frame_s
             waited |= {"gap_s_over": most} if gap > most else {}

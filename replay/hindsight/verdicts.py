@@ -51,8 +51,8 @@ class Doubt:
 
 def mean_odds(parts: Sequence[Fragment]) -> float | None:
     """The log-odds of a life being somebody; None where no detection's score speaks of it."""
-    judged = sum(f.judged for f in parts)
-    return math.fsum(f.odds for f in parts) / judged if judged else None
+    judged = sum(part.judged for part in parts)
+    return math.fsum(part.odds for part in parts) / judged if judged else None
 
 
 def likelihood(odds: float) -> float:
@@ -66,8 +66,8 @@ def why_not(
     """Why a life is not told, "" where it is; its fragments ``parts``, its length in seconds."""
     if not parts[0].told:
         return "followed aside: the tracker never told of it"
-    frames = sum(f.last.at - f.first.at + 1 for f in parts)
-    seen = sum(f.hits for f in parts) / frames
+    frames = sum(part.last.at - part.first.at + 1 for part in parts)
+    seen = sum(part.hits for part in parts) / frames
     odds = mean_odds(parts)
     if odds is not None and odds < 0:
         return (
@@ -86,14 +86,16 @@ def doubts(
     """All that a life's identity rests on, in order."""
     keeps = FORGOTTEN_S * (SEEING if has_images else 1.0)
     found = [
-        Doubt(int(at), gap, math.exp(-gap / keeps)) for f in parts for at, gap in f.gaps
+        Doubt(int(at), gap, math.exp(-gap / keeps))
+        for part in parts
+        for at, gap in part.gaps
     ]
-    for f, j in zip(parts[1:], joins, strict=True):
-        same = math.exp(-j.gap_s / FORGOTTEN_S)
-        if j.appearance is not None:
-            ratio = math.exp(TELLING * (UNKNOWN - j.appearance))
+    for f, join in zip(parts[1:], joins, strict=True):
+        same = math.exp(-join.gap_s / FORGOTTEN_S)
+        if join.appearance is not None:
+            ratio = math.exp(TELLING * (UNKNOWN - join.appearance))
             same = same * ratio / (same * ratio + 1.0 - same)
-        found.append(Doubt(f.first.at, j.gap_s, same, j))
+        found.append(Doubt(f.first.at, join.gap_s, same, join))
     return sorted(found, key=lambda d: d.at)
 
 
@@ -132,7 +134,7 @@ def told_doubt(identity: int, doubt: Doubt, left: float) -> Notice | None:
 def withheld(answer: Targets, reasons: Mapping[int, str]) -> list[Withheld]:
     """What of a forward answer is held back, by forward id."""
     return [
-        Withheld(t.measured or t.box, reasons[t.id], t.likely)
-        for t in answer.targets
-        if t.observed and t.id in reasons
+        Withheld(target.measured or target.box, reasons[target.id], target.likely)
+        for target in answer.targets
+        if target.observed and target.id in reasons
     ]

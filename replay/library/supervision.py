@@ -24,12 +24,12 @@ def to_detections(frame: SceneFrame) -> Any:
     """
     sv = needed("supervision", "supervision", "supervision", "to_detections")
     tracks = sorted(frame.present, key=lambda t: t.id)
-    boxes = np.array([t.box for t in tracks], np.float64).reshape(-1, 4)
+    boxes = np.array([track.box for track in tracks], np.float64).reshape(-1, 4)
     boxes[:, 2:] += boxes[:, :2]
-    names = ["" if t.label is UNSET else t.label for t in tracks]
+    names = ["" if track.label is UNSET else track.label for track in tracks]
     return sv.Detections(
         xyxy=boxes.astype(np.float32),
-        confidence=np.array([t.confidence for t in tracks], np.float32),
-        tracker_id=np.array([t.id for t in tracks], np.int64),
+        confidence=np.array([track.confidence for track in tracks], np.float32),
+        tracker_id=np.array([track.id for track in tracks], np.int64),
         data={"class_name": np.array(names)} if any(names) else {},
     )

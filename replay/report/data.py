@@ -105,16 +105,16 @@ def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, 
             t: case.rows(f"SELECT count(*) FROM {t} WHERE recording = {name}")[0][0]  # noqa: S608
             for t in _INTERVALS
         },
-        "times": [[f, round(t, 3)] for f, t in _sampled(frames, options.steps)],
+        "times": [[frame, round(t, 3)] for frame, t in _sampled(frames, options.steps)],
         "steps": _steps(case, name, frames, options),
     }
     wanted = _thumbnail_frames(
-        [f for f, _ in frames],
+        [frame for frame, _ in frames],
         [event[2] for event in events if event[1] != "mode_changed"],
         data,
         options,
     )
-    data["ground"] = _ground(log, [f for f, _ in frames], options)
+    data["ground"] = _ground(log, [frame for frame, _ in frames], options)
     data["thumbnails"] = _thumbnails(log, wanted, options)
     return data
 
@@ -165,7 +165,10 @@ def _quality(case: Case, name: str) -> list[Measure]:
 
 
 def _told(quality: Sequence[Measure]) -> list[list[str]]:
-    return [[f"Quality: {m.name}", f"{m.value:g}: {m.verdict}"] for m in quality]
+    return [
+        [f"Quality: {measure.name}", f"{measure.value:g}: {measure.verdict}"]
+        for measure in quality
+    ]
 
 
 def _figures(case: Case, name: str, facts: dict[str, Any]) -> list[list[Any]]:
@@ -220,16 +223,16 @@ def _steps(
     case: Case, name: str, frames: Sequence[tuple[int, float]], options: ReportOptions
 ) -> list[dict[str, Any]]:
     """Places and edges at evenly spaced frames: what the graph's slider goes through."""
-    chosen = _spread([f for f, _ in frames], options.steps)
+    chosen = _spread([frame for frame, _ in frames], options.steps)
     at = dict(frames)
     listed = ", ".join(map(str, chosen)) or "-1"
-    nodes: dict[int, list[list[float]]] = {f: [] for f in chosen}
+    nodes: dict[int, list[list[float]]] = {frame: [] for frame in chosen}
     for f, track, x, y in case.rows(
         f"SELECT frame, track, round(x + w / 2, 1), round(y + h / 2, 1) FROM tracks WHERE recording = {name} "  # noqa: S608
         f"AND frame IN ({listed}) ORDER BY frame, track"
     ):
         nodes[f].append([track, x, y])
-    edges: dict[int, list[list[Any]]] = {f: [] for f in chosen}
+    edges: dict[int, list[list[Any]]] = {frame: [] for frame in chosen}
     for f, a, b, state in case.rows(
         f"SELECT f.frame, r.a, r.b, r.state FROM relations r JOIN frames f ON f.recording = r.recording "  # noqa: S608
         f"AND f.frame BETWEEN r.start_frame AND r.end_frame WHERE r.recording = {name} AND"
@@ -238,8 +241,13 @@ def _steps(
     ):
         edges[f].append([a, b, state])
     return [
-        {"frame": f, "t": round(at[f], 3), "nodes": nodes[f], "edges": edges[f]}
-        for f in chosen
+        {
+            "frame": frame,
+            "t": round(at[frame], 3),
+            "nodes": nodes[frame],
+            "edges": edges[frame],
+        }
+        for frame in chosen
     ]
 
 
@@ -263,9 +271,9 @@ def _thumbnail_frames(
     """Half at what happened, half evenly over the recording."""
     present = set(frames)
     starts = (
-        [r[3] for r in data["relations"]]
-        + [g[2] for g in data["groups"]]
-        + [e[3] for e in data["encounters"]]
+        [row[3] for row in data["relations"]]
+        + [row[2] for row in data["groups"]]
+        + [row[3] for row in data["encounters"]]
     )
     happened = sorted(present.intersection([*events, *starts]))
     half = max(2, options.thumbnails // 2)

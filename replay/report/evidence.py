@@ -54,16 +54,16 @@ def write_explanations(
         OutputExistsError: the folder holds an older one and ``force`` is not set.
         UsageError: it is a folder of somebody else's.
     """
-    text = "\n\n".join("\n".join(e.lines()) for e in found) + "\n"
+    text = "\n\n".join("\n".join(event.lines()) for event in found) + "\n"
     with whole_folder(folder, EXPLANATION, force=force) as part:
         (part / "explanation.txt").write_text(text, encoding="utf-8")
         (part / EXPLANATION).write_text(
-            _json([e.as_json() for e in found]), encoding="utf-8"
+            _json([event.as_json() for event in found]), encoding="utf-8"
         )
         with AnnotatedLog(path, camera) as log, Case([path]) as case:
             return sum(
-                len(_frames(log, e, part)) + len(_join_pictures(case, log, e, part))
-                for e in found
+                len(_frames(log, event, part)) + len(_join_pictures(case, log, event, part))
+                for event in found
             )
 
 
@@ -94,8 +94,10 @@ def write_evidence(
         # Two frames of one interval name the same thing: it is told once.
         found = list(
             {
-                e.reference: e
-                for e in (explain(case, reference, recording) for reference in references)
+                event.reference: event
+                for event in (
+                    explain(case, reference, recording) for reference in references
+                )
             }.values()
         )
         facts = _facts(case, log, found)
@@ -139,34 +141,36 @@ def _sealed(folder: Path) -> list[str]:
 
 
 def _frames(
-    log: AnnotatedLog, e: Explanation, folder: Path, *, bare: bool = False
+    log: AnnotatedLog, explanation: Explanation, folder: Path, *, bare: bool = False
 ) -> list[Path]:
     """Frames before, at the start, in the middle, at the end and after, with overlays; ``bare``:
     also as recorded.
     """
     steps = max(1, round(BEFORE_S * _rate(log)))
-    wanted = around(e.start_frame, e.end_frame, steps, _last(log))
+    wanted = around(explanation.start_frame, explanation.end_frame, steps, _last(log))
     frames = chosen_frames(log, wanted)
     out = []
     for frame, image in drawn(log, frames):
-        out.append(folder / f"{_safe(e.reference)}_frame_{frame.index:06d}.png")
+        out.append(folder / f"{_safe(explanation.reference)}_frame_{frame.index:06d}.png")
         out[-1].write_bytes(encode_png(image))
     for frame, image in drawn(log, frames, bare=True) if bare and log.has_pictures else ():
-        (folder / f"{_safe(e.reference)}_frame_{frame.index:06d}_recorded.png").write_bytes(
-            encode_png(image)
-        )
+        (
+            folder / f"{_safe(explanation.reference)}_frame_{frame.index:06d}_recorded.png"
+        ).write_bytes(encode_png(image))
     return out
 
 
 def _join_pictures(
-    case: Case, log: AnnotatedLog, e: Explanation, folder: Path
+    case: Case, log: AnnotatedLog, explanation: Explanation, folder: Path
 ) -> list[Path]:
     """The joins that its identities rest on, each as two sights side by side."""
     out = []
-    for join in joins_of(case, e.recording, e.subjects, e.end_frame)[-_MOST_JOINS:]:
+    for join in joins_of(
+        case, explanation.recording, explanation.subjects, explanation.end_frame
+    )[-_MOST_JOINS:]:
         image = join_picture(log, join)
         if image is not None:
-            name = f"{_safe(e.reference)}_join_{join.track}_frame_{join.frame:06d}.png"
+            name = f"{_safe(explanation.reference)}_join_{join.track}_frame_{join.frame:06d}.png"
             out.append(folder / name)
             out[-1].write_bytes(encode_png(image))
     return out
@@ -193,18 +197,19 @@ def _last(log: AnnotatedLog) -> int:
     return last
 
 
-def _clip(log: AnnotatedLog, e: Explanation, out: Path) -> Path:
+def _clip(log: AnnotatedLog, explanation: Explanation, out: Path) -> Path:
     """An H.264 clip from some seconds before to some seconds after."""
-    start, end = _span(log, e)
+    start, end = _span(log, explanation)
     options = VideoOptions(DrawOptions(), start, end)
     write_video(log, out, options)
     return out
 
 
-def _span(log: AnnotatedLog, e: Explanation) -> tuple[int, int]:
+def _span(log: AnnotatedLog, explanation: Explanation) -> tuple[int, int]:
     """First log time and end of an event's clip."""
     start, end = (
-        log.start_ns + round(t * 1e9) for t in (e.start_t - CLIP_S, e.end_t + CLIP_S)
+        log.start_ns + round(track * 1e9)
+        for track in (explanation.start_t - CLIP_S, explanation.end_t + CLIP_S)
     )
     return max(0, start), end
 
@@ -214,9 +219,9 @@ def _facts(case: Case, log: AnnotatedLog, found: Sequence[Explanation]) -> dict[
     configuration = json.loads(stated.pop("configuration", "{}") or "{}")
     row = case.sql("SELECT * FROM recordings")
     recordings = [dict(zip(row.columns, r, strict=True)) for r in row.rows]
-    wall = {e.reference: [str(row) for row in case.rows(
-        "SELECT wall_time(?, ?), wall_time(?, ?)", [e.recording, e.start_t, e.recording, e.end_t])[0]]
-        for e in found}  # fmt: skip
+    wall = {event.reference: [str(row) for row in case.rows(
+        "SELECT wall_time(?, ?), wall_time(?, ?)", [event.recording, event.start_t, event.recording, event.end_t])[0]]
+        for event in found}  # fmt: skip
     return {
         "log": log.path.name,
         "log_sha256": file_digest(log.path),
@@ -224,13 +229,13 @@ def _facts(case: Case, log: AnnotatedLog, found: Sequence[Explanation]) -> dict[
         "log_says": stated,
         "configuration": configuration,
         "wall_time_utc": wall,
-        "explanations": [e.as_json() for e in found],
+        "explanations": [event.as_json() for event in found],
     }
 
 
 def _sums(folder: Path) -> None:
     """SHA256SUMS over every file, as `sha256sum -c` reads it."""
-    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
     lines = [
         f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.relative_to(folder).as_posix()}"
         for file in files
@@ -304,30 +309,37 @@ def _page(
 
 
 def _section(
-    facts: Mapping[str, Any], e: Explanation, pictures: Sequence[str], clip: str
+    facts: Mapping[str, Any], explanation: Explanation, pictures: Sequence[str], clip: str
 ) -> Iterator[str]:
     """One event or row: when, by which rule, what was measured, what led there, clip and frames."""
-    moment = e.start_frame == e.end_frame
-    when = f"{e.start_t:.3f} s" if moment else f"{e.start_t:.3f} s to {e.end_t:.3f} s"
+    moment = explanation.start_frame == explanation.end_frame
+    when = (
+        f"{explanation.start_t:.3f} s"
+        if moment
+        else f"{explanation.start_t:.3f} s to {explanation.end_t:.3f} s"
+    )
     frames = (
-        f"frame {e.start_frame}" if moment else f"frames {e.start_frame} to {e.end_frame}"
+        f"frame {explanation.start_frame}"
+        if moment
+        else f"frames {explanation.start_frame} to {explanation.end_frame}"
     )
     rows: list[tuple[str, Any]] = [
-        ("When", f"{when} from the start, {frames}"), ("Wall time", _wall(facts, e)), ("Rule", e.rule),
-        ("Targets", ", ".join(map(str, e.subjects))),
+        ("When", f"{when} from the start, {frames}"), ("Wall time", _wall(facts, explanation)),
+        ("Rule", explanation.rule),
+        ("Targets", ", ".join(map(str, explanation.subjects))),
     ]  # fmt: skip
     yield (
-        f"<h2>{escape(e.reference)}:"
-        f" {escape(e.kind)}</h2><p>{escape(e.text)}</p>{_table(rows)}"
+        f"<h2>{escape(explanation.reference)}:"
+        f" {escape(explanation.kind)}</h2><p>{escape(explanation.text)}</p>{_table(rows)}"
     )
-    if e.measures:
+    if explanation.measures:
         yield "<h3>Measured</h3>" + _table(
-            [_measured(measure_line(measure)) for measure in e.measures]
+            [_measured(measure_line(measure)) for measure in explanation.measures]
         )
-    if e.chain:
+    if explanation.chain:
         yield (
             "<h3>What led there</h3><ul>"
-            + "".join(f"<li>{escape(line)}</li>" for line in e.chain)
+            + "".join(f"<li>{escape(line)}</li>" for line in explanation.chain)
             + "</ul>"
         )
     yield (
@@ -355,12 +367,12 @@ def _caption(picture: str) -> tuple[str, str]:
     )
 
 
-def _wall(facts: Mapping[str, Any], e: Explanation) -> str:
+def _wall(facts: Mapping[str, Any], explanation: Explanation) -> str:
     start = next(
         (
             fact["start_ns"]
             for fact in facts["recordings"]
-            if fact["recording"] == e.recording
+            if fact["recording"] == explanation.recording
         ),
         0,
     )
@@ -368,7 +380,9 @@ def _wall(facts: Mapping[str, Any], e: Explanation) -> str:
         return (
             "unknown: the recording was made without a clock (record --start gives it one)"
         )
-    return " to ".join(dict.fromkeys(facts["wall_time_utc"][e.reference])) + " UTC"
+    return (
+        " to ".join(dict.fromkeys(facts["wall_time_utc"][explanation.reference])) + " UTC"
+    )
 
 
 def _measured(line: str) -> tuple[str, str]:

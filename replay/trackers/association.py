@@ -99,7 +99,11 @@ def assign(cost: Floats, allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
     quantised = np.round(np.clip(cost, -1000.0, 1000.0) / QUANTUM) * QUANTUM
     rows, columns = linear_sum_assignment(np.where(allowed, quantised, FORBIDDEN))
-    return [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if allowed[r, c]]
+    return [
+        (int(row), int(column))
+        for row, column in zip(rows, columns, strict=True)
+        if allowed[row, column]
+    ]
 
 
 def clusters(rows: list[int], linked: NDArray[np.bool_]) -> list[list[int]]:
@@ -110,8 +114,8 @@ def clusters(rows: list[int], linked: NDArray[np.bool_]) -> list[list[int]]:
     [[0, 2], [1]]
     """
     found: list[tuple[list[int], NDArray[np.bool_]]] = []
-    for i in rows:
-        together, columns = [i], linked[i].copy()
+    for row in rows:
+        together, columns = [row], linked[row].copy()
         rest = []
         for members, theirs in found:
             if bool((theirs & columns).any()):

@@ -147,12 +147,12 @@ def model(
     from filterpy.common import Q_discrete_white_noise
     from filterpy.kalman import KalmanFilter
 
-    d = len(values)
-    kf = KalmanFilter(dim_x=2 * d, dim_z=d)
+    count = len(values)
+    kf = KalmanFilter(dim_x=2 * count, dim_z=count)
     kf.x[0::2, 0] = values
-    kf.F = np.kron(np.eye(d), np.array([[1.0, dt], [0.0, 1.0]]))
-    kf.H = np.kron(np.eye(d), np.array([[1.0, 0.0]]))
-    kf.Q = np.kron(np.eye(d), Q_discrete_white_noise(2, dt, acceleration_variance))
-    kf.P = np.kron(np.eye(d), np.diag([variance, rate_variance]))
-    kf.R = np.eye(d) * measurement_variance
+    kf.F = np.kron(np.eye(count), np.array([[1.0, dt], [0.0, 1.0]]))
+    kf.H = np.kron(np.eye(count), np.array([[1.0, 0.0]]))
+    kf.Q = np.kron(np.eye(count), Q_discrete_white_noise(2, dt, acceleration_variance))
+    kf.P = np.kron(np.eye(count), np.diag([variance, rate_variance]))
+    kf.R = np.eye(count) * measurement_variance
     return kf

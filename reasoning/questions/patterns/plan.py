@@ -198,7 +198,12 @@ class _Plan:
         columns.append("concat_ws(' ', " + ", ".join(self._references) + ") AS explain")
         conditions = "\n  AND ".join(self._conditions) or "true"
         order = ", ".join(
-            ["1", *(_quoted(v) for v in self._bound), "step_frames", "explain"]
+            [
+                "1",
+                *(_quoted(variable) for variable in self._bound),
+                "step_frames",
+                "explain",
+            ]
         )
         return (
             "WITH " + ",\n".join(self._tables + [self._pair(k) for k in self._joined])
@@ -301,7 +306,9 @@ class _Plan:
         for renamed in symmetries(self._pattern):
             # Two variables are never the same target: the first one that moves decides which
             # telling is the least.
-            first = next(v for v in self._bound if renamed[v] != v)
+            first = next(
+                variable for variable in self._bound if renamed[variable] != variable
+            )
             conditions[f"{self._bound[first]} < {self._bound[renamed[first]]}"] = None
         self._conditions += conditions
 

@@ -21,7 +21,11 @@ def shared_regions(tracks: Tracks, frame: Frame) -> list[tuple[list[int], Box]]:
             boxes = [c.box for c in blobs if c.id == blob]
             # Without components a blob is the detection of that place, or a name alone.
             boxes += frame.detections.boxes[blob - 1 : blob]
-            boxes += [t.measured for t in tracks.items if t.blob == blob and t.measured]
+            boxes += [
+                item.measured
+                for item in tracks.items
+                if item.blob == blob and item.measured
+            ]
             if boxes:
                 out.append((sorted(members[blob]), boxes[0]))
     return out
@@ -58,4 +62,6 @@ def answer(
                 ),
             )
         )
-    return Targets(frame.index, sorted(targets, key=lambda t: t.id), groups, notices)
+    return Targets(
+        frame.index, sorted(targets, key=lambda target: target.id), groups, notices
+    )

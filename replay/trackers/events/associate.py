@@ -48,7 +48,7 @@ class Seen:
 
 
 def match(
-    tracks: Tracks, rows: Rows, seen: Seen, columns: Rows, p: EventsParameters
+    tracks: Tracks, rows: Rows, seen: Seen, columns: Rows, parameters: EventsParameters
 ) -> list[tuple[int, int]]:
     """Associate some tracks with some detections, (row, column) pairs by row.
 
@@ -72,12 +72,12 @@ def match(
         doubt = tracks.doubt(rows)
         wider = np.sqrt(wider * wider + doubt * doubt)
     overlap = widened_iou(tracks.boxes[rows], boxes, wider)
-    gate2 = p.gate * p.gate
-    allowed = (distance2 <= gate2) & (overlap >= p.min_overlap)
+    gate2 = parameters.gate * parameters.gate
+    allowed = (distance2 <= gate2) & (overlap >= parameters.min_overlap)
     cost = (
         (1.0 - overlap)
         + distance2 / gate2
-        + p.colour_cost * _colour_costs(tracks, rows, seen, columns, allowed)
+        + parameters.colour_cost * _colour_costs(tracks, rows, seen, columns, allowed)
     )
     pairs = assign(cost, allowed)
     known = [(i, j) for i, j in pairs if tracks.items[rows[i]].hits >= KNOWN]
@@ -89,7 +89,11 @@ def match(
 
 
 def one_each(
-    tracks: Tracks, rows: Sequence[int], fg: Foreground, seen: Seen, p: EventsParameters
+    tracks: Tracks,
+    rows: Sequence[int],
+    fg: Foreground,
+    seen: Seen,
+    parameters: EventsParameters,
 ) -> dict[int, int]:
     """Blobs that several targets share and that hold as many detections: each target has its own,
     column by row.
@@ -106,7 +110,9 @@ def one_each(
     for blob in np.flatnonzero(given[1:] >= 2) + 1:
         here = np.array(rows, np.intp)[home == blob]
         if len(here) == given[blob]:
-            pairs = match(tracks, here, seen, np.flatnonzero(seen.blobs == blob), p)
+            pairs = match(
+                tracks, here, seen, np.flatnonzero(seen.blobs == blob), parameters
+            )
             if len(pairs) == len(here):
                 found.update(pairs)
     return found

@@ -73,7 +73,11 @@ def alike(track: Track, rivals: Sequence[Track], seen: Floats) -> float | None:
         None where its colours, or all rivals', are not known.
     """
     total = float(seen[0].sum())
-    known = [r.colours.body for r in rivals if _is_known(r) and r.colours is not None]
+    known = [
+        rival.colours.body
+        for rival in rivals
+        if _is_known(rival) and rival.colours is not None
+    ]
     if track.colours is None or not _is_known(track) or not known or total <= 0:
         return None
     mine, here = track.colours.body, seen.sum(axis=1) / total
@@ -91,8 +95,8 @@ def likenesses(tracks: Sequence[Track], image: Image, cut: Cut) -> list[Likeness
     not known.
     """
     known = [
-        t.colours.body if t.colours is not None and t.colours.updates else None
-        for t in tracks
+        track.colours.body if track.colours is not None and track.colours.updates else None
+        for track in tracks
     ]
     if sum(k is not None for k in known) < 2:
         return [None] * len(tracks)
@@ -101,7 +105,9 @@ def likenesses(tracks: Sequence[Track], image: Image, cut: Cut) -> list[Likeness
         if mine is None:
             told.append(None)
             continue
-        rivals = [other for j, other in enumerate(known) if j != k and other is not None]
+        rivals = [
+            other for index, other in enumerate(known) if index != k and other is not None
+        ]
         others = np.zeros_like(mine)
         for rival in rivals:
             others += rival / len(rivals)

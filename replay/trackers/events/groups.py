@@ -28,12 +28,14 @@ from replay.trackers.life import TENTATIVE
 Floats = NDArray[np.float64]
 
 
-def members_of(tracks: Tracks, box: Floats, p: EventsParameters) -> list[int]:
+def members_of(tracks: Tracks, box: Floats, parameters: EventsParameters) -> list[int]:
     """Whom a new track at a box (4,) is a group tracker of: two or more targets without an
     observation that collide, and of whose boxes it covers enough; [] if it is none.
     """
     rows = [
-        k for k, t in enumerate(tracks.items) if t.told and not t.lost and not t.observed
+        index
+        for index, item in enumerate(tracks.items)
+        if item.told and not item.lost and not item.observed
     ]
     if len(rows) < 2:
         return []
@@ -41,14 +43,16 @@ def members_of(tracks: Tracks, box: Floats, p: EventsParameters) -> list[int]:
     share = intersection(boxes, box[None])[:, 0] / np.maximum(
         boxes[:, 2] * boxes[:, 3], 1.0
     )
-    under = np.flatnonzero(share >= p.min_shared)
+    under = np.flatnonzero(share >= parameters.min_shared)
     zone = collision_map(boxes[under], InteractionParameters().safety_margin)
-    return sorted(tracks.items[rows[under[k]]].id for k in np.flatnonzero(zone.any(axis=1)))
+    return sorted(
+        tracks.items[rows[under[row]]].id for row in np.flatnonzero(zone.any(axis=1))
+    )
 
 
 def hold_members(tracks: Tracks) -> None:
     """The members of every observed group tracker lie in its region, and go where it goes."""
-    rows = {t.id: k for k, t in enumerate(tracks.items) if t.told}
+    rows = {item.id: index for index, item in enumerate(tracks.items) if item.told}
     for k, group in enumerate(tracks.items):
         if not group.members or not group.observed:
             continue
@@ -83,12 +87,14 @@ class Together:
         """
         if not self._hold_ns:
             return
-        here = {t.id: t for t in tracks.items if t.id != TENTATIVE and not t.lost}
+        here = {
+            item.id: item for item in tracks.items if item.id != TENTATIVE and not item.lost
+        }
         ids = sorted(here)
         regions: dict[int, list[int]] = {}
-        for i in ids:
-            if here[i].blob != NO_BLOB:
-                regions.setdefault(here[i].blob, []).append(i)
+        for identity in ids:
+            if here[identity].blob != NO_BLOB:
+                regions.setdefault(here[identity].blob, []).append(identity)
         for members in regions.values():
             self._shared.update((pair, time_ns) for pair in combinations(members, 2))
         self._shared = {
@@ -101,8 +107,10 @@ class Together:
             here[a].held |= mine != theirs
             here[b].held |= mine != theirs
             if mine != theirs and NO_BLOB not in (mine, theirs):
-                for i in ids:
-                    here[i].blob = mine if here[i].blob == theirs else here[i].blob
+                for identity in ids:
+                    here[identity].blob = (
+                        mine if here[identity].blob == theirs else here[identity].blob
+                    )
             elif mine != theirs:
                 here[a].blob = here[b].blob = max(mine, theirs)
 
@@ -144,7 +152,7 @@ class GroupTracks:
             All group trackers by id. One without an observation is kept for a short while, unless
             one of its members is under another one now.
         """
-        taken = {i for members, _ in shared for i in members}
+        taken = {member for members, _ in shared for member in members}
         by_members = {tuple(h.members): h for h in self._held}
         out: list[GroupTrack] = []
         kept: list[_Held] = []
@@ -162,19 +170,24 @@ class GroupTracks:
             kept.append(held)
             out.append(GroupTrack(held.id, box, True, newborn, list(members)))
         self._held = sorted(kept, key=lambda h: h.id)
-        return sorted(out, key=lambda g: g.id)
+        return sorted(out, key=lambda group: group.id)
 
     def state(self) -> dict[str, Any]:
         """Plain data for a checkpoint."""
         return {
-            "held": [{**asdict(h), "box": list(h.box)} for h in self._held],
+            "held": [{**asdict(shared), "box": list(shared.box)} for shared in self._held],
             "next": self._next,
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` gave."""
         self._held = [
-            _Held(h["id"], list(h["members"]), tuple(h["box"]), h["seen_ns"])
-            for h in state["held"]
+            _Held(
+                shared["id"],
+                list(shared["members"]),
+                tuple(shared["box"]),
+                shared["seen_ns"],
+            )
+            for shared in state["held"]
         ]
         self._next = state["next"]

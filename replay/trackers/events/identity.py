@@ -27,16 +27,18 @@ def keep_company(
     """Remember who shares a region of pixels with whom in this frame, and how near they are to
     one another.
     """
-    rows = {t.id: k for k, t in enumerate(tracks.items) if t.id != TENTATIVE}
+    rows = {
+        item.id: index for index, item in enumerate(tracks.items) if item.id != TENTATIVE
+    }
     places = tracks.bank.value[:, :2]
     for members in regions:
-        for i in members:
-            track = tracks.items[rows[i]]
+        for member in members:
+            track = tracks.items[rows[member]]
             if track.colours is None or track.colours.updates < LOOKS:
                 continue
             for j in members:
-                if j != i:
-                    away = places[rows[i]] - places[rows[j]]
+                if j != member:
+                    away = places[rows[member]] - places[rows[j]]
                     _note(track, j, frame, float(away[0] * away[0] + away[1] * away[1]))
             track.apart_ns, track.apart = time_ns, frame
             track.fresh = None
@@ -53,17 +55,17 @@ def _note(track: Track, other: int, frame: int, distance2: float) -> None:
         known[1:] = [frame, distance2]
 
 
-def verify(tracks: Tracks, time_ns: int, p: EventsParameters) -> list[Notice]:
+def verify(tracks: Tracks, time_ns: int, parameters: EventsParameters) -> list[Notice]:
     """Exchange identities where colours say so, and believe the rest; by id of the first of each
     pair.
     """
     notices: list[Notice] = []
-    by_id = {t.id: t for t in tracks.items if t.id != TENTATIVE}
+    by_id = {item.id: item for item in tracks.items if item.id != TENTATIVE}
     for i in sorted(by_id):
         track = by_id[i]
         if not track.company or not _ready(track):
             continue
-        waiting = (time_ns - track.apart_ns) / NS <= p.exchange_s
+        waiting = (time_ns - track.apart_ns) / NS <= parameters.exchange_s
         undecided = False
         for j, nearest, _ in track.company:
             other = by_id.get(int(j))
@@ -73,7 +75,7 @@ def verify(tracks: Tracks, time_ns: int, p: EventsParameters) -> list[Notice]:
             undecided |= other.lost or not _ready(other)
             if not other.lost and not _ready(other):
                 continue
-            found = _exchanged(track, other, int(nearest), p)
+            found = _exchanged(track, other, int(nearest), parameters)
             if found is not None:
                 notices.append(found)
                 exchange(track, other)
@@ -88,7 +90,9 @@ def _ready(track: Track) -> bool:
     return track.fresh is not None and track.fresh.updates >= LOOKS
 
 
-def _exchanged(a: Track, b: Track, since: int, p: EventsParameters) -> Notice | None:
+def _exchanged(
+    a: Track, b: Track, since: int, parameters: EventsParameters
+) -> Notice | None:
     """Whether a is b (and b is a, unless it has not been seen since)."""
     if a.colours is None or b.colours is None or a.fresh is None:
         return None
@@ -99,12 +103,14 @@ def _exchanged(a: Track, b: Track, since: int, p: EventsParameters) -> Notice | 
     if _ready(b) and b.fresh is not None:
         straight += distance(b.colours.table, b.fresh.table)
         across += distance(a.colours.table, b.fresh.table)
-    if across > p.exchange_ratio * straight:
+    if across > parameters.exchange_ratio * straight:
         return None
-    return _told(a, b, since, straight, across, p)
+    return _told(a, b, since, straight, across, parameters)
 
 
-def crossed(orphan: Track, other: Track, new: Track, p: EventsParameters) -> Notice | None:
+def crossed(
+    orphan: Track, other: Track, new: Track, parameters: EventsParameters
+) -> Notice | None:
     """Whether an orphan and one that is seen were exchanged when their blob came apart: ``other``
     is seen in the orphan's colours since, and the ``new`` track in the other's. If so, they are
     exchanged back, and the new track is the orphan's to take.
@@ -118,22 +124,27 @@ def crossed(orphan: Track, other: Track, new: Track, p: EventsParameters) -> Not
     straight += distance(orphan.colours.table, new.colours.table)
     across = distance(orphan.colours.table, other.fresh.table)
     across += distance(other.colours.table, new.colours.table)
-    if across > p.exchange_ratio * straight:
+    if across > parameters.exchange_ratio * straight:
         return None
-    notice = _told(orphan, other, int(met[1]), straight, across, p)
+    notice = _told(orphan, other, int(met[1]), straight, across, parameters)
     exchange(orphan, other)
     _believe(other)
     return notice
 
 
 def _told(
-    a: Track, b: Track, since: int, straight: float, across: float, p: EventsParameters
+    a: Track,
+    b: Track,
+    since: int,
+    straight: float,
+    across: float,
+    parameters: EventsParameters,
 ) -> Notice:
     evidence: dict[str, Any] = {
         "since_frame": since,
         "as_they_were": straight,
         "exchanged": across,
-        "exchanged_at_most": p.exchange_ratio * straight,
+        "exchanged_at_most": parameters.exchange_ratio * straight,
     }
     rule = "EVENTS 2: after the split each has the colours that the other one had"
     return Notice(

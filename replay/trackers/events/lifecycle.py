@@ -26,59 +26,68 @@ YOUNG_LOOKS = 2
 """So often must a young target have been looked at for that."""
 
 
-def confirm(tracks: Tracks, life: Life, frame: Frame, p: EventsParameters) -> list[Notice]:
+def confirm(
+    tracks: Tracks, life: Life, frame: Frame, parameters: EventsParameters
+) -> list[Notice]:
     """Tentative tracks with enough support become targets, new ones or ones that had been lost."""
     items = tracks.items
     ripe = [
-        k for k, t in enumerate(items) if not t.members and life.is_ripe(t, frame.time_ns)
+        index
+        for index, item in enumerate(items)
+        if not item.members and life.is_ripe(item, frame.time_ns)
     ]
     if not ripe:
         return []
-    notices = _change_places(tracks, ripe, p)
-    orphans = [k for k, t in enumerate(items) if t.id != TENTATIVE and not t.observed]
-    found = {r.track: r for r in recover(tracks, orphans, ripe, frame.time_ns, p)}
+    notices = _change_places(tracks, ripe, parameters)
+    orphans = [
+        k for k, item in enumerate(items) if item.id != TENTATIVE and not item.observed
+    ]
+    found = {
+        recovery.track: recovery
+        for recovery in recover(tracks, orphans, ripe, frame.time_ns, parameters)
+    }
     for row in ripe:
         if row in found:
-            notices.append(_take_over(tracks, found[row], frame, p))
+            notices.append(_take_over(tracks, found[row], frame, parameters))
         elif life.may_confirm(tracks.box(row)):
             notices.append(life.confirm(items[row], frame.time_ns))
-    gone = [r.orphan for r in found.values()]
+    gone = [recovery.orphan for recovery in found.values()]
     tracks.keep([k for k in range(len(items)) if k not in gone])
     return notices
 
 
-def reclaim(tracks: Tracks, time_ns: int, p: EventsParameters) -> list[Notice]:
+def reclaim(tracks: Tracks, time_ns: int, parameters: EventsParameters) -> list[Notice]:
     """A young target that turns out to be one who was lost in a shared blob: he is it.
 
     The colours of a new track are known only some looks after its confirmation, and those of who
     left the blob with it too, so that `confirm` may have come too early.
     """
     items = tracks.items
-    lost = [k for k, t in enumerate(items) if t.told and t.lost]
+    lost = [index for index, item in enumerate(items) if item.told and item.lost]
     young = [
-        k
-        for k, t in enumerate(items)
-        if t.told
-        and t.observed
-        and (time_ns - t.born_ns) / NANOS <= p.exchange_s
-        and t.colours is not None
-        and t.colours.updates >= YOUNG_LOOKS
+        row
+        for row, item in enumerate(items)
+        if item.told
+        and item.observed
+        and (time_ns - item.born_ns) / NANOS <= parameters.exchange_s
+        and item.colours is not None
+        and item.colours.updates >= YOUNG_LOOKS
     ]
     if not lost or not young:
         return []
     found = [
-        r
-        for r in recover(tracks, lost, young, time_ns, p)
-        if r.appearance is not None
-        and r.appearance <= SAME
-        and items[r.track].born_ns > items[r.orphan].seen_ns
+        recovery
+        for recovery in recover(tracks, lost, young, time_ns, parameters)
+        if recovery.appearance is not None
+        and recovery.appearance <= SAME
+        and items[recovery.track].born_ns > items[recovery.orphan].seen_ns
     ]
     notices = []
     for r in found:
         orphan, track = items[r.orphan], items[r.track]
         evidence = {
             "cost": r.cost,
-            "cost_at_most": p.recover_cost,
+            "cost_at_most": parameters.recover_cost,
             "unseen_s": orphan.unseen_s(time_ns),
             "motion": r.motion,
             "size": r.size,
@@ -90,27 +99,45 @@ def reclaim(tracks: Tracks, time_ns: int, p: EventsParameters) -> list[Notice]:
             Notice("track_recovered", ids, rule, evidence, since_frame=track.born)
         )
         exchange(orphan, track)
-    tracks.keep([k for k in range(len(items)) if k not in [r.orphan for r in found]])
+    tracks.keep(
+        [
+            row
+            for row in range(len(items))
+            if row not in [recovery.orphan for recovery in found]
+        ]
+    )
     return notices
 
 
-def _change_places(tracks: Tracks, ripe: list[int], p: EventsParameters) -> list[Notice]:
+def _change_places(
+    tracks: Tracks, ripe: list[int], parameters: EventsParameters
+) -> list[Notice]:
     """Exchange an orphan with whom it was in one blob, where a new track makes it plain that they
     had been taken for one another.
     """
     items = tracks.items
     notices: list[Notice] = []
     for new in ripe:
-        orphans = [t for t in items if t.id != TENTATIVE and not t.observed]
-        seen = [t for t in items if t.id != TENTATIVE and t.observed]
-        tried = (crossed(a, b, items[new], p) for a in orphans for b in seen)
-        notices += [n for n in (next((n for n in tried if n is not None), None),) if n]
+        orphans = [item for item in items if item.id != TENTATIVE and not item.observed]
+        seen = [item for item in items if item.id != TENTATIVE and item.observed]
+        tried = (
+            crossed(orphan, other, items[new], parameters)
+            for orphan in orphans
+            for other in seen
+        )
+        notices += [
+            n
+            for n in (next((notice for notice in tried if notice is not None), None),)
+            if n
+        ]
     return notices
 
 
-def _take_over(tracks: Tracks, r: Recovery, frame: Frame, p: EventsParameters) -> Notice:
+def _take_over(
+    tracks: Tracks, recovery: Recovery, frame: Frame, parameters: EventsParameters
+) -> Notice:
     """The new track lives on under the orphan's id, with the orphan's past."""
-    orphan, track = tracks.items[r.orphan], tracks.items[r.track]
+    orphan, track = tracks.items[recovery.orphan], tracks.items[recovery.track]
     track.id, track.split, track.mode = orphan.id, orphan.split, orphan.mode
     track.born, track.born_ns = orphan.born, orphan.born_ns
     track.hits += orphan.hits
@@ -118,13 +145,13 @@ def _take_over(tracks: Tracks, r: Recovery, frame: Frame, p: EventsParameters) -
         track.colours = orphan.colours
     evidence: dict[str, Any] = {
         "unseen_s": orphan.unseen_s(frame.time_ns),
-        "cost": r.cost,
-        "cost_at_most": p.recover_cost,
-        "motion": r.motion,
-        "size": r.size,
+        "cost": recovery.cost,
+        "cost_at_most": parameters.recover_cost,
+        "motion": recovery.motion,
+        "size": recovery.size,
     }
-    if r.appearance is not None:
-        evidence["appearance"] = r.appearance
+    if recovery.appearance is not None:
+        evidence["appearance"] = recovery.appearance
     earlier, track.sightings = track.sightings[:-1], []
     rule = "EVENTS 2, matching case 2: an orphan and a new track look alike"
     return Notice(

@@ -31,14 +31,14 @@ GROUP_SIZE = 1.6
 def orphans(tracks: Tracks) -> list[int]:
     """Rows of the targets that should be in the picture and have no observation yet."""
     return [
-        k
-        for k, t in enumerate(tracks.items)
-        if t.id != TENTATIVE and not t.lost and not t.observed
+        index
+        for index, item in enumerate(tracks.items)
+        if item.id != TENTATIVE and not item.lost and not item.observed
     ]
 
 
 def share_detections(
-    tracks: Tracks, seen: Seen, used: NDArray[np.bool_], p: EventsParameters
+    tracks: Tracks, seen: Seen, used: NDArray[np.bool_], parameters: EventsParameters
 ) -> None:
     """Recognise merged detections: one that another target took and that covers where this one is
     expected.
@@ -54,14 +54,20 @@ def share_detections(
         intersection(boxes, seen.boxes[taken])
         / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)[:, None]
     )
-    owners = {t.column: t for t in tracks.items if t.observed and t.column >= 0}
-    for k, row in enumerate(without):
-        best = int(np.argmax(share[k]))
+    owners = {
+        item.column: item for item in tracks.items if item.observed and item.column >= 0
+    }
+    for index, row in enumerate(without):
+        best = int(np.argmax(share[index]))
         owner = owners.get(int(taken[best]))
-        if share[k, best] >= p.min_shared and owner is not None and owner.id != TENTATIVE:
+        if (
+            share[index, best] >= parameters.min_shared
+            and owner is not None
+            and owner.id != TENTATIVE
+        ):
             # Hidden; kept for as long as that is seen only where it is too large for one body: a
             # detector's box of a usual size is one body, and no proof of a group.
-            box, own = seen.boxes[taken[best]], boxes[k]
+            box, own = seen.boxes[taken[best]], boxes[index]
             tracks.items[row].hidden = True
             tracks.items[row].grouped = bool(
                 box[2] * box[3] >= GROUP_SIZE * own[2] * own[3]
@@ -72,7 +78,7 @@ def share_detections(
 
 
 def follow_colours(
-    tracks: Tracks, image: Image, time_ns: int, p: EventsParameters
+    tracks: Tracks, image: Image, time_ns: int, parameters: EventsParameters
 ) -> list[tuple[int, Box, float]]:
     """Mean shift of every orphan's colours against its surroundings' from where it is expected.
 
@@ -86,7 +92,7 @@ def follow_colours(
         colours = tracks.items[row].colours
         if colours is None or colours.updates < 2:
             continue
-        if (time_ns - tracks.items[row].found_ns) / NANOS > p.top_down_s:
+        if (time_ns - tracks.items[row].found_ns) / NANOS > parameters.top_down_s:
             continue
         x, y, w, h = tracks.box(row)
         size = math.sqrt(w * h)
@@ -110,15 +116,15 @@ def follow_colours(
         likeness = appearance.back_project(
             bins, mine, background, appearance.choose(mine, background)
         )
-        for k, t in enumerate(tracks.items):
-            if k != row and t.observed:
-                a, b, c, d = others[k]
+        for index, item in enumerate(tracks.items):
+            if index != row and item.observed:
+                a, b, c, d = others[index]
                 likeness[
                     max(0, round(b) - top) : max(0, round(b + d) - top),
                     max(0, round(a) - left) : max(0, round(a + c) - left),
                 ] = 0.0
         (u, v, _, _), score = appearance.mean_shift(likeness, (x - left, y - top, w, h))
         near = math.hypot(u + left - x, v + top - y) <= 0.5 * size
-        if score >= p.min_likeness and near:
+        if score >= parameters.min_likeness and near:
             found.append((row, (u + left, v + top, w, h), min(1.0, score)))
     return found

@@ -140,8 +140,10 @@ class Foreground:
             inside = np.ones(len(components), bool)
         self.mask = mask
         self.components = components
-        self.boxes = np.array([c.box for c in components], np.float64).reshape(-1, 4)
-        self.areas = np.array([c.area for c in components], np.float64)
+        self.boxes = np.array(
+            [component.box for component in components], np.float64
+        ).reshape(-1, 4)
+        self.areas = np.array([component.area for component in components], np.float64)
         self.boxes[~inside, 2:] = 0.0
         self.unit = mask & np.uint8(1)
         self.integral = Integral(self.unit)
@@ -220,7 +222,7 @@ def search(
     reach: Floats,
     extra: Sequence[Floats],
     likeness: Sequence[Likeness],
-    p: EventsParameters,
+    parameters: EventsParameters,
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Place N targets in the foreground by moving boxes of their size, each against the places of
     all others.
@@ -231,7 +233,7 @@ def search(
         reach: (N,) standard deviation of the predicted places, pixels.
         extra: for each target further centres (K, 2) to be tried.
         likeness: for each target the pixels' scores.
-        p: the parameters.
+        parameters: the parameters.
 
     Returns:
         Boxes (N, 4), own and shared shares of foreground (N,), scores (N,).
@@ -244,18 +246,20 @@ def search(
     everything = Integral(whole, left, top)
     colours = [None if a is None else Integral(a * pixels, left, top) for a in likeness]
     disputed = [_disputed(pixels, a) for a in likeness]
-    claims = [_claim(b, left, top) for b in boxes.tolist()]
-    for sweep in range(p.sweeps):
+    claims = [_claim(box, left, top) for box in boxes.tolist()]
+    for sweep in range(parameters.sweeps):
         for t in order.tolist():
             rest = whole.copy()
-            for u, (x1, y1, x2, y2) in enumerate(claims):
-                if u != t:
+            for index, (x1, y1, x2, y2) in enumerate(claims):
+                if index != t:
                     rest[y1:y2, x1:x2] = disputed[t][y1:y2, x1:x2]
             free = Integral(rest, left, top)
             tried = _candidates(
                 boxes[t], now[t] if sweep else boxes[t], float(reach[t]), extra[t], sweep
             )
-            score, inside = _score(tried, free, colours[t], boxes[t], float(reach[t]), p)
+            score, inside = _score(
+                tried, free, colours[t], boxes[t], float(reach[t]), parameters
+            )
             best = int(np.argmax(score))
             now[t], scores[t], weighted[t] = tried[best], score[best], inside[best]
             claims[t] = _claim(now[t].tolist(), left, top)
@@ -325,7 +329,7 @@ def _score(
     colour: Integral | None,
     expected: Floats,
     reach: float,
-    p: EventsParameters,
+    parameters: EventsParameters,
 ) -> tuple[Floats, Floats]:
     """Scores (K,) of the places tried, and what they hold of the foreground, weighted, (K,)."""
     area = max(1.0, float(expected[2] * expected[3]))
@@ -338,12 +342,12 @@ def _score(
     held = free.sums_at(corners)
     inside = held[:count]
     outside = held[count:] - inside
-    score = (inside - p.ring_weight * outside) / (OWN * area)
+    score = (inside - parameters.ring_weight * outside) / (OWN * area)
     if colour is not None:
-        score = score + p.colour_weight * colour.sums_at(corners[:, :count]) / area
+        score = score + parameters.colour_weight * colour.sums_at(corners[:, :count]) / area
     offset2 = (tried[:, 0] - expected[0]) ** 2 + (tried[:, 1] - expected[1]) ** 2
     scale2 = max(reach * reach, (0.05 * float(np.sqrt(area))) ** 2)
-    return np.asarray(score - p.prior_weight * offset2 / scale2), inside
+    return np.asarray(score - parameters.prior_weight * offset2 / scale2), inside
 
 
 def place(
@@ -352,7 +356,7 @@ def place(
     detections: Floats,
     detection_blobs: Ints,
     look: Look,
-    p: EventsParameters,
+    parameters: EventsParameters,
 ) -> list[Place | None]:
     """Find each of N targets in the foreground.
 
@@ -362,7 +366,7 @@ def place(
         detections: (K, 4) recorded boxes, further proposals.
         detection_blobs: (K,) the blobs they came from.
         look: asked for the targets' likenesses where blobs are shared.
-        p: the parameters.
+        parameters: the parameters.
 
     Returns:
         For each target its place, None where there is no foreground at all.
@@ -377,7 +381,7 @@ def place(
     linked &= pixels > 0
     tenants = linked.sum(axis=0)
     held = np.bincount(np.clip(detection_blobs, 0, m), minlength=m + 1)[1:]
-    fits = _fits(expected, fg, p) | expected.patient[:, None]
+    fits = _fits(expected, fg, parameters) | expected.patient[:, None]
     out: list[Place | None] = [None] * n
     searched: list[int] = []
     tenants_only = [False] * n
@@ -401,14 +405,18 @@ def place(
         blobs = (np.flatnonzero(linked[rows].any(axis=0)) + 1).tolist()
         near = detections[(detection_blobs[:, None] == np.array(blobs)).any(axis=1)]
         for i, at in zip(
-            rows, _place_cluster(fg, blobs, rows, expected, near, look, p), strict=True
+            rows,
+            _place_cluster(fg, blobs, rows, expected, near, look, parameters),
+            strict=True,
         ):
             company = bool((tenants[linked[i]] > 1).any())
             out[i] = replace(at, company=company, tenant=tenants_only[i])
     return out
 
 
-def _fits(expected: Expected, fg: Foreground, p: EventsParameters) -> NDArray[np.bool_]:
+def _fits(
+    expected: Expected, fg: Foreground, parameters: EventsParameters
+) -> NDArray[np.bool_]:
     """Whether each of M blobs may be each of N targets alone, by its size, (N, M).
 
     What the picture's border cuts may be smaller.
@@ -417,7 +425,9 @@ def _fits(expected: Expected, fg: Foreground, p: EventsParameters) -> NDArray[np
     height, width = fg.mask.shape
     ratio = blobs[None, :, 2:] / np.maximum(boxes[:, None, 2:], 1.0)
     allowed = (
-        1.0 + p.size_tolerance + 2.0 * (doubt / np.maximum(boxes[:, 2:], 1.0))[:, None, :]
+        1.0
+        + parameters.size_tolerance
+        + 2.0 * (doubt / np.maximum(boxes[:, 2:], 1.0))[:, None, :]
     )
     # Legs and arms change the width twice as much as the height.
     allowed = np.stack([allowed[..., 0] ** 2, allowed[..., 1]], axis=2)
@@ -427,7 +437,9 @@ def _fits(expected: Expected, fg: Foreground, p: EventsParameters) -> NDArray[np
     fits = (low & (ratio <= allowed)).all(axis=2)
     if expected.upright:
         return np.asarray(fits)
-    ellipses = np.array([(c.ellipse.h, c.ellipse.w) for c in fg.components]).reshape(-1, 2)
+    ellipses = np.array(
+        [(component.ellipse.h, component.ellipse.w) for component in fg.components]
+    ).reshape(-1, 2)
     turned = ellipses[None] / np.maximum(expected.axes[:, None], 1.0)
     allowed = allowed[..., ::-1]
     return np.asarray(fits | ((turned <= allowed) & (turned >= 1 / allowed)).all(axis=2))
@@ -440,7 +452,7 @@ def _place_cluster(
     expected: Expected,
     detections: Floats,
     look: Look,
-    p: EventsParameters,
+    parameters: EventsParameters,
 ) -> list[Place]:
     """Place the targets of some rows that share some blobs."""
     mine = expected.boxes[rows]
@@ -453,7 +465,7 @@ def _place_cluster(
         away = np.abs(centres - (b[:2] + b[2:] / 2)) if len(centres) else np.zeros((0, 2))
         extra.append(centres[(away <= 0.6 * s).all(axis=1)])
     found, own, shared, scores = search(
-        cut, mine, expected.reach[rows], extra, look(rows, cut), p
+        cut, mine, expected.reach[rows], extra, look(rows, cut), parameters
     )
     links = fg.links(found)[:, [b - 1 for b in blobs]]
     out: list[Place] = []

@@ -32,24 +32,30 @@ class Recovery:
 
 
 def recover(
-    tracks: Tracks, orphans: list[int], fresh: list[int], time_ns: int, p: EventsParameters
+    tracks: Tracks,
+    orphans: list[int],
+    fresh: list[int],
+    time_ns: int,
+    parameters: EventsParameters,
 ) -> list[Recovery]:
     """Match orphans to new tracks, the cheapest assignment within the threshold, by orphan."""
     found: dict[tuple[int, int], Recovery] = {}
     cost = np.full((len(orphans), len(fresh)), 100.0)
     allowed: NDArray[np.bool_] = np.zeros(cost.shape, bool)
-    for i, a in enumerate(orphans):
+    for i, orphan in enumerate(orphans):
         for j, b in enumerate(fresh):
-            priced = _price(tracks, a, b, time_ns, p)
+            priced = _price(tracks, orphan, b, time_ns, parameters)
             # Who is not lost yet may be seen again where it is expected: only colours say more.
-            unsure = priced.appearance is None and not tracks.items[a].lost
-            if priced.cost <= p.recover_cost and not unsure:
+            unsure = priced.appearance is None and not tracks.items[orphan].lost
+            if priced.cost <= parameters.recover_cost and not unsure:
                 found[i, j] = priced
                 cost[i, j], allowed[i, j] = priced.cost, True
     return [found[i, j] for i, j in assign(cost, allowed)]
 
 
-def _price(tracks: Tracks, a: int, b: int, time_ns: int, p: EventsParameters) -> Recovery:
+def _price(
+    tracks: Tracks, a: int, b: int, time_ns: int, parameters: EventsParameters
+) -> Recovery:
     """Half the squared miss, of the straight path or of one who stood still, plus size and
     colours.
     """
@@ -71,7 +77,9 @@ def _price(tracks: Tracks, a: int, b: int, time_ns: int, p: EventsParameters) ->
             math.hypot(max(0.0, abs(px - u) - pw / 2), max(0.0, abs(py - v) - ph / 2))
         )
     size = math.sqrt(max(1.0, w * h))
-    motion = 0.5 * (min(misses) / (size * (p.drift + p.drift_rate * gap))) ** 2
+    motion = (
+        0.5 * (min(misses) / (size * (parameters.drift + parameters.drift_rate * gap))) ** 2
+    )
     if fresh.split and 0 < orphan.seen_ns <= orphan.apart_ns:
         # Both came out of the blob that it was last seen in: the place says no more.
         motion = 0.0
@@ -85,6 +93,6 @@ def _price(tracks: Tracks, a: int, b: int, time_ns: int, p: EventsParameters) ->
     cost = (
         motion
         + 0.5 * differs
-        + p.recover_colour_cost * (UNKNOWN if colours is None else colours)
+        + parameters.recover_colour_cost * (UNKNOWN if colours is None else colours)
     )
     return Recovery(a, b, cost, motion, differs, colours)

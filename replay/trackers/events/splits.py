@@ -34,7 +34,9 @@ def remember_regions(tracks: Tracks, blobs: Sequence[Blob], time_ns: int) -> Non
     was measured.
     """
     for row, track in enumerate(tracks.items):
-        track.regions = [r for r in track.regions if time_ns - r[0] <= SPLIT_NS]
+        track.regions = [
+            region for region in track.regions if time_ns - region[0] <= SPLIT_NS
+        ]
         if track.id == TENTATIVE or track.lost or not (track.observed or track.hidden):
             continue
         if track.regions and time_ns - track.regions[-1][0] < EVERY_NS:
@@ -54,7 +56,7 @@ def came_from(tracks: Tracks, boxes: Floats) -> NDArray[np.bool_]:
     for row, track in enumerate(tracks.items):
         if track.id == TENTATIVE or track.lost or not track.regions:
             continue
-        regions = np.array([r[1:] for r in track.regions])
+        regions = np.array([region[1:] for region in track.regions])
         mine = np.array([tracks.box(row)])
         both = intersection(mine, regions)[0] >= COVERED * mine[0, 2] * mine[0, 3]
         out |= (intersection(boxes, regions[both]) >= COVERED * area[:, None]).any(axis=1)

@@ -144,7 +144,8 @@ class EventsTracker:
         their place.
         """
         rows = np.array(
-            [k for k, t in enumerate(self._tracks.items) if not t.sized], np.intp
+            [index for index, item in enumerate(self._tracks.items) if not item.sized],
+            np.intp,
         )
         if model is not None and len(rows):
             boxes = self._tracks.boxes[rows]
@@ -160,11 +161,17 @@ class EventsTracker:
         labels = frame.labels
         assert labels is not None
         blobs = frame.detections.components
-        centres = np.array([(b.ellipse.x, b.ellipse.y) for b in blobs]).reshape(-1, 2)
+        centres = np.array([(blob.ellipse.x, blob.ellipse.y) for blob in blobs]).reshape(
+            -1, 2
+        )
         inside = self._life.regions.may_start_low_level_all(centres)
         fg = Foreground(mask, labels, blobs, self._p, inside)
         items, bank = self._tracks.items, self._tracks.bank
-        rows = [k for k, t in enumerate(items) if t.id != TENTATIVE and not t.lost]
+        rows = [
+            index
+            for index, item in enumerate(items)
+            if item.id != TENTATIVE and not item.lost
+        ]
         doubt = np.sqrt(bank.p00[rows])
         reach = np.hypot(
             doubt[:, :2].max(axis=1, initial=0.0),
@@ -184,7 +191,7 @@ class EventsTracker:
         def look(which: list[int], cut: Cut) -> list[Likeness]:
             if not self._scene.has_images or frame.image is None:
                 return [None] * len(which)
-            return likenesses([items[rows[k]] for k in which], frame.image, cut)
+            return likenesses([items[rows[row]] for row in which], frame.image, cut)
 
         found = place(fg, expected, seen.boxes, seen.blobs, look, self._p)
         told = one_each(self._tracks, rows, fg, seen, self._p)
@@ -221,7 +228,7 @@ class EventsTracker:
     def _note_fronts(self) -> None:
         """Take note of who was last hidden behind whom: the nearest one that is seen in the blob."""
         items, bank = self._tracks.items, self._tracks.bank
-        told = [k for k, t in enumerate(items) if t.told]
+        told = [index for index, item in enumerate(items) if item.told]
         for row in told:
             track = items[row]
             if track.observed:
@@ -294,9 +301,15 @@ class EventsTracker:
         centres = seen.boxes[:, :2] + seen.boxes[:, 2:] / 2
         used = ~self._life.regions.may_start_low_level_all(centres)
         items = self._tracks.items
-        followed = [k for k, t in enumerate(items) if t.id != TENTATIVE and not t.lost]
-        missing = [k for k, t in enumerate(items) if t.id != TENTATIVE and t.lost]
-        tentative = [k for k, t in enumerate(items) if t.id == TENTATIVE]
+        followed = [
+            index
+            for index, item in enumerate(items)
+            if item.id != TENTATIVE and not item.lost
+        ]
+        missing = [
+            row for row, item in enumerate(items) if item.id != TENTATIVE and item.lost
+        ]
+        tentative = [row for row, item in enumerate(items) if item.id == TENTATIVE]
         high = seen.scores >= LIKELY
         for who, which in (
             (followed, high),
@@ -304,7 +317,7 @@ class EventsTracker:
             (missing, high),
             (tentative, high),
         ):
-            rows = [k for k in who if not items[k].observed]
+            rows = [row for row in who if not items[row].observed]
             columns = np.flatnonzero(which & ~used) if rows else ()
             if not len(columns):
                 continue
@@ -319,15 +332,21 @@ class EventsTracker:
         """Take the detections of (row, column) pairs as observations."""
         if not pairs:
             return
-        rows, columns = [r for r, _ in pairs], [c for _, c in pairs]
+        rows, columns = [row for row, _ in pairs], [column for _, column in pairs]
         boxes = seen.boxes[columns]
-        self._tracks.correct_all(rows, boxes, [seen.ellipses[c] for c in columns])
+        self._tracks.correct_all(rows, boxes, [seen.ellipses[column] for column in columns])
         scores, blobs = seen.scores[columns].tolist(), seen.blobs[columns].tolist()
-        for k, (x, y, w, h) in enumerate(boxes.tolist()):
-            track = self._tracks.items[rows[k]]
-            track.sized, track.column = True, columns[k]
+        for index, (x, y, w, h) in enumerate(boxes.tolist()):
+            track = self._tracks.items[rows[index]]
+            track.sized, track.column = True, columns[index]
             self._note(
-                track, frame, (x, y, w, h), scores[k], blobs[k], "motion", (x, y, w, h)
+                track,
+                frame,
+                (x, y, w, h),
+                scores[index],
+                blobs[index],
+                "motion",
+                (x, y, w, h),
             )
 
     def _observe(
@@ -378,8 +397,8 @@ class EventsTracker:
             return
         boxes = seen.boxes[columns]
         from_split = came_from(self._tracks, boxes)
-        for k, column in enumerate(columns.tolist()):
-            x, y, w, h = boxes[k].tolist()
+        for index, column in enumerate(columns.tolist()):
+            x, y, w, h = boxes[index].tolist()
             track = Track(
                 TENTATIVE,
                 frame.index,
@@ -392,8 +411,8 @@ class EventsTracker:
                 column,
                 (x, y, w, h),
             )
-            track.split = bool(from_split[k])
-            track.members = members_of(self._tracks, boxes[k], self._p)
+            track.split = bool(from_split[index])
+            track.members = members_of(self._tracks, boxes[index], self._p)
             track.sightings.append([float(frame.index), x, y, w, h])
             self._tracks.start((x, y, w, h), seen.ellipses[column], track)
 
@@ -404,13 +423,19 @@ class EventsTracker:
         if not self._scene.has_images or frame.index % self._learn_every:
             return []
         items = self._tracks.items
-        rows = [k for k, t in enumerate(items) if t.measured is not None and t.sized]
+        rows = [
+            index
+            for index, item in enumerate(items)
+            if item.measured is not None and item.sized
+        ]
         if not rows or frame.image is None:
             return []
         # Fused boxes leave out few: where a box is, who is only thought to be there is not.
         fused = frame.detections.fused
         others = [
-            k for k, t in enumerate(items) if not t.lost and (t.observed or not fused)
+            k
+            for k, item in enumerate(items)
+            if not item.lost and (item.observed or not fused)
         ]
         boxes = self._tracks.boxes
         shared = (
@@ -435,9 +460,9 @@ class EventsTracker:
             elif look is not None and other is None:
                 learn(items[row], look)
         return [
-            n
+            notice
             for row in changed
-            for n in part(
+            for notice in part(
                 self._tracks, row, self._life.new_id(), frame.index, self._p.keep_s
             )
         ]
@@ -465,12 +490,12 @@ class EventsTracker:
 
 def _seen(frame: Frame, has_images: bool) -> Seen:
     d = frame.detections
-    n = len(d.boxes)
+    count = len(d.boxes)
     return Seen(
         frame.boxes,
-        np.array(d.scores if d.scores else [1.0] * n, np.float64),
-        np.array(d.blobs if d.blobs else [NO_BLOB] * n, np.int64),
-        d.ellipses if d.ellipses else [None] * n,
+        np.array(d.scores if d.scores else [1.0] * count, np.float64),
+        np.array(d.blobs if d.blobs else [NO_BLOB] * count, np.int64),
+        d.ellipses if d.ellipses else [None] * count,
         _Looks(frame) if has_images else None,
         d.fused,
     )
@@ -498,7 +523,7 @@ def _left_over(
     kept: list[Place],
     seen: Seen,
     model: SizeModel | None,
-    p: EventsParameters,
+    events_parameters: EventsParameters,
 ) -> Seen:
     """The detections that no placed target explains, and blobs that were overlooked.
 
@@ -507,7 +532,7 @@ def _left_over(
     """
     rest = Rest(fg)
     rest.take(at.box for at in kept)
-    free = np.flatnonzero(rest.share(seen.boxes) >= p.min_unexplained)
+    free = np.flatnonzero(rest.share(seen.boxes) >= events_parameters.min_unexplained)
     holds = np.bincount(np.clip(seen.blobs, 0, None), minlength=len(fg.boxes) + 1)
     claimed = [at.blob for at in kept]
     boxes = seen.boxes.copy()
@@ -515,15 +540,16 @@ def _left_over(
         blob = int(seen.blobs[k])
         whole = (
             blob > 0
-            and fg.boxes[blob - 1, 3] * (1.0 + 2.0 * p.size_tolerance) >= boxes[k, 3]
+            and fg.boxes[blob - 1, 3] * (1.0 + 2.0 * events_parameters.size_tolerance)
+            >= boxes[k, 3]
         )
         if whole and holds[blob] == 1 and blob not in claimed:
             boxes[k] = fg.boxes[blob - 1]
     # What nobody explains may start a track whatever its score: how well a body's shape fits says
     # little here.
     scores = np.maximum(seen.scores, UNEXPLAINED)
-    ellipses = [seen.ellipses[k] for k in free.tolist()]
-    more, bodies = _overlooked(fg, rest, claimed, seen.boxes, model, p)
+    ellipses = [seen.ellipses[row] for row in free.tolist()]
+    more, bodies = _overlooked(fg, rest, claimed, seen.boxes, model, events_parameters)
     return Seen(
         np.concatenate([boxes[free], bodies]),
         np.concatenate([scores[free], np.full(len(more), UNEXPLAINED)]),
@@ -539,7 +565,7 @@ def _overlooked(
     claimed: list[int],
     detections: Floats,
     model: SizeModel | None,
-    p: EventsParameters,
+    events_parameters: EventsParameters,
 ) -> tuple[list[int], Floats]:
     """Blobs, by row, that neither targets nor recorded detections explain, and the bodies that
     they may belong to.
@@ -552,10 +578,12 @@ def _overlooked(
     b = fg.boxes
     bodies = model.boxes(b[:, 0] + b[:, 2] / 2, b[:, 1] + b[:, 3])
     part = (b[:, 2] >= 0.6 * bodies[:, 2]) & (b[:, 2] <= 1.7 * bodies[:, 2])
-    part &= (b[:, 3] >= p.min_part * bodies[:, 3]) & (b[:, 3] <= 1.3 * bodies[:, 3])
+    part &= (b[:, 3] >= events_parameters.min_part * bodies[:, 3]) & (
+        b[:, 3] <= 1.3 * bodies[:, 3]
+    )
     part[[blob - 1 for blob in claimed if blob != NO_BLOB]] = False
     if not part.any():
         return [], np.zeros((0, 4))
     rest.take((x, y, w, h) for x, y, w, h in detections.tolist())
-    rows = np.flatnonzero(part & (rest.share(b) >= p.min_unexplained))
+    rows = np.flatnonzero(part & (rest.share(b) >= events_parameters.min_unexplained))
     return rows.tolist(), bodies[rows]

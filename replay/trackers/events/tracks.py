@@ -171,7 +171,9 @@ class Tracks:
         track = self.items[row]
         if not track.lost or track.front == TENTATIVE:
             return None
-        return next((k for k, t in enumerate(self.items) if t.id == track.front), None)
+        return next(
+            (index for index, item in enumerate(self.items) if item.id == track.front), None
+        )
 
     def box(self, row: int) -> Box:
         """The estimated box of one track."""
@@ -273,7 +275,7 @@ class Tracks:
         )
         factor = np.ones_like(surprise)
         factor[:, _PLACE] = _awakening(surprise[:, _PLACE])
-        shaped = [k for k, e in enumerate(ellipses) if e is not None]
+        shaped = [index for index, ellipse in enumerate(ellipses) if ellipse is not None]
         if shaped:
             factor[shaped, 2:] = _awakening(surprise[shaped, 2:])
         for table in (bank.p00, bank.p01, bank.p11):
@@ -310,13 +312,13 @@ class Tracks:
         """Keep the given rows, in that order."""
         if len(kept) != len(self.items):
             self.bank.keep(np.array(kept, np.intp))
-            self.items = [self.items[k] for k in kept]
+            self.items = [self.items[row] for row in kept]
 
     def state(self) -> dict[str, Any]:
         """Plain data for a checkpoint."""
         return {
             "bank": self.bank.state(),
-            "items": [_plain(t) for t in self.items],
+            "items": [_plain(item) for item in self.items],
             "unrest": self.unrest.state(),
         }
 
@@ -343,9 +345,9 @@ def _plain(track: Track) -> dict[str, Any]:
     out["stranger"] = None if track.stranger is None else track.stranger.state()
     out["known"] = list(track.known)
     out["members"] = list(track.members)
-    out["company"] = [list(c) for c in track.company]
-    out["sightings"] = [list(s) for s in track.sightings]
-    out["regions"] = [list(r) for r in track.regions]
+    out["company"] = [list(column) for column in track.company]
+    out["sightings"] = [list(sighting) for sighting in track.sightings]
+    out["regions"] = [list(region) for region in track.regions]
     return out
 
 
@@ -361,9 +363,9 @@ def _track(state: Mapping[str, Any]) -> Track:
     )
     plain["known"] = list(plain["known"])
     plain["members"] = list(plain["members"])
-    plain["company"] = [list(c) for c in plain["company"]]
+    plain["company"] = [list(column) for column in plain["company"]]
     plain["sightings"] = [list(s) for s in plain["sightings"]]
-    plain["regions"] = [list(r) for r in plain["regions"]]
+    plain["regions"] = [list(row) for row in plain["regions"]]
     return Track(**plain)
 
 

@@ -87,8 +87,8 @@ class Beginning:
                 same = iou(box[None], self._targets.boxes)[0]
                 strangers = [
                     k
-                    for k, t in enumerate(self._targets.items)
-                    if not t.manual and same[k] >= SAME_PLACE
+                    for k, item in enumerate(self._targets.items)
+                    if not item.manual and same[k] >= SAME_PLACE
                 ]
                 self._targets.keep(
                     [k for k in range(len(self._targets)) if k not in strangers]
@@ -113,7 +113,11 @@ class Beginning:
         """
         has_mask = bool(len(seen.blob_boxes))
         before = self._targets.boxes.copy()
-        crowded = {t.blob for t in self._targets.items if t.observed and t.blob != NO_BLOB}
+        crowded = {
+            item.blob
+            for item in self._targets.items
+            if item.observed and item.blob != NO_BLOB
+        }
         free = np.flatnonzero((unexplained >= self._p.min_unexplained) & (seen.scores > 0))
         centres = seen.boxes[free, :2] + seen.boxes[free, 2:] / 2
         centroids = np.where(np.isnan(seen.centroids[free]), centres, seen.centroids[free])

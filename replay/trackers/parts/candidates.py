@@ -69,7 +69,9 @@ def observe(d: Detections) -> Observed:
     # What a detector and the masks make up together says where bodies are; blobs alone do not.
     components = [] if d.fused else d.components
     m = len(components)
-    blob_boxes = np.array([c.box for c in components], np.float64).reshape(-1, 4)
+    blob_boxes = np.array([component.box for component in components], np.float64).reshape(
+        -1, 4
+    )
     n = len(d.boxes)
     boxes = np.array(d.boxes, np.float64).reshape(-1, 4)
     blobs = np.array(d.blobs if d.blobs else [NO_BLOB] * n, np.int64)
@@ -87,9 +89,9 @@ def observe(d: Detections) -> Observed:
     rest[lone] = False
     kept = np.flatnonzero(rest)
     centroids = np.array(
-        [(c.ellipse.x, c.ellipse.y) for c in components], np.float64
+        [(component.ellipse.x, component.ellipse.y) for component in components], np.float64
     ).reshape(-1, 2)
-    ids = np.array([c.id for c in components], np.int64)
+    ids = np.array([component.id for component in components], np.int64)
     return Observed(
         np.concatenate([blob_boxes, boxes[kept]]),
         np.concatenate([ids, blobs[kept]]),
@@ -256,7 +258,7 @@ def gather(
     hanging = _from_heads(seen, sizes, stage, at, heads, anchors, p)
     found = measured if hanging is None else measured.beside(hanging)
     return replace(found, rows=np.concatenate(stages)[found.rows]), [
-        len(a) for a in anchors
+        len(anchor) for anchor in anchors
     ]
 
 

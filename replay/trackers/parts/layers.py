@@ -116,7 +116,7 @@ class Association:
         """
         if not len(rows) or not len(self._s.candidates.rows):
             return []
-        where = {int(r): b for r, b in zip(rows, boxes, strict=True)}
+        where = {int(row): box for row, box in zip(rows, boxes, strict=True)}
         # What things in the scene hide is not there to be compared either.
         gone = self._s.empty & self._s.candidates.fitting[:, None]
         hidden = self._hidden(where, taken)
@@ -131,7 +131,7 @@ class Association:
             return matches
         before, hidden = (
             hidden,
-            self._hidden({**where, **{m.row: m.box for m in matches}}, taken),
+            self._hidden({**where, **{match.row: match.box for match in matches}}, taken),
         )
         if np.array_equal(before, hidden):
             return matches

@@ -71,13 +71,13 @@ class Matching:
         lost.
         """
         items = self._targets.items
-        tentative = np.array([t.id == TENTATIVE for t in items], bool)
-        lost = np.array([t.lost for t in items], bool)
+        tentative = np.array([item.id == TENTATIVE for item in items], bool)
+        lost = np.array([item.lost for item in items], bool)
         self._scorer = scorer
         use = self._p.use_heads and self._scene.has_masks
         self._heads = Heads(find_heads if use else None, self._image, self._pixels.mask)
         self._alone(np.flatnonzero(~lost))
-        free = ~np.array([t.observed for t in items], bool)
+        free = ~np.array([item.observed for item in items], bool)
         # The lost one by one, in the order of their birth: each may be another of those who have
         # appeared since.
         back = np.flatnonzero(~tentative & lost)
@@ -364,7 +364,7 @@ class Matching:
     def _taken(self) -> Floats:
         """Boxes of the targets that have been placed."""
         return self._targets.boxes[
-            [k for k, t in enumerate(self._targets.items) if t.observed]
+            [k for k, item in enumerate(self._targets.items) if item.observed]
         ]
 
     def _refine(self, row: int, box: Floats, reach: float) -> Floats | None:
@@ -466,8 +466,10 @@ class Matching:
         if not len(targets):
             return
         boxes = targets.boxes
-        here = np.array([not t.lost and t.id != TENTATIVE for t in targets.items], bool)
-        seen = np.array([t.observed for t in targets.items], bool)
+        here = np.array(
+            [not item.lost and item.id != TENTATIVE for item in targets.items], bool
+        )
+        seen = np.array([item.observed for item in targets.items], bool)
         foot = boxes[:, 1] + boxes[:, 3]
         nearer = foot[None, :] > (foot + NEARER * boxes[:, 3])[:, None]
         nearer |= ~seen[:, None] & seen[None, :]

@@ -154,7 +154,7 @@ def density(words: str, at: Floats, where: str = "model") -> Floats:
             " SIGMA ...'"
         )
     if (
-        not all(math.isfinite(v) for v in numbers)
+        not all(math.isfinite(number) for number in numbers)
         or min(numbers[size - 1 :: size]) <= 0
         or min(numbers[::size]) < 0
     ):
@@ -244,4 +244,4 @@ class Scorer:
 def _weights(values: list[float], name: str) -> Ints:
     if sum(values) <= 0:
         raise ConfigError(f"part_features.{name}_*: at least one weight must be over 0")
-    return np.array([round(v * 1000 / sum(values)) for v in values], np.int64)
+    return np.array([round(value * 1000 / sum(values)) for value in values], np.int64)

@@ -102,7 +102,9 @@ class Targets:
         self.motion.predict(dt, (h * self._p.agility) ** 2)
         self.size.predict(dt, (h * self._p.size_agility) ** 2)
         # A size that went on changing while nobody can see it would soon be nonsense.
-        unsure = np.array([t.now != "motion" or not t.observed for t in self.items], bool)
+        unsure = np.array(
+            [item.now != "motion" or not item.observed for item in self.items], bool
+        )
         self.size.rate[unsure] = 0.0
 
     def expected(self) -> Floats:
@@ -241,7 +243,7 @@ class Targets:
         """Plain data for a checkpoint."""
         names = ("boxes", "alpha", "beta", "misses", "hidden", "template", "has_template")
         return {
-            "items": [_plain(t) for t in self.items],
+            "items": [_plain(item) for item in self.items],
             "motion": self.motion.state(),
             "size": self.size.state(),
             **{name: getattr(self, name).copy() for name in names},
@@ -277,9 +279,9 @@ class Targets:
 
 
 def _plain(target: Target) -> dict[str, Any]:
-    out = {f.name: getattr(target, f.name) for f in fields(target)}
+    out = {field.name: getattr(target, field.name) for field in fields(target)}
     out["measured"] = None if target.measured is None else list(target.measured)
-    out["sightings"] = [list(s) for s in target.sightings]
+    out["sightings"] = [list(sighting) for sighting in target.sightings]
     return out
 
 

@@ -120,8 +120,8 @@ class PartsTracker:
         rows = np.array(
             [
                 k
-                for k, t in enumerate(self._targets.items)
-                if t.now != "motion" or not t.observed
+                for k, item in enumerate(self._targets.items)
+                if item.now != "motion" or not item.observed
             ],
             np.intp,
         )
@@ -152,9 +152,13 @@ class PartsTracker:
         whom its middle lies under, of several the one that it lies under most.
         """
         items, boxes = self._targets.items, self._targets.boxes
-        blobs = [t.blob if t.observed else NO_BLOB for t in items]
-        seen = [k for k, t in enumerate(items) if t.told and t.observed]
-        gone = [k for k, t in enumerate(items) if t.told and not (t.observed or t.lost)]
+        blobs = [item.blob if item.observed else NO_BLOB for item in items]
+        seen = [k for k, item in enumerate(items) if item.told and item.observed]
+        gone = [
+            k
+            for k, item in enumerate(items)
+            if item.told and not (item.observed or item.lost)
+        ]
         if not seen or not gone:
             return blobs
         cover = intersection(boxes[gone], boxes[seen])

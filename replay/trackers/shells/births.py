@@ -46,22 +46,22 @@ def boxes_alone(frame: Frame, likely: Floats) -> Free:
     """Without masks every detection is a blob of its own, fused ones have those of the masks; how
     ``likely`` each is somebody (N,).
     """
-    n = len(frame.boxes)
-    blobs = np.arange(1, n + 1)
+    count = len(frame.boxes)
+    blobs = np.arange(1, count + 1)
     if frame.detections.fused:
         blobs = np.array(frame.detections.blobs, np.int64)
-    return Free(frame.boxes, blobs, np.zeros(n, bool), likely)
+    return Free(frame.boxes, blobs, np.zeros(count, bool), likely)
 
 
-def unexplained(frame: Frame, resolver: Resolver, p: ShellsParameters) -> Free:
+def unexplained(frame: Frame, resolver: Resolver, parameters: ShellsParameters) -> Free:
     """The detections most of whose foreground belongs to no object that was found.
 
     A blob that holds one detection and no object stands for itself, whatever box was drawn into it.
     """
     fg, boxes = resolver.foreground, frame.boxes
-    n = len(boxes)
-    blobs = np.array(frame.detections.blobs or [NO_BLOB] * n, np.int64)
-    if not n:
+    count = len(boxes)
+    blobs = np.array(frame.detections.blobs or [NO_BLOB] * count, np.int64)
+    if not count:
         return Free(boxes, blobs, np.zeros(0, bool), np.zeros(0))
     taken = np.zeros(len(fg.boxes) + 1, bool)
     placed: list[Box] = []
@@ -74,9 +74,9 @@ def unexplained(frame: Frame, resolver: Resolver, p: ShellsParameters) -> Free:
     # are looked into.
     own = {at.blob for at in resolver.found.values() if at.alone}
     keep: list[int] = []
-    whole = np.zeros(n, bool)
+    whole = np.zeros(count, bool)
     out = boxes.copy()
-    for k in range(n):
+    for k in range(count):
         blob = int(blobs[k])
         if blob in own:
             continue
@@ -84,7 +84,7 @@ def unexplained(frame: Frame, resolver: Resolver, p: ShellsParameters) -> Free:
             out[k] = fg.boxes[blob - 1]
             whole[k] = True
             keep.append(k)
-        elif _rest(fg, boxes[k], placed) >= p.min_unexplained:
+        elif _rest(fg, boxes[k], placed) >= parameters.min_unexplained:
             keep.append(k)
     return Free(out[keep], blobs[keep], whole[keep], np.ones(len(keep)))
 
@@ -142,7 +142,12 @@ class Known:
 
 
 def returned(
-    body: Body, row: int, bodies: Bodies, radii: Floats, frame: Frame, p: ShellsParameters
+    body: Body,
+    row: int,
+    bodies: Bodies,
+    radii: Floats,
+    frame: Frame,
+    parameters: ShellsParameters,
 ) -> Known | None:
     """The lost object that a new one is: near enough for the time that it was away, and of like
     colours.
@@ -153,11 +158,15 @@ def returned(
     Returns:
         the best of them, None if it is a stranger.
     """
-    lost = [k for k, b in enumerate(bodies.items) if b.id != TENTATIVE and b.lost]
+    lost = [
+        index
+        for index, item in enumerate(bodies.items)
+        if item.id != TENTATIVE and item.lost
+    ]
     if not lost:
         return None
     seen = colours_in(bodies.box(row), frame.image, frame.mask)
-    by_id = {b.id: k for k, b in enumerate(bodies.items) if b.id != TENTATIVE}
+    by_id = {item.id: k for k, item in enumerate(bodies.items) if item.id != TENTATIVE}
     here = bodies.bank.value[row]
     best: Known | None = None
     for k in lost:
@@ -178,16 +187,16 @@ def returned(
                 _off_path(bodies, k, row, (frame.time_ns - other.seen_ns) * 1e-9)
                 + 0.5 * ratio
             )
-            limit = p.recover_path
+            limit = parameters.recover_path
         else:
             there = bodies.bank.value[by_id.get(other.front, k)]
-            reach = float(radii[by_id.get(other.front, k)]) + away * p.speed * float(
-                bodies.sizes[k]
-            )
+            reach = float(
+                radii[by_id.get(other.front, k)]
+            ) + away * parameters.speed * float(bodies.sizes[k])
             dx, dy = float(here[0] - there[0]), float(here[1] - there[1])
             if dx * dx + dy * dy > reach * reach:
                 continue
-            cost, limit = distance(seen, other.colours), p.recover
+            cost, limit = distance(seen, other.colours), parameters.recover
         if cost <= limit and (best is None or cost < best.cost):
             best = Known(k, cost, away, limit, by_colours)
     return best
@@ -206,16 +215,16 @@ def _off_path(bodies: Bodies, lost: int, new: int, gap: float) -> float:
 
 
 def confirm(
-    bodies: Bodies, life: Life, radii: Floats, frame: Frame, p: ShellsParameters
+    bodies: Bodies, life: Life, radii: Floats, frame: Frame, parameters: ShellsParameters
 ) -> list[Notice]:
     """New objects with enough support get an identity, their own or that of one who was lost."""
     notices: list[Notice] = []
     for row, body in enumerate(bodies.items):
         if not life.is_ripe(body, frame.time_ns):
             continue
-        known = returned(body, row, bodies, radii, frame, p)
+        known = returned(body, row, bodies, radii, frame, parameters)
         if known is not None:
-            notices.append(_take_back(body, row, bodies, known, p))
+            notices.append(_take_back(body, row, bodies, known, parameters))
         elif life.may_confirm(bodies.box(row)):
             notices.append(life.confirm(body, frame.time_ns))
             if body.area <= 0:
@@ -224,14 +233,17 @@ def confirm(
 
 
 def _take_back(
-    body: Body, row: int, bodies: Bodies, known: Known, p: ShellsParameters
+    body: Body, row: int, bodies: Bodies, known: Known, parameters: ShellsParameters
 ) -> Notice:
     """One that was lost takes the new one's place; the new one is dropped."""
     old = bodies.items[known.row]
     bodies.exchange(known.row, row)
     old.lost, old.mode, old.hits = False, "motion", old.hits + body.hits
     # The place that it was lost at is of no more use.
-    body.observed, body.seen_ns = False, body.seen_ns - round(60 * p.keep_s * NANOS)
+    body.observed, body.seen_ns = (
+        False,
+        body.seen_ns - round(60 * parameters.keep_s * NANOS),
+    )
     what = "colour_distance" if known.by_colours else "path_cost"
     evidence = {
         what: known.cost,

@@ -64,16 +64,18 @@ class Looks:
         return self._known[column]
 
 
-def match(bodies: Bodies, free: Free, looks: Looks, p: ShellsParameters) -> Pairs:
+def match(bodies: Bodies, free: Free, looks: Looks, parameters: ShellsParameters) -> Pairs:
     """(row, detection) pairs: those in sight choose first, then the lost, last the tentative."""
     items = bodies.items
-    followed = [k for k, b in enumerate(items) if b.id != TENTATIVE and not b.lost]
-    lost = [k for k, b in enumerate(items) if b.id != TENTATIVE and b.lost]
-    tentative = [k for k, b in enumerate(items) if b.id == TENTATIVE]
+    followed = [
+        index for index, item in enumerate(items) if item.id != TENTATIVE and not item.lost
+    ]
+    lost = [row for row, item in enumerate(items) if item.id != TENTATIVE and item.lost]
+    tentative = [row for row, item in enumerate(items) if item.id == TENTATIVE]
     sure = free.scores >= LIKELY
     out: Pairs = []
     left = np.ones(len(free.boxes), bool)
-    near = partial(_near, looks=looks, p=p)
+    near = partial(_near, looks=looks, parameters=parameters)
     for who, which, choose in (
         (followed, sure, near),
         (followed, ~sure, near),
@@ -82,7 +84,7 @@ def match(bodies: Bodies, free: Free, looks: Looks, p: ShellsParameters) -> Pair
         (tentative, sure, near),
     ):
         done = dict(out)
-        stage = [k for k in who if k not in done]
+        stage = [row for row in who if row not in done]
         columns = np.flatnonzero(which & left)
         if stage and len(columns):
             pairs = choose(bodies, np.array(stage, np.intp), free.boxes[columns], columns)
@@ -97,11 +99,11 @@ def _near(
     boxes: Floats,
     columns: Rows,
     looks: Looks,
-    p: ShellsParameters,
+    parameters: ShellsParameters,
 ) -> Pairs:
     """Pairs near the predictions, (index of row, index of box)."""
     bank = bodies.bank
-    noise = p.box_noise * sizes_of(boxes)
+    noise = parameters.box_noise * sizes_of(boxes)
     away = boxes[:, :2] + boxes[:, 2:] / 2 - bank.value[rows, None, :2]
     distance2 = (
         away * away / (bank.p00[rows, None, :2] + (noise * noise)[None, :, None])
@@ -110,7 +112,8 @@ def _near(
     allowed = (distance2 <= _GATE * _GATE) & (overlap >= _OVERLAP)
     cost = 1.0 - overlap + distance2 / (_GATE * _GATE)
     return assign(
-        cost + p.box_colour * _strange(bodies, rows, columns, allowed, looks), allowed
+        cost + parameters.box_colour * _strange(bodies, rows, columns, allowed, looks),
+        allowed,
     )
 
 
@@ -192,10 +195,12 @@ def _only(bodies: Bodies, rows: Rows, boxes: Floats, columns: Rows) -> Pairs:  #
     return [(int(i), int(j)) for i, j in np.argwhere(alone & (np.abs(ratio) <= _RESIZED))]
 
 
-def hide(bodies: Bodies, p: ShellsParameters) -> None:
+def hide(bodies: Bodies, parameters: ShellsParameters) -> None:
     """An object that is not seen while another, that is, lies over it, is behind that one."""
     items = bodies.items
-    seen = [k for k, b in enumerate(items) if b.id != TENTATIVE and b.observed]
+    seen = [
+        index for index, item in enumerate(items) if item.id != TENTATIVE and item.observed
+    ]
     boxes = bodies.boxes
     for row, body in enumerate(items):
         if body.id == TENTATIVE or body.observed or not seen:
@@ -207,4 +212,6 @@ def hide(bodies: Bodies, p: ShellsParameters) -> None:
             1.0, float(mine[0, 2] * mine[0, 3])
         )
         best = int(np.argmax(cover))
-        body.front = items[seen[best]].id if cover[best] >= p.hidden_cover else NOBODY
+        body.front = (
+            items[seen[best]].id if cover[best] >= parameters.hidden_cover else NOBODY
+        )

@@ -71,7 +71,7 @@ class Depth:
             lost, kept = int(split[other + 1]), int(split[k + 1])
             if lost + kept > 0:
                 out.append((other, lost / (lost + kept)))
-        return sorted(out, key=lambda r: (-r[1], r[0]))
+        return sorted(out, key=lambda rival: (-rival[1], rival[0]))
 
     def lead(self, j: int, k: int, visible: Sequence[float]) -> float | None:
         """Evidence that claimant j lies in front of k, negative if behind; None where they do not

@@ -45,10 +45,12 @@ class Foreground:
     def __init__(self, mask: Image, labels: Labels, components: Sequence[Blob]) -> None:
         self.mask = mask
         self.components = components
-        self.boxes: Floats = np.array([c.box for c in components], np.float64).reshape(
-            -1, 4
+        self.boxes: Floats = np.array(
+            [component.box for component in components], np.float64
+        ).reshape(-1, 4)
+        self.areas: Floats = np.array(
+            [component.area for component in components], np.float64
         )
-        self.areas: Floats = np.array([c.area for c in components], np.float64)
         self.labels = labels
 
     def links(self, boxes: Floats) -> Floats:

@@ -70,7 +70,7 @@ class Doubts:
     def keep(self, living: list[int]) -> None:
         """Forget pairs of objects that are gone."""
         self._pairs = {
-            p: d for p, d in self._pairs.items() if p[0] in living and p[1] in living
+            p: pair for p, pair in self._pairs.items() if p[0] in living and p[1] in living
         }
 
     def alone(self) -> list[int]:
@@ -124,8 +124,16 @@ class Doubts:
     def state(self) -> list[Any]:
         """Plain data for a checkpoint."""
         return [
-            [a, b, d.frames, d.first.copy(), d.second.copy(), d.since, d.nearest]
-            for (a, b), d in self._pairs.items()
+            [
+                a,
+                b,
+                pair.frames,
+                pair.first.copy(),
+                pair.second.copy(),
+                pair.since,
+                pair.nearest,
+            ]
+            for (a, b), pair in self._pairs.items()
         ]
 
     def restore(self, state: list[Any]) -> None:

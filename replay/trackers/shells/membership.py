@@ -85,7 +85,7 @@ def cells(start: float, size: float, first: int, last: int) -> NDArray[np.intp]:
 
 
 def score(
-    k: int, who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParameters
+    k: int, who: Claimants, cut: Cut, bins: Bins | None, parameters: ShellsParameters
 ) -> tuple[Floats, Places]:
     """Score log P(p|c) P(c) of claimant k for the pixels of the cut within its shell, and which
     they are (flat).
@@ -104,14 +104,17 @@ def score(
     i = within // max(1, x2 - x1)
     j = within - i * (x2 - x1)
     at = (i + y1) * width + (j + x1)
-    total = p.prior * np.log(np.maximum(1.0 - far.take(within) / square, 1e-3))
+    total = parameters.prior * np.log(np.maximum(1.0 - far.take(within) / square, 1e-3))
     table = who.tells[k]
     if table is not None and bins is not None:
-        total += p.colour * table[bins.ravel()[at]]
-    if p.shape > 0:
+        total += parameters.colour * table[bins.ravel()[at]]
+    if parameters.shape > 0:
         rows = np.minimum(np.maximum(cells(y - cut.top, h, y1, y2), -1), GRID) + 1
         columns = np.minimum(np.maximum(cells(x - cut.left, w, x1, x2), -1), GRID) + 1
-        total += p.shape * _shape(who.masks[k]).ravel()[rows[i] * (GRID + 2) + columns[j]]
+        total += (
+            parameters.shape
+            * _shape(who.masks[k]).ravel()[rows[i] * (GRID + 2) + columns[j]]
+        )
     return total, at
 
 
@@ -123,7 +126,7 @@ def _shape(mask: Image | None) -> Floats:
 
 
 def assign_pixels(
-    who: Claimants, cut: Cut, bins: Bins | None, p: ShellsParameters
+    who: Claimants, cut: Cut, bins: Bins | None, parameters: ShellsParameters
 ) -> Members:
     """Decide every pixel of a cut.
 
@@ -131,29 +134,29 @@ def assign_pixels(
         who: the objects, in the order of their birth.
         cut: the pixels.
         bins: (H, W) colour bins of the cut, None without pictures.
-        p: weights of the cues.
+        parameters: weights of the cues.
     """
-    n = len(who.boxes)
+    count = len(who.boxes)
     best = np.full(cut.own.size, _NEVER)
     second = np.full(cut.own.size, _NEVER)
     owner = np.zeros(cut.own.size, np.uint16)
     scores: list[tuple[Floats, Places]] = []
-    for k in range(n):
-        mine, at = score(k, who, cut, bins, p)
+    for k in range(count):
+        mine, at = score(k, who, cut, bins, parameters)
         top = best[at]
         wins = mine > top
-        if p.disputed > 0:
+        if parameters.disputed > 0:
             second[at] = np.maximum(second[at], np.where(wins, top, mine))
         owner[at[wins]] = k + 1
         best[at] = np.maximum(top, mine)
-        if p.soft:
+        if parameters.soft:
             scores.append((mine, at))
-    if p.disputed > 0:
-        owner[(best - second < p.disputed) & (second > _NEVER / 2)] = 0
+    if parameters.disputed > 0:
+        owner[(best - second < parameters.disputed) & (second > _NEVER / 2)] = 0
     image = owner.reshape(cut.own.shape)
-    if p.soft:
+    if parameters.soft:
         return _soft(image, best, scores, cut)
-    counts, means = moments(image, n, cut)
+    counts, means = moments(image, count, cut)
     return Members(image, counts, means)
 
 
@@ -182,13 +185,13 @@ def _soft(
         total[at] += share
     counts, means = np.zeros(len(scores)), np.full((len(scores), 2), np.nan)
     width = cut.own.shape[1]
-    for k, (share, (_, at)) in enumerate(zip(shares, scores, strict=True)):
+    for index, (share, (_, at)) in enumerate(zip(shares, scores, strict=True)):
         part = share / np.maximum(total[at], 1e-12)
-        counts[k] = part.sum()
-        if counts[k] > 0:
+        counts[index] = part.sum()
+        if counts[index] > 0:
             x = (part * (at % width + cut.left + 0.5)).sum()
             y = (part * (at // width + cut.top + 0.5)).sum()
-            means[k] = x / counts[k], y / counts[k]
+            means[index] = x / counts[index], y / counts[index]
     return Members(owner, counts, means)
 
 

@@ -212,7 +212,7 @@ class Bodies:
         """Keep the given rows, in that order."""
         if len(kept) != len(self.items):
             self._keep(np.array(kept, np.intp))
-            self.items = [self.items[k] for k in kept]
+            self.items = [self.items[row] for row in kept]
 
     def exchange(self, a: int, b: int) -> None:
         """Two objects change places: identity and colours stay, everything of the place moves."""
@@ -235,14 +235,14 @@ class Bodies:
         manner = None if self.manner is None else self.manner.state()
         return {
             "bank": self.bank.state(),
-            "items": [_plain(b) for b in self.items],
+            "items": [_plain(item) for item in self.items],
             "manner": manner,
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` gave."""
         self.bank.restore(state["bank"])
-        self.items = [_body(s) for s in state["items"]]
+        self.items = [_body(saved) for saved in state["items"]]
         if self.manner is not None:
             self.manner.restore(state["manner"])
 
@@ -254,14 +254,14 @@ _OF_THE_PLACE = (
 
 
 def _plain(body: Body) -> dict[str, Any]:
-    out = {f.name: getattr(body, f.name) for f in fields(body)}
+    out = {field.name: getattr(body, field.name) for field in fields(body)}
     out["colours"] = None if body.colours is None else body.colours.copy()
     out["mask"] = None if body.mask is None else body.mask.copy()
     out["measured"] = None if body.measured is None else list(body.measured)
     e = body.ellipse
     out["ellipse"] = None if e is None else [e.x, e.y, e.h, e.w, e.theta]
     out["centroid"] = list(body.centroid)
-    out["sightings"] = [list(s) for s in body.sightings]
+    out["sightings"] = [list(sighting) for sighting in body.sightings]
     return out
 
 
@@ -274,5 +274,5 @@ def _body(state: Mapping[str, Any]) -> Body:
     plain["measured"] = None if plain["measured"] is None else tuple(plain["measured"])
     plain["ellipse"] = None if plain["ellipse"] is None else Ellipse(*plain["ellipse"])
     plain["centroid"] = tuple(plain["centroid"])
-    plain["sightings"] = [list(s) for s in plain["sightings"]]
+    plain["sightings"] = [list(saved) for saved in plain["sightings"]]
     return Body(**plain)

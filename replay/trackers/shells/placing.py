@@ -64,7 +64,7 @@ def place(
     order: Sequence[int],
     cut: Cut,
     bins: Bins | None,
-    p: ShellsParameters,
+    parameters: ShellsParameters,
 ) -> Floats:
     """Boxes (N, 4) of the objects at the places that explain the foreground best.
 
@@ -75,14 +75,14 @@ def place(
         cut: the foreground that they share, with a margin of at least one object's size around
             their boxes.
         bins: (H, W) colour bins, None without pictures.
-        p: the parameters.
+        parameters: the parameters.
     """
     size = float(np.sqrt(np.maximum(who.boxes[:, 2] * who.boxes[:, 3], 1.0)).min())
     step = max(1, int(size / _ACROSS))
     own = cut.own[::step, ::step]
     empty = np.where(cut.empty[::step, ::step], np.uint8(255), np.uint8(0))
     coarse = None if bins is None else bins[::step, ::step]
-    pieces = [_piece(who, k, cut, step) for k in range(len(who.boxes))]
+    pieces = [_piece(who, row, cut, step) for row in range(len(who.boxes))]
     floor = np.where(own, _UNEXPLAINED, 0.0)
     for sweep in range(SWEEPS):
         for k in order:
@@ -91,8 +91,8 @@ def place(
             if area is None:
                 continue
             others = floor[area].copy()
-            for j, piece in enumerate(pieces):
-                if j != k:
+            for index, piece in enumerate(pieces):
+                if index != k:
                     _explain(others, (area[0].start, area[1].start), piece, coarse)
             gained = np.where(
                 own[area], _units(_gain(pieces[k], coarse, area) - others), np.uint8(0)
@@ -104,7 +104,7 @@ def place(
                 (area[0].start, area[1].start),
                 stride,
                 reach[k] / step,
-                p,
+                parameters,
             )
     out = who.boxes.copy()
     for k, piece in enumerate(pieces):
@@ -204,7 +204,7 @@ def _move(
     corner: tuple[int, int],
     stride: int,
     doubt: float,
-    p: ShellsParameters,
+    parameters: ShellsParameters,
 ) -> None:
     """Move a piece to the best place within an area; of equals the one nearest to the top left."""
     (rows, columns), (top, left) = piece.need.shape, corner
@@ -213,16 +213,16 @@ def _move(
     total = np.concatenate(
         [
             _explained(frees[i : i + many], piece)
-            - p.gap_cost * _emptied(empties[i : i + many], piece)
+            - parameters.gap_cost * _emptied(empties[i : i + many], piece)
             for i in range(0, len(frees), many)
         ]
     )
     y = top + np.arange(total.shape[0]) * stride - piece.home[0]
     x = left + np.arange(total.shape[1]) * stride - piece.home[1]
     scale = max(0.1 * float(np.sqrt(rows * columns)), doubt)
-    total = total / piece.worth - p.prior_cost * (y[:, None] * y[:, None] + x * x) / (
-        scale * scale
-    )
+    total = total / piece.worth - parameters.prior_cost * (
+        y[:, None] * y[:, None] + x * x
+    ) / (scale * scale)
     i, j = divmod(int(np.argmax(total)), total.shape[1])
     piece.top, piece.left = top + i * stride, left + j * stride
 

@@ -133,9 +133,9 @@ class Resolver:
         """
         held = np.where(self._linked, self._pixels, 0.0)
         return {
-            int(row): int(np.argmax(held[i])) + 1
-            for i, row in enumerate(self._rows)
-            if self._linked[i].any()
+            int(row): int(np.argmax(held[index])) + 1
+            for index, row in enumerate(self._rows)
+            if self._linked[index].any()
         }
 
     def resolve(self) -> None:
@@ -164,9 +164,11 @@ class Resolver:
         for members in self._neighbourhoods(shared):
             blobs = np.flatnonzero(linked[members].any(axis=0))
             sought = [
-                k for k in hidden if any(self._reappears(rows, k, i) for i in members)
+                row
+                for row in hidden
+                if any(self._reappears(rows, row, member) for member in members)
             ]
-            hidden = [k for k in hidden if k not in sought]
+            hidden = [row for row in hidden if row not in sought]
             everyone = sorted(members + sought)
             self._neighbourhood(rows[everyone], blobs, fits[everyone])
 
@@ -174,10 +176,15 @@ class Resolver:
         """Objects over common blobs that are related, directly or through others."""
         together = []
         for members in clusters(shared, self._linked):
-            ids = [self._bodies.items[int(self._rows[i])].id for i in members]
-            pairs = np.array([[a == b or self._related(a, b) for b in ids] for a in ids])
+            ids = [self._bodies.items[int(self._rows[member])].id for member in members]
+            pairs = np.array(
+                [
+                    [identity == other or self._related(identity, other) for other in ids]
+                    for identity in ids
+                ]
+            )
             together += [
-                [members[k] for k in part]
+                [members[row] for row in part]
                 for part in clusters(list(range(len(ids))), pairs)
             ]
         return sorted(together)
@@ -188,17 +195,17 @@ class Resolver:
         """
         items = self._bodies.items
         gone = [
-            k
-            for k in range(len(rows))
-            if int(rows[k]) not in self.found and k not in shared
+            row
+            for row in range(len(rows))
+            if int(rows[row]) not in self.found and row not in shared
         ]
-        return [k for k in gone if not linked[k].any() or items[rows[k]].front]
+        return [row for row in gone if not linked[row].any() or items[rows[row]].front]
 
     def _reappears(self, rows: Rows, hidden: int, other: int) -> bool:
         """Whether a hidden object may reappear around another: one that it is related to (SHELLS
         2.3, case III).
         """
-        a, b = (self._bodies.items[int(rows[k])] for k in (hidden, other))
+        a, b = (self._bodies.items[int(rows[row])] for row in (hidden, other))
         return a.front == b.id or self._related(a.id, b.id)
 
     def _fits(self, rows: Rows) -> Bools:
@@ -206,9 +213,9 @@ class Resolver:
         may be smaller.
         """
         p, fg = self._p, self._fg
-        items = [self._bodies.items[r] for r in rows]
-        area = np.array([b.area for b in items])
-        patient = np.array([b.misfit_s > p.patience_s for b in items], bool)
+        items = [self._bodies.items[row] for row in rows]
+        area = np.array([item.area for item in items])
+        patient = np.array([item.misfit_s > p.patience_s for item in items], bool)
         ratio = fg.areas[None, :] / np.maximum(area, 1.0)[:, None]
         height, width = fg.mask.shape
         cut = touches(fg.boxes, width, height)
@@ -222,7 +229,7 @@ class Resolver:
     def whole(self, row: int, blob: int) -> Found:
         """A blob that belongs to an object as it is."""
         b = self._fg.components[blob]
-        x, y, w, h = (int(v) for v in b.box)
+        x, y, w, h = (int(value) for value in b.box)
         others = self._fg.boxes
         meets = (others[:, 0] < x + w) & (others[:, 0] + others[:, 2] > x)
         meets &= (others[:, 1] < y + h) & (others[:, 1] + others[:, 3] > y)
@@ -255,8 +262,8 @@ class Resolver:
         cannot be.
         """
         fg = self._fg
-        items = [self._bodies.items[r] for r in rows]
-        major = fg.areas[blobs] >= _MINOR * min(b.area for b in items)
+        items = [self._bodies.items[row] for row in rows]
+        major = fg.areas[blobs] >= _MINOR * min(item.area for item in items)
         if int(np.count_nonzero(major)) != len(rows):
             return None
         blob_boxes = fg.boxes[blobs]
@@ -279,35 +286,36 @@ class Resolver:
         """
         out = np.full((len(items), len(blobs)), 0.4)
         image = self._frame.image()
-        if image is None or all(b.colours is None for b in items):
+        if image is None or all(item.colours is None for item in items):
             return out
-        for m, blob in enumerate(blobs.tolist()):
-            x, y, w, h = (int(v) for v in self._fg.components[blob].box)
+        for index, blob in enumerate(blobs.tolist()):
+            x, y, w, h = (int(value) for value in self._fg.components[blob].box)
             seen = histogram(bins_of(image[y : y + h, x : x + w]), self._fg.pixels(blob))
             for k, body in enumerate(items):
                 if body.colours is not None:
-                    out[k, m] = distance(body.colours, seen)
+                    out[k, index] = distance(body.colours, seen)
         return out
 
     def _evaluate(self, rows: Rows, blobs: Rows, fits: Bools) -> None:
         """Pixel by pixel (SHELLS 2.4)."""
-        items = [self._bodies.items[r] for r in rows]
+        items = [self._bodies.items[row] for row in rows]
         boxes, radii = self._boxes[rows], self._radii[rows]
         blobs = self._with_fragments(boxes, radii, blobs)
         size = np.sqrt(boxes[:, 2] * boxes[:, 3])
-        x1, y1 = (int(v) for v in (boxes[:, :2] - size[:, None]).min(axis=0))
+        x1, y1 = (int(value) for value in (boxes[:, :2] - size[:, None]).min(axis=0))
         x2, y2 = (
-            int(v) + 1 for v in (boxes[:, :2] + boxes[:, 2:] + size[:, None]).max(axis=0)
+            int(value) + 1
+            for value in (boxes[:, :2] + boxes[:, 2:] + size[:, None]).max(axis=0)
         )
         cut = self._fg.cut(blobs.tolist(), x1, y1, x2, y2)
-        tells = tell([b.colours for b in items])
+        tells = tell([item.colours for item in items])
         bins = self._bins(cut) if any(t is not None for t in tells) else None
-        who = Claimants(boxes, radii, tells, [b.mask for b in items])
+        who = Claimants(boxes, radii, tells, [item.mask for item in items])
         reach = np.sqrt(self._bodies.bank.p00[rows, :2]).max(axis=1)
-        for k, body in enumerate(items):
+        for index, body in enumerate(items):
             if body.front:
-                reach[k] = max(float(reach[k]), 0.5 * float(radii.max()))
-        order = np.argsort([-b.visible for b in items], kind="stable").tolist()
+                reach[index] = max(float(reach[index]), 0.5 * float(radii.max()))
+        order = np.argsort([-item.visible for item in items], kind="stable").tolist()
         if self._p.placing:
             who = Claimants(
                 place(who, reach, order, cut, bins, self._p), radii, tells, who.masks
@@ -349,12 +357,12 @@ class Resolver:
         self, owner: NDArray[np.uint16], rows: Rows, blobs: Rows, fits: Bools, cut: Cut
     ) -> dict[int, int]:
         """{claimant: blob}: every pixel of the blob is its own, and it has no other pixel."""
-        n = len(rows)
+        count = len(rows)
         owned = np.flatnonzero(owner)
         table = np.bincount(
-            cut.labels.take(owned).astype(np.intp) * (n + 1) + owner.take(owned),
-            minlength=(len(self._fg.components) + 1) * (n + 1),
-        ).reshape(-1, n + 1)
+            cut.labels.take(owned).astype(np.intp) * (count + 1) + owner.take(owned),
+            minlength=(len(self._fg.components) + 1) * (count + 1),
+        ).reshape(-1, count + 1)
         whole: dict[int, int] = {}
         for blob in blobs.tolist():
             counts = table[blob + 1]
@@ -373,11 +381,11 @@ class Resolver:
         """
         blob_of = self._frame.detection_blobs
         inside = np.flatnonzero((blob_of[:, None] == blobs + 1).any(axis=1))
-        mine = [int(r) for r in rows if int(r) in self.found]
+        mine = [int(row) for row in rows if int(row) in self.found]
         if len(inside) != len(mine) or not mine:
             return
         boxes = self._frame.detection_boxes[inside]
-        overlap = iou(np.array([self.found[r].box for r in mine]), boxes)
+        overlap = iou(np.array([self.found[row].box for row in mine]), boxes)
         pairs = assign(1.0 - overlap, overlap >= self._p.agreement)
         if len(pairs) < len(mine):
             return
@@ -397,10 +405,10 @@ class Resolver:
         """One that was hidden comes back only to pixels of its own colours; and nobody goes on with
         pixels that are unlike its own and like a rival's.
         """
-        for k, body in enumerate(items):
-            if k in whole and not body.front:
+        for index, body in enumerate(items):
+            if index in whole and not body.front:
                 continue
-            own = owner == k + 1
+            own = owner == index + 1
             count = int(np.count_nonzero(own))
             like = not body.front or count >= self._p.min_back * body.area
             if like and bins is not None and body.colours is not None and count:
@@ -416,7 +424,7 @@ class Resolver:
                 )
             if not like:
                 owner[own] = 0
-                whole.pop(k, None)
+                whole.pop(index, None)
 
     def _measure(
         self,
@@ -438,8 +446,8 @@ class Resolver:
         means = members.means
         ids = [self._bodies.items[int(row)].id for row in rows]
         shares = [
-            c / max(1.0, self._bodies.items[int(r)].area)
-            for c, r in zip(counts, rows, strict=True)
+            pixels / max(1.0, self._bodies.items[int(r)].area)
+            for pixels, r in zip(counts, rows, strict=True)
         ]
         for j, k in combinations(range(len(rows)), 2):
             lead = depth.lead(j, k, shares)
@@ -469,7 +477,7 @@ class Resolver:
             cx = share * mx + (1 - share) * (x + w / 2)
             cy = share * my + (1 - share) * (y + h / 2)
             blob = int(np.argmax(np.bincount(cut.labels[own], minlength=1)))
-            covered = any(c > 0.5 for _, c in rivals)
+            covered = any(pixels > 0.5 for _, pixels in rivals)
             weight = 1.0 - self._p.yielding * min(0.75, 1.0 - visible)
             self.found[row] = Found(
                 (cx - w / 2, cy - h / 2, w, h), (cx, cy), weight, False, False, blob, visible, round(count),

@@ -138,7 +138,11 @@ class ShellsTracker:
             return
         bank = self._bodies.bank
         rows = np.array(
-            [k for k, b in enumerate(self._bodies.items) if not (b.alone and b.observed)],
+            [
+                index
+                for index, item in enumerate(self._bodies.items)
+                if not (item.alone and item.observed)
+            ],
             np.intp,
         )
         if not len(rows):
@@ -160,9 +164,9 @@ class ShellsTracker:
         items = self._bodies.items
         rows = np.array(
             [
-                k
-                for k, b in enumerate(items)
-                if b.id != TENTATIVE and (not b.lost or b.front)
+                index
+                for index, item in enumerate(items)
+                if item.id != TENTATIVE and (not item.lost or item.front)
             ],
             np.intp,
         )
@@ -197,9 +201,11 @@ class ShellsTracker:
         )
         boxes = np.array([found[k].box for k in rows], np.float64).reshape(-1, 4)
         overlap = iou(boxes, boxes).tolist()
-        for i, row in enumerate(rows):
+        for index, row in enumerate(rows):
             # Of equals the first.
-            share, better = max(((overlap[i][j], -j) for j in range(i)), default=(0.0, 0))
+            share, better = max(
+                ((overlap[index][j], -j) for j in range(index)), default=(0.0, 0)
+            )
             if share < p.twin_overlap:
                 items[row].twin_s = 0.0
                 continue
@@ -263,14 +269,14 @@ class ShellsTracker:
         items = self._bodies.items
         stages = (
             [
-                k
-                for k, b in enumerate(items)
-                if b.id != TENTATIVE and not b.observed and not b.lost
+                index
+                for index, item in enumerate(items)
+                if item.id != TENTATIVE and not item.observed and not item.lost
             ],
-            [k for k, b in enumerate(items) if b.id == TENTATIVE],
+            [row for row, item in enumerate(items) if item.id == TENTATIVE],
         )
         for stage in stages:
-            columns = [c for c in range(len(free.boxes)) if c not in taken]
+            columns = [column for column in range(len(free.boxes)) if column not in taken]
             for i, j in self._match(np.array(stage, np.intp), free.boxes[columns], radii):
                 taken[columns[j]] = stage[i]
                 self._sight(stage[i], frame, free, columns[j])
@@ -352,7 +358,9 @@ class ShellsTracker:
     def _rows_by_id(self) -> list[tuple[int, int]]:
         """(id, row) of the confirmed objects, by id."""
         return sorted(
-            (b.id, k) for k, b in enumerate(self._bodies.items) if b.id != TENTATIVE
+            (item.id, index)
+            for index, item in enumerate(self._bodies.items)
+            if item.id != TENTATIVE
         )
 
     def _relate(self, frame: Frame, blobs: list[int]) -> None:
@@ -360,18 +368,18 @@ class ShellsTracker:
         into doubt.
         """
         pairs = self._rows_by_id()
-        rows = np.array([k for _, k in pairs], np.intp)
-        items = [self._bodies.items[k] for k in rows.tolist()]
+        rows = np.array([row for _, row in pairs], np.intp)
+        items = [self._bodies.items[row] for row in rows.tolist()]
         objects = Objects(
-            [b.id for b in items],
+            [item.id for item in items],
             self._bodies.bank.value[rows, :2],
             self._bodies.radii(self._k_s)[rows],
-            [blobs[k] for k in rows.tolist()],
-            [blobs[k] != NO_BLOB for k in rows.tolist()],
-            [not b.lost for b in items],
+            [blobs[row] for row in rows.tolist()],
+            [blobs[row] != NO_BLOB for row in rows.tolist()],
+            [not item.lost for item in items],
         )
         self._book.step(frame.index, frame.time_ns, objects)
-        self._doubts.keep([b.id for b in items])
+        self._doubts.keep([item.id for item in items])
         for edge in self._book.edges:
             if edge.state == "JOINT":
                 self._doubts.joined(edge.a, edge.b, frame.index, edge.distance)
@@ -382,7 +390,7 @@ class ShellsTracker:
         """
         items = self._bodies.items
         rows = dict(self._rows_by_id())
-        blobs = [b.blob if b.observed else NO_BLOB for b in items]
+        blobs = [item.blob if item.observed else NO_BLOB for item in items]
         for row, body in enumerate(items):
             front = rows.get(body.front)
             if body.observed or front is None or not items[front].observed:
@@ -393,7 +401,7 @@ class ShellsTracker:
 
     def _tell_depth(self, resolver: Resolver | None, dt: float) -> list[Notice]:
         """Tell once in every JOINT, and when it changes, who is behind whom."""
-        joint = [(e.a, e.b) for e in self._book.edges if e.state == "JOINT"]
+        joint = [(edge.a, edge.b) for edge in self._book.edges if edge.state == "JOINT"]
         return self._order.step(joint, {} if resolver is None else resolver.leads, dt)
 
     def _learn(self, frame: Frame, found: dict[int, Found]) -> None:
@@ -401,7 +409,12 @@ class ShellsTracker:
         identities are in doubt.
         """
         doubtful = set(self._doubts.alone())
-        joint = {i for e in self._book.edges if e.state == "JOINT" for i in (e.a, e.b)}
+        joint = {
+            identity
+            for edge in self._book.edges
+            if edge.state == "JOINT"
+            for identity in (edge.a, edge.b)
+        }
         due = frame.index % self._learn_every == 0
         for row, at in sorted(found.items()):
             body = self._bodies.items[row]
@@ -452,7 +465,7 @@ class ShellsTracker:
             for b in in_doubt
             if a < b and a in rows and b in rows and self._book.get(a, b) is None
         }
-        known = {i: items[k] for i, k in rows.items()}
+        known = {identity: items[k] for identity, k in rows.items()}
         for verdict in self._doubts.decide(
             known, apart, self._look_frames, self._p.exchange
         ):
@@ -488,7 +501,8 @@ class ShellsTracker:
         by_id = {self._bodies.items[row].id: at for row, at in found.items()}
         by_id.pop(TENTATIVE, None)
         patches = [
-            Patches.patch(i, at.own, at.left, at.top) for i, at in sorted(by_id.items())
+            Patches.patch(identity, at.own, at.left, at.top)
+            for identity, at in sorted(by_id.items())
         ]
         return Patches(self._scene.width, self._scene.height, frame.time_ns, patches)
 
@@ -521,7 +535,9 @@ class ShellsTracker:
                     ),
                 )
             )
-        return Targets(frame.index, sorted(targets, key=lambda t: t.id), None, notices)
+        return Targets(
+            frame.index, sorted(targets, key=lambda target: target.id), None, notices
+        )
 
     def state(self) -> State:
         """The whole state as plain data."""
