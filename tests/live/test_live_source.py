@@ -211,10 +211,11 @@ class TestNetwork:
         source = _opened(f"tcp://127.0.0.1:{port}")
         told: list[str] = []
         source.listen(told.append)
-        found = []
+        found: list[int] = []
         for frame in source.frames():
             if not found:
                 time.sleep(1.5)
+            assert frame.image is not None
             found.append(number_of(frame.image))
             if found[-1] >= 118:
                 source.stop()
