@@ -116,6 +116,7 @@ class Case:
         brief: bool = False,
         drawn: Drawn | None = None,
         start_ns: int | None = None,
+        looks: bool = False,
     ) -> None:
         """Open and read the inputs.
 
@@ -129,6 +130,7 @@ class Case:
                 is DEBUG in `recorders.messages.EVENT_LEVELS`.
             drawn: zones and lines that are drawn after the fact; stays in the zones join those
                 in recorded ones, crossings of the lines are the table ``crossings``.
+            looks: look at pictures of the logs, so that targets have colours; an index has them.
             start_ns: when the recording began (ns since 1970), where it was made without a clock.
 
         Raises:
@@ -146,6 +148,7 @@ class Case:
         self._brief = brief
         self.drawn = drawn or Drawn()
         self._start_ns = start_ns
+        self._looks = looks
         self._con = duckdb.connect(":memory:", config=locked_down(self.limits))
         self._places: list[tuple[Path, Callable[[str], str]]] = []
         self._files: list[Path] = []
@@ -332,6 +335,7 @@ class Case:
                 digest=digest,
                 limits=limits,
                 encounters=encounters,
+                looks=self._looks,
             ):
                 self._known[digest, facts.camera] = facts.recording
         self._con.execute("USE memory.main")

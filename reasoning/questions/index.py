@@ -135,6 +135,7 @@ class _Target:
                 digest=digest,
                 limits=limits,
                 encounters=encounters,
+                looks=True,
             )
             self._con.execute("COMMIT")
         except BaseException:

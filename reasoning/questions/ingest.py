@@ -29,6 +29,7 @@ from reasoning.encounters import (
     still,
 )
 from reasoning.geometry import Area
+from reasoning.questions.looks import Looks, look, sightings, usual_height
 from reasoning.questions.runs import Belief, Interval, Run, Runs, Seen, Sight, sight
 from reasoning.questions.schema import TABLES
 from reasoning.questions.standing import Steps, stays
@@ -97,6 +98,7 @@ def read_recordings(
     digest: str = "",
     limits: Limits = DEFAULT_LIMITS,
     encounters: EncounterParameters | None = None,
+    looks: bool = False,
 ) -> list[RecordingFacts]:
     """Send every table's rows of a log to ``sink``; one recording per camera that has tracks.
 
@@ -108,6 +110,7 @@ def read_recordings(
         digest: the file's digest, written into ``recordings``.
         limits: bounds on what the log may make us allocate.
         encounters: thresholds for the encounters.
+        looks: look at some pictures of each target for its colours, where there are pictures.
 
     Raises:
         RecordingError: no annotated log, or a damaged one.
@@ -126,7 +129,8 @@ def read_recordings(
                 str(path),
                 annotated.camera,
             )
-            _Camera(annotated, facts, sink, encounters or EncounterParameters()).read(
+            parameters = encounters or EncounterParameters()
+            _Camera(annotated, facts, sink, parameters, looks=looks).read(
                 quality.get(annotated.camera, ())
             )
             found.append(facts)
@@ -195,7 +199,10 @@ class _Camera:
         facts: RecordingFacts,
         sink: Sink,
         encounters: EncounterParameters,
+        *,
+        looks: bool,
     ) -> None:
+        self._looking = looks and log.has_pictures
         self._log = log
         self._facts = facts
         self._sink = sink
@@ -445,14 +452,50 @@ class _Camera:
             self._add("near", a, b, *astuple(stretch))
 
     def _add_targets(self) -> None:
+        looks = self._look() if self._looking else {}
+        size = self._facts.width, self._facts.height
         for track in sorted(self._boxes):
             own = self._boxes[track]
             existence, identity, _ = own.between(own.frames[0], own.frames[-1])
             share = round(sum(own.seen) / len(own.seen), 4)
+            history, seen = own.history(), looks.get(track)
             self._add(
                 "targets", track, self._labels.get(track), own.times[0], own.times[-1], share,
-                round(identity, 4), None, None, None, round(existence, 4),
+                round(identity, 4), seen and seen.upper_colour, seen and seen.lower_colour,
+                usual_height(history.boxes, history.seen, size), round(existence, 4),
             )  # fmt: skip
+            if seen is not None:
+                self._add(
+                    "looks",
+                    track,
+                    seen.samples,
+                    seen.upper,
+                    seen.lower,
+                    seen.frame,
+                    *seen.box,
+                )
+
+    def _look(self) -> dict[int, Looks]:
+        """What each target looks like, from a few pictures."""
+        others: dict[int, list[tuple[int, Box]]] = {}
+        for track in sorted(self._boxes):
+            own = self._boxes[track]
+            for frame, box in zip(own.frames, own.boxes, strict=True):
+                others.setdefault(frame, []).append((track, box))
+        wanted = {}
+        for track in sorted(self._boxes):
+            own = self._boxes[track]
+            times = [self._facts.start_ns + round(t * channels.NANOS) for t in own.times]
+            history = own.history()
+            wanted[track] = sightings(
+                np.array(own.frames, np.int64),
+                times,
+                history.boxes,
+                history.seen,
+                others,
+                track,
+            )
+        return look(self._log.path, self._log.camera, self._log.limits, wanted)
 
     def _add_encounter(self, encounter: Encounter) -> None:
         """The time together is the encounter's row; approach and parting are phases of it."""

@@ -106,6 +106,18 @@ TABLES: Mapping[str, Columns] = {
         ("height", "DOUBLE"),
         ("existence", "DOUBLE"),
     ),
+    "looks": (
+        ("recording", "VARCHAR"),
+        ("track", "INTEGER"),
+        ("samples", "INTEGER"),
+        ("upper", "INTEGER[]"),
+        ("lower", "INTEGER[]"),
+        ("frame", "INTEGER"),
+        ("x", "DOUBLE"),
+        ("y", "DOUBLE"),
+        ("w", "DOUBLE"),
+        ("h", "DOUBLE"),
+    ),
     "held_back": (
         ("recording", "VARCHAR"),
         ("t", "DOUBLE"),
@@ -304,6 +316,10 @@ MEANING: Mapping[str, str] = {
     "targets": (
         "one row per target: from when to when, which share of its frames it was seen in,"
         " how sure it is that it exists and is one and the same"
+    ),
+    "looks": (
+        "what each target looks like, from as many pictures as samples says: shares of shades"
+        " of upper and lower body in thousandths, and where it is seen best"
     ),
     "held_back": "what was seen and held to be no body, with the reason",
     "quality": "what was measured of the recording itself, with a verdict",

@@ -33,6 +33,7 @@ COMMANDS: tuple[tuple[str, str, str], ...] = (
     ("verify", "verify", "replay again and compare digests"),
     ("diff", "diff", "what happens in one annotated log and not in another"),
     ("query", "query", "ask annotated logs: SQL or a ready question"),
+    ("find", "find", "targets by colours, or like somebody"),
     ("explain", "explain", "why an event was reported: rule, values, frames, pictures"),
     ("report", "report", "one HTML file that opens offline"),
     ("evidence", "evidence", "a folder with clip, frames and facts of chosen events"),

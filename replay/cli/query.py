@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -164,6 +165,7 @@ def run(args: argparse.Namespace) -> int:
         brief=args.brief,
         drawn=drawn_of(args),
         start_ns=start_of(args),
+        looks=asks_for_looks(query),
     ) as case:
         check_thresholds(case, chosen_encounters(args.config, args.assignments))
         ask, nothing = _asked(case, query, args)
@@ -339,6 +341,11 @@ def _listed(args: argparse.Namespace) -> bool:
             print(f"{name}: {shipped.about}\n    {shipped.text}")
         return True
     return False
+
+
+def asks_for_looks(query: str) -> bool:
+    """Whether a query reads what only pictures tell: of logs they are looked at then alone."""
+    return re.search(r"(?i)_colour\b|\blooks\b", query) is not None
 
 
 def _split(args: argparse.Namespace) -> tuple[list[Path], str]:
