@@ -462,7 +462,7 @@ class _Camera:
             self._add(
                 "targets", track, self._labels.get(track), own.times[0], own.times[-1], share,
                 round(identity, 4), seen and seen.upper_colour, seen and seen.lower_colour,
-                usual_height(history.boxes, history.seen, size), round(existence, 4),
+                usual_height(history.boxes, np.array(own.seen, np.bool_), size), round(existence, 4),
             )  # fmt: skip
             if seen is not None:
                 self._add(

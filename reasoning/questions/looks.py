@@ -85,7 +85,7 @@ def usual_height(
 
 def _within(boxes: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.bool_]:
     width, height = size
-    inside: NDArray[np.bool_] = (boxes[:, :2] > _EDGE_PX).all(axis=1)
+    inside = np.asarray((boxes[:, :2] > _EDGE_PX).all(axis=1), np.bool_)
     if width and height:
         inside &= boxes[:, 0] + boxes[:, 2] < width - _EDGE_PX
         inside &= boxes[:, 1] + boxes[:, 3] < height - _EDGE_PX

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -85,7 +85,7 @@ def _times(case: Case, wanted: set[tuple[str, int]]) -> dict[tuple[str, int], fl
 
 
 def _cut(
-    path: Path, camera: str, wanted: dict[int, tuple[int, Sequence[float]]]
+    path: Path, camera: str, wanted: Mapping[int, tuple[int, Sequence[float]]]
 ) -> dict[int, Crop]:
     at: dict[int, list[int]] = {}
     for k, (time_ns, _) in wanted.items():

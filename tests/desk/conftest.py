@@ -29,7 +29,9 @@ def film(scene: GeneratedScene, path: Path, start_ns: int = 0) -> Path:
     reasoner = Reasoner({}, scene.width, scene.height)
     targets = truth_targets(scene)
     with LogReader(plain) as log, LogWriter(path) as out:
-        ids = {c.id: out.channel(c.topic, c.schema, c.message_encoding) for c in log.channels}
+        ids = {
+            c.id: out.channel(c.topic, c.schema, c.message_encoding) for c in log.channels
+        }
         ours = {
             n: out.channel(
                 channels.topic("camera", n),
