@@ -17,7 +17,7 @@ GOOD = "good"
 
 
 @dataclass(frozen=True)
-class Measure:
+class QualityMeasure:
     """One thing that was measured.
 
     Attributes:
@@ -36,14 +36,14 @@ class Measure:
         return self.verdict != GOOD
 
 
-def quality_text(measured: Sequence[Measure]) -> str:
+def quality_text(measured: Sequence[QualityMeasure]) -> str:
     """The measures as the metadata holds them."""
     return msgspec.json.encode([[m.name, m.value, m.verdict] for m in measured]).decode()
 
 
 def recorded_quality(
     metadata: Iterable[tuple[str, Mapping[str, str]]], path: str | Path
-) -> dict[str, list[Measure]]:
+) -> dict[str, list[QualityMeasure]]:
     """The measures of each camera that has some, of a scene log or of an annotated log that
     carries its recording's metadata.
 
@@ -54,7 +54,7 @@ def recorded_quality(
     Raises:
         RecordingError: a record holds something else under that name.
     """
-    found: dict[str, list[Measure]] = {}
+    found: dict[str, list[QualityMeasure]] = {}
     for name, values in metadata:
         # A recording says the same at its start and at its end: the first is enough.
         camera = values.get("camera", "")
@@ -63,7 +63,7 @@ def recorded_quality(
     return found
 
 
-def _measures(text: str, path: str | Path, record: str) -> list[Measure]:
+def _measures(text: str, path: str | Path, record: str) -> list[QualityMeasure]:
     try:
         rows = msgspec.json.decode(text.encode(), type=list[tuple[str, float, str]])
     except (msgspec.MsgspecError, RecursionError, ValueError) as error:
@@ -73,4 +73,4 @@ def _measures(text: str, path: str | Path, record: str) -> list[Measure]:
             path,
             record=record,
         ) from error
-    return [Measure(*row) for row in rows]
+    return [QualityMeasure(*row) for row in rows]

@@ -341,7 +341,7 @@ class SceneLog:
         )
         regions = self.regions if latched is None else self._decode("regions", latched)
         pictures, last = self._pictures_at(start_ns)
-        waiting = _Waiting(self.info.frame_ns // 2, self.info.has_images)
+        waiting = _WaitingFrame(self.info.frame_ns // 2, self.info.has_images)
         order = FrameOrder()
         pending: list[Message] = []
         index = first_index
@@ -531,7 +531,7 @@ class _Picture:
     load: Callable[[], Image | None]
 
 
-class _Waiting:
+class _WaitingFrame:
     """Frames until it is known which picture is theirs: that of their own time, else the nearest
     within the tolerance, the earlier one of two that are as near.
     """

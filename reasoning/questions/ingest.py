@@ -42,7 +42,7 @@ from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
 from recorders.messages import Box, Event, Regions, Track
-from recorders.quality import Measure, recorded_quality
+from recorders.quality import QualityMeasure, recorded_quality
 
 Row = tuple[Any, ...]
 Sink = Callable[[str, Sequence[Row]], None]
@@ -220,7 +220,7 @@ class _Camera:
         self._regions: list[tuple[int, Regions]] = []
         self._t, self._frame = 0.0, -1
 
-    def read(self, quality: Sequence[Measure]) -> None:
+    def read(self, quality: Sequence[QualityMeasure]) -> None:
         facts = self._facts
         facts.tracker = self._log.tracker
         facts.output_digest = self._log.facts.get("output_digest", "")

@@ -28,7 +28,7 @@ BINS = 8
 """NanoDet tells each side's distance as a distribution over this many bins."""
 
 
-class Found(NamedTuple):
+class Decoded(NamedTuple):
     """What a network found: corners (N, 4), scores (N,) in [0, 1], classes (N,) from 0."""
 
     corners: Floats
@@ -36,7 +36,7 @@ class Found(NamedTuple):
     classes: Rows
 
 
-def yolov5(rows: Floats, size: Size, least: float) -> Found:
+def yolov5(rows: Floats, size: Size, least: float) -> Decoded:
     """YOLOv5, v6 and v7: (A, 5 + C) centre, size, objectness, classes; score = objectness * class.
 
     Args:
@@ -47,7 +47,7 @@ def yolov5(rows: Floats, size: Size, least: float) -> Found:
     return _taken(_scaled(rows[:, :4], size), rows[:, 5:] * rows[:, 4:5], least)
 
 
-def yolov8(columns: Floats, size: Size, least: float, classes: int = 0) -> Found:
+def yolov8(columns: Floats, size: Size, least: float, classes: int = 0) -> Decoded:
     """YOLOv8, v9, 11 and 12: (4 + C, A) centre, size, classes.
 
     ``classes`` says how many of the rows after the fourth are classes (0: all); what follows them
@@ -58,7 +58,7 @@ def yolov8(columns: Floats, size: Size, least: float, classes: int = 0) -> Found
     return _taken(_scaled(rows[:, :4], size), rows[:, 4:end], least)
 
 
-def yolox(rows: Floats, size: Size, least: float) -> Found:
+def yolox(rows: Floats, size: Size, least: float) -> Decoded:
     """YOLOX: (A, 5 + C) as YOLOv5, its places offsets from their cells where it leaves that to
     others: centre = (cell + offset) * stride, size = exp(.) * stride.
     """
@@ -75,7 +75,7 @@ def yolox(rows: Floats, size: Size, least: float) -> Found:
     return _taken(boxes, rows[:, 5:] * rows[:, 4:5], least)
 
 
-def end_to_end(rows: Floats, size: Size, least: float) -> Found:
+def end_to_end(rows: Floats, size: Size, least: float) -> Decoded:
     """YOLOv10, 26 and exports with suppression inside: (Q, 6) corners, score, class; or YOLOv7's
     (Q, 7) picture, corners, class, score.
     """
@@ -86,12 +86,12 @@ def end_to_end(rows: Floats, size: Size, least: float) -> Found:
     return _sound(corners, rows[good, 4], rows[good, 5])
 
 
-def detr_rows(rows: Floats, size: Size, least: float) -> Found:
+def detr_rows(rows: Floats, size: Size, least: float) -> Decoded:
     """RT-DETR in one output: (Q, 4 + C) centre and size as shares of the input, classes."""
     return detr(rows[:, :4], rows[:, 4:], size, least)
 
 
-def detr(boxes: Floats, classes: Floats, size: Size, least: float) -> Found:
+def detr(boxes: Floats, classes: Floats, size: Size, least: float) -> Decoded:
     """DETR kinds: (Q, 4) centre and size as shares of the input, (Q, C) classes as probabilities or
     as logits: of one class against the others where the last means "nothing" (DETR itself), else
     of each class for itself.
@@ -104,7 +104,7 @@ def detr(boxes: Floats, classes: Floats, size: Size, least: float) -> Found:
 
 def labelled(
     boxes: Floats, scores: Floats, labels: Floats, size: Size, least: float
-) -> Found:
+) -> Decoded:
     """Torchvision, SSD, and RT-DETR and D-FINE with their own last step: (N, 4) corners in px or as
     shares of the input, (N,) scores, (N,) classes.
     """
@@ -117,12 +117,12 @@ def upright_first(boxes: Floats) -> Floats:
     return boxes[:, [1, 0, 3, 2]]
 
 
-def ssd_rows(rows: Floats, size: Size, least: float) -> Found:
+def ssd_rows(rows: Floats, size: Size, least: float) -> Decoded:
     """SSD's (N, 7): picture, class, score, corners."""
     return labelled(rows[:, 3:], rows[:, 2], rows[:, 1], size, least)
 
 
-def ssd_anchors(boxes: Floats, classes: Floats, size: Size, least: float) -> Found:
+def ssd_anchors(boxes: Floats, classes: Floats, size: Size, least: float) -> Decoded:
     """SSD without suppression: (A, 4) corners, (A, C) classes; where they sum to 1 the first is
     the ground.
     """
@@ -131,7 +131,7 @@ def ssd_anchors(boxes: Floats, classes: Floats, size: Size, least: float) -> Fou
     return _taken(_from_corners(_scaled(boxes, size)), classes, least)
 
 
-def fastestdet(planes: Floats, size: Size, least: float) -> Found:
+def fastestdet(planes: Floats, size: Size, least: float) -> Decoded:
     """FastestDet: (5 + C, gh, gw); score = objectness^.6 * class^.4, centre = (cell + tanh) / grid,
     size = sigmoid.
     """
@@ -152,7 +152,7 @@ def fastestdet(planes: Floats, size: Size, least: float) -> Found:
     )
 
 
-def nanodet(rows: Floats, size: Size, least: float) -> Found:
+def nanodet(rows: Floats, size: Size, least: float) -> Decoded:
     """NanoDet: (A, C + 4 * 8); each side's distance from the place is the mean of a softmax over
     8 bins, in cells. NanoDet-Plus (four strides) measures from a cell's corner, the first NanoDet
     (three) from its middle.
@@ -214,10 +214,10 @@ def _from_corners(corners: Floats) -> Floats:
     return np.concatenate([corners[:, :2] + size / 2, size], axis=1)
 
 
-def _taken(boxes: Floats, classes: Floats, least: float) -> Found:
+def _taken(boxes: Floats, classes: Floats, least: float) -> Decoded:
     """Centres and sizes (N, 4) with each one's likeliest class, from a score on."""
     if not classes.size:
-        return Found(np.zeros((0, 4)), np.zeros(0), np.zeros(0, np.intp))
+        return Decoded(np.zeros((0, 4)), np.zeros(0), np.zeros(0, np.intp))
     best = classes.argmax(axis=1)
     scores = classes[np.arange(len(best)), best]
     good = np.flatnonzero(scores >= least)
@@ -228,7 +228,7 @@ def _taken(boxes: Floats, classes: Floats, least: float) -> Found:
     return _sound(corners, scores[good], best[good])
 
 
-def _sound(corners: Floats, scores: Floats, classes: Floats | Rows) -> Found:
+def _sound(corners: Floats, scores: Floats, classes: Floats | Rows) -> Decoded:
     """Without boxes of no size and numbers that are none; scores in [0, 1]."""
     numbers = np.concatenate(
         [corners, scores[:, None], np.asarray(classes, np.float64)[:, None]], axis=1
@@ -237,7 +237,7 @@ def _sound(corners: Floats, scores: Floats, classes: Floats | Rows) -> Found:
     good &= (corners[:, 2:] > corners[:, :2]).all(axis=1) & (np.abs(corners) < 1e6).all(
         axis=1
     )
-    return Found(
+    return Decoded(
         corners[good],
         np.clip(scores[good], 0.0, 1.0),
         np.asarray(classes)[good].astype(np.intp),

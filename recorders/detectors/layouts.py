@@ -18,8 +18,8 @@ from recorders.detectors.decoding import (
     BINS,
     STRIDES,
     STRIDES_OF_FOUR,
+    Decoded,
     Floats,
-    Found,
     Size,
     cells_of,
 )
@@ -70,7 +70,7 @@ class Output:
         return self.values.shape
 
 
-Decode = Callable[[Sequence[Output], Size, float], Found]
+Decode = Callable[[Sequence[Output], Size, float], Decoded]
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def _yolov8(case: LayoutCase) -> Layout | None:
             k: int = index,
             turned: bool = turned,
             classes: int = classes,
-        ) -> Found:
+        ) -> Decoded:
             values = found[k].values
             return decoding.yolov8(values.T if turned else values, size, least, classes)
 
@@ -332,7 +332,7 @@ def _fastestdet(case: LayoutCase) -> Layout | None:
 def _rows(
     outputs: Sequence[Output],
     family: str,
-    decode: Callable[[Floats, Size, float], Found],
+    decode: Callable[[Floats, Size, float], Decoded],
     places: Sequence[int],
     besides: int,
     names: tuple[str, ...],
@@ -354,24 +354,24 @@ def _first(outputs: Sequence[Output], wanted: Callable[[Output], bool]) -> int |
 
 
 def _one(
-    decode: Callable[[Floats, Size, float], Found],
+    decode: Callable[[Floats, Size, float], Decoded],
     k: int,
     outputs: Sequence[Output],
     size: Size,
     least: float,
     end: int | None = None,
-) -> Found:
+) -> Decoded:
     return decode(outputs[k].values[:, :end], size, least)
 
 
 def _two(
-    decode: Callable[[Floats, Floats, Size, float], Found],
+    decode: Callable[[Floats, Floats, Size, float], Decoded],
     a: int,
     b: int,
     outputs: Sequence[Output],
     size: Size,
     least: float,
-) -> Found:
+) -> Decoded:
     return decode(outputs[a].values, outputs[b].values, size, least)
 
 
@@ -383,7 +383,7 @@ def _three(
     outputs: Sequence[Output],
     size: Size,
     least: float,
-) -> Found:
+) -> Decoded:
     places = outputs[boxes].values.reshape(-1, 4)
     return decoding.labelled(
         decoding.upright_first(places) if upright else places,

@@ -17,7 +17,7 @@ from recorders.errors import OutputExistsError, SceneTraceError, UsageError
 from recorders.fusion import FusedFrames, FusionParameters
 from recorders.messages import Detections
 from recorders.pictures import Image
-from recorders.quality import QUALITY, Measure, quality_text
+from recorders.quality import QUALITY, QualityMeasure, quality_text
 from recorders.recording.finding import Finder
 from recorders.recording.methods import methods_of, open_detector
 from recorders.recording.options import RecordOptions, with_defaults
@@ -239,7 +239,7 @@ def _finder(
     return finder, facts
 
 
-def _note_quality(source: Source, measured: list[Measure], alone: bool) -> None:
+def _note_quality(source: Source, measured: list[QualityMeasure], alone: bool) -> None:
     """The source notes what is wrong with its segmentation; pieces that stay apart only where
     masks are all there is.
     """

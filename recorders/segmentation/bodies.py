@@ -34,7 +34,7 @@ MIN_AGREEING_AREA = 0.4
 AGREES = 0.2
 
 
-class Bodies:
+class FoundBodies:
     """The bodies of one recording: learns their size from blobs, and finds them in masks."""
 
     def __init__(self, use_size: bool, width: int, height: int) -> None:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from recorders.segmentation.background import MIN_SAMPLES, Samples, most_common
 from recorders.segmentation.blobs import components
-from recorders.segmentation.bodies import Bodies
+from recorders.segmentation.bodies import FoundBodies
 from recorders.segmentation.evidence import NEUTRAL, Shadows, weighted_median, window_of
 from recorders.segmentation.parameters import SegmentationParameters
 from recorders.segmentation.recurring import weigh
@@ -80,7 +80,7 @@ class DensitySegmenter:
         self._min_area = parameters.min_area * width * height
         self._window = window_of(parameters, height)
         self._shadows = Shadows(parameters, width, height)
-        self._bodies = Bodies(parameters.size_model, width, height)
+        self._bodies = FoundBodies(parameters.size_model, width, height)
         fps = fps if fps > 0 else 25.0
         self._past: Samples | None = Samples(
             most=DENSITY_SAMPLES,

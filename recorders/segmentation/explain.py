@@ -89,7 +89,7 @@ def box_scores(integral: Integral, boxes: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Explanation:
+class BodiesExplanation:
     """Boxes that explain a mask.
 
     Attributes:
@@ -119,7 +119,7 @@ class Explainer:
         grid = _Candidates(_grid(model, width, height), width, height)
         self._grid = grid.take(np.flatnonzero(grid.visible >= MIN_VISIBLE))
 
-    def explain(self, mask: Image, proposals: Floats | None = None) -> Explanation:
+    def explain(self, mask: Image, proposals: Floats | None = None) -> BodiesExplanation:
         """Explain a mask's foreground.
 
         Args:
@@ -156,11 +156,13 @@ class Explainer:
             )
             candidates, source = candidates.take(left), source[left]
         if not found:
-            return Explanation(np.zeros((0, 4)), np.zeros(0), np.zeros(0, np.int64), rest)
+            return BodiesExplanation(
+                np.zeros((0, 4)), np.zeros(0), np.zeros(0, np.int64), rest
+            )
         all_boxes, all_scores, sources = (
             np.concatenate(part) for part in zip(*found, strict=True)
         )
-        return Explanation(
+        return BodiesExplanation(
             all_boxes, np.clip(all_scores / FULL_SCORE, 0.0, 1.0), sources, rest
         )
 

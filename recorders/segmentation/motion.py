@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from recorders.messages import Detections
-from recorders.quality import Measure
+from recorders.quality import QualityMeasure
 from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
-from recorders.segmentation.bodies import Bodies
+from recorders.segmentation.bodies import FoundBodies
 from recorders.segmentation.evidence import NEUTRAL, Shadows, weighted_median, window_of
 from recorders.segmentation.parameters import SegmentationParameters
 from recorders.segmentation.quality import measures
@@ -63,8 +63,8 @@ class MotionSegmenter:
         )
         self._shadows = Shadows(parameters, width, height)
         self._neutral = np.full((height, width), NEUTRAL, np.uint8)
-        self._bodies = Bodies(parameters.size_model, width, height)
-        self.quality: list[Measure] = []
+        self._bodies = FoundBodies(parameters.size_model, width, height)
+        self.quality: list[QualityMeasure] = []
 
     def prepare(self, frames: Iterable[Image]) -> None:
         """Learn the background and the bodies' size from pictures spread over the whole

@@ -45,7 +45,7 @@ SIZE_WEIGHT = 0.2
 
 
 @dataclass(frozen=True)
-class Group:
+class PieceGroup:
     """One body's pieces.
 
     Attributes:
@@ -59,7 +59,7 @@ class Group:
     pieces: tuple[int, ...]
 
 
-def together(pieces: Floats, usual: UsualSize) -> list[Group]:
+def together(pieces: Floats, usual: UsualSize) -> list[PieceGroup]:
     """Group the pieces of one frame into bodies, the closest ones first (ties: the first rows).
 
     Args:
@@ -85,7 +85,7 @@ def together(pieces: Floats, usual: UsualSize) -> list[Group]:
         members[i] += members.pop(j)
         box, area = np.delete(box, j, axis=0), np.delete(area, j)
     return [
-        Group((x1, y1, x2, y2), a, member)
+        PieceGroup((x1, y1, x2, y2), a, member)
         for (x1, y1, x2, y2), a, member in zip(
             box.tolist(), area.tolist(), members, strict=True
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from recorders.quality import GOOD, Measure
+from recorders.quality import GOOD, QualityMeasure
 
 MOST_FOREGROUND = 0.4
 """Where more of the picture than this is foreground, it is not bodies that change it."""
@@ -17,7 +17,7 @@ SAID = (FOREGROUND, SIZES)
 
 def measures(
     foreground: float, sightings: int, usual: bool, upright: bool, noisy: bool
-) -> list[Measure]:
+) -> list[QualityMeasure]:
     """The measures of a first reading; whether bodies are upright only where their size was learnt.
 
     Args:
@@ -52,14 +52,14 @@ def measures(
             " be missed; a detector (--detect motion,onnx --model FILE) may find it"
         )
     return [
-        Measure(FOREGROUND, round(foreground, 6), changed),
-        Measure(SIZES, float(sightings), sized),
-        *([Measure("upright_bodies", float(upright), shaped)] if usual else []),
-        Measure("noise", float(noisy), grain),
+        QualityMeasure(FOREGROUND, round(foreground, 6), changed),
+        QualityMeasure(SIZES, float(sightings), sized),
+        *([QualityMeasure("upright_bodies", float(upright), shaped)] if usual else []),
+        QualityMeasure("noise", float(noisy), grain),
     ]
 
 
-def worst(measured: Sequence[Measure]) -> Measure | None:
+def worst(measured: Sequence[QualityMeasure]) -> QualityMeasure | None:
     """What a person should be told of when it is measured, None where nothing is that wrong."""
     bad = {one.name: one for one in measured if one.bad}
     return next((bad[name] for name in SAID if name in bad), None)

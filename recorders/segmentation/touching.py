@@ -86,7 +86,7 @@ def split(own: Image, core: Image, body_area: float) -> list[Image]:
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class TouchingBody:
     """A body in a blob: box and ellipse in px of the picture, the blob's id, how many bodies are
     in that blob.
     """
@@ -99,7 +99,7 @@ class Body:
 
 def divide(
     blobs: list[Blob], labels: Labels, cores: Image | None, body_area: float
-) -> list[Body]:
+) -> list[TouchingBody]:
     """The bodies in all blobs, blob by blob, as `split` divides them.
 
     Args:
@@ -108,10 +108,10 @@ def divide(
         cores: (H, W) uint8, 255 above the higher level; None: blobs are their own cores.
         body_area: area of one body's core, px; 0 where it is not known.
     """
-    found: list[Body] = []
+    found: list[TouchingBody] = []
     for blob in blobs:
         if cores is None and bodies_in(blob, body_area) == 1:
-            found.append(Body(blob.box, blob.ellipse, blob.id, 1))
+            found.append(TouchingBody(blob.box, blob.ellipse, blob.id, 1))
             continue
         own = pixels_of(blob, labels)
         masks = split(own, own if cores is None else own & within(blob, cores), body_area)
@@ -119,7 +119,9 @@ def divide(
         for mask in masks:
             x, y, w, h = cv2.boundingRect(mask)
             box = (float(left + x), float(top + y), float(w), float(h))
-            found.append(Body(box, ellipse_of(mask, left, top), blob.id, len(masks)))
+            found.append(
+                TouchingBody(box, ellipse_of(mask, left, top), blob.id, len(masks))
+            )
     return found
 
 

@@ -29,7 +29,7 @@ class Joined:
 
 
 @dataclass(slots=True)
-class _Waiting:
+class _WaitingPicture:
     time_ns: int
     log_ns: int
     picture: Pictured
@@ -69,7 +69,7 @@ class Pairing:
         self._tolerance_ns = tolerance_ns
         self._clock = clock
         self._limits = limits
-        self._pictures: deque[_Waiting] = deque()
+        self._pictures: deque[_WaitingPicture] = deque()
         self._detections: deque[_Found] = deque()
         self._bytes = 0
         self.unpaired_pictures = self.unpaired_detections = 0
@@ -79,7 +79,7 @@ class Pairing:
     def picture(self, found: Pictured) -> Iterator[Joined]:
         """A picture came: what is ready by now."""
         now = self._clock(found.message)
-        self._pictures.append(_Waiting(now, found.message.log_time_ns, found))
+        self._pictures.append(_WaitingPicture(now, found.message.log_time_ns, found))
         self._bytes += _size(found)
         yield from self._ready(found.message.log_time_ns)
 
@@ -127,7 +127,7 @@ class Pairing:
             self._forget(first)
             yield Joined(first.picture, None if match is None else match.detected)
 
-    def _forget(self, done: _Waiting) -> None:
+    def _forget(self, done: _WaitingPicture) -> None:
         """Detections before the next pictures' reach belong to none."""
         wait = LATEST_NS if self._by_stamp else self._tolerance_ns
         while self._detections and (
@@ -136,7 +136,7 @@ class Pairing:
         ):
             self._alone(self._detections.popleft())
 
-    def _match(self, first: _Waiting) -> _Found | None:
+    def _match(self, first: _WaitingPicture) -> _Found | None:
         if self._by_stamp:
             stamp = first.picture.stamp_ns
             return next(
@@ -155,7 +155,7 @@ class Pairing:
         ]
         return min(near, key=lambda d: abs(d.time_ns - first.time_ns), default=None)
 
-    def _nearer_to_next(self, found: _Found, first: _Waiting) -> bool:
+    def _nearer_to_next(self, found: _Found, first: _WaitingPicture) -> bool:
         if len(self._pictures) < 2:
             return False
         following = self._pictures[1]

@@ -14,7 +14,7 @@ from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
     from recorders.log.info import LogInfo
-    from recorders.quality import Measure
+    from recorders.quality import QualityMeasure
 
 # Times before this are seconds from a recording's start, not dates.
 _FIRST_DATE_NS = 365 * 86_400 * common.NANOS
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def _quality(info: LogInfo) -> dict[str, list[Measure]] | None:
+def _quality(info: LogInfo) -> dict[str, list[QualityMeasure]] | None:
     """What was measured of each camera's recording; None where another program wrote something
     else under that name, which is shown as it is.
     """
@@ -66,7 +66,9 @@ def _quality(info: LogInfo) -> dict[str, list[Measure]] | None:
         return None
 
 
-def _plain(info: LogInfo, quality: dict[str, list[Measure]] | None) -> dict[str, Any]:
+def _plain(
+    info: LogInfo, quality: dict[str, list[QualityMeasure]] | None
+) -> dict[str, Any]:
     channels = [
         {
             "topic": channel.topic,
@@ -121,7 +123,7 @@ def _shortened(text: str, width: int) -> str:
     return f"{text[: width - end - 1]}…{text[-end:]}"
 
 
-def _print_quality(quality: dict[str, list[Measure]]) -> None:
+def _print_quality(quality: dict[str, list[QualityMeasure]]) -> None:
     for camera, measured in quality.items():
         print(common.printable(f"quality   of {camera or 'the recording'}"))
         for measure in measured:
@@ -129,7 +131,7 @@ def _print_quality(quality: dict[str, list[Measure]]) -> None:
             print(common.printable(line))
 
 
-def _print(info: LogInfo, quality: dict[str, list[Measure]] | None) -> None:
+def _print(info: LogInfo, quality: dict[str, list[QualityMeasure]] | None) -> None:
     from rich.cells import cell_len, set_cell_size
 
     from recorders.format_version import RECORDS

@@ -51,7 +51,7 @@ def write_rrd(
         recording.set_log_time_enabled(False)
         recording.set_log_tick_enabled(False)
         recording.save(str(file.part))
-        scene = _Scene(rr, recording, log)
+        scene = _RerunScene(rr, recording, log)
         pictures = StoredPictures(log)
         waiting = iter(pictures)
         picture = next(waiting, None)
@@ -70,7 +70,7 @@ def write_rrd(
         return frames, pictures.left_out + scene.left_out
 
 
-class _Scene:
+class _RerunScene:
     """One camera as entities below its name."""
 
     def __init__(self, rr: Any, recording: Any, log: AnnotatedLog) -> None:

@@ -158,7 +158,7 @@ def _all_different(scenes: list[Path]) -> None:
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _SeenBody:
     """One frame's truth: ids, boxes (T, 4), gates (T,), who is free (T,); its pixels; its place
     in the recording.
     """
@@ -184,10 +184,10 @@ class _Seen:
         return float(self.gates[self.ids.index(identity)])
 
 
-def _windows(log: SceneLog, table: MotTable) -> Iterator[list[_Seen]]:
+def _windows(log: SceneLog, table: MotTable) -> Iterator[list[_SeenBody]]:
     """Every frame from the second on, with those of the `LATER_S` before it, oldest first."""
     frame_s = log.info.frame_ns * 1e-9
-    window: deque[_Seen] = deque(maxlen=max(2, round(LATER_S / max(frame_s, 1e-3))) + 1)
+    window: deque[_SeenBody] = deque(maxlen=max(2, round(LATER_S / max(frame_s, 1e-3))) + 1)
     # The truth may reach beyond the recording, on either side.
     shared = table.frames[
         np.isin(table.frames, [index for index, _ in enumerate(log.frame_times())])
@@ -199,7 +199,9 @@ def _windows(log: SceneLog, table: MotTable) -> Iterator[list[_Seen]]:
             yield list(window)
 
 
-def _look(frame: Frame, table: MotTable, frame_s: float, span: tuple[int, int]) -> _Seen:
+def _look(
+    frame: Frame, table: MotTable, frame_s: float, span: tuple[int, int]
+) -> _SeenBody:
     low, high = np.searchsorted(table.frames, [frame.index, frame.index + 1])
     boxes = table.boxes[low:high]
     ids = table.ids[low:high].tolist()
@@ -226,10 +228,10 @@ def _look(frame: Frame, table: MotTable, frame_s: float, span: tuple[int, int]) 
     assert frame.mask is not None
     pixels = Pixels(frame.image, frame.mask, (frame.mask.shape[1], frame.mask.shape[0]))
     place = min(max((frame.index - span[0]) / (span[1] - span[0]), 0.0), 0.999)
-    return _Seen(frame.index, ids, boxes, gates, free, pixels, place)
+    return _SeenBody(frame.index, ids, boxes, gates, free, pixels, place)
 
 
-def _of_frame(window: list[_Seen]) -> Iterator[tuple[Ints, Ints]]:
+def _of_frame(window: list[_SeenBody]) -> Iterator[tuple[Ints, Ints]]:
     """For every target that is free in this frame and the one before: its step, and its
     candidates.
     """
@@ -278,7 +280,7 @@ def _off(box: Floats, turn: int) -> Floats:
     )
 
 
-def _learnt(seen: _Seen, before: _Seen, identity: int) -> PartsModel:
+def _learnt(seen: _SeenBody, before: _SeenBody, identity: int) -> PartsModel:
     """The parts model after one frame."""
     box = seen.box(identity)
     old = before.box(identity) if identity in before.ids else box

@@ -22,7 +22,7 @@ _MOST_FRAMES = 4096
 
 
 @dataclass(frozen=True, slots=True)
-class Sighting:
+class FragmentSighting:
     """An observation: position in the stream of frames, time in ns, box."""
 
     at: int
@@ -37,7 +37,7 @@ class Path:
 
     __slots__ = ("_boxes", "_when")
 
-    def __init__(self, sightings: Iterable[Sighting] = ()) -> None:
+    def __init__(self, sightings: Iterable[FragmentSighting] = ()) -> None:
         self._when = array("q")
         self._boxes = array("d")
         for sighting in sightings:
@@ -46,12 +46,12 @@ class Path:
     def __len__(self) -> int:
         return len(self._when) // 2
 
-    def __getitem__(self, k: int) -> Sighting:
+    def __getitem__(self, k: int) -> FragmentSighting:
         k += len(self) if k < 0 else 0
         x, y, w, h = self._boxes[4 * k : 4 * k + 4]
-        return Sighting(self._when[2 * k], self._when[2 * k + 1], (x, y, w, h))
+        return FragmentSighting(self._when[2 * k], self._when[2 * k + 1], (x, y, w, h))
 
-    def __iter__(self) -> Iterator[Sighting]:
+    def __iter__(self) -> Iterator[FragmentSighting]:
         return (self[k] for k in range(len(self)))
 
     @property
@@ -110,12 +110,12 @@ class Fragment:
         return self.sizes / max(1, self.hits)
 
     @property
-    def first(self) -> Sighting:
+    def first(self) -> FragmentSighting:
         """The first observation."""
         return self.head[0]
 
     @property
-    def last(self) -> Sighting:
+    def last(self) -> FragmentSighting:
         """The last observation."""
         return self.tail[-1]
 
@@ -178,7 +178,7 @@ class End:
         return math.sqrt(max(self.w * self.h, 1.0))
 
 
-def end_of(sightings: Sequence[Sighting], at_start: bool) -> End:
+def end_of(sightings: Sequence[FragmentSighting], at_start: bool) -> End:
     """Fit a straight path to sightings by least squares, its state at the first or the last of
     them.
     """

@@ -27,7 +27,7 @@ _CUT_OFF = 0.5
 
 
 @dataclass
-class Life:
+class TrackLife:
     """One identity after joining: its fragments in order, and what was said of it so far."""
 
     id: int
@@ -75,7 +75,7 @@ def lives_of(
     p: HindsightParameters,
     scene: SceneInfo,
     times: Sequence[int],
-) -> tuple[dict[int, Life], dict[int, str]]:
+) -> tuple[dict[int, TrackLife], dict[int, str]]:
     """Every forward id's life, and of those that are not told why. A life has the id of its first
     fragment.
     """
@@ -93,11 +93,11 @@ def lives_of(
     for identity, (body, share) in within.doubles(told).items():
         reason = f"at one place with track {body} for {share:.2f} of its life: one body"
         reasons.update((k, reason) for k in told.pop(identity))
-    lives: dict[int, Life] = {}
+    lives: dict[int, TrackLife] = {}
     for identity, chain in told.items():
         parts = [fragments[k] for k in chain]
         joined = [followed[k] for k in chain if k in followed]
-        life = Life(identity, parts, joined, parts[0].first.at, parts[-1].last.at)
+        life = TrackLife(identity, parts, joined, parts[0].first.at, parts[-1].last.at)
         life.why, life.odds = whys[identity], mean_odds(parts)
         life.doubts = doubts(parts, joined, scene.has_images)
         for part in parts:

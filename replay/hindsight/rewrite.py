@@ -27,7 +27,7 @@ from replay.hindsight.doubles import Within
 from replay.hindsight.exchanges import Exchange, exchanges_of, undone
 from replay.hindsight.fragments import gather
 from replay.hindsight.joining import join
-from replay.hindsight.lives import Life, lives_of
+from replay.hindsight.lives import TrackLife, lives_of
 from replay.hindsight.parameters import HindsightParameters
 from replay.hindsight.smoothing import filtered
 from replay.hindsight.verdicts import withheld
@@ -50,7 +50,7 @@ Reading = Callable[[], Iterable[Targets]]
 class _Row:
     """A stretch of one life without a gap too long to fill: its observations within the window."""
 
-    life: Life
+    life: TrackLife
     at: list[int]
     boxes: list[tuple[float, float, float, float]]
 
@@ -106,7 +106,7 @@ class _Writer:
 
     def __init__(
         self,
-        lives: dict[int, Life],
+        lives: dict[int, TrackLife],
         reasons: dict[int, str],
         scene: SceneInfo,
         times: Sequence[int],
@@ -122,7 +122,7 @@ class _Writer:
         self._margin = self._fill + max(8, round(1.0 / self._frame_s))
         # By the first frame, as they were chained; those who have begun and may still be spoken of.
         self._waiting = deque({id(live): live for live in lives.values()}.values())
-        self._begun: list[Life] = []
+        self._begun: list[TrackLife] = []
 
     def run(self, stream: Iterable[Targets]) -> Iterator[Targets]:
         """Write every frame once, in order."""
@@ -185,7 +185,7 @@ class _Writer:
             life for life in self._begun if life.last_at + 1 >= start or life.present
         ]
 
-    def _living(self, block: int, end: int, seen: set[int]) -> list[Life]:
+    def _living(self, block: int, end: int, seen: set[int]) -> list[TrackLife]:
         """Those of whom something may have to be said in a block, by id: few of all that a long
         recording has.
         """
@@ -200,7 +200,7 @@ class _Writer:
 
     @staticmethod
     def _unseen(
-        living: Sequence[Life], at: int, forward: dict[int, Target], here: set[int]
+        living: Sequence[TrackLife], at: int, forward: dict[int, Target], here: set[int]
     ) -> list[Target]:
         """Those in a gap that is too long to fill, as long as the forward pass expected them:
         they are not present.
@@ -223,7 +223,7 @@ class _Writer:
         """Observations of every life within the window, cut at gaps that are too long to fill."""
         rows: list[_Row] = []
         open_rows: dict[int, _Row] = {}
-        earlier: dict[int, list[tuple[Life, Box]]] = {}
+        earlier: dict[int, list[tuple[TrackLife, Box]]] = {}
         for life in self._begun:
             for s in (s for fragment in life.fragments for s in fragment.earlier):
                 earlier.setdefault(s.at, []).append((life, s.box))
@@ -300,7 +300,7 @@ class _Writer:
         return kept
 
     def _notices(
-        self, living: Sequence[Life], answer: Targets, at: int, out: list[Target]
+        self, living: Sequence[TrackLife], answer: Targets, at: int, out: list[Target]
     ) -> list[Notice]:
         """The lifecycle as it now is, and everything else that the forward pass said, under the
         final ids.
@@ -320,7 +320,9 @@ class _Writer:
                     notices.append(replace(notice, subjects=ids))
         return notices
 
-    def _life_notices(self, life: Life, at: int, target: Target | None) -> list[Notice]:
+    def _life_notices(
+        self, life: TrackLife, at: int, target: Target | None
+    ) -> list[Notice]:
         if target is None or not target.present:
             was, life.present = life.present, False
             if at == life.last_at + 1:

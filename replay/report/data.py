@@ -16,7 +16,7 @@ from reasoning.questions import Case
 from reasoning.questions.literals import literal
 from recorders.annotated.reader import AnnotatedLog
 from recorders.pictures import encode_jpeg
-from recorders.quality import Measure
+from recorders.quality import QualityMeasure
 from recorders.segmentation.quality import worst
 from recorders.vision import cv2
 from replay.draw import DrawOptions
@@ -157,14 +157,14 @@ def _facts(facts: dict[str, Any], log: AnnotatedLog) -> list[list[str]]:
     return [row for row in rows if row[1]]
 
 
-def _quality(case: Case, name: str) -> list[Measure]:
+def _quality(case: Case, name: str) -> list[QualityMeasure]:
     query = (
         f"SELECT name, value, verdict FROM quality WHERE recording = {name} ORDER BY name"  # noqa: S608
     )
-    return [Measure(*row) for row in case.rows(query)]
+    return [QualityMeasure(*row) for row in case.rows(query)]
 
 
-def _told(quality: Sequence[Measure]) -> list[list[str]]:
+def _told(quality: Sequence[QualityMeasure]) -> list[list[str]]:
     return [
         [f"Quality: {measure.name}", f"{measure.value:g}: {measure.verdict}"]
         for measure in quality

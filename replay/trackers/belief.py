@@ -59,7 +59,7 @@ def probability(log_odds: Floats) -> Floats:
     return np.asarray(1.0 / (1.0 + np.exp(-log_odds)))
 
 
-class Scores:
+class DetectionScores:
     """What a recording's scores so far say of the next ones."""
 
     def __init__(self) -> None:

@@ -11,7 +11,7 @@ import pytest
 from recorders.errors import RecordingError
 from recorders.log import LogReader
 from recorders.pictures import encode_png
-from recorders.quality import GOOD, Measure, quality_text, recorded_quality
+from recorders.quality import GOOD, QualityMeasure, quality_text, recorded_quality
 from recorders.segmentation.quality import LEAST_FOREGROUND, measures, worst
 from replay.cli import main
 
@@ -113,5 +113,5 @@ def test_record_says_in_one_line_that_no_size_was_learnt(
 
 
 def test_a_measure_is_bad_unless_it_is_good() -> None:
-    assert not Measure("noise", 0.0).bad
-    assert Measure("noise", 1.0, "noise decides").bad
+    assert not QualityMeasure("noise", 0.0).bad
+    assert QualityMeasure("noise", 1.0, "noise decides").bad

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from recorders.messages import NO_BLOB, Box, GroupTrack, Notice, Target, Targets
-from replay.trackers.events.tracks import Tracks
+from replay.trackers.events.tracks import EventsTracks
 from replay.trackers.life import TENTATIVE
 from replay.trackers.tracker import Frame
 
 
-def shared_regions(tracks: Tracks, frame: Frame) -> list[tuple[list[int], Box]]:
+def shared_regions(tracks: EventsTracks, frame: Frame) -> list[tuple[list[int], Box]]:
     """Regions of pixels that hold two or more present targets: ids ascending, and box, by region."""
     members: dict[int, list[int]] = {}
     for track in tracks.items:
@@ -32,7 +32,7 @@ def shared_regions(tracks: Tracks, frame: Frame) -> list[tuple[list[int], Box]]:
 
 
 def answer(
-    tracks: Tracks, frame: Frame, groups: list[GroupTrack], notices: list[Notice]
+    tracks: EventsTracks, frame: Frame, groups: list[GroupTrack], notices: list[Notice]
 ) -> Targets:
     """All confirmed targets, by id."""
     targets: list[Target] = []

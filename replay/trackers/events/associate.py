@@ -13,8 +13,8 @@ from replay.trackers.appearance import distance
 from replay.trackers.association import assign, widened_iou
 from replay.trackers.belief import LIKELY
 from replay.trackers.events.parameters import EventsParameters
-from replay.trackers.events.places import Foreground
-from replay.trackers.events.tracks import Tracks
+from replay.trackers.events.places import FrameForeground
+from replay.trackers.events.tracks import EventsTracks
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -25,7 +25,7 @@ KNOWN = 5
 
 
 @dataclass(frozen=True)
-class Seen:
+class SeenDetections:
     """Detections of one frame that may be associated.
 
     Attributes:
@@ -48,7 +48,11 @@ class Seen:
 
 
 def match(
-    tracks: Tracks, rows: Rows, seen: Seen, columns: Rows, parameters: EventsParameters
+    tracks: EventsTracks,
+    rows: Rows,
+    seen: SeenDetections,
+    columns: Rows,
+    parameters: EventsParameters,
 ) -> list[tuple[int, int]]:
     """Associate some tracks with some detections, (row, column) pairs by row.
 
@@ -89,10 +93,10 @@ def match(
 
 
 def one_each(
-    tracks: Tracks,
+    tracks: EventsTracks,
     rows: Sequence[int],
-    fg: Foreground,
-    seen: Seen,
+    fg: FrameForeground,
+    seen: SeenDetections,
     parameters: EventsParameters,
 ) -> dict[int, int]:
     """Blobs that several targets share and that hold as many detections: each target has its own,
@@ -119,7 +123,11 @@ def one_each(
 
 
 def _colour_costs(
-    tracks: Tracks, rows: Rows, seen: Seen, columns: Rows, allowed: NDArray[np.bool_]
+    tracks: EventsTracks,
+    rows: Rows,
+    seen: SeenDetections,
+    columns: Rows,
+    allowed: NDArray[np.bool_],
 ) -> Floats:
     """Hellinger distances where two pairs compete, 0 elsewhere: colours are asked only where
     places do not decide.

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from replay.trackers import appearance
 from replay.trackers.appearance import Colours
-from replay.trackers.events.places import Cut, Likeness
-from replay.trackers.events.tracks import Track
+from replay.trackers.events.places import Likeness, MaskCut
+from replay.trackers.events.tracks import EventsTrack
 from replay.trackers.tracker import Image
 
 Floats = NDArray[np.float64]
@@ -22,7 +22,7 @@ LATEST = 4
 """Looks that count while it is not yet sure who a target is."""
 
 
-def learn(track: Track, seen: Floats) -> None:
+def learn(track: EventsTrack, seen: Floats) -> None:
     """Learn a target's colours as `look_at` gives them."""
     if track.company:
         track.fresh = track.fresh or Colours()
@@ -57,7 +57,7 @@ USUAL = 0.6
 """A target that is seen whole shares this much of its histograms with itself, at least."""
 
 
-def alike(track: Track, rivals: Sequence[Track], seen: Floats) -> float | None:
+def alike(track: EventsTrack, rivals: Sequence[EventsTrack], seen: Floats) -> float | None:
     """How much of a target's own colours is seen where it was placed (EVENTS 2), in [0, 1].
 
     The intersection of its histograms with those that are seen, over the features that tell it
@@ -86,11 +86,11 @@ def alike(track: Track, rivals: Sequence[Track], seen: Floats) -> float | None:
     return min(1.0, float(shared.mean()) / USUAL)
 
 
-def _is_known(track: Track) -> bool:
+def _is_known(track: EventsTrack) -> bool:
     return track.colours is not None and track.colours.updates >= KNOWN
 
 
-def likenesses(tracks: Sequence[Track], image: Image, cut: Cut) -> list[Likeness]:
+def likenesses(tracks: Sequence[EventsTrack], image: Image, cut: MaskCut) -> list[Likeness]:
     """Each target's likeness against the others', None where its own or all others' colours are
     not known.
     """

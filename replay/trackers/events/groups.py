@@ -22,13 +22,15 @@ from reasoning.interactions import InteractionParameters, collision_map
 from recorders.messages import NO_BLOB, Box, GroupTrack
 from replay.trackers.association import intersection
 from replay.trackers.events.parameters import EventsParameters
-from replay.trackers.events.tracks import Tracks
+from replay.trackers.events.tracks import EventsTracks
 from replay.trackers.life import TENTATIVE
 
 Floats = NDArray[np.float64]
 
 
-def members_of(tracks: Tracks, box: Floats, parameters: EventsParameters) -> list[int]:
+def members_of(
+    tracks: EventsTracks, box: Floats, parameters: EventsParameters
+) -> list[int]:
     """Whom a new track at a box (4,) is a group tracker of: two or more targets without an
     observation that collide, and of whose boxes it covers enough; [] if it is none.
     """
@@ -50,7 +52,7 @@ def members_of(tracks: Tracks, box: Floats, parameters: EventsParameters) -> lis
     )
 
 
-def hold_members(tracks: Tracks) -> None:
+def hold_members(tracks: EventsTracks) -> None:
     """The members of every observed group tracker lie in its region, and go where it goes."""
     rows = {item.id: index for index, item in enumerate(tracks.items) if item.told}
     for k, group in enumerate(tracks.items):
@@ -69,7 +71,7 @@ def hold_members(tracks: Tracks) -> None:
             tracks.bank.rate[row, :2] = tracks.bank.rate[k, :2]
 
 
-class Together:
+class SharedBlob:
     """Who lately shared a region of pixels with whom.
 
     Args:
@@ -81,7 +83,7 @@ class Together:
         self._hold_ns = round(hold_s * 1e9)
         self._shared: dict[tuple[int, int], int] = {}
 
-    def step(self, tracks: Tracks, time_ns: int) -> None:
+    def step(self, tracks: EventsTracks, time_ns: int) -> None:
         """Put those that have come apart just now into one region: the one of who has the lowest
         id.
         """

@@ -13,7 +13,7 @@ from typing import Any
 from recorders.messages import Notice
 from replay.trackers.appearance import distance
 from replay.trackers.events.parameters import EventsParameters
-from replay.trackers.events.tracks import Track, Tracks
+from replay.trackers.events.tracks import EventsTrack, EventsTracks
 from replay.trackers.life import TENTATIVE
 
 NS = 1e9
@@ -22,7 +22,7 @@ LOOKS = 3
 
 
 def keep_company(
-    tracks: Tracks, regions: Sequence[Sequence[int]], frame: int, time_ns: int
+    tracks: EventsTracks, regions: Sequence[Sequence[int]], frame: int, time_ns: int
 ) -> None:
     """Remember who shares a region of pixels with whom in this frame, and how near they are to
     one another.
@@ -44,7 +44,7 @@ def keep_company(
             track.fresh = None
 
 
-def _note(track: Track, other: int, frame: int, distance2: float) -> None:
+def _note(track: EventsTrack, other: int, frame: int, distance2: float) -> None:
     """Note a companion, and when the two were nearest to one another: there they were exchanged,
     if they were.
     """
@@ -55,7 +55,9 @@ def _note(track: Track, other: int, frame: int, distance2: float) -> None:
         known[1:] = [frame, distance2]
 
 
-def verify(tracks: Tracks, time_ns: int, parameters: EventsParameters) -> list[Notice]:
+def verify(
+    tracks: EventsTracks, time_ns: int, parameters: EventsParameters
+) -> list[Notice]:
     """Exchange identities where colours say so, and believe the rest; by id of the first of each
     pair.
     """
@@ -86,12 +88,12 @@ def verify(tracks: Tracks, time_ns: int, parameters: EventsParameters) -> list[N
     return notices
 
 
-def _ready(track: Track) -> bool:
+def _ready(track: EventsTrack) -> bool:
     return track.fresh is not None and track.fresh.updates >= LOOKS
 
 
 def _exchanged(
-    a: Track, b: Track, since: int, parameters: EventsParameters
+    a: EventsTrack, b: EventsTrack, since: int, parameters: EventsParameters
 ) -> Notice | None:
     """Whether a is b (and b is a, unless it has not been seen since)."""
     if a.colours is None or b.colours is None or a.fresh is None:
@@ -109,7 +111,7 @@ def _exchanged(
 
 
 def crossed(
-    orphan: Track, other: Track, new: Track, parameters: EventsParameters
+    orphan: EventsTrack, other: EventsTrack, new: EventsTrack, parameters: EventsParameters
 ) -> Notice | None:
     """Whether an orphan and one that is seen were exchanged when their blob came apart: ``other``
     is seen in the orphan's colours since, and the ``new`` track in the other's. If so, they are
@@ -133,8 +135,8 @@ def crossed(
 
 
 def _told(
-    a: Track,
-    b: Track,
+    a: EventsTrack,
+    b: EventsTrack,
     since: int,
     straight: float,
     across: float,
@@ -152,7 +154,7 @@ def _told(
     )
 
 
-def exchange(a: Track, b: Track) -> None:
+def exchange(a: EventsTrack, b: EventsTrack) -> None:
     """Exchange who they are; where they are stays."""
     for name in ("id", "born", "born_ns", "colours", "split", "company"):
         mine, theirs = getattr(a, name), getattr(b, name)
@@ -160,7 +162,7 @@ def exchange(a: Track, b: Track) -> None:
         setattr(b, name, mine)
 
 
-def _believe(track: Track) -> None:
+def _believe(track: EventsTrack) -> None:
     """What was seen since the split are the target's own colours."""
     if track.fresh is not None and track.colours is not None:
         track.colours.learn(track.fresh.table)

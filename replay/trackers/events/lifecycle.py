@@ -15,7 +15,7 @@ from recorders.messages import Notice
 from replay.trackers.events.identity import crossed, exchange
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.recover import Recovery, recover
-from replay.trackers.events.tracks import Tracks
+from replay.trackers.events.tracks import EventsTracks
 from replay.trackers.life import NANOS, TENTATIVE, Life, sightings_of
 from replay.trackers.tracker import Frame
 
@@ -27,7 +27,7 @@ YOUNG_LOOKS = 2
 
 
 def confirm(
-    tracks: Tracks, life: Life, frame: Frame, parameters: EventsParameters
+    tracks: EventsTracks, life: Life, frame: Frame, parameters: EventsParameters
 ) -> list[Notice]:
     """Tentative tracks with enough support become targets, new ones or ones that had been lost."""
     items = tracks.items
@@ -56,7 +56,9 @@ def confirm(
     return notices
 
 
-def reclaim(tracks: Tracks, time_ns: int, parameters: EventsParameters) -> list[Notice]:
+def reclaim(
+    tracks: EventsTracks, time_ns: int, parameters: EventsParameters
+) -> list[Notice]:
     """A young target that turns out to be one who was lost in a shared blob: he is it.
 
     The colours of a new track are known only some looks after its confirmation, and those of who
@@ -110,7 +112,7 @@ def reclaim(tracks: Tracks, time_ns: int, parameters: EventsParameters) -> list[
 
 
 def _change_places(
-    tracks: Tracks, ripe: list[int], parameters: EventsParameters
+    tracks: EventsTracks, ripe: list[int], parameters: EventsParameters
 ) -> list[Notice]:
     """Exchange an orphan with whom it was in one blob, where a new track makes it plain that they
     had been taken for one another.
@@ -134,7 +136,7 @@ def _change_places(
 
 
 def _take_over(
-    tracks: Tracks, recovery: Recovery, frame: Frame, parameters: EventsParameters
+    tracks: EventsTracks, recovery: Recovery, frame: Frame, parameters: EventsParameters
 ) -> Notice:
     """The new track lives on under the orphan's id, with the orphan's past."""
     orphan, track = tracks.items[recovery.orphan], tracks.items[recovery.track]

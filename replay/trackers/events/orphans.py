@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from recorders.messages import NO_BLOB, Box
 from replay.trackers import appearance
 from replay.trackers.association import intersection
-from replay.trackers.events.associate import Seen
+from replay.trackers.events.associate import SeenDetections
 from replay.trackers.events.parameters import EventsParameters
-from replay.trackers.events.tracks import Tracks
+from replay.trackers.events.tracks import EventsTracks
 from replay.trackers.life import NANOS, TENTATIVE
 from replay.trackers.tracker import Image
 
@@ -28,7 +28,7 @@ GROUP_SIZE = 1.6
 """From so many areas of one target on, a detection may be of two."""
 
 
-def orphans(tracks: Tracks) -> list[int]:
+def orphans(tracks: EventsTracks) -> list[int]:
     """Rows of the targets that should be in the picture and have no observation yet."""
     return [
         index
@@ -38,7 +38,10 @@ def orphans(tracks: Tracks) -> list[int]:
 
 
 def share_detections(
-    tracks: Tracks, seen: Seen, used: NDArray[np.bool_], parameters: EventsParameters
+    tracks: EventsTracks,
+    seen: SeenDetections,
+    used: NDArray[np.bool_],
+    parameters: EventsParameters,
 ) -> None:
     """Recognise merged detections: one that another target took and that covers where this one is
     expected.
@@ -78,7 +81,7 @@ def share_detections(
 
 
 def follow_colours(
-    tracks: Tracks, image: Image, time_ns: int, parameters: EventsParameters
+    tracks: EventsTracks, image: Image, time_ns: int, parameters: EventsParameters
 ) -> list[tuple[int, Box, float]]:
     """Mean shift of every orphan's colours against its surroundings' from where it is expected.
 

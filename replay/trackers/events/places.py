@@ -118,7 +118,7 @@ class Place:
     tenant: bool = False
 
 
-class Foreground:
+class FrameForeground:
     """One frame's foreground, with each pixel's blob in ``labels`` (H, W), and what explains it."""
 
     def __init__(
@@ -163,7 +163,7 @@ class Foreground:
         out[meet] = self.integral.sums(cut[meet])
         return out.reshape(n, m)
 
-    def cut(self, blobs: Sequence[int], around: Floats) -> Cut:
+    def cut(self, blobs: Sequence[int], around: Floats) -> MaskCut:
         """The pixels of the given blobs around boxes (N, 4)."""
         height, width = self.mask.shape
         left, top = max(0, int(around[:, 0].min())), max(0, int(around[:, 1].min()))
@@ -172,11 +172,11 @@ class Foreground:
         part = self.labels[top : max(bottom, top + 1), left : max(right, left + 1)]
         table = np.zeros(max(len(self.components), *blobs) + 1, np.uint8)
         table[list(blobs)] = 1
-        return Cut(table[part], left, top)
+        return MaskCut(table[part], left, top)
 
 
 @dataclass(frozen=True, slots=True)
-class Expected:
+class ExpectedPlaces:
     """N targets as they are expected in this frame.
 
     Attributes:
@@ -198,7 +198,7 @@ class Expected:
 
 
 @dataclass(frozen=True, slots=True)
-class Cut:
+class MaskCut:
     """A cut out of the foreground: pixels (H, W) uint8 0 or 1, and its top left corner in the
     picture.
     """
@@ -212,12 +212,12 @@ Likeness = NDArray[np.float32] | None
 """How much each pixel of a cut looks like a target rather than like what is around it, (H, W) in
 [-1, 1].
 """
-Look = Callable[[list[int], Cut], list[Likeness]]
+Look = Callable[[list[int], MaskCut], list[Likeness]]
 """(rows of the targets, cut) -> their likenesses."""
 
 
 def search(
-    cut: Cut,
+    cut: MaskCut,
     boxes: Floats,
     reach: Floats,
     extra: Sequence[Floats],
@@ -351,8 +351,8 @@ def _score(
 
 
 def place(
-    fg: Foreground,
-    expected: Expected,
+    fg: FrameForeground,
+    expected: ExpectedPlaces,
     detections: Floats,
     detection_blobs: Ints,
     look: Look,
@@ -415,7 +415,7 @@ def place(
 
 
 def _fits(
-    expected: Expected, fg: Foreground, parameters: EventsParameters
+    expected: ExpectedPlaces, fg: FrameForeground, parameters: EventsParameters
 ) -> NDArray[np.bool_]:
     """Whether each of M blobs may be each of N targets alone, by its size, (N, M).
 
@@ -446,10 +446,10 @@ def _fits(
 
 
 def _place_cluster(
-    fg: Foreground,
+    fg: FrameForeground,
     blobs: list[int],
     rows: list[int],
-    expected: Expected,
+    expected: ExpectedPlaces,
     detections: Floats,
     look: Look,
     parameters: EventsParameters,
@@ -483,7 +483,7 @@ def _place_cluster(
 class Rest:
     """The foreground that nothing explains, as explanations are taken away from it."""
 
-    def __init__(self, fg: Foreground) -> None:
+    def __init__(self, fg: FrameForeground) -> None:
         self._fg = fg
         self._pixels = fg.unit.copy()
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from replay.trackers.appearance import distance
 from replay.trackers.association import assign
 from replay.trackers.events.parameters import EventsParameters
-from replay.trackers.events.tracks import Tracks
+from replay.trackers.events.tracks import EventsTracks
 
 UNKNOWN = 0.25
 """What unknown colours differ by: as much as one's own colours may after a while."""
@@ -32,7 +32,7 @@ class Recovery:
 
 
 def recover(
-    tracks: Tracks,
+    tracks: EventsTracks,
     orphans: list[int],
     fresh: list[int],
     time_ns: int,
@@ -54,7 +54,7 @@ def recover(
 
 
 def _price(
-    tracks: Tracks, a: int, b: int, time_ns: int, parameters: EventsParameters
+    tracks: EventsTracks, a: int, b: int, time_ns: int, parameters: EventsParameters
 ) -> Recovery:
     """Half the squared miss, of the straight path or of one who stood still, plus size and
     colours.

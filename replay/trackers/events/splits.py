@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from recorders.messages import Blob
 from replay.trackers.association import intersection
-from replay.trackers.events.tracks import Tracks
+from replay.trackers.events.tracks import EventsTracks
 from replay.trackers.life import TENTATIVE
 
 Floats = NDArray[np.float64]
@@ -29,7 +29,7 @@ held both.
 """
 
 
-def remember_regions(tracks: Tracks, blobs: Sequence[Blob], time_ns: int) -> None:
+def remember_regions(tracks: EventsTracks, blobs: Sequence[Blob], time_ns: int) -> None:
     """Take note of the region that each observed target lies in: its blob, or without masks what
     was measured.
     """
@@ -47,7 +47,7 @@ def remember_regions(tracks: Tracks, blobs: Sequence[Blob], time_ns: int) -> Non
         track.regions.append([float(time_ns), *box])
 
 
-def came_from(tracks: Tracks, boxes: Floats) -> NDArray[np.bool_]:
+def came_from(tracks: EventsTracks, boxes: Floats) -> NDArray[np.bool_]:
     """Whether each of some new boxes (N, 4) lay in one region with a confirmed target just
     before, (N,).
     """

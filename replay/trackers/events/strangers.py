@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from recorders.messages import NO_BLOB, Box, Notice
 from replay.trackers.appearance import Colours, distance
-from replay.trackers.events.tracks import Floats, Track, Tracks
+from replay.trackers.events.tracks import EventsTrack, EventsTracks, Floats
 from replay.trackers.life import NANOS
 
 LOOKS = 3
@@ -30,7 +30,7 @@ WHOLE = 0.5
 
 
 def estranged(
-    track: Track, seen: Floats, box: Box, frame: int, time_ns: int
+    track: EventsTrack, seen: Floats, box: Box, frame: int, time_ns: int
 ) -> bool | None:
     """Whether a lone target's blob is somebody else's.
 
@@ -67,7 +67,7 @@ def estranged(
 
 
 def part(
-    tracks: Tracks, row: int, identity: int, frame: int, doubt_s: float
+    tracks: EventsTracks, row: int, identity: int, frame: int, doubt_s: float
 ) -> list[Notice]:
     """The row is a new target with the given id since the first strange look; the old one is lost
     where it was.

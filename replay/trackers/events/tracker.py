@@ -26,27 +26,27 @@ from reasoning.regions import RegionParameters
 from recorders.messages import NO_BLOB, Box, Ellipse, Mode, Notice, Targets
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.association import intersection
-from replay.trackers.belief import LIKELY, Scores, stamped
+from replay.trackers.belief import LIKELY, DetectionScores, stamped
 from replay.trackers.events.answer import answer, shared_regions
-from replay.trackers.events.associate import Seen, match, one_each
+from replay.trackers.events.associate import SeenDetections, match, one_each
 from replay.trackers.events.colours import alike, learn, likenesses, look_at
-from replay.trackers.events.groups import GroupTracks, Together, hold_members, members_of
+from replay.trackers.events.groups import GroupTracks, SharedBlob, hold_members, members_of
 from replay.trackers.events.identity import keep_company, verify
 from replay.trackers.events.lifecycle import confirm, reclaim
 from replay.trackers.events.orphans import follow_colours, orphans, share_detections
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.places import (
-    Cut,
-    Expected,
-    Foreground,
+    ExpectedPlaces,
+    FrameForeground,
     Likeness,
+    MaskCut,
     Place,
     Rest,
     place,
 )
 from replay.trackers.events.splits import came_from, remember_regions
 from replay.trackers.events.strangers import estranged, part
-from replay.trackers.events.tracks import Track, Tracks
+from replay.trackers.events.tracks import EventsTrack, EventsTracks
 from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.tracker import Frame, SceneInfo
 
@@ -67,10 +67,10 @@ class EventsTracker:
     ) -> None:
         self._scene = scene
         self._p = parameters
-        self._tracks = Tracks(parameters)
-        self._scores = Scores()
+        self._tracks = EventsTracks(parameters)
+        self._scores = DetectionScores()
         self._groups = GroupTracks(parameters.tentative_s)
-        self._together = Together(parameters.hold_s)
+        self._together = SharedBlob(parameters.hold_s)
         # Blobs flicker; a detection says itself how likely it is somebody.
         lived = parameters if scene.has_masks else replace(parameters, confirm_s=0.0)
         self._life = Life(
@@ -153,8 +153,8 @@ class EventsTracker:
             self._tracks.lean(rows, np.stack([model.aspect * heights, heights], axis=1), dt)
 
     def _explain(
-        self, frame: Frame, mask: NDArray[np.uint8], seen: Seen, dt: float
-    ) -> Seen:
+        self, frame: Frame, mask: NDArray[np.uint8], seen: SeenDetections, dt: float
+    ) -> SeenDetections:
         """Let the confirmed targets explain the foreground; what is left over are the detections
         of others.
         """
@@ -165,7 +165,7 @@ class EventsTracker:
             -1, 2
         )
         inside = self._life.regions.may_start_low_level_all(centres)
-        fg = Foreground(mask, labels, blobs, self._p, inside)
+        fg = FrameForeground(mask, labels, blobs, self._p, inside)
         items, bank = self._tracks.items, self._tracks.bank
         rows = [
             index
@@ -179,7 +179,7 @@ class EventsTracker:
         )
         patient = np.array([items[r].misfit_s > self._p.patience_s for r in rows], bool)
         model = SizeModel.from_list(frame.detections.size_model)
-        expected = Expected(
+        expected = ExpectedPlaces(
             self._tracks.boxes[rows],
             reach,
             doubt[:, 2:4],
@@ -188,7 +188,7 @@ class EventsTracker:
             upright=model is not None,
         )
 
-        def look(which: list[int], cut: Cut) -> list[Likeness]:
+        def look(which: list[int], cut: MaskCut) -> list[Likeness]:
             if not self._scene.has_images or frame.image is None:
                 return [None] * len(which)
             return likenesses([items[rows[row]] for row in which], frame.image, cut)
@@ -241,7 +241,7 @@ class EventsTracker:
                 if seen:
                     track.front = items[seen[int(np.argmin((away * away).sum(axis=1)))]].id
 
-    def _take(self, row: int, frame: Frame, seen: Seen, column: int) -> Place:
+    def _take(self, row: int, frame: Frame, seen: SeenDetections, column: int) -> Place:
         """Take a detection of one of those who share a blob as this one's."""
         x, y, w, h = seen.boxes[column].tolist()
         blob = int(seen.blobs[column])
@@ -257,7 +257,7 @@ class EventsTracker:
         frame: Frame,
         mask: NDArray[np.uint8],
         at: Place,
-        rivals: list[Track],
+        rivals: list[EventsTrack],
     ) -> float:
         """How much of a target's own colours is seen where it was placed in a shared blob; 1
         where nobody knows.
@@ -293,7 +293,7 @@ class EventsTracker:
         elif at.own + at.shared >= self._p.min_own:
             track.hidden, track.blob = True, at.blob
 
-    def _associate(self, frame: Frame, seen: Seen) -> NDArray[np.bool_]:
+    def _associate(self, frame: Frame, seen: SeenDetections) -> NDArray[np.bool_]:
         """In stages: those who are followed to detections of high, then of low score; the lost;
         the tentative.
         """
@@ -328,7 +328,9 @@ class EventsTracker:
             self._follow(frame, seen, pairs)
         return used
 
-    def _follow(self, frame: Frame, seen: Seen, pairs: list[tuple[int, int]]) -> None:
+    def _follow(
+        self, frame: Frame, seen: SeenDetections, pairs: list[tuple[int, int]]
+    ) -> None:
         """Take the detections of (row, column) pairs as observations."""
         if not pairs:
             return
@@ -375,7 +377,7 @@ class EventsTracker:
 
     @staticmethod
     def _note(
-        track: Track,
+        track: EventsTrack,
         frame: Frame,
         box: Box,
         score: float,
@@ -388,7 +390,7 @@ class EventsTracker:
         if track.id == TENTATIVE:
             track.sightings.append([float(frame.index), *box])
 
-    def _start(self, frame: Frame, seen: Seen, used: NDArray[np.bool_]) -> None:
+    def _start(self, frame: Frame, seen: SeenDetections, used: NDArray[np.bool_]) -> None:
         """A tentative track for every unassociated detection whose centroid lies in ROI or border
         (EVENTS 3.2); one over a collision zone is a group tracker (3.1).
         """
@@ -399,7 +401,7 @@ class EventsTracker:
         from_split = came_from(self._tracks, boxes)
         for index, column in enumerate(columns.tolist()):
             x, y, w, h = boxes[index].tolist()
-            track = Track(
+            track = EventsTrack(
                 TENTATIVE,
                 frame.index,
                 frame.time_ns,
@@ -488,10 +490,10 @@ class EventsTracker:
         self._life.restore(state["life"])
 
 
-def _seen(frame: Frame, has_images: bool) -> Seen:
+def _seen(frame: Frame, has_images: bool) -> SeenDetections:
     d = frame.detections
     count = len(d.boxes)
-    return Seen(
+    return SeenDetections(
         frame.boxes,
         np.array(d.scores if d.scores else [1.0] * count, np.float64),
         np.array(d.blobs if d.blobs else [NO_BLOB] * count, np.int64),
@@ -519,12 +521,12 @@ class _Looks:
 
 
 def _left_over(
-    fg: Foreground,
+    fg: FrameForeground,
     kept: list[Place],
-    seen: Seen,
+    seen: SeenDetections,
     model: SizeModel | None,
     events_parameters: EventsParameters,
-) -> Seen:
+) -> SeenDetections:
     """The detections that no placed target explains, and blobs that were overlooked.
 
     The only detection of a blob that nobody claims is the blob itself, unless that is a part of
@@ -550,7 +552,7 @@ def _left_over(
     scores = np.maximum(seen.scores, UNEXPLAINED)
     ellipses = [seen.ellipses[row] for row in free.tolist()]
     more, bodies = _overlooked(fg, rest, claimed, seen.boxes, model, events_parameters)
-    return Seen(
+    return SeenDetections(
         np.concatenate([boxes[free], bodies]),
         np.concatenate([scores[free], np.full(len(more), UNEXPLAINED)]),
         np.concatenate([seen.blobs[free], np.array(more, np.int64) + 1]),
@@ -560,7 +562,7 @@ def _left_over(
 
 
 def _overlooked(
-    fg: Foreground,
+    fg: FrameForeground,
     rest: Rest,
     claimed: list[int],
     detections: Floats,

@@ -34,7 +34,7 @@ _TURN = 0.2
 
 
 @dataclass(slots=True)
-class Track(Living):
+class EventsTrack(Living):
     """One track's bookkeeping; its place and size are a row of the Kalman bank.
 
     Attributes:
@@ -140,7 +140,7 @@ class Unrest:
         self._looks = float(state["looks"])
 
 
-class Tracks:
+class EventsTracks:
     """All tracks, tentative and confirmed, in the order of their birth; row k of the bank belongs
     to item k.
     """
@@ -150,7 +150,7 @@ class Tracks:
         self._noise = np.array([p.place_noise] * 2 + [p.size_noise] * 4 + [0.0])
         self._agility = np.array([p.agility] * 2 + [0.0] * 5)
         self.bank = KalmanBank(COMPONENTS)
-        self.items: list[Track] = []
+        self.items: list[EventsTrack] = []
         self.unrest = Unrest()
 
     def __len__(self) -> int:
@@ -298,7 +298,7 @@ class Tracks:
                 for table in (bank.p00, bank.p01, bank.p11):
                     table[row, part] *= min(factor, 25.0)
 
-    def start(self, box: Box, ellipse: Ellipse | None, track: Track) -> None:
+    def start(self, box: Box, ellipse: Ellipse | None, track: EventsTrack) -> None:
         """Append a track at a measured box and ellipse."""
         size = math.sqrt(max(box[2] * box[3], 1.0))
         variance = self.measurement_variance(np.array([size]))
@@ -337,7 +337,7 @@ def _awakening(surprise: Floats) -> Floats:
     return np.asarray(np.where(most > 1.0, np.minimum(most, 25.0), 1.0))
 
 
-def _plain(track: Track) -> dict[str, Any]:
+def _plain(track: EventsTrack) -> dict[str, Any]:
     out = {f.name: getattr(track, f.name) for f in fields(track)}
     out["colours"] = None if track.colours is None else track.colours.state()
     out["measured"] = None if track.measured is None else list(track.measured)
@@ -351,7 +351,7 @@ def _plain(track: Track) -> dict[str, Any]:
     return out
 
 
-def _track(state: Mapping[str, Any]) -> Track:
+def _track(state: Mapping[str, Any]) -> EventsTrack:
     plain = dict(state)
     plain["colours"] = (
         None if plain["colours"] is None else Colours.from_state(plain["colours"])
@@ -366,7 +366,7 @@ def _track(state: Mapping[str, Any]) -> Track:
     plain["company"] = [list(column) for column in plain["company"]]
     plain["sightings"] = [list(s) for s in plain["sightings"]]
     plain["regions"] = [list(row) for row in plain["regions"]]
-    return Track(**plain)
+    return EventsTrack(**plain)
 
 
 def _measured(box: Box, ellipse: Ellipse | None, near: float) -> Floats:

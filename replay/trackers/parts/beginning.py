@@ -19,7 +19,7 @@ from replay.trackers.belief import LIKELY
 from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.parts.candidates import Observed
 from replay.trackers.parts.parameters import PartsParameters
-from replay.trackers.parts.targets import Target, Targets
+from replay.trackers.parts.targets import PartsTarget, PartsTargets
 from replay.trackers.tracker import Frame
 
 Floats = NDArray[np.float64]
@@ -75,7 +75,7 @@ def parse_init(words: str) -> tuple[Start, ...]:
 class Beginning:
     """Starts and confirms targets."""
 
-    def __init__(self, p: PartsParameters, targets: Targets) -> None:
+    def __init__(self, p: PartsParameters, targets: PartsTargets) -> None:
         self._p = p
         self._targets = targets
 
@@ -93,7 +93,7 @@ class Beginning:
                 self._targets.keep(
                     [k for k in range(len(self._targets)) if k not in strangers]
                 )
-                target = Target(
+                target = PartsTarget(
                     TENTATIVE, frame.index, frame.time_ns, frame.time_ns, manual=True
                 )
                 target.measured = start.box
@@ -127,7 +127,9 @@ class Beginning:
             if not has_mask and seen.scores[k] < LIKELY:
                 continue
             blob = int(seen.blobs[k])
-            target = Target(TENTATIVE, frame.index, frame.time_ns, frame.time_ns, blob=blob)
+            target = PartsTarget(
+                TENTATIVE, frame.index, frame.time_ns, frame.time_ns, blob=blob
+            )
             share = intersection(seen.boxes[k : k + 1], before) / max(
                 float(seen.boxes[k, 2] * seen.boxes[k, 3]), 1.0
             )

@@ -26,7 +26,7 @@ from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.pieces import held_by_pieces
 from replay.trackers.parts.regions import HEAD, PARTS, covered
 from replay.trackers.parts.scoring import FULL, Scorer
-from replay.trackers.parts.targets import Targets
+from replay.trackers.parts.targets import PartsTargets
 from replay.trackers.parts.template import patches, refine
 from replay.trackers.tracker import Frame, SceneInfo
 
@@ -47,7 +47,7 @@ class Matching:
         scene: SceneInfo,
         frame: Frame,
         seen: Observed,
-        targets: Targets,
+        targets: PartsTargets,
         p: PartsParameters,
         dt: float,
         room: Room | None,

@@ -28,7 +28,7 @@ _MODEL = ("area", "perimeter", "overlap", "colours", "seen")
 
 
 @dataclass(slots=True)
-class Target(Living):
+class PartsTarget(Living):
     """One target's bookkeeping; its numbers are a row of `Targets`' arrays.
 
     Attributes:
@@ -59,7 +59,7 @@ class Target(Living):
         self.measured = self.score = None
 
 
-class Targets:
+class PartsTargets:
     """All targets in the order of their birth; row k of every array belongs to item k.
 
     Attributes:
@@ -75,7 +75,7 @@ class Targets:
 
     def __init__(self, parameters: PartsParameters) -> None:
         self._p = parameters
-        self.items: list[Target] = []
+        self.items: list[PartsTarget] = []
         self.motion, self.size = KalmanBank(2), KalmanBank(2)
         self.boxes: Floats = np.zeros((0, 4))
         self.alpha: Floats = np.zeros(0)
@@ -136,7 +136,7 @@ class Targets:
         usual = sizes[:, ::-1]
         self.size.update(rows, usual, (spread * usual[:, :1]) ** 2)
 
-    def start(self, box: Floats, target: Target) -> None:
+    def start(self, box: Floats, target: PartsTarget) -> None:
         """Append a target at a box."""
         x, y, w, h = box.tolist()
         p = self._p
@@ -255,7 +255,7 @@ class Targets:
         self.items = [_target(t) for t in state["items"]]
         self.motion.restore(state["motion"])
         self.size.restore(state["size"])
-        n, empty = len(self.items), Targets(self._p)
+        n, empty = len(self.items), PartsTargets(self._p)
         for name in (
             "boxes",
             "alpha",
@@ -278,15 +278,15 @@ class Targets:
             )
 
 
-def _plain(target: Target) -> dict[str, Any]:
+def _plain(target: PartsTarget) -> dict[str, Any]:
     out = {field.name: getattr(target, field.name) for field in fields(target)}
     out["measured"] = None if target.measured is None else list(target.measured)
     out["sightings"] = [list(sighting) for sighting in target.sightings]
     return out
 
 
-def _target(state: Mapping[str, Any]) -> Target:
+def _target(state: Mapping[str, Any]) -> PartsTarget:
     plain = dict(state)
     plain["measured"] = None if plain["measured"] is None else tuple(plain["measured"])
     plain["sightings"] = [list(s) for s in plain["sightings"]]
-    return Target(**plain)
+    return PartsTarget(**plain)

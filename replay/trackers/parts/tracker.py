@@ -14,11 +14,11 @@ from msgspec.structs import replace
 from reasoning.geometry import middles_inside
 from reasoning.regions import RegionParameters
 from recorders.messages import NO_BLOB, Box, Notice
-from recorders.messages import Target as Answer
 from recorders.messages import Targets as Answers
+from recorders.messages import Target as Answer
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.association import intersection
-from replay.trackers.belief import Scores, stamped
+from replay.trackers.belief import DetectionScores, stamped
 from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.parts.beginning import Beginning, parse_init
 from replay.trackers.parts.candidates import observe
@@ -29,7 +29,7 @@ from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.regions import PARTS
 from replay.trackers.parts.scoring import PartFeatures, Scorer
 from replay.trackers.parts.signature import signature
-from replay.trackers.parts.targets import BYSTANDERS, Targets
+from replay.trackers.parts.targets import BYSTANDERS, PartsTargets
 from replay.trackers.tracker import Frame, SceneInfo, State
 
 NS = 1e-9
@@ -65,9 +65,9 @@ class PartsTracker:
         self._scorer = Scorer(features)
         self._find_heads = find_heads or ColourShapeHeads()
         self._by_hand = parse_init(parameters.init)
-        self._targets = Targets(parameters)
+        self._targets = PartsTargets(parameters)
         self._next_bystander = BYSTANDERS
-        self._scores = Scores()
+        self._scores = DetectionScores()
         self._time_ns: int | None = None
         self._room = Room((scene.width, scene.height)) if scene.has_masks else None
 

@@ -42,7 +42,7 @@ _MINOR = 0.3
 
 
 @dataclass(slots=True)
-class Found:
+class Resolved:
     """An object's observation in this frame.
 
     Attributes:
@@ -75,7 +75,7 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class SeenFrame:
     """What the resolution sees of a frame: its foreground, and its picture when it is asked for."""
 
     foreground: Foreground
@@ -97,7 +97,7 @@ class Resolver:
 
     def __init__(
         self,
-        frame: Frame,
+        frame: SeenFrame,
         bodies: Bodies,
         rows: Rows,
         radii: Floats,
@@ -111,7 +111,7 @@ class Resolver:
         self._related = related
         self._p = p
         self._boxes = bodies.boxes
-        self.found: dict[int, Found] = {}
+        self.found: dict[int, Resolved] = {}
         self.fronts: dict[int, int] = {}
         self.leads: dict[tuple[int, int], float] = {}
         self.free: Bools = np.ones(len(self._fg.boxes), bool)
@@ -226,7 +226,7 @@ class Resolver:
         )
         return np.asarray((low & high) | patient[:, None])
 
-    def whole(self, row: int, blob: int) -> Found:
+    def whole(self, row: int, blob: int) -> Resolved:
         """A blob that belongs to an object as it is."""
         b = self._fg.components[blob]
         x, y, w, h = (int(value) for value in b.box)
@@ -242,7 +242,7 @@ class Resolver:
         body = self._bodies.items[row]
         visible = min(1.0, b.area / max(1.0, body.area))
         place = body.place_of((b.ellipse.x, b.ellipse.y), b.box)
-        return Found(
+        return Resolved(
             b.box, place, 1.0, True, True, blob + 1, visible, b.area, b.ellipse, own, x, y
         )
 
@@ -479,7 +479,7 @@ class Resolver:
             blob = int(np.argmax(np.bincount(cut.labels[own], minlength=1)))
             covered = any(pixels > 0.5 for _, pixels in rivals)
             weight = 1.0 - self._p.yielding * min(0.75, 1.0 - visible)
-            self.found[row] = Found(
+            self.found[row] = Resolved(
                 (cx - w / 2, cy - h / 2, w, h), (cx, cy), weight, False, False, blob, visible, round(count),
                 _ellipse(own, cut), own, cut.left, cut.top, len(rows) == 1,
             )  # fmt: skip

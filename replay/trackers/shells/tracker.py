@@ -24,7 +24,7 @@ from recorders.annotated.membership import PATCHES, Patches
 from recorders.messages import NO_BLOB, Box, Notice, Target, Targets
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.association import assign, iou
-from replay.trackers.belief import LIKELY, Scores, stamped
+from replay.trackers.belief import LIKELY, DetectionScores, stamped
 from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.shells import births, boxes
 from replay.trackers.shells.births import Free
@@ -34,8 +34,8 @@ from replay.trackers.shells.identity import Doubts
 from replay.trackers.shells.objects import NOBODY, Bodies, Body
 from replay.trackers.shells.order import Order
 from replay.trackers.shells.parameters import ShellsParameters
-from replay.trackers.shells.resolve import Found, Resolver
-from replay.trackers.shells.resolve import Frame as Seen
+from replay.trackers.shells.resolve import Resolved, Resolver
+from replay.trackers.shells.resolve import SeenFrame
 from replay.trackers.tracker import Frame, Payloads, SceneInfo, State
 
 Floats = NDArray[np.float64]
@@ -60,7 +60,7 @@ class ShellsTracker:
         self._bodies = Bodies(parameters, scene.has_masks)
         self._book = RelationBook(relation)
         self._doubts = Doubts()
-        self._scores = Scores()
+        self._scores = DetectionScores()
         self._order = Order(parameters)
         frame_s = max(1e-3, scene.frame_ns * NS)
         self._learn_every = max(1, round(parameters.learn_s / frame_s))
@@ -98,7 +98,7 @@ class ShellsTracker:
             else self._associate(frame, free, radii)
         )
         taken |= self._start(frame, free, taken)
-        found: dict[int, Found] = {}
+        found: dict[int, Resolved] = {}
         if resolver is not None:
             found = resolver.found
             for column in np.flatnonzero(free.whole).tolist():
@@ -171,7 +171,7 @@ class ShellsTracker:
             np.intp,
         )
         blobs = np.array(frame.detections.blobs or [NO_BLOB] * len(frame.boxes), np.int64)
-        seen = Seen(
+        seen = SeenFrame(
             Foreground(mask, labels, frame.detections.components),
             frame.boxes,
             blobs,
@@ -240,7 +240,7 @@ class ShellsTracker:
             if self._scene.has_masks:
                 bank.rate[row, :2] = bank.rate[front, :2]
 
-    def _observe(self, row: int, frame: Frame, at: Found, dt: float) -> None:
+    def _observe(self, row: int, frame: Frame, at: Resolved, dt: float) -> None:
         """Take what was found of an object (SHELLS 2.5)."""
         body, p = self._bodies.items[row], self._p
         _, _, w, h = at.box
@@ -404,7 +404,7 @@ class ShellsTracker:
         joint = [(edge.a, edge.b) for edge in self._book.edges if edge.state == "JOINT"]
         return self._order.step(joint, {} if resolver is None else resolver.leads, dt)
 
-    def _learn(self, frame: Frame, found: dict[int, Found]) -> None:
+    def _learn(self, frame: Frame, found: dict[int, Resolved]) -> None:
         """Learn mask, area and colours of who is alone, nothing in JOINT, no colours while
         identities are in doubt.
         """
@@ -429,12 +429,12 @@ class ShellsTracker:
             if self._scene.has_images and body.id not in doubtful:
                 self._look(body, frame, at)
 
-    def _look(self, body: Body, frame: Frame, at: Found) -> None:
+    def _look(self, body: Body, frame: Frame, at: Resolved) -> None:
         bins = self._bins(frame, at)
         if bins is not None:
             body.look(bins, at.own)
 
-    def _bins(self, frame: Frame, at: Found) -> NDArray[np.uint16] | None:
+    def _bins(self, frame: Frame, at: Resolved) -> NDArray[np.uint16] | None:
         image = frame.image
         if image is None:
             return None
@@ -442,8 +442,8 @@ class ShellsTracker:
         return bins_of(image[at.top : at.top + h, at.left : at.left + w])
 
     def _settle(
-        self, frame: Frame, found: dict[int, Found], notices: list[Notice]
-    ) -> dict[int, Found]:
+        self, frame: Frame, found: dict[int, Resolved], notices: list[Notice]
+    ) -> dict[int, Resolved]:
         """Who is who among those that were JOINT and have blobs of their own again; what was
         found, by row, then.
         """
@@ -494,7 +494,7 @@ class ShellsTracker:
     # -- the answer
     # ------------------------------------------------------------------------------------------------
 
-    def _own_pixels(self, frame: Frame, found: dict[int, Found]) -> Patches | None:
+    def _own_pixels(self, frame: Frame, found: dict[int, Resolved]) -> Patches | None:
         """Each object's pixels, by id."""
         if not self._p.membership or frame.mask is None:
             return None

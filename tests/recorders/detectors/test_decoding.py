@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from recorders.detectors import decoding as d
-from recorders.detectors.decoding import Found
+from recorders.detectors.decoding import Decoded
 
 SIZE = (96, 64)  # width, height: grids of 12x8, 6x4, 3x2 cells; 2x1 for stride 64
 CELLS = 96 + 24 + 6
 INSIDE = [[20.0, 8.0, 60.0, 40.0]]  # corners of what every test puts in
 
 
-def only(found: Found, label: int, score: float) -> None:
+def only(found: Decoded, label: int, score: float) -> None:
     np.testing.assert_allclose(found.corners, INSIDE, atol=1e-6)
     assert found.classes.tolist() == [label]
     np.testing.assert_allclose(found.scores, [score], atol=1e-6)

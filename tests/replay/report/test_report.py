@@ -27,7 +27,7 @@ from recorders.messages import (
     Tracks,
 )
 from recorders.pictures import encode_jpeg
-from recorders.quality import Measure, quality_text
+from recorders.quality import QualityMeasure, quality_text
 from replay.cli import main
 from replay.report import write_report
 from replay.report.data import ReportOptions
@@ -35,10 +35,10 @@ from replay.report.data import ReportOptions
 FRAME_NS = 40_000_000
 FRAMES = 60
 QUALITY = [
-    Measure(
+    QualityMeasure(
         "clean_sightings", 2.0, "only 2 bodies were seen clean; give <b>a detector</b>"
     ),
-    Measure("noise", 0.0),
+    QualityMeasure("noise", 0.0),
 ]
 NASTY = '</script><script>window.stolen = 1</script><img src=x onerror="window.stolen = 1">'
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from recorders.messages import Detections, Target, Targets
-from replay.trackers.belief import Scores, stamped
+from replay.trackers.belief import DetectionScores, stamped
 
 BOX = (10.0, 10.0, 20.0, 40.0)
 scores_of_a_frame = st.lists(st.floats(0.0, 1.0), max_size=12)
@@ -23,7 +23,7 @@ def seen(scores: list[float]) -> Detections:
 def test_a_higher_score_is_never_less_likely(
     before: list[list[float]], now: list[float]
 ) -> None:
-    book = Scores()
+    book = DetectionScores()
     for frame in before:
         book.take(seen(frame))
     likely = book.take(seen(now))
@@ -37,14 +37,14 @@ def test_a_higher_score_is_never_less_likely(
 def test_scores_that_are_all_the_same_say_that_all_are_somebody(
     score: float, count: int
 ) -> None:
-    assert np.all(Scores().take(seen([score] * count)) > 0.9)
+    assert np.all(DetectionScores().take(seen([score] * count)) > 0.9)
 
 
 def test_detections_without_scores_are_somebody() -> None:
-    assert Scores().take(Detections(0, 640, 480, [BOX, BOX])).tolist() == pytest.approx(
-        [0.947] * 2, abs=0.001
-    )
-    assert len(Scores().take(Detections(0, 640, 480))) == 0
+    assert DetectionScores().take(
+        Detections(0, 640, 480, [BOX, BOX])
+    ).tolist() == pytest.approx([0.947] * 2, abs=0.001)
+    assert len(DetectionScores().take(Detections(0, 640, 480))) == 0
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_detections_without_scores_are_somebody() -> None:
 def test_half_as_likely_depends_on_what_the_detector_gives_its_best(
     best: list[float], half: float
 ) -> None:
-    book = Scores()
+    book = DetectionScores()
     for _ in range(30):
         book.take(seen([*best, 0.3, 0.4]))
     likely = book.take(seen([half, *best]))
@@ -67,7 +67,7 @@ def test_half_as_likely_depends_on_what_the_detector_gives_its_best(
 def test_a_restored_book_goes_on_as_the_one_that_was_saved(
     frames: list[list[float]], rubbish: int
 ) -> None:
-    first, second = Scores(), Scores()
+    first, second = DetectionScores(), DetectionScores()
     for frame in [*frames, [0.05] * rubbish]:
         first.take(seen(frame))
     second.restore(first.state())
@@ -76,7 +76,7 @@ def test_a_restored_book_goes_on_as_the_one_that_was_saved(
 
 def test_rubbish_does_not_make_the_rest_likelier() -> None:
     """A detector that is asked for lower scores, too, gives more rubbish; the best stay the best."""
-    little, much = Scores(), Scores()
+    little, much = DetectionScores(), DetectionScores()
     for _ in range(50):
         little.take(seen([0.9, 0.85, 0.5]))
         much.take(seen([0.9, 0.85, 0.5, *[0.02] * 30]))

@@ -20,7 +20,7 @@ from recorders.segmentation.blobs import components
 from replay import hindsight
 from replay.trackers import events
 from replay.trackers.events.parameters import EventsParameters
-from replay.trackers.events.places import Cut, search
+from replay.trackers.events.places import MaskCut, search
 from replay.trackers.tracker import Tracker
 
 WIDTH, HEIGHT, FRAME_NS = 320, 240, 100_000_000
@@ -122,7 +122,7 @@ def test_pixels_that_two_claim_are_whose_colours_they_have() -> None:
 
     def least_own(likeness: list[NDArray[np.float32] | None]) -> float:
         found = search(
-            Cut(pixels, 0, 0), boxes, np.ones(2), [np.zeros((0, 2))] * 2, likeness, p
+            MaskCut(pixels, 0, 0), boxes, np.ones(2), [np.zeros((0, 2))] * 2, likeness, p
         )
         return float(found[1].min())
 

@@ -5,24 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from replay.trackers.events.associate import Seen, match
+from replay.trackers.events.associate import SeenDetections, match
 from replay.trackers.events.parameters import EventsParameters
-from replay.trackers.events.tracks import Track, Tracks
+from replay.trackers.events.tracks import EventsTrack, EventsTracks
 
 P = EventsParameters()
 
 
-def _unseen_for(frames: int) -> Tracks:
-    tracks = Tracks(P)
-    tracks.start((100.0, 100.0, 20.0, 50.0), None, Track(1, 0, 0, 0))
+def _unseen_for(frames: int) -> EventsTracks:
+    tracks = EventsTracks(P)
+    tracks.start((100.0, 100.0, 20.0, 50.0), None, EventsTrack(1, 0, 0, 0))
     for _ in range(frames):
         tracks.predict(1 / 7)
     return tracks
 
 
-def _matched(tracks: Tracks, off: float, fused: bool) -> bool:
+def _matched(tracks: EventsTracks, off: float, fused: bool) -> bool:
     box = np.array([[100.0 + off, 100.0, 20.0, 50.0]])
-    seen = Seen(box, np.ones(1), np.full(1, -1), [None], None, fused)
+    seen = SeenDetections(box, np.ones(1), np.full(1, -1), [None], None, fused)
     one = np.zeros(1, np.intp)
     return bool(match(tracks, one, seen, one, P))
 
