@@ -29,7 +29,7 @@ scenetrace query monday.mcap tuesday.mcap --ask who-was-in bench --at 12.5 --for
 scenetrace query case.duckdb --ask contacts 3 --depth 4 --show-sql
 scenetrace query case.duckdb --pattern "meeting(a,b) ; joint(a,b)[>2s] ; exited(a)[<30s]"
 scenetrace query --ask list"""
-DESCRIPTION = """Ask annotated logs, an index, or a folder of Parquet.
+DESCRIPTION = """Ask annotated logs, an index, a folder of Parquet, or a case (case.toml: all its logs).
 
 Tables: frames, tracks, relations, groups, encounters, events; also recordings, presence, bits, zones, phases
 (`query LOG "DESCRIBE tracks"` shows columns). Times are seconds from the recording's start, frames count from 0.
@@ -49,7 +49,7 @@ def add(commands: Commands) -> None:
         "words",
         nargs="*",
         metavar='ANNOTATED... "SQL"',
-        help="logs, indexes, Parquet folders; then the SQL",
+        help="logs, indexes, Parquet folders, a case (case.toml); then the SQL",
     )
     parser.add_argument(
         "--ask",
@@ -384,7 +384,9 @@ def _split(args: argparse.Namespace) -> tuple[list[Path], str]:
         )
         if sql is not None:
             raise UsageError(f"{kind} and SQL ({sql[:40]!r}): give one of them")
-    return [Path(word) for word in words], query
+    from replay.cases.case_file import expanded
+
+    return expanded(words), query
 
 
 def _is_there(word: str) -> bool:

@@ -5,7 +5,7 @@ events, thumbnails.
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -15,13 +15,12 @@ import numpy as np
 from reasoning.questions import Case
 from reasoning.questions.literals import literal
 from recorders.annotated.reader import AnnotatedLog
+from recorders.messages import EVENT_LEVELS
 from recorders.pictures import encode_jpeg
 from recorders.quality import QualityMeasure
 from recorders.segmentation.quality import worst
 from recorders.vision import cv2
-from replay.draw import DrawOptions
 from replay.palette import track_css
-from replay.report.pictures import chosen_frames, drawn
 
 Image = Any
 _INTERVALS = {  # table: its columns, its order; the interval's ends are start_t and end_t
@@ -39,6 +38,11 @@ _INTERVALS = {  # table: its columns, its order; the interval's ends are start_t
     ),
     "presence": ("track, start_frame, end_frame, start_t, end_t", "track, start_frame"),
 }
+_CORRECTION = "correction, kind, tracks, frame, t, text, made_by, why, date, undone"
+_NODE = (
+    "track, round(x, 1), round(y, 1), round(w, 1), round(h, 1),"
+    " CAST(present AND mode <> 'predicted' AS INTEGER)"
+)
 _YEAR_NS = 365 * 86_400 * 10**9
 _AT_ONCE = """SELECT coalesce(max(n), 0) FROM (
     SELECT count(*) AS n FROM tracks WHERE recording = $name GROUP BY frame)"""
@@ -51,7 +55,8 @@ class ReportOptions:
     Attributes:
         thumbnails: most frames shown as pictures.
         thumbnail_width: their width in pixels.
-        steps: most positions of the graph's slider.
+        picture_bytes: what all of them together may take, as they are in the page.
+        steps: most further frames whose boxes and edges are in the page.
         points: most points of one trajectory.
         all_points: most points of all trajectories together.
         tracks: most trajectories; those of the longest lives.
@@ -62,15 +67,16 @@ class ReportOptions:
         ground_frames: frames whose median is the ground that paths are drawn on.
     """
 
-    thumbnails: int = 160
-    thumbnail_width: int = 480
+    thumbnails: int = 900
+    thumbnail_width: int = 400
+    picture_bytes: int = 8_000_000
     steps: int = 300
     points: int = 300
     all_points: int = 60_000
     tracks: int = 2_000
     intervals: int = 4_000
     events: int = 5_000
-    quality: int = 68
+    quality: int = 60
     ground_frames: int = 15
 
 
@@ -105,18 +111,41 @@ def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, 
             t: case.rows(f"SELECT count(*) FROM {t} WHERE recording = {name}")[0][0]  # noqa: S608
             for t in _INTERVALS
         },
-        "times": [[frame, round(t, 3)] for frame, t in _sampled(frames, options.steps)],
-        "steps": _steps(case, name, frames, options),
+        "times": [[f, round(t, 3)] for f, t in _sampled(frames, options.steps)],
+        "quiet": sorted(kind for kind, level in EVENT_LEVELS.items() if level == "DEBUG"),
+        "corrections": _corrections(case, name),
+        "labels": [
+            list(row)
+            for row in case.rows(
+                f"SELECT track, label FROM targets WHERE recording = {name} AND label IS NOT"  # noqa: S608
+                " NULL ORDER BY track"
+            )
+        ],
+        "begin_frame": frames[0][0] if frames else 0,
+        "end_frame": frames[-1][0] if frames else 0,
+        "start_ms": facts["start_ns"] // 10**6 if facts["start_ns"] > _YEAR_NS else None,
+        "zone_minutes": 0,
+        "case": {},
+        "notes": [],
+        "server": {},
     }
-    wanted = _thumbnail_frames(
-        [frame for frame, _ in frames],
-        [event[2] for event in events if event[1] != "mode_changed"],
-        data,
-        options,
+    numbers = [f for f, _ in frames]
+    data["ground"] = _ground(log, numbers, options)
+    happened = [e[2] for e in events if e[1] not in data["quiet"]]
+    data["thumbnails"] = _thumbnails(log, numbers, happened, data, options)
+    shown = sorted(
+        {*_spread(numbers, options.steps), *(frame for frame, _ in data["thumbnails"])}
     )
-    data["ground"] = _ground(log, [frame for frame, _ in frames], options)
-    data["thumbnails"] = _thumbnails(log, wanted, options)
+    data["steps"] = steps(case, name, shown, dict(frames))
     return data
+
+
+def _corrections(case: Case, name: str) -> list[list[Any]]:
+    """What people corrected, by whom and why."""
+    rows = case.rows(
+        f"SELECT {_CORRECTION} FROM corrections WHERE recording = {name} ORDER BY correction"  # noqa: S608
+    )
+    return [list(row) for row in rows]
 
 
 def _only(case: Case, query: str) -> dict[str, Any]:
@@ -219,20 +248,25 @@ def _tracks(case: Case, name: str, options: ReportOptions) -> list[dict[str, Any
     return [{"id": track, "colour": track_css(track), "path": path} for track, path in rows]
 
 
-def _steps(
-    case: Case, name: str, frames: Sequence[tuple[int, float]], options: ReportOptions
+def steps(
+    case: Case, name: str, chosen: Sequence[int], times: Mapping[int, float]
 ) -> list[dict[str, Any]]:
-    """Places and edges at evenly spaced frames: what the graph's slider goes through."""
-    chosen = _spread([frame for frame, _ in frames], options.steps)
-    at = dict(frames)
+    """Boxes (track, x, y, w, h, present and seen) and edges of frames: what the page moves through.
+
+    Args:
+        case: asked.
+        name: the recording's name, as a literal of SQL.
+        chosen: the frames' numbers, in order.
+        times: every frame's time in seconds.
+    """
     listed = ", ".join(map(str, chosen)) or "-1"
-    nodes: dict[int, list[list[float]]] = {frame: [] for frame in chosen}
-    for f, track, x, y in case.rows(
-        f"SELECT frame, track, round(x + w / 2, 1), round(y + h / 2, 1) FROM tracks WHERE recording = {name} "  # noqa: S608
-        f"AND frame IN ({listed}) ORDER BY frame, track"
+    nodes: dict[int, list[list[float]]] = {f: [] for f in chosen}
+    for f, *node in case.rows(
+        f"SELECT frame, {_NODE} FROM tracks "  # noqa: S608
+        f"WHERE recording = {name} AND frame IN ({listed}) ORDER BY frame, track"
     ):
-        nodes[f].append([track, x, y])
-    edges: dict[int, list[list[Any]]] = {frame: [] for frame in chosen}
+        nodes[f].append(node)
+    edges: dict[int, list[list[Any]]] = {f: [] for f in chosen}
     for f, a, b, state in case.rows(
         f"SELECT f.frame, r.a, r.b, r.state FROM relations r JOIN frames f ON f.recording = r.recording "  # noqa: S608
         f"AND f.frame BETWEEN r.start_frame AND r.end_frame WHERE r.recording = {name} AND"
@@ -241,13 +275,8 @@ def _steps(
     ):
         edges[f].append([a, b, state])
     return [
-        {
-            "frame": frame,
-            "t": round(at[frame], 3),
-            "nodes": nodes[frame],
-            "edges": edges[frame],
-        }
-        for frame in chosen
+        {"frame": f, "t": round(times[f], 3), "nodes": nodes[f], "edges": edges[f]}
+        for f in chosen
     ]
 
 
@@ -263,12 +292,9 @@ def _spread(values: Sequence[int] | range, most: int) -> list[int]:
 
 
 def _thumbnail_frames(
-    frames: Sequence[int],
-    events: Sequence[int],
-    data: dict[str, Any],
-    options: ReportOptions,
+    frames: Sequence[int], events: Sequence[int], data: dict[str, Any], most: int
 ) -> list[int]:
-    """Half at what happened, half evenly over the recording."""
+    """A quarter at what happened, the rest evenly over the recording, so that they play."""
     present = set(frames)
     starts = (
         [row[3] for row in data["relations"]]
@@ -276,19 +302,38 @@ def _thumbnail_frames(
         + [row[3] for row in data["encounters"]]
     )
     happened = sorted(present.intersection([*events, *starts]))
-    half = max(2, options.thumbnails // 2)
-    return sorted({*_spread(happened, half), *_spread(list(frames), half)})
+    few = max(2, most // 4)
+    return sorted({*_spread(happened, few), *_spread(list(frames), max(2, most - few))})
 
 
 def _thumbnails(
-    log: AnnotatedLog, wanted: Sequence[int], options: ReportOptions
+    log: AnnotatedLog,
+    frames: Sequence[int],
+    events: Sequence[int],
+    data: dict[str, Any],
+    options: ReportOptions,
 ) -> list[list[Any]]:
-    out = []
-    if not log.has_pictures and log.size() is None:
+    """Small pictures with nothing drawn into them, as many as may be: the page draws boxes itself."""
+    if not log.has_pictures or not frames:
         return []
-    for frame, image in drawn(log, chosen_frames(log, wanted), DrawOptions(scale=1.5)):
-        out.append([frame.index, _jpeg(image, options)])
-    return out
+    sample = [_jpeg(image, options) for _, image in _pictures(log, _spread(frames, 5))]
+    if not sample:
+        return []
+    each = sum(map(len, sample)) / len(sample)
+    most = max(2, min(options.thumbnails, int(options.picture_bytes / each)))
+    wanted = _thumbnail_frames(frames, events, data, most)
+    return [[frame, _jpeg(image, options)] for frame, image in _pictures(log, wanted)]
+
+
+def _pictures(log: AnnotatedLog, wanted: Sequence[int]) -> Iterator[tuple[int, Image]]:
+    """The pictures of frames, in one reading."""
+    numbers = set(wanted)
+    at = {f.time_ns: f.index for f in log.frames(("tracks",)) if f.index in numbers}
+    for time_ns, load in log.pictures():
+        if time_ns in at:
+            yield at.pop(time_ns), load()
+        if not at:
+            return
 
 
 def _ground(log: AnnotatedLog, frames: Sequence[int], options: ReportOptions) -> str:
@@ -297,9 +342,10 @@ def _ground(log: AnnotatedLog, frames: Sequence[int], options: ReportOptions) ->
     """
     if not log.has_pictures or not frames:
         return ""
-    sample = chosen_frames(log, _spread(frames, options.ground_frames))
-    pictures = np.stack([image for _, image in drawn(log, sample, bare=True)])
-    return _jpeg(np.median(pictures, axis=0).astype(np.uint8), options)
+    sample = [image for _, image in _pictures(log, _spread(frames, options.ground_frames))]
+    if not sample:
+        return ""
+    return _jpeg(np.median(np.stack(sample), axis=0).astype(np.uint8), options)
 
 
 def _jpeg(image: Image, options: ReportOptions) -> str:

@@ -4,7 +4,9 @@ inside.
 
 from __future__ import annotations
 
+import hashlib
 import json
+from base64 import b64encode
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -24,8 +26,17 @@ def write_report(
     camera: str | None = None,
     options: ReportOptions | None = None,
     force: bool = False,
+    more: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Write the report of an annotated log; returns its key figures by name.
+
+    Args:
+        path: the log.
+        out: the HTML file.
+        camera: which camera, where there are several.
+        options: how much goes into the page.
+        force: overwrite.
+        more: what a case adds to the page's data.
 
     Raises:
         OutputExistsError: ``out`` exists and ``force`` is not set.
@@ -34,14 +45,14 @@ def write_report(
     check_log(path)
     with AnnotatedLog(path, camera) as log, whole_file(out, force=force) as file:
         with Case([path]) as case:
-            data = collect(case, log, options or ReportOptions())
+            data = collect(case, log, options or ReportOptions()) | (more or {})
         file.write(page(data).encode("utf-8"))
     return {str(name): value for name, value in data["figures"]}
 
 
 def page(data: dict[str, Any]) -> str:
     """The HTML of collected data. Nothing of the data can end its script element: every `<` is
-    written as an escape.
+    written as an escape; and no other script than the page's two can run.
     """
     from plotly.offline import get_plotlyjs
 
@@ -53,16 +64,35 @@ def page(data: dict[str, Any]) -> str:
     embedded = json.dumps(
         data, ensure_ascii=True, allow_nan=False, separators=(",", ":")
     ).replace("<", "\\u003c")
+    # A parser turns carriage returns into line feeds before it hashes.
+    plotly = get_plotlyjs().replace("\r\n", "\n").replace("\r", "\n")
     html = parts["page.html"]
     for mark, text in (
+        ("{{policy}}", policy([plotly, parts["page.js"]], bool(data["server"]))),
         ("{{title}}", escape(f"{data['recording']} - scenetrace report")),
-        ("{{name}}", escape(str(data["recording"]))),
         ("{{style}}", parts["page.css"]),
-        ("{{script}}", parts["page.js"]),
-        ("{{plotly}}", get_plotlyjs()),
+        ("{{name}}", escape(str(data["recording"]))),
         ("{{data}}", embedded),
+        ("{{plotly}}", plotly),
+        ("{{script}}", parts["page.js"]),
     ):
         before, found, after = html.partition(mark)
         assert found, mark
         html = before + text + after
     return html
+
+
+def policy(scripts: list[str], served: bool) -> str:
+    """The content security policy: these scripts alone, nothing from elsewhere; plotly needs
+    inline styles.
+    """
+    hashes = " ".join(
+        f"'sha256-{b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
+        for s in scripts
+    )
+    own = " 'self'" if served else ""
+    connect = " connect-src 'self';" if served else ""
+    return (
+        f"default-src 'none'; img-src{own} data: blob:; style-src 'unsafe-inline';"
+        f" script-src {hashes};{connect} base-uri 'none'; form-action 'none'"
+    )

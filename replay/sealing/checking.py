@@ -36,6 +36,7 @@ class CaseVerdict:
             to check it with).
         key: the signer's public key in hexadecimal, empty without.
         note: the sealed note.
+        sealed: by whom, when and with what it says that it was sealed; empty where it does not.
     """
 
     intact: bool
@@ -43,6 +44,7 @@ class CaseVerdict:
     signature: str
     key: str = ""
     note: str = ""
+    sealed: str = ""
 
     def lines(self) -> list[str]:
         """The verdict for a person."""
@@ -60,6 +62,7 @@ class CaseVerdict:
             "unchecked": "signed, but not checked: pip install 'scenetrace[sign]'",
         }
         out.append(said[self.signature])
+        out += [f"sealed: {self.sealed}"] if self.sealed else []
         return out + ([f"note: {self.note}"] if self.note else [])
 
 
@@ -100,8 +103,14 @@ def check_manifest(
         )
     good = state in ("valid",) or (wanted is None and state in ("none", "unchecked"))
     intact = good and all(file.state == "unaltered" for file in files)
+    facts = (manifest.examiner, manifest.date, manifest.tool)
     return CaseVerdict(
-        intact, files, state, "" if signed is None else signed.public_key, manifest.note
+        intact,
+        files,
+        state,
+        "" if signed is None else signed.public_key,
+        manifest.note,
+        ", ".join(fact for fact in facts if fact),
     )
 
 

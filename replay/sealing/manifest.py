@@ -7,6 +7,7 @@ import os
 import re
 import stat
 from collections.abc import Iterable, Iterator, Sequence
+from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Literal
@@ -67,6 +68,8 @@ class Manifest(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tr
     Attributes:
         folders: those that were sealed as a whole, relative like the files: what else is in them
             was added later.
+        examiner, date: who sealed it and when, as they were given; no clock is asked.
+        tool: what sealed it, with its version.
     """
 
     format: Literal["scenetrace manifest"]
@@ -75,6 +78,9 @@ class Manifest(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tr
     note: str = ""
     folders: list[str] = []
     signature: Signature | None = None
+    examiner: str = ""
+    date: str = ""
+    tool: str = ""
 
     def canonical(self) -> bytes:
         """What is signed: everything but the signature, JSON with sorted keys and no white space."""
@@ -89,7 +95,14 @@ class Manifest(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tr
         )
 
 
-def seal(paths: Iterable[str | Path], out: str | Path, *, note: str = "") -> Manifest:
+def seal(
+    paths: Iterable[str | Path],
+    out: str | Path,
+    *,
+    note: str = "",
+    examiner: str = "",
+    date: str = "",
+) -> Manifest:
     """The manifest of a case's files, to be written to ``out``; folders stand for all files in
     them.
 
@@ -101,6 +114,8 @@ def seal(paths: Iterable[str | Path], out: str | Path, *, note: str = "") -> Man
         paths: source, scene log, annotated logs, exported answers: whatever belongs to the case.
         out: where the manifest will be: names are relative to its folder.
         note: a text that is sealed with the files.
+        examiner: who seals it.
+        date: when, as a text.
 
     Raises:
         UsageError: no files, one that is not there, or the manifest among them; a folder holds
@@ -129,7 +144,16 @@ def seal(paths: Iterable[str | Path], out: str | Path, *, note: str = "") -> Man
         for entry, _ in entries.values()
     ]
     folders = sorted({_relative(p.resolve(), folder) for p in given if p.is_dir()})
-    return Manifest(FORMAT, VERSION, sorted(made, key=lambda e: e.name), note, folders)
+    return Manifest(
+        FORMAT,
+        VERSION,
+        sorted(made, key=lambda e: e.name),
+        note,
+        folders,
+        examiner=examiner,
+        date=date,
+        tool=f"scenetrace {version('scenetrace')}",
+    )
 
 
 def added_files(manifest: Manifest, path: str | Path) -> list[str]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from recorders import channels
 from recorders.errors import OutputExistsError
@@ -135,7 +136,13 @@ def test_one_file_that_asks_for_nothing_else(report: Path) -> None:
     html = report.read_text(encoding="utf-8")
     page = re.sub(r"<script>.*?</script>", "", html, flags=re.DOTALL)
     assert not re.search(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//""", page)
-    assert "default-src 'none'" in page
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
+    assert policy is not None
+    assert policy[1].startswith("default-src 'none'; img-src data: blob:;")
+    scripts = policy[1].split("script-src ")[1].split(";")[0].split()
+    # The two scripts by their digests, no other; what is not named may not be asked for.
+    assert len(scripts) == 2
+    assert all(s.startswith("'sha256-") for s in scripts)
     data = re.search(
         r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL
     )
@@ -192,7 +199,9 @@ def test_a_page_is_bounded_and_says_what_it_leaves_out(
     write_report(scene, out, options=options)
     data = embedded(out)
     assert len(data["thumbnails"]) <= 6
-    assert len(data["steps"]) == len(data["times"]) == 5
+    assert len(data["times"]) == 5
+    shown = {frame for frame, _ in data["thumbnails"]} | {f for f, _ in data["times"]}
+    assert {step["frame"] for step in data["steps"]} == shown
     assert [len(t["path"]) <= 7 for t in data["tracks"]] == [True]
     assert data["tracks"][0]["path"][-1][2] == FRAMES - 1
     assert data["relations"] == [
@@ -310,7 +319,7 @@ def test_in_a_browser(
     assert "0.48 s" in browser.run("return document.getElementById('moment').textContent")
 
     browser.run("document.getElementById('next').click()")
-    assert browser.run("return document.getElementById('viewer').dataset.frame") == "21"
+    assert browser.run("return document.getElementById('viewer').dataset.frame") == "13"
     browser.run("document.querySelector('[data-view=relations]').click()")
     browser.wait(
         "return document.querySelector('#timeline .legend')?.textContent.includes('JOINT')"
@@ -331,6 +340,120 @@ def test_in_a_browser(
         "light" if dark else "dark"
     )
     assert browser.console() == []
+
+
+def test_the_desk(browser, scene: Path, tmp_path: Path) -> None:
+    """It plays, singles a target out, says where a picture is not the moment's own, keeps notes."""
+    out = tmp_path / "desk.html"
+    # Few pictures, so that most moments have none.
+    write_report(scene, out, options=ReportOptions(thumbnails=6, steps=12))
+    browser.size(1280, 1600)
+    browser.open(out)
+    text = "return document.getElementById({!r}).textContent"
+    move = "const s = document.getElementById('slider'); s.value = {}; s.dispatchEvent(new Event('input'))"  # fmt: skip
+    pictures = [frame for frame, _ in page_data(out)["thumbnails"]]
+    missing = next(f for f in range(FRAMES) if f not in pictures)
+    browser.run(move.format(missing))
+    said = browser.run(text.format("caption"))
+    assert f"the nearest picture to frame {missing}, which has none here" in said
+    assert browser.run(text.format("moment")).endswith(f"frame {missing}")
+    browser.run(move.format(pictures[1]))
+    assert "nearest" not in browser.run(text.format("caption"))
+    # The cursor stands at the moment, in the timeline.
+    left = "return document.getElementById('cursor').getBoundingClientRect().left"
+    there = browser.run(left)
+    browser.run(move.format(FRAMES - 1))
+    assert browser.run(left) > there + 100
+    # Boxes, and one of them singled out by a click.
+    boxes = "return document.querySelectorAll('#overlay g{}').length"
+    assert browser.run(boxes.format("")) == 2
+    browser.run("document.querySelector('#overlay g').dispatchEvent(new Event('click', {bubbles: true}))")  # fmt: skip
+    assert browser.run("return document.getElementById('single').value") == "1"
+    assert browser.run(boxes.format(".aside")) == 1
+    assert browser.run("return document.querySelectorAll('#timeline .ytick').length") == 1
+    # Played to the end it stops by itself.
+    browser.run("document.getElementById('speed').value = '16'")
+    browser.run(move.format(0) + "; document.getElementById('play').click()")
+    assert browser.run(text.format("play")) == "pause"
+    browser.wait("return document.getElementById('play').textContent === 'play'")
+    assert browser.run("return document.getElementById('slider').value") == str(FRAMES - 1)
+    # Keys.
+    press = "document.body.dispatchEvent(new KeyboardEvent('keydown', {{key: {!r}, bubbles: true}}))"  # fmt: skip
+    browser.run(press.format("ArrowLeft"))
+    assert (
+        int(browser.run("return document.getElementById('slider').value")) == pictures[-2]
+    )
+    browser.run(press.format("b"))
+    browser.run(
+        "document.getElementById('note-text').value = arguments[0];"
+        " document.getElementById('note-form').requestSubmit()",
+        NASTY,
+    )
+    notes = "return [...document.querySelectorAll('#notes li')].map((n) => n.textContent)"
+    assert [NASTY in note for note in browser.run(notes)] == [False, True]
+    browser.open(out)
+    assert len(browser.run(notes)) == 2
+    assert browser.run("return window.stolen") is None
+    assert browser.console() == []
+
+
+def test_brief_by_default(browser, tmp_path: Path) -> None:
+    path = tmp_path / "brief.mcap"
+    with LogWriter(path) as log:
+        for n in range(FRAMES):
+            messages = _messages(n)
+            if n == 5:
+                event = Event(90, "track_lost", [1], n, n * FRAME_NS, "ours", {}, "gone")
+                messages.append(("events", event))
+            for name, message in messages:
+                channel = log.channel(
+                    f"/camera/{name}",
+                    channels.schema(name),
+                    channels.message_encoding(name),
+                )
+                log.write(channel, channels.encode(name, message), n * FRAME_NS)
+    out = tmp_path / "brief.html"
+    write_report(path, out)
+    browser.size(1280, 1600)
+    browser.open(out)
+    rows = "return document.querySelectorAll('#events tbody tr').length"
+    assert browser.run(rows) == 3
+    count = browser.run("return document.getElementById('count').textContent")
+    assert count == "3 of 4 events; 1 that trackers say of themselves are not shown"
+    browser.run("document.getElementById('all').click()")
+    assert browser.run(rows) == 4
+    assert "this log holds no pictures" in browser.run(
+        "return document.getElementById('caption').textContent"
+    )
+
+
+def test_ten_minutes_stay_small(tmp_path: Path) -> None:
+    path = tmp_path / "ten.mcap"
+    rng = np.random.default_rng(1)
+    noise = rng.integers(0, 255, (300, 400, 3), np.uint8)
+    with LogWriter(path, picture_topics=["/camera/image"]) as log:
+        for n in range(600):
+            stamp = n * 1_000_000_000
+            picture = encode_jpeg(np.roll(noise, n, axis=1))
+            image = channels.compressed_image(picture, "jpeg", stamp, "camera")
+            named = [("image", image)]
+            for name, message in _messages(n % FRAMES):
+                if name != "events":
+                    size = {"width": 400, "height": 300} if name == "detections" else {}
+                    now = replace(message, frame=n, **size)
+                    named.append((name, channels.encode(name, now)))
+            for name, data in named:
+                channel = log.channel(
+                    f"/camera/{name}",
+                    channels.schema(name),
+                    channels.message_encoding(name),
+                )
+                log.write(channel, data, stamp)
+    out = tmp_path / "ten.html"
+    write_report(path, out)
+    # Noise is the worst that a picture can be.
+    assert out.stat().st_size < 15_000_000
+    assert len(page_data(out)["thumbnails"]) > 50
 
 
 def test_a_span_is_told_by_itself(
