@@ -134,6 +134,9 @@ def draw_frame(image: Image, overlay: Overlay, options: DrawOptions | None = Non
             _draw_box(canvas, track, options)
     for box, _ in overlay.marks:
         canvas.rectangle(box, _WHITE, 1, dash=4)
+    for track in overlay.tracks if options.labels else ():
+        if track.present:
+            canvas.keep_off(_head(track.box))
     # Before the labels, which keep off them.
     canvas.lines([overlay.title] if overlay.title else [], top=True)
     canvas.lines(
@@ -193,6 +196,12 @@ def label(track: Track) -> str:
         words.append(f"{track.mode} {track.confidence:.2f}")
     words += [bit for bit in _BITS if getattr(track, bit)]
     return " ".join(words)
+
+
+def _head(box: Box) -> Box:
+    """Where a head is to be seen in a box: the middle of its top seventh, and a little around."""
+    x, y, w, h = box
+    return x + 0.2 * w, y, 0.6 * w, h / 6
 
 
 def _centre(box: Box) -> Point:
@@ -335,6 +344,11 @@ class _Canvas:
         x, y = self._at([centre])[0].tolist()
         for c, r in ((_BLACK, radius + 1), (colour, radius)):
             cv2.circle(self.image, (x, y), r << _SHIFT, c, cv2.FILLED, cv2.LINE_AA, _SHIFT)
+
+    def keep_off(self, box: Box) -> None:
+        """No label shall lie there, if there is room elsewhere."""
+        x, y, w, h = (min(max(v, -20000.0), 20000.0) * self.scale for v in box)
+        self._labels.append((round(x), round(y), round(x + w), round(y + h)))
 
     def label(self, corner: Point, text: str, colour: Colour, below: bool = False) -> None:
         """Text on a ground of the track's colour, above (or below) a point, pushed into the

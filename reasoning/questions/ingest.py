@@ -491,7 +491,7 @@ class _Camera:
                 np.array(own.frames, np.int64),
                 times,
                 history.boxes,
-                history.seen,
+                np.array(own.seen, np.bool_),
                 others,
                 track,
             )

@@ -149,6 +149,16 @@ class AnnotatedLog:
         except (msgspec.DecodeError, KeyError, TypeError):
             return "foot"
 
+    def recorded_facts(self) -> list[dict[str, str]]:
+        """What was written down when the scene was recorded, one mapping a camera: the source, its
+        digest and so on.
+        """
+        return [
+            dict(values)
+            for name, values in self._log.metadata()
+            if name == "scenetrace.recording"
+        ]
+
     def time_of(self, index: int) -> int:
         """Log time of a frame.
 

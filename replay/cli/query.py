@@ -29,6 +29,7 @@ scenetrace query monday.mcap tuesday.mcap --ask who-was-in bench --at 12.5 --for
 scenetrace query case.duckdb --ask contacts 3 --depth 4 --show-sql
 scenetrace query case.duckdb --pattern "meeting(a,b) ; joint(a,b)[>2s] ; exited(a)[<30s]"
 scenetrace query --ask list"""
+_MOST_CLIPS = 1000
 DESCRIPTION = """Ask annotated logs, an index, a folder of Parquet, or a case (case.toml: all its logs).
 
 Tables: frames, tracks, relations, groups, encounters, events; also recordings, presence, bits, zones, phases
@@ -70,6 +71,14 @@ def add(commands: Commands) -> None:
         "-o", "--output", type=Path, metavar="OUT", help="write there instead of to stdout"
     )
     parser.add_argument("--force", action="store_true", help="overwrite OUT")
+    parser.add_argument(
+        "--clips", type=Path, metavar="DIR",
+        help="also a clip of each row there: subjects marked, two seconds around; and the same plain",
+    )  # fmt: skip
+    parser.add_argument(
+        "--blur-others", action="store_true",
+        help="with --clips: of everybody but the subjects no pixel is left",
+    )  # fmt: skip
     parser.add_argument(
         "--show-sql",
         action="store_true",
@@ -173,13 +182,68 @@ def run(args: argparse.Namespace) -> int:
         with guarded(case.limits):
             begun = starts(case) if args.ask or args.pattern else {}
             answer = with_clocks(unsure.left_out_of(ask()), begun, args.timezone)
-            count = _answer(answer, form, args)
+            scenes = Scenes(args)
+            count = _answer(scenes.of(answer), form, args)
             unsure.add_contacts(case, args)
         if unsure.count:
             say(unsure.told())
         elif count == 0 and nothing:
             say(f"no rows: {nothing}")
-    return Exit.DONE
+        return scenes.write(case)
+
+
+class Scenes:
+    """Takes down what the rows of an answer show while they are written, for ``--clips``."""
+
+    def __init__(self, args: argparse.Namespace) -> None:
+        self._args = args
+        self._columns: list[str] = []
+        self._rows: list[tuple[Any, ...]] = []
+        if args.clips is not None:
+            from replay.export.answer_clips import INDEX
+            from replay.export.output import check_folder
+
+            check_folder(args.clips, INDEX, force=args.force)
+        elif args.blur_others:
+            raise UsageError("--blur-others goes with --clips DIR")
+
+    def of(self, answer: Answer) -> Answer:
+        """The answer, whose rows are kept as they are read."""
+        if self._args.clips is None:
+            return answer
+        self._columns = answer.columns
+        return replace(answer, rows=self._kept(answer.rows))
+
+    def _kept(self, rows: Iterator[tuple[Any, ...]]) -> Iterator[tuple[Any, ...]]:
+        for row in rows:
+            if len(self._rows) >= _MOST_CLIPS:
+                raise UsageError(
+                    f"--clips: over {_MOST_CLIPS} rows; ask for fewer, or for one --recording"
+                )
+            self._rows.append(row)
+            yield row
+
+    def write(self, case: Case) -> int:
+        """Write the clips, outside of the query's limits; the exit code."""
+        args = self._args
+        if args.clips is None:
+            return Exit.DONE
+        from replay.cli.common import progress
+        from replay.export.answer_clips import scenes_of, write_answer_clips
+
+        scenes = scenes_of(case, self._columns, self._rows)
+        if not scenes:
+            say(f"{args.clips}: no rows, no clips")
+            return Exit.DONE
+        with progress(None) as bar:
+            left_out = write_answer_clips(
+                case, scenes, args.clips, hide=args.blur_others, zone=args.timezone,
+                force=args.force, progress=bar,
+            )  # fmt: skip
+        say(f"{args.clips}: {len(scenes)} clips, marked and plain; clips.csv says of what")
+        for line in left_out:
+            say(f"left out {line}")
+        return Exit.LEFT_OUT if left_out else Exit.DONE
 
 
 class Unsure:

@@ -16,6 +16,7 @@ from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.channels import NANOS
 from recorders.errors import RecordingError, UsageError
 from recorders.messages import Event
+from recorders.told_times import clock_text
 from replay.draw import DrawOptions, Overlay, draw_frame
 from replay.export.output import whole_file
 
@@ -70,11 +71,11 @@ def write_video(
     """
     options = options or VideoOptions()
     with whole_file(out, force=force) as file:
-        encoder: _Encoder | None = None
+        encoder: Encoder | None = None
         try:
             for time_ns, image in overlaid(log, options):
                 if encoder is None:
-                    encoder = _Encoder(file.part, image, time_ns)
+                    encoder = Encoder(file.part, image, time_ns)
                 encoder.add(image, time_ns)
                 if progress is not None:
                     progress("drawing", encoder.frames - 1)
@@ -107,12 +108,24 @@ def overlaid(log: AnnotatedLog, options: VideoOptions) -> Iterator[tuple[int, Im
 
 
 def frame_overlay(
-    log: AnnotatedLog, frame: AnnotatedFrame, events: list[Event] | None = None
+    log: AnnotatedLog,
+    frame: AnnotatedFrame,
+    events: list[Event] | None = None,
+    zone: str = "UTC",
 ) -> Overlay:
-    """What `draw_frame` draws of an annotated frame; ``events`` in place of the frame's own."""
+    """What `draw_frame` draws of an annotated frame; ``events`` in place of the frame's own. The
+    clock's time stands beside the seconds where there is a clock.
+    """
     seconds = (frame.time_ns - log.start_ns) / NANOS
     title = "   ".join(
-        x for x in (f"frame {frame.index}", f"{seconds:.2f} s", log.tracker) if x
+        x
+        for x in (
+            f"frame {frame.index}",
+            f"{seconds:.2f} s",
+            clock_text(frame.time_ns, zone),
+            log.tracker,
+        )
+        if x
     )
     shown = frame.events if events is None else events
     return Overlay(
@@ -152,10 +165,19 @@ def _pictures(log: AnnotatedLog, options: VideoOptions) -> Callable[[int], Image
     return at
 
 
-class _Encoder:
-    """H.264 in MP4, at the frames' own times."""
+class Encoder:
+    """H.264 in MP4, at the frames' own times.
 
-    def __init__(self, path: Path, first: Image, start_ns: int) -> None:
+    Args:
+        path: the file.
+        first: the first picture, which says how large they are.
+        start_ns: log time of the clip's beginning.
+        preset: x264's, quick or small.
+    """
+
+    def __init__(
+        self, path: Path, first: Image, start_ns: int, preset: str = "veryfast"
+    ) -> None:
         import av
 
         self._av = av
@@ -168,7 +190,7 @@ class _Encoder:
             str(path), "w", format="mp4", options={"movflags": "faststart"}
         )
         stream: Any = self._container.add_stream(
-            "libx264", rate=25, options={"preset": "veryfast", "crf": CRF}
+            "libx264", rate=25, options={"preset": preset, "crf": CRF}
         )
         stream.width, stream.height, stream.pix_fmt = self._width, self._height, "yuv420p"
         stream.codec_context.time_base = Fraction(1, CLOCK)
