@@ -14,8 +14,8 @@ from msgspec.structs import replace
 from reasoning.geometry import middles_inside
 from reasoning.regions import RegionParameters
 from recorders.messages import NO_BLOB, Box, Notice
-from recorders.messages import Targets as Answers
 from recorders.messages import Target as Answer
+from recorders.messages import Targets as Answers
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.association import intersection
 from replay.trackers.belief import DetectionScores, stamped

@@ -34,8 +34,7 @@ from replay.trackers.shells.identity import Doubts
 from replay.trackers.shells.objects import NOBODY, Bodies, Body
 from replay.trackers.shells.order import Order
 from replay.trackers.shells.parameters import ShellsParameters
-from replay.trackers.shells.resolve import Resolved, Resolver
-from replay.trackers.shells.resolve import SeenFrame
+from replay.trackers.shells.resolve import Resolved, Resolver, SeenFrame
 from replay.trackers.tracker import Frame, Payloads, SceneInfo, State
 
 Floats = NDArray[np.float64]

@@ -33,8 +33,7 @@ from replay.trackers.shells import ShellsParameters, ShellsTracker, make
 from replay.trackers.shells.colours import bins_of
 from replay.trackers.shells.foreground import Foreground
 from replay.trackers.shells.objects import Bodies, Body
-from replay.trackers.shells.resolve import Resolver
-from replay.trackers.shells.resolve import SeenFrame
+from replay.trackers.shells.resolve import Resolver, SeenFrame
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 
