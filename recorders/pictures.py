@@ -237,6 +237,11 @@ def encode_jpeg(image: Image, quality: int = JPEG_QUALITY) -> bytes:
     return _encode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
 
 
+def encode_webp(image: Image, quality: int) -> bytes:
+    """A WebP of a BGR picture, for browsers: half of what a JPEG takes, and slower to make."""
+    return _encode(".webp", image, [cv2.IMWRITE_WEBP_QUALITY, quality])
+
+
 def encode_png(image: Image, level: int = PICTURE_PNG_LEVEL) -> bytes:
     """A PNG of a BGR or grey picture: without loss; same pixels, same bytes."""
     return _encode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, level])

@@ -7,7 +7,6 @@ that people gave.
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -143,14 +142,6 @@ def chosen(path: str | Path, case: CaseFile, name: str | None) -> CaseRecording:
         if recording.name == name:
             return recording
     raise UsageError(f"--recording {name}: {path} has {there}")
-
-
-def expanded(inputs: Sequence[str | Path]) -> list[Path]:
-    """Inputs of a question, each case as its logs."""
-    out: list[Path] = []
-    for given in inputs:
-        out += logs_of(given, read_case(given)) if is_case(given) else [Path(given)]
-    return out
 
 
 def not_applied(path: str | Path, case: CaseFile) -> list[str]:

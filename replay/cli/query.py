@@ -7,7 +7,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -155,6 +155,7 @@ def run(args: argparse.Namespace) -> int:
         return Exit.DONE
     form = _format(args)
     _check_options(args)
+    take_cases(args)
     inputs, query = _split(args)
     if args.show_sql:
         print(query)
@@ -244,6 +245,37 @@ class Scenes:
         for line in left_out:
             say(f"left out {line}")
         return Exit.LEFT_OUT if left_out else Exit.DONE
+
+
+def take_cases(args: argparse.Namespace) -> None:
+    """Put the logs of each case in its place, and its zones, lines and clock beside those that
+    were given.
+    """
+    from replay.cases import is_case, read_case
+    from replay.cases.case_file import logs_of, not_applied
+
+    words: list[str] = []
+    starts = set()
+    for word in args.words:
+        if not is_case(word):
+            words.append(word)
+            continue
+        case = read_case(word)
+        for line in not_applied(word, case):
+            say(f"{word}: {line}")
+        words += [str(log) for log in logs_of(word, case)]
+        args.zones += [f"{name}={_listed_points(p)}" for name, p in case.zones.items()]
+        args.lines += [f"{name}={_listed_points(p)}" for name, p in case.lines.items()]
+        starts |= {
+            None if r.start is None else r.start.isoformat() for r in case.recordings
+        }
+    args.words = words
+    if args.start is None and len(starts) == 1:
+        args.start = starts.pop()
+
+
+def _listed_points(points: Sequence[tuple[float, float]]) -> str:
+    return ",".join(f"{v!r}" for point in points for v in point)
 
 
 class Unsure:
@@ -448,9 +480,7 @@ def _split(args: argparse.Namespace) -> tuple[list[Path], str]:
         )
         if sql is not None:
             raise UsageError(f"{kind} and SQL ({sql[:40]!r}): give one of them")
-    from replay.cases.case_file import expanded
-
-    return expanded(words), query
+    return [Path(w) for w in words], query
 
 
 def _is_there(word: str) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from replay.cli.common import Commands, command, say
 from replay.cli.exit_codes import Exit
@@ -17,19 +18,28 @@ def add(commands: Commands) -> None:
         "one HTML file that opens offline",
         "Write key figures, trajectories, the timeline, the interaction graph over time and"
         " the events of an\nannotated log as one HTML file that opens offline in any"
-        " browser.",
+        " browser. It plays, moves picture, graph and timeline together,\nsingles a target out"
+        " and keeps bookmarks. Of a case (case.toml) it says whose it is, its notes and"
+        " corrections.",
         "scenetrace report annotated.mcap -o report.html",
     )
-    parser.add_argument("annotated", type=Path, metavar="ANNOTATED", help="annotated log")
+    parser.add_argument(
+        "annotated", type=Path, metavar="LOG|CASE", help="annotated log, or a case"
+    )
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="OUT", help="the HTML file"
     )
     parser.add_argument(
         "--thumbnails",
         type=int,
-        default=160,
+        default=900,
         metavar="N",
-        help="most frames shown as pictures (160)",
+        help="most frames shown as pictures (900; fewer where they would take over 8 MB)",
+    )
+    parser.add_argument(
+        "--recording",
+        metavar="NAME",
+        help="which recording of a case, where it has several",
     )
     parser.add_argument(
         "--camera", metavar="NAME", help="which camera, where the log has several"
@@ -47,8 +57,9 @@ def run(args: argparse.Namespace) -> int:
     if not 2 <= args.thumbnails <= 5000:
         raise UsageError(f"--thumbnails {args.thumbnails}: must be 2 to 5000")
     options = ReportOptions(thumbnails=args.thumbnails)
+    log, more = of_case(args.annotated, args.recording)
     figures = write_report(
-        args.annotated, args.output, camera=args.camera, options=options, force=args.force
+        log, args.output, camera=args.camera, options=options, force=args.force, more=more
     )
     size = args.output.stat().st_size / 1e6
     say(
@@ -56,3 +67,25 @@ def run(args: argparse.Namespace) -> int:
         + ", ".join(f"{value} {name}" for name, value in figures.items())
     )
     return Exit.DONE
+
+
+def of_case(path: Path, recording: str | None) -> tuple[Path, dict[str, Any]]:
+    """The log that is shown, and what a case adds to its page.
+
+    Raises:
+        UsageError: several recordings and none chosen, or a recording of what is no case.
+    """
+    from recorders.errors import UsageError
+    from replay.cases import is_case, read_case
+    from replay.cases.case_file import chosen, not_applied
+    from replay.cases.on_page import of_recording
+
+    if not is_case(path):
+        if recording is not None:
+            raise UsageError(f"--recording {recording}: {path} is no case (case.toml)")
+        return path, {}
+    case = read_case(path)
+    for line in not_applied(path, case):
+        say(f"{path}: {line}")
+    one = chosen(path, case, recording)
+    return path.parent / one.log, of_recording(path, case, one)

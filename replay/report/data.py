@@ -5,7 +5,9 @@ events, thumbnails.
 from __future__ import annotations
 
 import base64
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -16,8 +18,9 @@ from reasoning.questions import Case
 from reasoning.questions.literals import literal
 from recorders.annotated.reader import AnnotatedLog
 from recorders.messages import EVENT_LEVELS
-from recorders.pictures import encode_jpeg
+from recorders.pictures import encode_webp
 from recorders.quality import QualityMeasure
+from recorders.scene import SceneLog
 from recorders.segmentation.quality import worst
 from recorders.vision import cv2
 from replay.palette import track_css
@@ -43,6 +46,9 @@ _NODE = (
     "track, round(x, 1), round(y, 1), round(w, 1), round(h, 1),"
     " CAST(present AND mode <> 'predicted' AS INTEGER)"
 )
+_WAITING = 8
+_SPARSE = 16
+"""Of more frames than so many times those wanted, each is looked for by itself."""
 _YEAR_NS = 365 * 86_400 * 10**9
 _AT_ONCE = """SELECT coalesce(max(n), 0) FROM (
     SELECT count(*) AS n FROM tracks WHERE recording = $name GROUP BY frame)"""
@@ -63,7 +69,7 @@ class ReportOptions:
         intervals: most intervals of each sort on the timeline, the longest; the page says so if
             there were more.
         events: most events in the table; the page says so if there were more.
-        quality: JPEG quality of the pictures.
+        quality: WebP quality of the pictures.
         ground_frames: frames whose median is the ground that paths are drawn on.
     """
 
@@ -76,7 +82,7 @@ class ReportOptions:
     tracks: int = 2_000
     intervals: int = 4_000
     events: int = 5_000
-    quality: int = 60
+    quality: int = 45
     ground_frames: int = 15
 
 
@@ -316,19 +322,35 @@ def _thumbnails(
     """Small pictures with nothing drawn into them, as many as may be: the page draws boxes itself."""
     if not log.has_pictures or not frames:
         return []
-    sample = [_jpeg(image, options) for _, image in _pictures(log, _spread(frames, 5))]
+    sample = [_small(image, options) for _, image in _pictures(log, _spread(frames, 5))]
     if not sample:
         return []
     each = sum(map(len, sample)) / len(sample)
     most = max(2, min(options.thumbnails, int(options.picture_bytes / each)))
     wanted = _thumbnail_frames(frames, events, data, most)
-    return [[frame, _jpeg(image, options)] for frame, image in _pictures(log, wanted)]
+    # Pictures are decoded by one and encoded by others; no more wait than that.
+    with ThreadPoolExecutor(max_workers=2, thread_name_prefix="webp") as pool:
+        waiting: deque[tuple[int, Future[str]]] = deque()
+        out: list[list[Any]] = []
+        for frame, image in _pictures(log, wanted):
+            waiting.append((frame, pool.submit(_small, image, options)))
+            if len(waiting) > _WAITING:
+                done, made = waiting.popleft()
+                out.append([done, made.result()])
+        return out + [[done, made.result()] for done, made in waiting]
 
 
 def _pictures(log: AnnotatedLog, wanted: Sequence[int]) -> Iterator[tuple[int, Image]]:
-    """The pictures of frames, in one reading."""
+    """The pictures of frames, in order: in one reading, or each by itself where they are few."""
     numbers = set(wanted)
     at = {f.time_ns: f.index for f in log.frames(("tracks",)) if f.index in numbers}
+    if len(at) * _SPARSE < (log.frame_count or 0):
+        with SceneLog(log.path, log.camera, log.limits) as scene:
+            for time_ns, index in at.items():
+                frame = next(scene.frames(time_ns, index), None)
+                if frame is not None and frame.image is not None:
+                    yield index, frame.image
+        return
     for time_ns, load in log.pictures():
         if time_ns in at:
             yield at.pop(time_ns), load()
@@ -345,10 +367,10 @@ def _ground(log: AnnotatedLog, frames: Sequence[int], options: ReportOptions) ->
     sample = [image for _, image in _pictures(log, _spread(frames, options.ground_frames))]
     if not sample:
         return ""
-    return _jpeg(np.median(np.stack(sample), axis=0).astype(np.uint8), options)
+    return _small(np.median(np.stack(sample), axis=0).astype(np.uint8), options)
 
 
-def _jpeg(image: Image, options: ReportOptions) -> str:
+def _small(image: Image, options: ReportOptions) -> str:
     height, width = image.shape[:2]
     if width > options.thumbnail_width:
         size = (
@@ -356,6 +378,5 @@ def _jpeg(image: Image, options: ReportOptions) -> str:
             max(1, round(height * options.thumbnail_width / width)),
         )
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    return "data:image/jpeg;base64," + base64.b64encode(
-        encode_jpeg(image, options.quality)
-    ).decode("ascii")
+    data = encode_webp(image, options.quality)
+    return "data:image/webp;base64," + base64.b64encode(data).decode("ascii")

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import Struct
 from msgspec.structs import replace
 
 from recorders import channels
@@ -342,7 +343,7 @@ def test_in_a_browser(
     assert browser.console() == []
 
 
-def test_the_desk(browser, scene: Path, tmp_path: Path) -> None:
+def test_the_desk(browser: Any, scene: Path, tmp_path: Path) -> None:
     """It plays, singles a target out, says where a picture is not the moment's own, keeps notes."""
     out = tmp_path / "desk.html"
     # Few pictures, so that most moments have none.
@@ -397,7 +398,7 @@ def test_the_desk(browser, scene: Path, tmp_path: Path) -> None:
     assert browser.console() == []
 
 
-def test_brief_by_default(browser, tmp_path: Path) -> None:
+def test_brief_by_default(browser: Any, tmp_path: Path) -> None:
     path = tmp_path / "brief.mcap"
     with LogWriter(path) as log:
         for n in range(FRAMES):
@@ -440,6 +441,7 @@ def test_ten_minutes_stay_small(tmp_path: Path) -> None:
             for name, message in _messages(n % FRAMES):
                 if name != "events":
                     size = {"width": 400, "height": 300} if name == "detections" else {}
+                    assert isinstance(message, Struct)
                     now = replace(message, frame=n, **size)
                     named.append((name, channels.encode(name, now)))
             for name, data in named:
