@@ -318,14 +318,14 @@ class Reasoner:
     ) -> tuple[list[RelationChange], Shells]:
         shell = shells(rows.targets, self._shell)
         objects = Objects(
-            rows.ids,
-            shell.centres,
-            shell.radii,
-            rows.blobs,
-            rows.seen,
-            rows.present,
-            self._leaving,
-            rows.boxes,
+            ids=rows.ids,
+            centres=shell.centres,
+            radii=shell.radii,
+            blobs=rows.blobs,
+            seen=rows.seen,
+            starts=rows.present,
+            leaving=self._leaving,
+            boxes=rows.boxes,
         )
         changes = self._book.step(frame, ns, objects)
         for change in changes:

@@ -390,14 +390,14 @@ class SceneLog:
                 (None, None) if mask is None else (mask.load, mask.labels)
             )
             frame = Frame(
-                index,
-                now,
-                detections,
-                regions,
-                None,
-                load_mask,
-                tuple(pending),
-                load_labels,
+                index=index,
+                time_ns=now,
+                detections=detections,
+                regions=regions,
+                load_image=None,
+                load_mask=load_mask,
+                messages=tuple(pending),
+                load_labels=load_labels,
             )
             yield from waiting.frame(frame, last)
             pending = []

@@ -97,13 +97,13 @@ def _steps(con: duckdb.DuckDBPyConnection, recording: str) -> Iterator[tuple[int
         yield (
             track,
             Steps(
-                number,
-                np.searchsorted(frames, number).astype(np.int64),
-                cut["t"].astype(np.float64),
-                np.stack([cut[c].astype(np.float64) for c in "xywh"], axis=1),
-                cut["seen"].astype(np.bool_),
-                cut["confidence"].astype(np.float64),
-                cut["identity"].astype(np.float64),
-                joins.get(track, ()),
+                frames=number,
+                ranks=np.searchsorted(frames, number).astype(np.int64),
+                t=cut["t"].astype(np.float64),
+                boxes=np.stack([cut[c].astype(np.float64) for c in "xywh"], axis=1),
+                seen=cut["seen"].astype(np.bool_),
+                existence=cut["confidence"].astype(np.float64),
+                identity=cut["identity"].astype(np.float64),
+                joins=joins.get(track, ()),
             ),
         )

@@ -230,7 +230,7 @@ class _Camera:
             self._take(frame)
         self._finish()
         for measure in quality:
-            self._add("quality", measure.name, measure.value, measure.verdict)
+            self._add("quality", (measure.name, measure.value, measure.verdict))
         self._add_corrections()
         for table in self._rows:
             self._send(table)
@@ -243,9 +243,21 @@ class _Camera:
         found = parse_corrections(text, self._facts.path)
         for row in found.rows:
             self._add(
-                "corrections", row.correction, row.do, list(row.tracks), row.frame, row.t, row.told(),
-                row.by, row.why, row.date or None, row.other or None, row.correction in found.undone,
-            )  # fmt: skip
+                "corrections",
+                (
+                    row.correction,
+                    row.do,
+                    list(row.tracks),
+                    row.frame,
+                    row.t,
+                    row.told(),
+                    row.by,
+                    row.why,
+                    row.date or None,
+                    row.other or None,
+                    row.correction in found.undone,
+                ),
+            )
 
     def _take(self, frame: AnnotatedFrame) -> None:
         t = (frame.time_ns - self._facts.start_ns) / channels.NANOS
@@ -259,7 +271,7 @@ class _Camera:
             self._facts.first_frame = frame.index
         self._frame, self._t = frame.index, t
         self._facts.frames += 1
-        self._add("frames", frame.index, t)
+        self._add("frames", (frame.index, t))
         self._targets = _targets(frame.tracks, frame.events)
         if frame.regions is not None and (
             not self._regions or frame.regions != self._regions[-1][1]
@@ -269,11 +281,11 @@ class _Camera:
         self._take_relations(frame, t)
         self._take_groups(frame, t)
         for withheld in frame.held_back:
-            self._add("held_back", t, *withheld.box, withheld.reason)
+            self._add("held_back", (t, *withheld.box, withheld.reason))
         for event in frame.events:
             self._take_event(event)
 
-    def _add(self, table: str, *values: Any) -> None:
+    def _add(self, table: str, values: tuple[Any, ...]) -> None:
         rows = self._rows[table]
         rows.append((self._facts.recording, *values))
         if len(rows) >= BATCH_ROWS:
@@ -298,10 +310,26 @@ class _Camera:
         for track in frame.tracks:
             told = self._sight((track.id,)) if track.present else Sight(False, 0.0, 0.0)
             self._add(
-                "tracks", frame.index, t, track.id, *track.box, *track.velocity, track.mode, track.confidence,
-                track.grouping, track.grouped, track.splitting, track.group, track.scene,
-                None if track.label is UNSET else track.label, track.present, bool(told.seen), track.identity,
-            )  # fmt: skip
+                "tracks",
+                (
+                    frame.index,
+                    t,
+                    track.id,
+                    *track.box,
+                    *track.velocity,
+                    track.mode,
+                    track.confidence,
+                    track.grouping,
+                    track.grouped,
+                    track.splitting,
+                    track.group,
+                    track.scene,
+                    None if track.label is UNSET else track.label,
+                    track.present,
+                    bool(told.seen),
+                    track.identity,
+                ),
+            )
             if track.label is not UNSET:
                 self._labels[track.id] = track.label
             if not track.present:
@@ -335,18 +363,18 @@ class _Camera:
 
     def _end_presence(self, over: Sequence[Run]) -> None:
         for run in over:
-            self._add("presence", run.key, *run.interval, *run.belief)
+            self._add("presence", (run.key, *run.interval, *run.belief))
 
     def _end_named(self, table: str, over: Sequence[Run]) -> None:
         """Intervals of a track and a name: a zone that it was in, a part of it that was hidden."""
         for key, _, interval, belief in over:
             track, name = _pair(key)
-            self._add(table, track, name, *interval, *belief)
+            self._add(table, (track, name, *interval, *belief))
 
     def _end_bits(self, over: Sequence[Run]) -> None:
         for key, partners, interval, belief in over:
             track, bit = _pair(key)
-            self._add("bits", track, bit, list(_ids(partners)), *interval, *belief)
+            self._add("bits", (track, bit, list(_ids(partners)), *interval, *belief))
 
     def _take_relations(self, frame: AnnotatedFrame, t: float) -> None:
         # A run is one interval of a state: the same state with a later `since` is a new interval.
@@ -361,7 +389,7 @@ class _Camera:
     def _end_relations(self, over: Sequence[Run]) -> None:
         for key, value, interval, belief in over:
             (a, b), (state, _) = _pair(key), _pair(value)
-            self._add("relations", a, b, state, *interval, *belief)
+            self._add("relations", (a, b, state, *interval, *belief))
             if state == "JOINT":
                 self._joint.setdefault((a, b), []).append(interval[:2])
 
@@ -385,11 +413,22 @@ class _Camera:
             else (None, None, None)
         )
         self._add(
-            "events", event.id, event.kind, event.frame, t, list(event.subjects), event.rule, evidence, event.text,
-            *belief, list(told.joins),
-        )  # fmt: skip
+            "events",
+            (
+                event.id,
+                event.kind,
+                event.frame,
+                t,
+                list(event.subjects),
+                event.rule,
+                evidence,
+                event.text,
+                *belief,
+                list(told.joins),
+            ),
+        )
         for label in event.groups:
-            self._add("event_groups", event.id, label)
+            self._add("event_groups", (event.id, label))
             if event.kind in ENDING:
                 self._ended.setdefault(label, []).append((event.frame, event.kind))
 
@@ -408,9 +447,16 @@ class _Camera:
             label = int(str(key))
             formed = list(self._formed[label])
             self._add(
-                "groups", label, list(_ids(members)), *interval, formed,
-                self._end(label, interval), *belief,
-            )  # fmt: skip
+                "groups",
+                (
+                    label,
+                    list(_ids(members)),
+                    *interval,
+                    formed,
+                    self._end(label, interval),
+                    *belief,
+                ),
+            )
         self._find_encounters()
 
     def _end(self, label: int, interval: Interval) -> str | None:
@@ -433,11 +479,11 @@ class _Camera:
                 steps = self._boxes[track].steps().within(first, end)
                 for name, area in areas:
                     for interval, belief in stays(area, steps, down):
-                        self._add("zones", track, name, *interval, *belief)
+                        self._add("zones", (track, name, *interval, *belief))
 
     def _find_encounters(self) -> None:
         for name, value in asdict(self._parameters).items():
-            self._add("encounter_parameters", name, value)
+            self._add("encounter_parameters", (name, value))
         histories = {track: self._boxes[track].history() for track in sorted(self._boxes)}
         width = float(self._facts.width) or None
         for encounter in find_encounters(
@@ -447,9 +493,9 @@ class _Camera:
         self._add_targets()
         for track, history in histories.items():
             for stretch in still(history, self._parameters):
-                self._add("still", track, *astuple(stretch))
+                self._add("still", (track, *astuple(stretch)))
         for a, b, stretch in near(histories, self._parameters):
-            self._add("near", a, b, *astuple(stretch))
+            self._add("near", (a, b, *astuple(stretch)))
 
     def _add_targets(self) -> None:
         looks = self._look() if self._looking else {}
@@ -460,19 +506,24 @@ class _Camera:
             share = round(sum(own.seen) / len(own.seen), 4)
             history, seen = own.history(), looks.get(track)
             self._add(
-                "targets", track, self._labels.get(track), own.times[0], own.times[-1], share,
-                round(identity, 4), seen and seen.upper_colour, seen and seen.lower_colour,
-                usual_height(history.boxes, np.array(own.seen, np.bool_), size), round(existence, 4),
-            )  # fmt: skip
+                "targets",
+                (
+                    track,
+                    self._labels.get(track),
+                    own.times[0],
+                    own.times[-1],
+                    share,
+                    round(identity, 4),
+                    seen and seen.upper_colour,
+                    seen and seen.lower_colour,
+                    usual_height(history.boxes, np.array(own.seen, np.bool_), size),
+                    round(existence, 4),
+                ),
+            )
             if seen is not None:
                 self._add(
                     "looks",
-                    track,
-                    seen.samples,
-                    seen.upper,
-                    seen.lower,
-                    seen.frame,
-                    *seen.box,
+                    (track, seen.samples, seen.upper, seen.lower, seen.frame, *seen.box),
                 )
 
     def _look(self) -> dict[int, Looks]:
@@ -501,21 +552,43 @@ class _Camera:
         """The time together is the encounter's row; approach and parting are phases of it."""
         seen_share, existence, identity, joins = self._belief_of_pair(encounter)
         self._add(
-            "encounters", encounter.a, encounter.b, encounter.kind, encounter.together_frame,
-            encounter.apart_frame, encounter.together_s, encounter.apart_s, encounter.confidence,
-            seen_share, identity, existence, joins,
-        )  # fmt: skip
+            "encounters",
+            (
+                encounter.a,
+                encounter.b,
+                encounter.kind,
+                encounter.together_frame,
+                encounter.apart_frame,
+                encounter.together_s,
+                encounter.apart_s,
+                encounter.confidence,
+                seen_share,
+                identity,
+                existence,
+                joins,
+            ),
+        )
         for phase in encounter.phases:
             self._add(
-                "phases", encounter.a, encounter.b, *astuple(phase), PHASES[phase.kind]
+                "phases", (encounter.a, encounter.b, *astuple(phase), PHASES[phase.kind])
             )
         for fierce in encounter.abrupt:
-            self._add("abrupt", encounter.a, encounter.b, *astuple(fierce))
+            self._add("abrupt", (encounter.a, encounter.b, *astuple(fierce)))
         self._add(
-            "encounter_evidence", encounter.a, encounter.b, encounter.together_frame, encounter.near_s,
-            encounter.distance, encounter.relative_speed, encounter.sure_frame, encounter.drift,
-            encounter.all_distance, encounter.all_relative_speed,
-        )  # fmt: skip
+            "encounter_evidence",
+            (
+                encounter.a,
+                encounter.b,
+                encounter.together_frame,
+                encounter.near_s,
+                encounter.distance,
+                encounter.relative_speed,
+                encounter.sure_frame,
+                encounter.drift,
+                encounter.all_distance,
+                encounter.all_relative_speed,
+            ),
+        )
 
     def _belief_of_pair(self, encounter: Encounter) -> Belief:
         of_a, of_b = (

@@ -54,9 +54,9 @@ class Steps:
         a, b = np.searchsorted(self.frames, [first, end])
         cut = slice(int(a), int(b))
         return Steps(
-            self.frames[cut], self.ranks[cut], self.t[cut], self.boxes[cut], self.seen[cut],
-            self.existence[cut], self.identity[cut],
-            [join for join in self.joins if first <= join[0] < end],
+            frames=self.frames[cut], ranks=self.ranks[cut], t=self.t[cut], boxes=self.boxes[cut], seen=self.seen[cut],
+            existence=self.existence[cut], identity=self.identity[cut],
+            joins=[join for join in self.joins if first <= join[0] < end],
         )  # fmt: skip
 
     def belief(self, first: int, last: int) -> Belief:

@@ -61,15 +61,15 @@ class FusedFrames:
             labels.append(one.hypothesis.label)
             blobs.append(_blob(one, masked, detected))
         return Detections(
-            masked.frame,
-            masked.width,
-            masked.height,
-            boxes,
-            scores,
-            labels,
-            [None] * len(boxes),
-            blobs,
-            masked.components,
+            frame=masked.frame,
+            width=masked.width,
+            height=masked.height,
+            boxes=boxes,
+            scores=scores,
+            labels=labels,
+            ellipses=[None] * len(boxes),
+            blobs=blobs,
+            components=masked.components,
             fused=True,
         )
 

@@ -114,14 +114,14 @@ def read_picture(channel: ChannelInfo, data: bytes) -> Still | RawPicture | Vide
         raise PayloadError("a picture of 0 bytes")
     if kind in ("foxglove.RawImage", "sensor_msgs/Image"):
         return RawPicture(
-            stamp,
-            frame,
-            whole(member(found, "width"), "its width"),
-            whole(member(found, "height"), "its height"),
-            str(member(found, "encoding")),
-            whole(member(found, "step"), "its step"),
-            bool(member(found, "is_bigendian")),
-            payload,
+            stamp_ns=stamp,
+            frame_id=frame,
+            width=whole(member(found, "width"), "its width"),
+            height=whole(member(found, "height"), "its height"),
+            encoding=str(member(found, "encoding")),
+            step=whole(member(found, "step"), "its step"),
+            big=bool(member(found, "is_bigendian")),
+            data=payload,
         )
     written = member(found, "encoding" if kind.startswith("ffmpeg") else "format")
     return _compressed(kind, stamp, frame, str(written or ""), payload)

@@ -262,14 +262,14 @@ def detections_of(
     count = len(boxes)
     named = list(labels) or [""] * count
     return Detections(
-        frame,
-        width,
-        height,
-        list(boxes),
-        list(scores),
-        named,
-        [None] * count,
-        [NO_BLOB] * count,
+        frame=frame,
+        width=width,
+        height=height,
+        boxes=list(boxes),
+        scores=list(scores),
+        labels=named,
+        ellipses=[None] * count,
+        blobs=[NO_BLOB] * count,
     )
 
 

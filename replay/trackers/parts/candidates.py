@@ -252,9 +252,17 @@ def gather(
     stage = np.repeat(np.arange(len(stages)), [len(s) for s in stages])
     fitting = np.asarray((np.abs(change[owner, source] - 1) <= p.crowd_change).all(axis=1))
     measured = Candidates(
-        owner, seen.boxes[source], names[source], seen.blobs[source], np.ones(len(owner), bool), source,
-        (source < m) & ~several[source], fitting, stage[owner], 0,
-    )  # fmt: skip
+        rows=owner,
+        boxes=seen.boxes[source],
+        anchors=names[source],
+        blobs=seen.blobs[source],
+        direct=np.ones(len(owner), bool),
+        sources=source,
+        whole=(source < m) & ~several[source],
+        fitting=fitting,
+        stage=stage[owner],
+        count=0,
+    )
     hanging = _from_heads(seen, sizes, stage, at, heads, anchors, p)
     found = measured if hanging is None else measured.beside(hanging)
     return replace(found, rows=np.concatenate(stages)[found.rows]), [
@@ -307,9 +315,17 @@ def _from_heads(
         top[each], size[each] * (1 + p.size_step * step)[:, None], at.alpha[owner[each]]
     )
     return Candidates(
-        owner[each], boxes, np.repeat(np.array(names, np.int64), times), blob[each] + 1, no, np.full(n, -1), no, no,
-        stage[owner[each]], 0,
-    )  # fmt: skip
+        rows=owner[each],
+        boxes=boxes,
+        anchors=np.repeat(np.array(names, np.int64), times),
+        blobs=blob[each] + 1,
+        direct=no,
+        sources=np.full(n, -1),
+        whole=no,
+        fitting=no,
+        stage=stage[owner[each]],
+        count=0,
+    )
 
 
 def _meeting(expected: Floats, blobs: Floats, gates: Floats) -> NDArray[np.bool_]:

@@ -223,9 +223,15 @@ class Measured:
     def kept(self, keep: NDArray[np.bool_] | slice) -> Measured:
         """Some of the candidates."""
         return Measured(
-            self.foreground[keep], self.area[keep], self.perimeter[keep], self.colours[keep], self.coloured[keep],
-            self.displacement[keep], self.overlap[keep], self.known,
-        )  # fmt: skip
+            foreground=self.foreground[keep],
+            area=self.area[keep],
+            perimeter=self.perimeter[keep],
+            colours=self.colours[keep],
+            coloured=self.coloured[keep],
+            displacement=self.displacement[keep],
+            overlap=self.overlap[keep],
+            known=self.known,
+        )
 
 
 def measure(
@@ -259,7 +265,14 @@ def measure(
         )
     displacement, overlap = _displacement(parts, before, gate), _overlap(parts, before)
     return Measured(
-        foreground, area, perimeter, colours, coloured, displacement, overlap, known
+        foreground=foreground,
+        area=area,
+        perimeter=perimeter,
+        colours=colours,
+        coloured=coloured,
+        displacement=displacement,
+        overlap=overlap,
+        known=known,
     )
 
 

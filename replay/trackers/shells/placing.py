@@ -130,14 +130,14 @@ def _piece(who: Claimants, k: int, cut: Cut, step: int) -> _Piece:
     top, left = round((y - cut.top) / step), round((x - cut.left) / step)
     worth = float((log - _UNEXPLAINED)[log > _UNEXPLAINED].sum())
     return _Piece(
-        who.tells[k],
-        log,
-        _units(-log),
-        _units(gap),
-        top,
-        left,
-        (top, left),
-        max(worth, 1.0),
+        tells=who.tells[k],
+        log=log,
+        need=_units(-log),
+        gap=_units(gap),
+        top=top,
+        left=left,
+        home=(top, left),
+        worth=max(worth, 1.0),
     )
 
 

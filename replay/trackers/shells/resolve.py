@@ -243,7 +243,18 @@ class Resolver:
         visible = min(1.0, b.area / max(1.0, body.area))
         place = body.place_of((b.ellipse.x, b.ellipse.y), b.box)
         return Resolved(
-            b.box, place, 1.0, True, True, blob + 1, visible, b.area, b.ellipse, own, x, y
+            box=b.box,
+            place=place,
+            weight=1.0,
+            sized=True,
+            alone=True,
+            blob=blob + 1,
+            visible=visible,
+            pixels=b.area,
+            ellipse=b.ellipse,
+            own=own,
+            left=x,
+            top=y,
         )
 
     def _neighbourhood(self, rows: Rows, blobs: Rows, fits: Bools) -> None:
@@ -480,9 +491,20 @@ class Resolver:
             covered = any(pixels > 0.5 for _, pixels in rivals)
             weight = 1.0 - self._p.yielding * min(0.75, 1.0 - visible)
             self.found[row] = Resolved(
-                (cx - w / 2, cy - h / 2, w, h), (cx, cy), weight, False, False, blob, visible, round(count),
-                _ellipse(own, cut), own, cut.left, cut.top, len(rows) == 1,
-            )  # fmt: skip
+                box=(cx - w / 2, cy - h / 2, w, h),
+                place=(cx, cy),
+                weight=weight,
+                sized=False,
+                alone=False,
+                blob=blob,
+                visible=visible,
+                pixels=round(count),
+                ellipse=_ellipse(own, cut),
+                own=own,
+                left=cut.left,
+                top=cut.top,
+                misfit=len(rows) == 1,
+            )
             grown = extent(own, cut)
             if (
                 visible >= 0.8
