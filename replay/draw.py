@@ -147,6 +147,18 @@ def draw_frame(image: Image, overlay: Overlay, options: DrawOptions | None = Non
     return canvas.image
 
 
+def title_card(image: Image, text: str) -> Image:
+    """The picture, darkened, with a line of text in its middle."""
+    card = np.ascontiguousarray(image // 4)
+    height, width = card.shape[:2]
+    size = 1.3 * max(0.4, min(1.0, width / 1900))
+    shown = _fitted(text, width - 8, size)
+    (w, h), _ = cv2.getTextSize(shown, _FONT, size, 1)
+    place = max(4, (width - w) // 2), (height + h) // 2
+    cv2.putText(card, shown, place, _FONT, size, _WHITE, 1, cv2.LINE_AA)
+    return card
+
+
 def _draw_ground(
     canvas: _Canvas, overlay: Overlay, options: DrawOptions, places: dict[int, Track]
 ) -> None:

@@ -427,6 +427,10 @@ class _Camera:
                 list(told.joins),
             ),
         )
+        if event.kind == "scene_changed" and event.evidence.get("kind") == "gap":
+            length = float(event.evidence.get("gap_s", 0))
+            verdict = f"before frame {event.frame}: nothing was recorded then"
+            self._add("quality", ("gap_s", length, verdict))
         for label in event.groups:
             self._add("event_groups", (event.id, label))
             if event.kind in ENDING:

@@ -355,6 +355,7 @@ def _asked(
     case: Case, query: str, args: argparse.Namespace
 ) -> tuple[Callable[[], Answer], str]:
     """What asks the question, and what an empty answer means; what it names is there."""
+    from reasoning.questions.gaps import unrecorded
     from reasoning.questions.literals import only
     from reasoning.questions.name_checks import check_pattern, check_recording, check_words
 
@@ -367,7 +368,9 @@ def _asked(
 
         text = shipped_or_given(args.pattern)
         check_pattern(case, parse(text), chosen)
-        nothing = "nothing in these recordings fits the pattern"
+        nothing = unrecorded(
+            case, None, chosen, "nothing in these recordings fits the pattern"
+        )
         return lambda: case.by_recording(lambda some: plan(text, some), chosen), nothing
     from reasoning.questions.ready_questions import question
 
@@ -379,7 +382,7 @@ def _asked(
 
     return lambda: case.by_recording(
         make, chosen, keeps_few=asked.keeps_few(words)
-    ), asked.why_empty(words)
+    ), unrecorded(case, options.at, options.recordings, asked.why_empty(words))
 
 
 def _options(args: argparse.Namespace) -> Options:

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.channels import NANOS
+from recorders.clock import seconds
 from recorders.errors import RecordingError, UsageError
 from recorders.messages import Event
 from recorders.told_times import clock_text
-from replay.draw import DrawOptions, Overlay, draw_frame
+from replay.draw import DrawOptions, Overlay, draw_frame, title_card
 from replay.export.output import whole_file
 
 Image = NDArray[np.uint8]
@@ -26,6 +27,10 @@ CLOCK = 90_000
 THREADS = 2
 GROUND = 96
 CRF = "23"
+TITLE_S = 3.0
+"""How long a title stands in place of a longer gap,"""
+GAP_STEPS = 10
+"""which is longer than so many steps between frames."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,8 @@ def write_video(
 ) -> int:
     """Write the overlaid video; every picture stays as long as it did in the recording. Returns
     the frames written.
+
+    Where nothing was recorded for longer than `TITLE_S`, a title of that length says so instead.
 
     A recording without pictures is drawn on a plain ground.
 
@@ -184,6 +191,8 @@ class Encoder:
         self.frames = 0
         self._start_ns = start_ns
         self._last = -1
+        self._image, self._last_ns = first, start_ns
+        self._step_ns = NANOS
         # 4:2:0 colours need even sides: the last odd row or column is left out.
         self._height, self._width = first.shape[0] // 2 * 2, first.shape[1] // 2 * 2
         self._container: Any = av.open(
@@ -199,6 +208,16 @@ class Encoder:
 
     def add(self, image: Image, time_ns: int) -> None:
         """The next picture."""
+        if self.frames:
+            length = time_ns - self._last_ns
+            if length > max(TITLE_S * NANOS, GAP_STEPS * self._step_ns):
+                self._bridge(length)
+            self._step_ns = min(self._step_ns, length)
+        self._image, self._last_ns = image, time_ns
+        self._put(image, time_ns)
+        self.frames += 1
+
+    def _put(self, image: Image, time_ns: int) -> None:
         pixels = np.ascontiguousarray(image[: self._height, : self._width])
         frame: Any = self._av.VideoFrame.from_ndarray(pixels, format="bgr24")
         frame.time_base = Fraction(1, CLOCK)
@@ -206,7 +225,16 @@ class Encoder:
         self._last = max(self._last + 1, (time_ns - self._start_ns) * CLOCK // NANOS)
         frame.pts = self._last
         self._container.mux(self._stream.encode(frame))
-        self.frames += 1
+
+    def _bridge(self, length_ns: int) -> None:
+        """Before the next picture, so long after the last one: a title that nothing was recorded."""
+        shown_ns = min(length_ns, round(TITLE_S * NANOS))
+        after_ns = self._last_ns + (length_ns - shown_ns)
+        self._start_ns += length_ns - shown_ns
+        title = title_card(self._image, f"Nothing was recorded for {seconds(length_ns)}")
+        # The picture before keeps its usual time.
+        first_ns = after_ns + min(self._step_ns, shown_ns // 2)
+        self._put(title, first_ns)
 
     def finish(self) -> None:
         """Write what the encoder still holds."""
