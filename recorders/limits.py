@@ -25,7 +25,7 @@ class Limits:
         max_summary_bytes: the summary section at a log's end.
         max_messages_per_chunk: messages in one chunk.
         max_open_bytes: decoded chunks held at once while chunks that overlap in time are merged;
-            beyond it they are decoded again when their turn comes.
+            beyond it their payloads wait in a temporary file.
         max_unpacked_bytes: what a whole file that is compressed unpacks to.
     """
 

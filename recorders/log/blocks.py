@@ -4,8 +4,12 @@ chunk.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import IO
+
+from msgspec import structs
 
 from recorders.errors import LimitError, RecordingError
 from recorders.log import records, wire
@@ -235,32 +239,74 @@ def _unknown_channel(
     )
 
 
+class Shelf:
+    """Payloads put aside in a temporary file while chunks that overlap are more than memory
+    takes: each is written once and read once, instead of its chunk being unpacked again and again.
+    """
+
+    def __init__(self) -> None:
+        self._file: IO[bytes] | None = None
+        self._end = 0
+
+    def put(self, data: bytes) -> int:
+        """Keep a payload; where it is."""
+        if self._file is None:
+            self._file = tempfile.TemporaryFile(prefix="scenetrace-")  # noqa: SIM115
+        self._file.seek(self._end)
+        self._file.write(data)
+        self._end += len(data)
+        return self._end - len(data)
+
+    def get(self, place: int, length: int) -> bytes:
+        """The payload that was put there."""
+        assert self._file is not None
+        self._file.seek(place)
+        return self._file.read(length)
+
+    def close(self) -> None:
+        """Give the space back."""
+        if self._file is not None:
+            self._file.close()
+
+
 class BlockCursor:
-    """A block opened for merging: its messages in total order, forgotten and read again when
+    """A block opened for merging: its messages in total order, whose payloads are put aside when
     memory is short.
     """
 
-    __slots__ = ("_load", "_messages", "block", "bytes_held", "position")
+    __slots__ = ("_places", "_shelf", "bytes_held", "messages", "position")
 
-    def __init__(self, block: Block, load: Callable[[Block], list[Message]]) -> None:
-        self.block = block
+    def __init__(self, messages: list[Message], shelf: Shelf) -> None:
+        self.messages = messages
         self.position = 0
-        self.bytes_held = 0
-        self._load = load
-        self._messages: list[Message] | None = None
+        self.bytes_held = sum(len(message.data) for message in messages)
+        self._shelf = shelf
+        self._places: list[tuple[int, int]] | None = None
 
-    def messages(self) -> list[Message]:
-        """All its messages; ``position`` says how many were given out."""
-        if self._messages is None:
-            self._messages = self._load(self.block)
-            self.bytes_held = sum(
-                len(message.data) for message in self._messages
-            ) + 200 * len(self._messages)
-        return self._messages
+    def taken(self, until: int) -> list[Message]:
+        """The next messages, up to that position."""
+        start, self.position = self.position, until
+        if self._places is None:
+            return self.messages[start:until]
+        places = self._places[start:until]
+        found = self.messages[start:until]
+        return [
+            structs.replace(message, data=self._shelf.get(*place))
+            for message, place in zip(found, places, strict=True)
+        ]
 
-    def forget(self) -> None:
-        """Give the memory back."""
-        self._messages = None
+    def put_aside(self) -> None:
+        """Give the payloads' memory back."""
+        if self._places is not None:
+            return
+        done = self.position
+        self._places = [(0, 0)] * done + [
+            (self._shelf.put(message.data), len(message.data))
+            for message in self.messages[done:]
+        ]
+        self.messages = self.messages[:done] + [
+            structs.replace(message, data=b"") for message in self.messages[done:]
+        ]
         self.bytes_held = 0
 
 

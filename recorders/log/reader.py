@@ -5,13 +5,14 @@ from __future__ import annotations
 import heapq
 from bisect import bisect_left
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import records
-from recorders.log.blocks import Block, BlockCursor, read_messages
+from recorders.log.blocks import Block, BlockCursor, Shelf, read_messages
 from recorders.log.index import build_index
 from recorders.log.layout import LogIndex
 from recorders.log.model import Attachment, ChannelInfo, LogHeader, Message
@@ -253,50 +254,49 @@ class LogReader:
 
         waiting = sorted(self._blocks(wanted, low, high), key=first_key, reverse=True)
         heap: list[tuple[tuple[int, int, int], BlockCursor]] = []
-        while heap or waiting:
-            while waiting and (not heap or first_key(waiting[-1])[0] <= heap[0][0][0]):
-                cursor = BlockCursor(waiting.pop(), load)
-                if cursor.messages():
-                    heapq.heappush(heap, (_key(cursor, sign), cursor))
-                    self._stay_in_memory(heap)
-            if heap:
-                cursor = heapq.heappop(heap)[1]
-                until = heap[0][0] if heap else None
-                if waiting:
-                    border = (first_key(waiting[-1])[0], -FOREVER_NS, 0)
-                    until = border if until is None else min(until, border)
-                forgotten = not cursor.bytes_held
-                yield self._take(cursor, until, sign)
-                if cursor.position < len(cursor.messages()):
-                    heapq.heappush(heap, (_key(cursor, sign), cursor))
-                    if forgotten:
+        with closing(Shelf()) as shelf:
+            while heap or waiting:
+                while waiting and (not heap or first_key(waiting[-1])[0] <= heap[0][0][0]):
+                    cursor = BlockCursor(load(waiting.pop()), shelf)
+                    if cursor.messages:
+                        heapq.heappush(heap, (_key(cursor, sign), cursor))
                         self._stay_in_memory(heap)
+                if heap:
+                    cursor = heapq.heappop(heap)[1]
+                    until = heap[0][0] if heap else None
+                    if waiting:
+                        border = (first_key(waiting[-1])[0], -FOREVER_NS, 0)
+                        until = border if until is None else min(until, border)
+                    yield self._take(cursor, until, sign)
+                    if cursor.position < len(cursor.messages):
+                        heapq.heappush(heap, (_key(cursor, sign), cursor))
 
     @staticmethod
     def _take(
         cursor: BlockCursor, until: tuple[int, int, int] | None, sign: int
     ) -> list[Message]:
         """The cursor's next messages before the key ``until``."""
-        messages, start = cursor.messages(), cursor.position
-        if until is None:
-            cursor.position = len(messages)
-        else:
-            cursor.position = bisect_left(
-                messages, until, start, key=lambda m: _signed(m.order, sign)
+        end = len(cursor.messages)
+        if until is not None:
+            end = bisect_left(
+                cursor.messages,
+                until,
+                cursor.position,
+                key=lambda m: _signed(m.order, sign),
             )
-        return messages[start : cursor.position]
+        return cursor.taken(end)
 
     def _stay_in_memory(self, heap: list[tuple[tuple[int, int, int], BlockCursor]]) -> None:
-        """Forget the decoded blocks whose turn comes last, while they are more than the limit
-        allows.
+        """Put the payloads aside of the blocks whose turn comes last, while they are more than
+        half of what the limit allows.
         """
         held = sum(cursor.bytes_held for _, cursor in heap)
         if held <= self.limits.max_open_bytes:
             return
         for _, cursor in sorted(heap, key=lambda entry: entry[0], reverse=True)[:-1]:
             held -= cursor.bytes_held
-            cursor.forget()
-            if held <= self.limits.max_open_bytes:
+            cursor.put_aside()
+            if held <= self.limits.max_open_bytes // 2:
                 return
 
 
@@ -305,7 +305,7 @@ def _signed(order: tuple[int, int, int], sign: int) -> tuple[int, int, int]:
 
 
 def _key(cursor: BlockCursor, sign: int) -> tuple[int, int, int]:
-    return _signed(cursor.messages()[cursor.position].order, sign)
+    return _signed(cursor.messages[cursor.position].order, sign)
 
 
 def read_attachment(file: RecordFile, raw: RawRecord) -> Attachment:
