@@ -74,6 +74,7 @@ def add(commands: common.Commands) -> None:
         "--camera", metavar="NAME", help="which camera, where the log has several"
     )
     parser.add_argument("--json", action="store_true", help="list: as JSON")
+    common.add_limits(parser)
     parser.set_defaults(run=run)
     common.take_words_anywhere(parser)
 
@@ -88,7 +89,8 @@ def run(args: argparse.Namespace) -> int:
     if do == "list":
         return _list(args)
     _check_words(args, do)
-    with AnnotatedLog(args.log, args.camera) as log:
+    limits = common.parse_limits(args.limit)
+    with AnnotatedLog(args.log, args.camera, limits) as log:
         corrections = opened(args.output, log)
         corrections = (
             _undone(corrections, words, args)

@@ -55,6 +55,7 @@ def add(commands: common.Commands) -> None:
         help="where the pictures are, if in neither A nor B",
     )
     parser.add_argument("--force", action="store_true", help="overwrite an existing page")
+    common.add_limits(parser)
     parser.set_defaults(run=run)
 
 
@@ -65,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     options = options_of(args)
     if args.html is not None and args.html.exists() and not args.force:
         raise OutputExistsError(args.html)
-    found = compare(args.a, args.b, options)
+    found = compare(args.a, args.b, options, common.parse_limits(args.limit))
     if args.html is not None:
         write_html(found, args.html, scene=args.scene, force=args.force)
     return show(found, args.json, args.all)

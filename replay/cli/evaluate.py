@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from recorders.errors import OutputExistsError, SceneTraceError, UsageError
-from replay.cli.common import Commands, picture_size, printable
+from recorders.limits import DEFAULT_LIMITS, Limits
+from replay.cli.common import Commands, add_limits, parse_limits, picture_size, printable
 from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
@@ -118,6 +119,7 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument("--force", action="store_true", help="overwrite an existing plot")
     parser.add_argument("--json", action="store_true", help="print JSON")
+    add_limits(parser)
     parser.set_defaults(run=run)
 
 
@@ -146,7 +148,7 @@ def run(args: argparse.Namespace) -> int:
         raise OutputExistsError(args.plot)
     if args.also and args.plot is None:
         raise UsageError("--also draws another result into the plot: say where with --plot")
-    result = read_result(args.annotated, args.camera)
+    result = read_result(args.annotated, args.camera, parse_limits(args.limit))
     picture = args.size or result.size
     truth = read_truth(args.truth) if args.raw else _whole_truth(args.truth)
     if picture is not None:
@@ -166,7 +168,9 @@ def run(args: argparse.Namespace) -> int:
         )
     if not args.raw:
         truth, table = _prepared(truth, table)
-    others = [read_result(path, args.camera) for path in args.also]
+    others = [
+        read_result(path, args.camera, parse_limits(args.limit)) for path in args.also
+    ]
     for fitted_on in dict.fromkeys(r.fitted_on for r in (result, *others) if r.fitted_on):
         sys.stderr.write(
             f"scenetrace: the features of parts were fitted on {fitted_on}; "
@@ -267,7 +271,7 @@ def _common(
     return kept, table
 
 
-def read_result(path: Path, camera: str | None) -> Result:
+def read_result(path: Path, camera: str | None, limits: Limits = DEFAULT_LIMITS) -> Result:
     """Read an annotated log or, if it is no MCAP, a MOTChallenge text."""
     import numpy as np
 
@@ -284,7 +288,7 @@ def read_result(path: Path, camera: str | None) -> Result:
         raise SceneTraceError(f"{path}: cannot be read: {error.strerror}") from error
     if not is_log:
         return Result(read_table(path))
-    with AnnotatedLog(path, camera) as log:
+    with AnnotatedLog(path, camera, limits) as log:
         found = read_tracks(log)
         fitted_on = _fitted_on(log.tracker, log.facts.get("configuration", ""))
     step = float(np.median(np.diff(found.times_ns))) / 1e9 if len(found.frames) > 1 else 0.0

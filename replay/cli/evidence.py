@@ -5,7 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from replay.cli.common import Commands, add_configuration, command, say
+from replay.cli.common import (
+    Commands,
+    add_configuration,
+    add_limits,
+    command,
+    parse_limits,
+    say,
+)
 from replay.cli.exit_codes import Exit
 
 EXAMPLE = """\
@@ -41,6 +48,7 @@ def add(commands: Commands) -> None:
         help="replace what an older evidence folder lists in its manifest",
     )
     add_configuration(parser)
+    add_limits(parser)
     parser.set_defaults(run=run)
 
 
@@ -61,6 +69,7 @@ def run(args: argparse.Namespace) -> int:
         camera=args.camera,
         force=args.force,
         encounters=encounters,
+        limits=parse_limits(args.limit),
     )
     manifest = args.output / MANIFEST
     strangers = added_files(read_manifest(manifest), manifest)

@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
-from replay.cli.common import Commands, add_configuration, command, printable, say
+from replay.cli.common import (
+    Commands,
+    add_configuration,
+    add_limits,
+    command,
+    parse_limits,
+    printable,
+    say,
+)
 from replay.cli.drawing import add_clock, add_drawing, drawn_of, start_of
 from replay.cli.exit_codes import Exit
 
@@ -63,6 +71,7 @@ def add(commands: Commands) -> None:
     add_clock(parser)
     add_drawing(parser)
     add_configuration(parser)
+    add_limits(parser)
     parser.set_defaults(run=run)
 
 
@@ -84,6 +93,7 @@ def run(args: argparse.Namespace) -> int:
         check_log(args.annotated)
     with Case(
         [args.annotated],
+        log_limits=parse_limits(args.limit),
         encounters=encounter_config(args.config, args.assignments),
         drawn=drawn_of(args),
         start_ns=start_of(args),

@@ -103,6 +103,7 @@ def add(commands: common.Commands) -> None:
         parser.add_argument(
             f"--no-{what}", action="store_true", help=f"video: draw no {what}"
         )
+    common.add_limits(parser)
     parser.set_defaults(run=run)
 
 
@@ -119,7 +120,8 @@ def run(args: argparse.Namespace) -> int:
     from replay.export import write_mot
 
     # Opened first, so that every format gives the same answer to what is no annotated log.
-    with AnnotatedLog(args.annotated, args.camera) as log:
+    limits = common.parse_limits(args.limit)
+    with AnnotatedLog(args.annotated, args.camera, limits) as log:
         left_out = 0
         if args.to == "mot":
             done = f"{write_mot(log, args.output, force=args.force)} rows"
@@ -181,12 +183,17 @@ def log_time(text: str | None, log: AnnotatedLog) -> int | None:
 def _tables(args: argparse.Namespace, camera: str) -> str:
     from replay.export import write_csv, write_graphml, write_json, write_parquet
 
+    limits = common.parse_limits(args.limit)
     if args.to == "graphml":
         nodes, edges = write_graphml(
-            args.annotated, args.output, camera=camera, force=args.force
+            args.annotated, args.output, camera=camera, force=args.force, limits=limits
         )
         return f"{nodes} nodes, {edges} edges"
-    chosen: dict[str, Any] = {"camera": args.camera, "force": args.force}
+    chosen: dict[str, Any] = {
+        "camera": args.camera,
+        "force": args.force,
+        "limits": limits,
+    }
     if args.to == "json":
         return _rows(write_json(args.annotated, args.output, **chosen))
     write = write_csv if args.to == "csv" else write_parquet

@@ -5,7 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from replay.cli.common import Commands, add_configuration, command, progress, say
+from replay.cli.common import (
+    Commands,
+    add_configuration,
+    add_limits,
+    command,
+    parse_limits,
+    progress,
+    say,
+)
 from replay.cli.exit_codes import Exit
 
 EXAMPLE = """\
@@ -46,6 +54,7 @@ def add(commands: Commands) -> None:
     )
     parser.add_argument("--json", action="store_true", help="what was done, as JSON")
     add_configuration(parser)
+    add_limits(parser)
     parser.set_defaults(run=run)
 
 
@@ -68,6 +77,7 @@ def run(args: argparse.Namespace) -> int:
             logs,
             args.output,
             keep_going=args.keep_going,
+            limits=parse_limits(args.limit),
             encounters=encounters,
             progress=told,
         )

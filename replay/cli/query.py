@@ -13,7 +13,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from recorders.errors import OutputExistsError, UsageError
-from replay.cli.common import Commands, add_configuration, command, say, take_words_anywhere
+from replay.cli.common import (
+    Commands,
+    add_configuration,
+    add_limits,
+    command,
+    parse_limits,
+    say,
+    take_words_anywhere,
+)
 from replay.cli.drawing import add_clock, add_drawing, drawn_of, start_of
 from replay.cli.exit_codes import Exit
 
@@ -128,6 +136,7 @@ def add(commands: Commands) -> None:
     )
     add_drawing(parser)
     add_configuration(parser)
+    add_limits(parser)
     limits = parser.add_argument_group("limits")
     limits.add_argument(
         "--time-limit", type=float, default=60.0, metavar="S", help="seconds (default 60)"
@@ -171,6 +180,7 @@ def run(args: argparse.Namespace) -> int:
     with Case(
         inputs,
         QueryLimits(args.time_limit, args.memory),
+        log_limits=parse_limits(args.limit),
         encounters=encounters,
         brief=args.brief,
         drawn=drawn_of(args),

@@ -147,7 +147,7 @@ def _configured(args: argparse.Namespace) -> tuple[TrackerChoice, Config]:
     if args.against is None:
         tracker = choose(args.tracker or DEFAULT_TRACKER)
         return tracker, replay_config(tracker, args.config, _assignments(args, tracker))
-    with LogReader(args.against) as log:
+    with LogReader(args.against, common.parse_limits(args.limit)) as log:
         facts = provenance_of(log)
     tracker = choose(args.tracker) if args.tracker else choice_of(facts)
     known = sections(tracker)
@@ -180,7 +180,7 @@ def _compare(args: argparse.Namespace, out: Path) -> int:
     options = replace(
         diff.options_of(args), only_shared=args.start is not None or args.end is not None
     )
-    found = compare(args.against, out, options)
+    found = compare(args.against, out, options, common.parse_limits(args.limit))
     if args.html is not None:
         diff.write_html(found, args.html, scene=args.scene, force=args.force)
     return diff.show(replace(found, b=str(args.output or "this replay")), args.json)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from replay.cli.common import Commands, command, say
+from replay.cli.common import Commands, add_limits, command, parse_limits, say
 from replay.cli.exit_codes import Exit
 
 
@@ -45,6 +45,7 @@ def add(commands: Commands) -> None:
         "--camera", metavar="NAME", help="which camera, where the log has several"
     )
     parser.add_argument("--force", action="store_true", help="overwrite OUT")
+    add_limits(parser)
     parser.set_defaults(run=run)
 
 
@@ -59,7 +60,13 @@ def run(args: argparse.Namespace) -> int:
     options = ReportOptions(thumbnails=args.thumbnails)
     log, more = of_case(args.annotated, args.recording)
     figures = write_report(
-        log, args.output, camera=args.camera, options=options, force=args.force, more=more
+        log,
+        args.output,
+        camera=args.camera,
+        options=options,
+        force=args.force,
+        limits=parse_limits(args.limit),
+        more=more,
     )
     size = args.output.stat().st_size / 1e6
     say(

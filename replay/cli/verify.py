@@ -59,6 +59,7 @@ def add(commands: common.Commands) -> None:
         help="the key that must have signed the manifest",
     )
     parser.add_argument("--json", action="store_true", help="the verdict as JSON")
+    common.add_limits(parser)
     parser.set_defaults(run=run)
 
 
@@ -96,12 +97,18 @@ def _manifest(args: argparse.Namespace) -> CaseVerdict:
 def _log(args: argparse.Namespace) -> Verification:
     from replay.verification import verify, verify_chain
 
+    limits = common.parse_limits(args.limit)
+
     with common.progress(None) as bar, common.interrupts_at(bar) as progress:
         if args.quick:
-            verdict = verify_chain(args.annotated, progress=progress)
+            verdict = verify_chain(args.annotated, limits, progress)
         else:
             verdict = verify(
-                args.annotated, args.scene, tracker=args.tracker, progress=progress
+                args.annotated,
+                args.scene,
+                tracker=args.tracker,
+                limits=limits,
+                progress=progress,
             )
     if args.json:
         return verdict

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from reasoning.graph import over_time
 from recorders.annotated.reader import AnnotatedLog
+from recorders.limits import DEFAULT_LIMITS, Limits
 from replay.export.output import whole_file
 
 if TYPE_CHECKING:
@@ -43,7 +44,12 @@ def node_link(graph: nx.MultiGraph) -> dict[str, Any]:
 
 
 def write_graphml(
-    log: str | Path, out: str | Path, *, camera: str | None = None, force: bool = False
+    log: str | Path,
+    out: str | Path,
+    *,
+    camera: str | None = None,
+    force: bool = False,
+    limits: Limits = DEFAULT_LIMITS,
 ) -> tuple[int, int]:
     """Write the interaction graph over time; returns how many nodes and edges it has.
 
@@ -57,7 +63,7 @@ def write_graphml(
     import networkx as nx
 
     with whole_file(out, force=force) as file:
-        with AnnotatedLog(log, camera) as opened:
+        with AnnotatedLog(log, camera, limits) as opened:
             graph = interaction_graph(opened)
         for source, target, key, facts in graph.edges(keys=True, data=True):
             facts |= {"key": key, "id": f"{source} {target} {key}"}

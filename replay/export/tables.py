@@ -110,7 +110,12 @@ class TableSpool:
 
 
 def write_json(
-    log: str | Path, out: str | Path, *, camera: str | None = None, force: bool = False
+    log: str | Path,
+    out: str | Path,
+    *,
+    camera: str | None = None,
+    force: bool = False,
+    limits: Limits = DEFAULT_LIMITS,
 ) -> dict[str, int]:
     """Write all tables as one JSON document, an object of lists of objects; returns each table's
     rows.
@@ -119,7 +124,7 @@ def write_json(
         OutputExistsError: ``out`` exists and ``force`` is not set.
         RecordingError: ``log`` is no annotated log, or damaged.
     """
-    with whole_file(out, force=force) as file, TableSpool(log, camera) as spool:
+    with whole_file(out, force=force) as file, TableSpool(log, camera, limits) as spool:
         for index, table in enumerate(TABLES):
             file.write(
                 f"{',' if index else '{'}\n{msgspec.json.encode(table).decode()}: [".encode()
@@ -131,13 +136,13 @@ def write_json(
                     file.write(pending)
                     pending = b""
             file.write(pending + b"]")
-        graph = msgspec.json.encode(node_link(_graph(log, camera)))
+        graph = msgspec.json.encode(node_link(_graph(log, camera, limits)))
         file.write(b',\n"graph": ' + graph + b"\n}\n")
         return spool.rows
 
 
-def _graph(log: str | Path, camera: str | None) -> nx.MultiGraph:
-    with AnnotatedLog(log, camera) as opened:
+def _graph(log: str | Path, camera: str | None, limits: Limits) -> nx.MultiGraph:
+    with AnnotatedLog(log, camera, limits) as opened:
         return interaction_graph(opened)
 
 
@@ -148,9 +153,10 @@ def write_parquet(
     table: str = "tracks",
     camera: str | None = None,
     force: bool = False,
+    limits: Limits = DEFAULT_LIMITS,
 ) -> dict[str, int]:
     """Write Parquet: see `_write_tables`."""
-    return _write_tables(log, out, PARQUET, table, camera, force=force)
+    return _write_tables(log, out, PARQUET, table, camera, force=force, limits=limits)
 
 
 def write_csv(
@@ -160,9 +166,10 @@ def write_csv(
     table: str = "tracks",
     camera: str | None = None,
     force: bool = False,
+    limits: Limits = DEFAULT_LIMITS,
 ) -> dict[str, int]:
     """Write CSV with a row of names: see `_write_tables`."""
-    return _write_tables(log, out, CSV, table, camera, force=force)
+    return _write_tables(log, out, CSV, table, camera, force=force, limits=limits)
 
 
 PARQUET = ("parquet", "FORMAT parquet, COMPRESSION zstd")
@@ -177,6 +184,7 @@ def _write_tables(
     camera: str | None,
     *,
     force: bool,
+    limits: Limits,
 ) -> dict[str, int]:
     """Write tables: one where ``out`` is a file name with a suffix, else a folder with one file
     per table.
@@ -194,10 +202,16 @@ def _write_tables(
     path = Path(out)
     suffix, options = kind
     if path.suffix and not path.is_dir():
-        with whole_file(path, force=force) as file, TableSpool(log, camera) as spool:
+        with (
+            whole_file(path, force=force) as file,
+            TableSpool(log, camera, limits) as spool,
+        ):
             _copy(spool, table, file.part, options)
             return {table: spool.rows[table]}
-    with whole_folder(path, None, force=force) as folder, TableSpool(log, camera) as spool:
+    with (
+        whole_folder(path, None, force=force) as folder,
+        TableSpool(log, camera, limits) as spool,
+    ):
         for name in TABLES:
             _copy(spool, name, folder / f"{name}.{suffix}", options)
         return spool.rows

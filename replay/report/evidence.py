@@ -20,6 +20,7 @@ from reasoning.questions.joins import joins_of
 from reasoning.questions.thresholds import measure_line
 from recorders.annotated.reader import AnnotatedLog
 from recorders.errors import SceneTraceError
+from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.pictures import encode_png
 from recorders.pieces import Span, cut
 from replay.draw import DrawOptions
@@ -75,6 +76,7 @@ def write_evidence(
     camera: str | None = None,
     force: bool = False,
     encounters: EncounterParameters | None = None,
+    limits: Limits = DEFAULT_LIMITS,
 ) -> list[Explanation]:
     """Write the evidence of events and answer rows into a folder that appears whole.
 
@@ -88,7 +90,10 @@ def write_evidence(
     """
     check_folder(folder, MANIFEST, force=force)
     check_log(path)
-    with Case([path], encounters=encounters) as case, AnnotatedLog(path, camera) as log:
+    with (
+        Case([path], log_limits=limits, encounters=encounters) as case,
+        AnnotatedLog(path, camera, limits) as log,
+    ):
         names = case.rows("SELECT recording, camera FROM recordings")
         recording = next((n for n, c in names if c == log.camera), None)
         # Two frames of one interval name the same thing: it is told once.

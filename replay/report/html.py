@@ -14,6 +14,7 @@ from typing import Any
 
 from reasoning.questions import Case
 from recorders.annotated.reader import AnnotatedLog
+from recorders.limits import DEFAULT_LIMITS, Limits
 from replay.export.output import whole_file
 from replay.report.data import ReportOptions, collect
 from replay.report.pictures import check_log
@@ -27,6 +28,7 @@ def write_report(
     options: ReportOptions | None = None,
     force: bool = False,
     more: dict[str, Any] | None = None,
+    limits: Limits = DEFAULT_LIMITS,
 ) -> dict[str, Any]:
     """Write the report of an annotated log; returns its key figures by name.
 
@@ -43,8 +45,11 @@ def write_report(
         RecordingError: the log is damaged, or no annotated log.
     """
     check_log(path)
-    with AnnotatedLog(path, camera) as log, whole_file(out, force=force) as file:
-        with Case([path]) as case:
+    with (
+        AnnotatedLog(path, camera, limits) as log,
+        whole_file(out, force=force) as file,
+    ):
+        with Case([path], log_limits=limits) as case:
             data = collect(case, log, options or ReportOptions()) | (more or {})
         file.write(page(data).encode("utf-8"))
     return {str(name): value for name, value in data["figures"]}
