@@ -38,6 +38,7 @@ def write_report(
         camera: which camera, where there are several.
         options: how much goes into the page.
         force: overwrite.
+        limits: bounds on what the log may make us allocate.
         more: what a case adds to the page's data.
 
     Raises:
