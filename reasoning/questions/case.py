@@ -9,7 +9,9 @@ of statement is checked before it runs, in a transaction that is read only; a ti
 
 from __future__ import annotations
 
+import os
 import re
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -22,6 +24,7 @@ from typing import Any
 import duckdb
 
 from reasoning.encounters import EncounterParameters
+from reasoning.questions import catalogue
 from reasoning.questions.drawn import Drawn
 from reasoning.questions.drawn_tables import draw, make_tables
 from reasoning.questions.duckdb_tables import insert
@@ -32,6 +35,7 @@ from reasoning.questions.schema import DRAWN, SURE, TABLES, create_statements, s
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.messages import EVENT_LEVELS
+from recorders.stores import is_uri, open_store
 from recorders.told_times import CLOCKED_NS, clock_text
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -117,11 +121,13 @@ class Case:
         drawn: Drawn | None = None,
         start_ns: int | None = None,
         looks: bool = False,
+        choice: catalogue.Choice | None = None,
     ) -> None:
         """Open and read the inputs.
 
         Args:
-            inputs: annotated logs, indexes, Parquet folders.
+            inputs: annotated logs, indexes, Parquet folders, cases of `scenetrace batch` (a
+                folder or a URI).
             limits: what one query may take.
             log_limits: bounds on what a log may make us allocate.
             encounters: the thresholds of encounters in logs; an index keeps those that it was
@@ -132,6 +138,7 @@ class Case:
                 in recorded ones, crossings of the lines are the table ``crossings``.
             looks: look at pictures of the logs, so that targets have colours; an index has them.
             start_ns: when the recording began (ns since 1970), where it was made without a clock.
+            choice: the part of a fleet's catalogue that is asked; nothing else is opened.
 
         Raises:
             UsageError: a zone or line lies beyond a picture, or is called as a recorded zone is;
@@ -144,6 +151,8 @@ class Case:
                 " Parquet"
             )
         self.inputs = [Path(p) for p in inputs]
+        self._uris = {Path(p): str(p) for p in inputs if is_uri(str(p))}
+        self._choice = choice or catalogue.Choice()
         self.limits = limits or QueryLimits()
         self._brief = brief
         self.drawn = drawn or Drawn()
@@ -152,6 +161,7 @@ class Case:
         self._con = duckdb.connect(":memory:", config=locked_down(self.limits))
         self._places: list[tuple[Path, Callable[[str], str]]] = []
         self._files: list[Path] = []
+        self._folders: list[Path] = []
         self._begun = False
         self._known: dict[tuple[str, str], str] = {}
         try:
@@ -181,16 +191,23 @@ class Case:
         """Let go of the tables."""
         self._con.close()
 
-    def _open(self, log_limits: Limits, encounters: EncounterParameters | None) -> None:
-        logs = []
+    def _take_in(self) -> list[Path]:
+        """Attach what holds tables; the inputs that are logs."""
+        logs: list[Path] = []
         for path in self.inputs:
-            kind = kind_of(path)
-            if kind == "log":
+            kind = "catalogue" if path in self._uris else kind_of(path)
+            if kind == "catalogue":
+                self._catalogue(path)
+            elif kind == "log":
                 logs.append(path)
             elif kind == "index":
                 self._attach(path)
             else:
                 self._folder(path)
+        return logs
+
+    def _open(self, log_limits: Limits, encounters: EncounterParameters | None) -> None:
+        logs = self._take_in()
         if logs:
             self._read_logs(logs, log_limits, encounters)
         made = make_tables(self._con)
@@ -221,13 +238,7 @@ class Case:
         for statement in macro_statements():
             self._con.execute(statement)
         draw(self._con, self.drawn)
-        self._con.execute("SET TimeZone = 'UTC'")
-        if self._files:
-            self._con.execute(
-                f"SET allowed_paths = [{', '.join(map(_quoted, self._files))}]"
-            )
-        self._con.execute("SET enable_external_access = false")
-        self._con.execute("SET lock_configuration = true")
+        self._lock()
 
     def _check_start(self, recordings: str) -> None:
         rows = self._con.execute(
@@ -240,6 +251,19 @@ class Case:
                 raise UsageError(
                     f"--start: {name} has a clock, it began at {clock_text(start_ns)}"
                 )
+
+    def _lock(self) -> None:
+        """From here on nothing but the tables can be read, and no setting changed."""
+        self._con.execute("SET TimeZone = 'UTC'")
+        if self._files:
+            self._con.execute(
+                f"SET allowed_paths = [{', '.join(map(_quoted, self._files))}]"
+            )
+        if self._folders:
+            folders = ", ".join(_quoted(folder) for folder in self._folders)
+            self._con.execute(f"SET allowed_directories = [{folders}]")
+        self._con.execute("SET enable_external_access = false")
+        self._con.execute("SET lock_configuration = true")
 
     def _damaged(self, table: str) -> Path:
         """The input whose table cannot be read, to be named."""
@@ -290,6 +314,27 @@ class Case:
             ),
             path,
         )
+
+    def _catalogue(self, path: Path) -> None:
+        """The files of a fleet's tables that belong to the case at this moment."""
+        store = open_store(self._uris.get(path, path))
+        catalogue.check_schema(store)
+        chosen = catalogue.pieces(store, self._choice)
+        if not chosen:
+            wanted = self._choice != catalogue.Choice()
+            raise RecordingError(
+                "no recording of that camera and day" if wanted else "no recording yet",
+                self._uris.get(path, path),
+            )
+        cache = Path(tempfile.gettempdir()) / f"scenetrace-cache-{os.getuid()}"
+        root = catalogue.local_tables(store, chosen, cache).resolve()
+        self._folders.append(root / catalogue.TABLES_FOLDER)
+
+        def place(table: str) -> str:
+            files = ", ".join(_quoted(root / piece.key(table)) for piece in chosen)
+            return f"read_parquet([{files}], hive_partitioning = false)"
+
+        self._add(place, path)
 
     def _add(self, place: Callable[[str], str], path: Path) -> None:
         """Take an input in, unless it holds a recording that another one holds already."""
@@ -531,12 +576,14 @@ def _answer(cursor: duckdb.DuckDBPyConnection, rows: Iterator[tuple[Any, ...]]) 
 
 
 def kind_of(path: Path) -> str:
-    """``log``, ``index`` or ``parquet``, by content.
+    """``log``, ``index``, ``parquet`` or ``catalogue``, by content.
 
     Raises:
         RecordingError: none of them.
     """
     if path.is_dir():
+        if catalogue.is_catalogue(path):
+            return "catalogue"
         if not parquet_parts(path):
             raise RecordingError(
                 f"a folder without parts ({PART_PREFIX}*/) of an index in Parquet", path

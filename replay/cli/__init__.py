@@ -38,6 +38,11 @@ COMMANDS: tuple[tuple[str, str, str], ...] = (
     ("report", "report", "one HTML file that opens offline"),
     ("evidence", "evidence", "a folder with clip, frames and facts of chosen events"),
     ("index", "index", "many annotated logs into one database"),
+    (
+        "batch",
+        "batch",
+        "thousands of sources through record, replay and tables, here or on a cluster",
+    ),
     ("export", "export", "tracks, tables, graph, video, or a file for other viewers"),
     ("eval", "evaluate", "score tracks against truth: HOTA, MOTA, IDF1"),
     ("fit", "fit", "fit the part features' models to annotated recordings"),

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from recorders.errors import OutputExistsError, UsageError
+from recorders.stores import is_uri
 from replay.cli.common import (
     Commands,
     add_configuration,
@@ -92,6 +93,14 @@ def add(commands: Commands) -> None:
         action="store_true",
         help="print a question's or pattern's SQL instead of its answer",
     )
+    fleet = parser.add_argument_group("options of a case of `scenetrace batch`")
+    fleet.add_argument("--camera", metavar="NAME", help="only this camera's recordings")
+    fleet.add_argument(
+        "--date",
+        metavar="DAY",
+        help="only those of this day, as 2026-01-31, or days, as 2026-01-01..2026-01-31"
+        " (UTC)",
+    )
     asking = parser.add_argument_group("options of questions")
     asking.add_argument("--recording", metavar="NAME", help="only this recording")
     asking.add_argument(
@@ -155,6 +164,7 @@ def add(commands: Commands) -> None:
 def run(args: argparse.Namespace) -> int:
     """Answer."""
     from reasoning.questions import Case, QueryLimits
+    from reasoning.questions.catalogue import Choice, choose_dates
     from reasoning.questions.clocks import starts, with_clocks
     from reasoning.questions.guard import guarded
     from reasoning.questions.name_checks import check_thresholds
@@ -186,6 +196,7 @@ def run(args: argparse.Namespace) -> int:
         drawn=drawn_of(args),
         start_ns=start_of(args),
         looks=asks_for_looks(query),
+        choice=Choice(args.camera, choose_dates(args.date) if args.date else None),
     ) as case:
         check_thresholds(case, chosen_encounters(args.config, args.assignments))
         ask, nothing = _asked(case, query, args)
@@ -457,7 +468,7 @@ def asks_for_looks(query: str) -> bool:
     return re.search(r"(?i)_colour\b|\blooks\b", query) is not None
 
 
-def _split(args: argparse.Namespace) -> tuple[list[Path], str]:
+def _split(args: argparse.Namespace) -> tuple[list[str | Path], str]:
     """The inputs and the SQL; for a ready question or a pattern the SQL that answers it."""
     words = list(args.words)
     if args.ask is not None:
@@ -493,7 +504,7 @@ def _split(args: argparse.Namespace) -> tuple[list[Path], str]:
         )
         if sql is not None:
             raise UsageError(f"{kind} and SQL ({sql[:40]!r}): give one of them")
-    return [Path(w) for w in words], query
+    return [w if is_uri(w) else Path(w) for w in words], query
 
 
 def _is_there(word: str) -> bool:

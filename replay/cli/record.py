@@ -53,6 +53,15 @@ def add(commands: common.Commands) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="FILE", help="the scene log"
     )
+    add_options(parser)
+    common.add_configuration(parser)
+    common.add_limits(parser)
+    parser.add_argument("--force", action="store_true", help="overwrite an existing output")
+    parser.set_defaults(run=run)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """What says how a source is recorded, wherever it is: `record`, and `batch` for many."""
     parser.add_argument(
         "--detections", type=Path, metavar="DET.TXT",
         help="detections beside the pictures, their first frame with the first picture: MOTChallenge, KITTI, CSV,"
@@ -132,10 +141,6 @@ def add(commands: common.Commands) -> None:
         help="jpeg, png, h264 or none: how pictures are stored; default: pictures as they are, video as jpeg",
     )  # fmt: skip
     _add_log_options(parser)
-    common.add_configuration(parser)
-    common.add_limits(parser)
-    parser.add_argument("--force", action="store_true", help="overwrite an existing output")
-    parser.set_defaults(run=run)
 
 
 def _add_log_options(argument_parser: argparse.ArgumentParser) -> None:

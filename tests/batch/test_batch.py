@@ -1,0 +1,245 @@
+"""Many sources into a case: whole, once, the same whoever does it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from reasoning.questions import Case
+from reasoning.questions.catalogue import Choice
+from recorders.errors import RecordingError
+from replay.cli import main
+from tests.batch.conftest import WORDS, digests, walk
+
+NAMES = "SELECT recording, camera, frames FROM recordings ORDER BY recording"
+
+
+def batch(sources: Path | str, case: Path, *words: str) -> int:
+    return main(["batch", str(sources), "-o", str(case), *WORDS, *words])
+
+
+def several(sources: Path) -> str:
+    return str(sources / "*" / "*.txt")
+
+
+def test_the_same_files_whoever_does_it_in_whatever_order(
+    sources: Path, tmp_path: Path
+) -> None:
+    assert batch(several(sources), tmp_path / "a", "--workers", "1") == 0
+    there = sorted(sources.rglob("*.txt"), reverse=True)
+    (tmp_path / "list.txt").write_text("\n".join(map(str, there)))
+    assert batch(f"@{tmp_path / 'list.txt'}", tmp_path / "b", "--workers", "2") == 0
+    assert digests(tmp_path / "a") == digests(tmp_path / "b")
+
+
+def test_what_the_commands_make_one_by_one(sources: Path, tmp_path: Path) -> None:
+    one = sources / "cam0" / "w0.txt"
+    assert batch(one, tmp_path / "case") == 0
+    (made,) = (tmp_path / "case" / "annotated").iterdir()
+    scene, annotated = tmp_path / made.name, tmp_path / "a.mcap"
+    assert main(["record", str(one), "-o", str(scene), *WORDS]) == 0
+    assert main(["replay", str(scene), "-o", str(annotated)]) == 0
+    assert made.read_bytes() == annotated.read_bytes()
+    with Case([made]) as plain, Case([tmp_path / "case"]) as fleet:
+        for table in ("tracks", "events", "relations", "targets", "quality"):
+            rows = f"SELECT * EXCLUDE recording FROM {table} ORDER BY ALL"
+            assert plain.rows(rows) == fleet.rows(rows)
+
+
+def test_finished_work_is_not_done_twice(
+    sources: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case = tmp_path / "case"
+    batch(several(sources), case)
+    times = {path: path.stat().st_mtime_ns for path in case.rglob("*.mcap")}
+    walk(sources / "cam1" / "new.txt", 90)
+    assert batch(several(sources), case, "--json-lines") == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert lines[-1] | {"seconds": 0} == {
+        "done": 1, "known": 3, "failed": 0, "left_out": 0, "frames": 20, "seconds": 0,
+    }  # fmt: skip
+    assert times.items() <= {p: p.stat().st_mtime_ns for p in case.rglob("*.mcap")}.items()
+
+
+def test_the_same_bytes_under_another_name_are_known(
+    sources: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case = tmp_path / "case"
+    batch(several(sources), case)
+    before = digests(case)
+    copy = tmp_path / "copy.txt"
+    copy.write_bytes((sources / "cam0" / "w0.txt").read_bytes())
+    batch(copy, case)
+    assert "0 recordings done" in capsys.readouterr().err.splitlines()[-1]
+    assert digests(case) == before
+
+
+def test_another_configuration_is_another_recording(sources: Path, tmp_path: Path) -> None:
+    case, one = tmp_path / "case", sources / "cam0" / "w0.txt"
+    batch(one, case)
+    batch(one, case, "--tracker", "shells")
+    with Case([case]) as asked:
+        found = asked.rows("SELECT tracker FROM recordings ORDER BY tracker")
+    assert found == [("events",), ("shells",)]
+
+
+def test_what_cannot_be_read_is_set_aside_with_its_reason(
+    sources: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (sources / "cam0" / "x.txt").write_text("not,a,table\n")
+    case = tmp_path / "case"
+    assert batch(several(sources), case) == 3
+    assert "x.txt" in capsys.readouterr().err
+    assert main(["batch", "--status", str(case), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["done"], found["failed"]) == (3, 1)
+    (failure,) = found["failures"]
+    assert failure["source"].endswith("x.txt")
+    assert failure["step"] == "record"
+    assert failure["tries"] == 1
+    # It is not tried again until somebody wants it.
+    assert batch(several(sources), case) == 3
+    walk(sources / "cam0" / "x.txt", 33)
+    assert batch(several(sources), case) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(("--time-limit", "0.05"), "--time-limit"), (("--memory", "64"), "--memory")],
+)
+def test_one_that_takes_too_much_is_stopped(
+    sources: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    words: tuple[str, str],
+    said: str,
+) -> None:
+    assert batch(sources / "cam0" / "w0.txt", tmp_path / "case", *words) == 1
+    assert said in capsys.readouterr().err
+    assert not list((tmp_path / "case").rglob("*.mcap"))
+    assert batch(sources / "cam0" / "w0.txt", tmp_path / "case", "--again") == 0
+
+
+def _tree(case: Path) -> list[str]:
+    return [name for name in digests(case) if ".parts" not in name]
+
+
+def _wait_for_workers(case: Path) -> None:
+    """Until the workers have seen that nobody waits for them."""
+    end = time.monotonic() + 60
+    while time.monotonic() < end:
+        found = subprocess.run(
+            ["pgrep", "-f", "replay.batch.nursery"], capture_output=True, check=False
+        )
+        before = digests(case)
+        time.sleep(0.5)
+        if not found.stdout or before == digests(case):
+            return
+
+
+def test_a_driver_that_is_killed_leaves_nothing_half(sources: Path, tmp_path: Path) -> None:
+    whole, case = tmp_path / "whole", tmp_path / "case"
+    for number in range(4, 8):
+        walk(sources / "cam0" / f"w{number}.txt", 100 + number)
+    batch(several(sources), whole)
+    command = [sys.executable, "-c", "import scenetrace; scenetrace.main()"]
+    words = ["batch", several(sources), "-o", str(case), *WORDS, "--workers", "2"]
+    process = subprocess.Popen(
+        [*command, *words], env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    )
+    end = time.monotonic() + 120
+    while time.monotonic() < end and not list((case / "status").glob("*.json")):
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    _wait_for_workers(case)
+    right = digests(whole)
+    assert {name: right.get(name) for name in _tree(case)} == {
+        name: found for name, found in digests(case).items() if ".parts" not in name
+    }
+    assert batch(several(sources), case) == 0
+    assert digests(case) == right
+
+
+def test_one_batch_at_a_time(
+    sources: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import fcntl
+
+    case = tmp_path / "case"
+    batch(several(sources), case)
+    with (case / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert batch(several(sources), case) == 2
+    assert "another batch" in capsys.readouterr().err
+
+
+def test_a_compacted_case_answers_the_same(sources: Path, tmp_path: Path) -> None:
+    case = tmp_path / "case"
+    batch(several(sources), case, "--camera", "{folder}")
+    query = "SELECT * FROM tracks ORDER BY ALL"
+    with Case([case]) as asked:
+        before = asked.rows(query)
+        assert main(["batch", "--compact", str(case)]) == 0
+        # One that was open before goes on with its files.
+        assert asked.rows(query) == before
+    files = len(list((case / "tables" / "tracks").rglob("*.parquet")))
+    assert main(["batch", "--compact", str(case)]) == 0
+    assert files == 4
+    assert len(list((case / "tables" / "tracks").rglob("*.parquet"))) == 2
+    with Case([case]) as asked:
+        assert asked.rows(query) == before
+    walk(sources / "cam1" / "new.txt", 90)
+    assert batch(several(sources), case, "--camera", "{folder}") == 0
+    with Case([case]) as asked:
+        assert len(asked.rows(NAMES)) == 4
+
+
+def test_a_camera_and_a_day(sources: Path, tmp_path: Path) -> None:
+    case = tmp_path / "case"
+    words = ("--camera", "{folder}", "--start", "2026-01-31T12:00:00Z")
+    batch(several(sources), case, *words)
+    with Case([case], choice=Choice("cam1", ("2026-01-31", "2026-01-31"))) as asked:
+        assert {row[1] for row in asked.rows(NAMES)} == {"cam1"}
+    with pytest.raises(RecordingError, match="no recording of that camera"):
+        Case([case], choice=Choice("cam1", ("2026-02-01", "2026-02-01")))
+
+
+def test_a_case_of_another_version_is_refused(sources: Path, tmp_path: Path) -> None:
+    case = tmp_path / "case"
+    batch(several(sources), case)
+    (case / "tables" / "schema.json").write_text('{"version": "0"}')
+    with pytest.raises(RecordingError, match="another version"):
+        Case([case])
+    assert batch(several(sources), case) == 1
+
+
+def test_a_tracker_of_ones_own_is_shipped(sources: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "my_fleet_tracker.py").write_text(
+        "import replay.trackers.catalogue as c\n\n\n"
+        "def Mine(scene, config):\n    return c.TRACKERS['shells'](scene, config)\n\n\n"
+        "Mine.SECTIONS = c.TRACKER_SECTIONS['shells']\n"
+    )
+    case = tmp_path / "case"
+    words = ("--ship", str(tmp_path / "mine"), "--tracker", "my_fleet_tracker:Mine")
+    assert batch(sources / "cam0" / "w0.txt", case, *words) == 0
+    with Case([case]) as asked:
+        assert asked.rows("SELECT tracker FROM recordings") == [("my_fleet_tracker:Mine",)]
+
+
+def test_a_store_by_uri(sources: Path, tmp_path: Path) -> None:
+    pytest.importorskip("fsspec")
+    case = f"file://{tmp_path}/case"
+    assert main(["batch", several(sources), "-o", case, *WORDS]) == 0
+    assert batch(several(sources), tmp_path / "plain") == 0
+    assert digests(tmp_path / "case") == digests(tmp_path / "plain")
+    with Case([case]) as asked:
+        assert len(asked.rows(NAMES)) == 3
