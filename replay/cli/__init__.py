@@ -35,6 +35,7 @@ COMMANDS: tuple[tuple[str, str, str], ...] = (
     ("query", "query", "ask annotated logs: SQL or a ready question"),
     ("find", "find", "targets by colours, or like somebody"),
     ("explain", "explain", "why an event was reported: rule, values, frames, pictures"),
+    ("view", "view", "the report with the whole recording behind it, in a browser"),
     ("report", "report", "one HTML file that opens offline"),
     ("evidence", "evidence", "a folder with clip, frames and facts of chosen events"),
     ("index", "index", "many annotated logs into one database"),

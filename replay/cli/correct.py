@@ -82,6 +82,7 @@ def add(commands: common.Commands) -> None:
 def run(args: argparse.Namespace) -> int:
     """Correct."""
     from recorders.annotated.reader import AnnotatedLog
+    from replay.correcting import opened, written
 
     do, words = args.words[0], args.words[1:]
     if args.output is None:
@@ -105,36 +106,6 @@ def run(args: argparse.Namespace) -> int:
         f" {args.output} to apply"
     )
     return Exit.DONE
-
-
-def opened(path: Path, log: AnnotatedLog) -> Corrections:
-    """The corrections of a file, or a beginning where it is not there.
-
-    Raises:
-        SourceError: the file is no whole file of corrections.
-        UsageError: it is of another camera or tracker.
-    """
-    from recorders.corrections import FORMAT, VERSION, Head, begun, read_corrections
-
-    if not path.exists():
-        return begun(Head(FORMAT, VERSION, log.path.name, log.camera, log.tracker))
-    found = read_corrections(path)
-    theirs = found.head.camera, found.head.tracker
-    if theirs != (log.camera, log.tracker):
-        raise UsageError(
-            f"{path}: is of camera {theirs[0]} and tracker {theirs[1]}, {log.path} is of"
-            f" {log.camera} and {log.tracker}: their targets have other numbers; name another"
-            " file"
-        )
-    return found
-
-
-def written(corrections: Corrections, path: Path) -> None:
-    """Write the file, whole or not at all."""
-    from replay.export.output import whole_file
-
-    with whole_file(path, force=True) as file:
-        file.write(corrections.text.encode())
 
 
 def _check_words(args: argparse.Namespace, do: str) -> None:

@@ -59,7 +59,7 @@ class ReportOptions:
     """How much goes into one page.
 
     Attributes:
-        thumbnails: most frames shown as pictures.
+        thumbnails: most frames shown as pictures; 0: none.
         thumbnail_width: their width in pixels.
         picture_bytes: what all of them together may take, as they are in the page.
         steps: most further frames whose boxes and edges are in the page.
@@ -320,7 +320,7 @@ def _thumbnails(
     options: ReportOptions,
 ) -> list[list[Any]]:
     """Small pictures with nothing drawn into them, as many as may be: the page draws boxes itself."""
-    if not log.has_pictures or not frames:
+    if not log.has_pictures or not frames or not options.thumbnails:
         return []
     sample = [_small(image, options) for _, image in _pictures(log, _spread(frames, 5))]
     if not sample:

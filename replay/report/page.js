@@ -342,7 +342,7 @@
         hovertemplate: "%{customdata[3]}<br>%{customdata[4]} to %{customdata[2]}, frames %{customdata[0]} to %{customdata[1]}<extra></extra>",
       };
     });
-    const tall = Math.max(260, 90 + lanes.length * 20);
+    const tall = Math.max(150, 90 + lanes.length * 20);
     $("timeline").style.height = `${tall}px`;
     Plotly.react("timeline", traces, layout({
       barmode: "overlay", height: tall, margin: { l: 74, r: 12, t: 74, b: 12 },
@@ -598,6 +598,7 @@
   drawAll();
   drawEvents();
   drawNotes();
+  drawGraph({ frame: D.begin_frame, nodes: [], edges: [] });
   moveTo(D.begin_frame);
   $("timeline").on("plotly_relayout", () => moveCursor(timeOf(now)));
   addEventListener("resize", () => setTimeout(() => moveTo(now, true), 200));

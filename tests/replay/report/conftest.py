@@ -31,7 +31,7 @@ class Browser:
 
     def __init__(self, port: int, binary: str, profile: Path) -> None:
         self._base = f"http://127.0.0.1:{port}"
-        offline = "--host-resolver-rules=MAP * ~NOTFOUND"
+        offline = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
         quiet = [
             "--headless=new",
             "--no-sandbox",
@@ -59,7 +59,10 @@ class Browser:
             raise AssertionError(e.read().decode(errors="replace")[:500]) from e
 
     def open(self, page: Path) -> None:
-        self._call("POST", f"{self._session}/url", {"url": page.resolve().as_uri()})
+        self.visit(page.resolve().as_uri())
+
+    def visit(self, url: str) -> None:
+        self._call("POST", f"{self._session}/url", {"url": url})
         self.wait(_READY)
 
     def run(self, script: str, *args: Any) -> Any:
