@@ -12,6 +12,7 @@ from recorders.messages import Box, Notice, Targets
 
 GAP_S = 0.2
 """Who is not seen for longer may be another one afterwards."""
+_NOWHERE = (math.inf, math.inf, -math.inf, -math.inf)
 _SUREST = 0.001
 """No sighting is surer than that."""
 ENDS_S = 1.0
@@ -84,6 +85,8 @@ class Fragment:
         left: it went out of the scene: whoever comes in later is not held to be the same by the
             path alone.
         signature: sum of the appearance signatures, of ``signatures`` frames.
+        extent: least and greatest x and y that its centre was seen at, pixels.
+        moments: sums of x, y, x^2 and y^2 of its centre, from its first one.
         gaps: (position in the stream, seconds) of every observation that came after a gap.
         told: the tracker held it present at some time. Of who was only ever followed aside
             nothing is told, but such a fragment may be where somebody else's life goes on.
@@ -101,6 +104,9 @@ class Fragment:
     sizes: float = 0.0
     odds: float = 0.0
     judged: int = 0
+    extent: tuple[float, float, float, float] = _NOWHERE
+    moments: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    origin: tuple[float, float] | None = None
     gaps: list[tuple[int, float]] = field(default_factory=list)
     told: bool = False
 
@@ -128,6 +134,7 @@ class Fragment:
                 self.gaps.append((at, gap))
         self.hits += 1
         self.sizes += math.sqrt(max(box[2] * box[3], 1.0))
+        self._stand(box)
         if not len(self.head) or (
             time_ns - self.head.first_ns <= ENDS_S * 1e9 and len(self.head) < _MOST_ENDS
         ):
@@ -137,6 +144,17 @@ class Fragment:
             self.tail.drop(len(self.tail) - _MOST_ENDS)
         while time_ns - self.tail.first_ns > ENDS_S * 1e9:
             self.tail.drop(1)
+
+    def _stand(self, box: Box) -> None:
+        """Take note of a place."""
+        x, y = box[0] + box[2] / 2, box[1] + box[3] / 2
+        left, top, right, bottom = self.extent
+        self.extent = min(left, x), min(top, y), max(right, x), max(bottom, y)
+        if self.origin is None:
+            self.origin = x, y
+        u, v = x - self.origin[0], y - self.origin[1]
+        a, b, c, d = self.moments
+        self.moments = a + u, b + v, c + u * u, d + v * v
 
     def judge(self, likely: float) -> None:
         """Take the probability that what it was observed in is somebody."""
@@ -205,6 +223,35 @@ def end_of(sightings: Sequence[FragmentSighting], at_start: bool) -> End:
     return End(mx - mean * vx, my - mean * vy, vx, vy, w, h, origin)
 
 
+def size_of(parts: Sequence[Fragment]) -> float:
+    """Mean size of a life of such fragments, pixels."""
+    return sum(f.sizes for f in parts) / max(1, sum(f.hits for f in parts))
+
+
+def reach(parts: Sequence[Fragment]) -> float:
+    """How far a life of such fragments went at most, in units of its size."""
+    left, top = (min(f.extent[k] for f in parts) for k in (0, 1))
+    right, bottom = (max(f.extent[k] for f in parts) for k in (2, 3))
+    return math.hypot(right - left, bottom - top) / size_of(parts)
+
+
+def wandering(parts: Sequence[Fragment]) -> float:
+    """How far it went most of the time, in sizes: the length of a way, gone evenly, that has the
+    standard deviation of its places. Detectors' boxes jump too much for `reach`.
+    """
+    spread = 0.0
+    count = sum(f.hits for f in parts)
+    base = parts[0].origin or (0.0, 0.0)
+    for k in (0, 1):
+        first = second = 0.0
+        for f in parts:
+            off = (f.origin or base)[k] - base[k]
+            first += f.moments[k] + f.hits * off
+            second += f.moments[k + 2] + 2 * off * f.moments[k] + f.hits * off * off
+        spread += max(0.0, second / count - (first / count) ** 2)
+    return math.sqrt(12.0 * spread) / size_of(parts)
+
+
 def gather(stream: Iterable[Targets], times: Sequence[int]) -> dict[int, Fragment]:
     """Read the forward pass once: every identity's fragment, by id.
 
@@ -259,6 +306,8 @@ def _back_date(
         fragment.head = Path([*fragment.earlier, *fragment.head][:_MOST_ENDS])
         fragment.tail = Path([*fragment.earlier, *fragment.tail][-_MOST_ENDS:])
         fragment.hits += len(fragment.earlier)
+        for s in fragment.earlier:
+            fragment._stand(s.box)
         fragment.sizes += math.fsum(
             math.sqrt(max(s.box[2] * s.box[3], 1.0)) for s in fragment.earlier
         )

@@ -15,10 +15,12 @@ from replay.hindsight.joining import Join
 from replay.hindsight.parameters import HindsightParameters
 from replay.hindsight.verdicts import (
     Doubt,
+    Whole,
     confidence,
     doubts,
     mean_odds,
     told_doubt,
+    whole,
     why_not,
 )
 
@@ -40,6 +42,7 @@ class TrackLife:
     mode: str = "motion"
     why: dict[str, float] = field(default_factory=dict)
     odds: float | None = None
+    judged: bool = False
     doubts: list[Doubt] = field(default_factory=list)
     identity: float = 1.0
     doubted: int = 0
@@ -57,7 +60,9 @@ class TrackLife:
 
     def believed(self, target: Target) -> Target:
         """A target of this life with what is believed of it."""
-        sure = target.confidence if self.odds is None else confidence(self.odds, target)
+        sure = target.confidence
+        if self.odds is not None:
+            sure = confidence(self.odds, target, self.judged)
         return replace(target, confidence=sure, identity=self.identity)
 
     def of(self, forward: dict[int, Target]) -> Target | None:
@@ -82,14 +87,14 @@ def lives_of(
     followed = {join.later: join for join in joins}
     reasons: dict[int, str] = {}
     told: dict[int, list[int]] = {}
-    whys: dict[int, dict[str, float]] = {}
+    whys: dict[int, tuple[dict[str, float], Whole]] = {}
     for identity, chain in _chains(fragments, followed).items():
         parts = [fragments[k] for k in chain]
-        why, reason = _judged(parts, p, scene, times)
+        why, known, reason = _judged(parts, p, scene, times)
         if reason:
             reasons.update((k, reason) for k in chain)
         else:
-            told[identity], whys[identity] = chain, why
+            told[identity], whys[identity] = chain, (why, known)
     for identity, (body, share) in within.doubles(told).items():
         reason = f"at one place with track {body} for {share:.2f} of its life: one body"
         reasons.update((k, reason) for k in told.pop(identity))
@@ -98,7 +103,8 @@ def lives_of(
         parts = [fragments[k] for k in chain]
         joined = [followed[k] for k in chain if k in followed]
         life = TrackLife(identity, parts, joined, parts[0].first.at, parts[-1].last.at)
-        life.why, life.odds = whys[identity], mean_odds(parts)
+        life.why, known = whys[identity]
+        life.odds, life.judged = known.odds, mean_odds(parts) is not None
         life.doubts = doubts(parts, joined, scene.has_images)
         for part in parts:
             part.forget()
@@ -126,19 +132,19 @@ def _judged(
     p: HindsightParameters,
     scene: SceneInfo,
     times: Sequence[int],
-) -> tuple[dict[str, float], str]:
-    """What speaks for a life, and why it is not told, "" where it is."""
+) -> tuple[dict[str, float], Whole, str]:
+    """What speaks for a life, what is known of it, and why it is not told, "" where it is."""
     first, last = parts[0].first, parts[-1].last
     seconds = (last.time_ns - first.time_ns + scene.frame_ns) * 1e-9
-    frames = sum(part.last.at - part.first.at + 1 for part in parts)
     # Who is there in the first or the last frame was cut off by the recording, and lived longer
     # than is seen.
-    cut_off = first.at == 0 or last.at == len(times) - 1
-    least = p.min_life_s * (_CUT_OFF if cut_off else 1.0)
+    from_start, to_end = first.at == 0, last.at == len(times) - 1
+    least = p.min_life_s * (_CUT_OFF if from_start or to_end else 1.0)
+    life = whole(parts, seconds, from_start, to_end, scene.has_masks)
     why = {
         "life_s": seconds,
         "life_s_at_least": least,
-        "support": sum(part.hits for part in parts) / frames,
+        "support": life.seen,
         "support_at_least": p.min_support,
     }
-    return why, why_not(parts, seconds, least, p)
+    return why, life, why_not(parts, life, least, p)

@@ -3,8 +3,16 @@
 Existence. A life's log-odds are the mean of those of the detections that it was seen in
 (`replay.trackers.belief`): ten looks at one poster are not ten proofs. A frame's `confidence` is
 that of the life and of the frame's own detection together; where it was not seen, the frame says
-nothing. Of lives that were seen as pixels, not as detections, only their length and how much of
-them was seen is asked.
+nothing.
+
+Of a life that was seen as pixels alone no detection's score speaks: what is asked is whether it
+ever went anywhere. A boot lid that opens, a stain of light, whom the background had taken up: they
+come up within the picture and stay. Measured on seven scenes, of those who went by their own size
+nine of ten boxes are somebody's, of those who did not and were not there from the start one of
+nine.
+
+A detector's post or poster has a middling score in every frame. Who stays in one place may be
+waiting; but for that the score is no better for being repeated, and fewer wait the longer it lasts.
 
 Identity. Of those who come back after a gap without colours to know them by, e^(-gap / `FORGOTTEN_S`)
 are who they were, as measured on eight recordings. Where colours are known they count as the
@@ -19,7 +27,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from recorders.messages import Notice, Target, Targets, Withheld
-from replay.hindsight.fragments import Fragment
+from replay.hindsight.fragments import Fragment, reach, wandering
 from replay.hindsight.joining import UNKNOWN, Join
 from replay.hindsight.parameters import HindsightParameters
 
@@ -31,6 +39,18 @@ TELLING = 6.0
 """Log likelihood ratio of colours that are entirely the same to strangers' is so many times
 `UNKNOWN`.
 """
+STAYED, STAYING = 0.85, 0.3
+"""Who went by so many of his sizes is as likely somebody as a thing; a third of a size further there
+is no doubt.
+"""
+MOVING = 2.2
+"""Log-odds that a life seen as pixels is somebody, where it went anywhere: nine of ten boxes are."""
+GOING = 8.0
+"""And by how much they grow with a size of way."""
+TELLS_S = 2.0
+"""Who was seen for less, as the recording ended, may not have had the time to go anywhere."""
+WAITS_S = 5.0
+"""Who stays in one place for longer is a thing the likelier the longer it lasts."""
 WITNESS = 2 / 3
 """The life and the frame's own detection agree more often than not, so each counts for so much."""
 SURE = 0.9
@@ -55,28 +75,67 @@ def mean_odds(parts: Sequence[Fragment]) -> float | None:
     return math.fsum(part.odds for part in parts) / judged if judged else None
 
 
+@dataclass(frozen=True, slots=True)
+class Whole:
+    """What is known of a whole life.
+
+    Attributes:
+        seconds: its length; ``from_start``, ``to_end``: it was there in the recording's first, its
+            last frame.
+        seen: the share of its frames in which it was observed.
+        reach: how far it went at most, in sizes.
+        odds: log-odds that it is somebody; None: nothing speaks of it.
+    """
+
+    seconds: float
+    from_start: bool
+    to_end: bool
+    seen: float
+    reach: float
+    odds: float | None
+
+
+def whole(
+    parts: Sequence[Fragment],
+    seconds: float,
+    from_start: bool,
+    to_end: bool,
+    has_masks: bool,
+) -> Whole:
+    """What a life's fragments, and its length in seconds, say of it."""
+    frames = sum(f.last.at - f.first.at + 1 for f in parts)
+    seen, odds = sum(f.hits for f in parts) / frames, mean_odds(parts)
+    far = reach(parts) if odds is None else wandering(parts)
+    if odds is not None:
+        still = min(1.0, max(0.0, (STAYED - far) / STAYING))
+        odds -= still * math.log(max(1.0, seconds / WAITS_S))
+    elif has_masks:
+        untold = from_start or (to_end and seconds < TELLS_S)
+        odds = MOVING if untold else min(MOVING, max(-MOVING, GOING * (far - STAYED)))
+    return Whole(seconds, from_start, to_end, seen, far, odds)
+
+
 def likelihood(odds: float) -> float:
     """The probability of log-odds."""
     return 1.0 / (1.0 + math.exp(-min(max(odds, -50.0), 50.0)))
 
 
 def why_not(
-    parts: Sequence[Fragment], seconds: float, least_s: float, p: HindsightParameters
+    parts: Sequence[Fragment], life: Whole, least_s: float, p: HindsightParameters
 ) -> str:
-    """Why a life is not told, "" where it is; its fragments ``parts``, its length in seconds."""
+    """Why a life is not told, "" where it is; its fragments ``parts``."""
     if not parts[0].told:
         return "followed aside: the tracker never told of it"
-    frames = sum(part.last.at - part.first.at + 1 for part in parts)
-    seen = sum(part.hits for part in parts) / frames
-    odds = mean_odds(parts)
-    if odds is not None and odds < 0:
-        return (
-            f"unlikely: its detections are somebody with {likelihood(odds):.2f}, under 0.50"
-        )
-    if seconds < least_s:
-        return f"short: {seconds:.2f} s, under {least_s:.2f} s"
-    if seen < p.min_support:
-        return f"hardly seen: in {seen:.2f} of its frames, under {p.min_support:.2f}"
+    if life.odds is not None and life.odds < 0:
+        sure = f"somebody with {likelihood(life.odds):.2f}, under 0.50"
+        scores = mean_odds(parts)
+        if scores is None or scores >= 0:
+            return f"unlikely: it went by {life.reach:.2f} of its size at most: {sure}"
+        return f"unlikely: its detections are {sure}"
+    if life.seconds < least_s:
+        return f"short: {life.seconds:.2f} s, under {least_s:.2f} s"
+    if life.seen < p.min_support:
+        return f"hardly seen: in {life.seen:.2f} of its frames, under {p.min_support:.2f}"
     return ""
 
 
@@ -99,8 +158,12 @@ def doubts(
     return sorted(found, key=lambda d: d.at)
 
 
-def confidence(odds: float, target: Target) -> float:
-    """The probability that a target of a life with such log-odds is somebody in this frame."""
+def confidence(odds: float, target: Target, judged: bool) -> float:
+    """The probability that a target of a life with such log-odds is somebody in this frame;
+    ``judged``: by its detections' scores.
+    """
+    if not judged:
+        return likelihood(odds)
     own = 0.0
     if target.observed and target.likely is not None:
         inside = min(max(target.likely, 0.001), 0.999)

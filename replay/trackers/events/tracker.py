@@ -27,6 +27,7 @@ from recorders.messages import NO_BLOB, Box, Ellipse, Mode, Notice, Targets
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.association import intersection
 from replay.trackers.belief import LIKELY, DetectionScores, stamped
+from replay.trackers.camera import CameraMotion
 from replay.trackers.events.answer import answer, shared_regions
 from replay.trackers.events.associate import SeenDetections, match, one_each
 from replay.trackers.events.colours import alike, learn, likenesses, look_at
@@ -69,6 +70,7 @@ class EventsTracker:
         self._p = parameters
         self._tracks = EventsTracks(parameters)
         self._scores = DetectionScores()
+        self._camera = CameraMotion()
         self._groups = GroupTracks(parameters.tentative_s)
         self._together = SharedBlob(parameters.hold_s)
         # Blobs flicker; a detection says itself how likely it is somebody.
@@ -93,10 +95,15 @@ class EventsTracker:
         seen, likely = _seen(frame, self._scene.has_images), None
         mask = frame.mask if self._scene.has_masks else None
         if mask is not None:
+            if frame.detections.fused:
+                likely = self._scores.take(frame.detections)
             seen = self._explain(frame, mask, seen, dt)
         else:
             likely = self._scores.take(frame.detections)
             seen = replace(seen, scores=likely)
+            self._tracks.bank.value[:, :2] += self._camera.follow(
+                self._tracks.items, self._tracks.boxes, seen.boxes, likely
+            )
         used = self._associate(frame, seen)
         if mask is None:
             share_detections(self._tracks, seen, used, self._p)
@@ -475,6 +482,7 @@ class EventsTracker:
             "time_ns": self._time_ns,
             "tracks": self._tracks.state(),
             "scores": self._scores.state(),
+            "camera": self._camera.state(),
             "groups": self._groups.state(),
             "together": self._together.state(),
             "life": self._life.state(),
@@ -485,6 +493,7 @@ class EventsTracker:
         self._time_ns = state["time_ns"]
         self._tracks.restore(state["tracks"])
         self._scores.restore(state["scores"])
+        self._camera.restore(state["camera"])
         self._groups.restore(state["groups"])
         self._together.restore(state["together"])
         self._life.restore(state["life"])

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from recorders.messages import Box, Mode, Notice
 from replay.trackers.association import intersection, iou, iou_of_pairs
+from replay.trackers.belief import LIKELY
 from replay.trackers.life import TENTATIVE
 from replay.trackers.parts.candidates import Candidates, Expected, Heads, Observed, gather
 from replay.trackers.parts.features import (
@@ -61,7 +62,7 @@ class Matching:
         )
         mask = frame.mask if scene.has_masks else None
         self._pixels = Pixels(None, mask, (scene.width, scene.height), room)
-        self._expected = targets.expected()
+        self._expected = targets.expected() if scene.has_masks else targets.ahead()
         self._gates = targets.gates(dt)
         self._before = targets.boxes.copy()
         self._gone: dict[int, NDArray[np.bool_]] = {}
@@ -87,12 +88,24 @@ class Matching:
             *back[:, None],
         ]
         sure, new, *returned = self._evaluate(stages, back)
-        self._contested(stages[0], sure, notices)
-        self._contested(stages[1], new, notices)
+        self._contested(stages[0], self._likely(sure), notices)
+        if self._pixels.mask is None and sure is not None:
+            left = np.array([not items[k].observed for k in stages[0].tolist()], bool)
+            rest = sure.kept(np.isin(sure.candidates.rows, stages[0][left]))
+            self._contested(stages[0][left], rest, notices)
+        self._contested(stages[1], self._likely(new), notices)
         self._standing(stages[0])
         for rows, found in zip(stages[2:], returned, strict=True):
-            self._contested(rows, found, notices)
+            self._contested(rows, self._likely(found), notices)
         self._hide()
+
+    def _likely(self, found: Scored | None) -> Scored | None:
+        """Candidates that are more likely somebody than not, where detections alone say so; with
+        pixels all: who fits says more than a score.
+        """
+        if found is None or self._pixels.mask is not None or not len(found.parts):
+            return found
+        return found.kept(self._seen.scores[found.candidates.sources] >= LIKELY)
 
     def gates(self) -> list[Box]:
         """Every target's gate, the rectangle in which its centre is looked for."""
@@ -348,11 +361,11 @@ class Matching:
         match far from there.
         """
         expected = self._expected[found.rows]
-        expected[:, :2] = self._targets.motion.value[found.rows] - expected[:, 2:] / 2
         off = (
             found.boxes[:, :2]
             + found.boxes[:, 2:] / 2
-            - self._targets.motion.value[found.rows]
+            - expected[:, :2]
+            - expected[:, 2:] / 2
         )
         far = np.minimum(
             np.sqrt((off * off).sum(axis=1)) / np.maximum(self._gates[found.rows], 1.0), 1.0

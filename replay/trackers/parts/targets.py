@@ -116,6 +116,13 @@ class PartsTargets:
         b = self.boxes
         return np.stack([b[:, 0] + (b[:, 2] - w) / 2, b[:, 1] + b[:, 3] - h, w, h], axis=1)
 
+    def ahead(self) -> Floats:
+        """Boxes of the predicted sizes where KF1's speed has brought them, (N, 4): without pixels
+        there is nothing but its path to tell a target by.
+        """
+        size = np.maximum(self.size.value[:, ::-1], (2.0, 4.0))
+        return np.concatenate([self.motion.value - size / 2, size], axis=1)
+
     def onward(self, row: int) -> Floats:
         """Where a target is if it went on at KF1's speed since it was last seen, (4,)."""
         size = self.boxes[row, 2:]

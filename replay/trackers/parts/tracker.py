@@ -7,6 +7,8 @@ from the paper are said where they are made (`candidates`, `features`, `heads`, 
 
 from __future__ import annotations
 
+from dataclasses import replace as alone
+
 import numpy as np
 from msgspec import UNSET
 from msgspec.structs import replace
@@ -19,6 +21,7 @@ from recorders.messages import Targets as Answers
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.association import intersection
 from replay.trackers.belief import DetectionScores, stamped
+from replay.trackers.camera import CameraMotion
 from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.parts.beginning import Beginning, parse_init
 from replay.trackers.parts.candidates import observe
@@ -33,6 +36,10 @@ from replay.trackers.parts.targets import BYSTANDERS, PartsTargets
 from replay.trackers.tracker import Frame, SceneInfo, State
 
 NS = 1e-9
+NEAR = 0.6
+"""Largest half side of a gate, in heights, where there are no pixels: whoever is further away may
+be anybody.
+"""
 BODY_SPREAD = 0.12
 """Standard deviation of bodies' sizes around the size model, of their height."""
 
@@ -65,9 +72,13 @@ class PartsTracker:
         self._scorer = Scorer(features)
         self._find_heads = find_heads or ColourShapeHeads()
         self._by_hand = parse_init(parameters.init)
+        if not scene.has_masks:  # nothing but its place tells who a box is
+            parameters = alone(parameters, gate_most=min(parameters.gate_most, NEAR))
+            self._p = parameters
         self._targets = PartsTargets(parameters)
         self._next_bystander = BYSTANDERS
         self._scores = DetectionScores()
+        self._camera = CameraMotion()
         self._time_ns: int | None = None
         self._room = Room((scene.width, scene.height)) if scene.has_masks else None
 
@@ -86,6 +97,11 @@ class PartsTracker:
         if not self._scene.has_masks:
             likely = self._scores.take(detections)
             detections = replace(detections, scores=likely.tolist())
+            moved = self._camera.follow(targets.items, targets.ahead(), frame.boxes, likely)
+            targets.boxes[:, :2] += moved
+            targets.motion.value += moved
+        elif detections.fused:
+            likely = self._scores.take(detections)
         seen = observe(detections)
         matching = Matching(
             self._scene,
@@ -216,6 +232,7 @@ class PartsTracker:
             "time_ns": self._time_ns,
             "targets": self._targets.state(),
             "scores": self._scores.state(),
+            "camera": self._camera.state(),
         }
 
     def restore(self, state: State) -> None:
@@ -225,3 +242,4 @@ class PartsTracker:
         self._time_ns = state["time_ns"]
         self._targets.restore(state["targets"])
         self._scores.restore(state["scores"])
+        self._camera.restore(state["camera"])

@@ -25,6 +25,7 @@ from recorders.messages import NO_BLOB, Box, Notice, Target, Targets
 from recorders.segmentation.sizes import SizeModel
 from replay.trackers.association import assign, iou
 from replay.trackers.belief import LIKELY, DetectionScores, stamped
+from replay.trackers.camera import CameraMotion
 from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.shells import births, boxes
 from replay.trackers.shells.births import Free
@@ -60,6 +61,7 @@ class ShellsTracker:
         self._book = RelationBook(relation)
         self._doubts = Doubts()
         self._scores = DetectionScores()
+        self._camera = CameraMotion()
         self._order = Order(parameters)
         frame_s = max(1e-3, scene.frame_ns * NS)
         self._learn_every = max(1, round(parameters.learn_s / frame_s))
@@ -88,9 +90,14 @@ class ShellsTracker:
         likely = None
         if resolver is None:
             likely = self._scores.take(frame.detections)
+            self._bodies.bank.value[:, :2] += self._camera.follow(
+                self._bodies.items, self._bodies.boxes, frame.boxes, likely
+            )
             free = births.boxes_alone(frame, likely)
         else:
             free = births.unexplained(frame, resolver, self._p)
+            if frame.detections.fused:
+                likely = self._scores.take(frame.detections)
         taken = (
             self._follow_boxes(frame, free, radii)
             if resolver is None
@@ -548,6 +555,7 @@ class ShellsTracker:
             "doubts": self._doubts.state(),
             "order": self._order.state(),
             "scores": self._scores.state(),
+            "camera": self._camera.state(),
         }
 
     def restore(self, state: State) -> None:
@@ -559,3 +567,4 @@ class ShellsTracker:
         self._doubts.restore(state["doubts"])
         self._order.restore(state["order"])
         self._scores.restore(state["scores"])
+        self._camera.restore(state["camera"])

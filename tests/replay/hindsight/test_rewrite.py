@@ -175,6 +175,65 @@ def test_a_short_path_is_held_back_with_the_reason_and_a_tiny_one_is_told() -> N
     assert not any(f.held_back for f in out)
 
 
+def _seen_as_pixels(frames: list[Targets]) -> list[Targets]:
+    scene = SceneInfo(640, 480, FRAME_NS, True, True)
+    times = [k * FRAME_NS for k in range(len(frames))]
+    return list(rewrite(lambda: iter(frames), scene, times, _config()))
+
+
+def test_what_comes_up_within_the_picture_and_stays_is_a_thing() -> None:
+    def frame(k: int) -> Targets:
+        here = [_target(1, k, 50 + 5.0 * k), _target(2, k, 200.0 + 0.3 * (k % 5))]
+        if k >= 20:
+            here.append(_target(3, k, 400.0 + 0.3 * (k % 5)))
+        if k >= 50:
+            here.append(_target(4, k, 500.0))
+        return Targets(k, here)
+
+    out = _seen_as_pixels([frame(k) for k in range(60)])
+    told = {t.id: t.confidence for f in out for t in f.targets}
+    # Who was there from the start, or came a second before the end, had no time to go anywhere.
+    assert sorted(told) == [1, 2, 4]
+    assert list(told.values()) == pytest.approx([0.9] * 3, abs=0.01)
+    (reason,) = {w.reason for f in out for w in f.held_back}
+    assert reason.startswith("unlikely: it went by 0.04 of its size at most: somebody with")
+    assert sum(bool(f.held_back) for f in out) == 40
+
+
+@given(reach=st.lists(st.floats(0.0, 3.0), min_size=2, max_size=2))
+def test_who_goes_further_is_not_less_likely_somebody(reach: list[float]) -> None:
+    def frame(k: int) -> Targets:
+        size = math.sqrt(800.0)
+        way = [
+            _target(i + 1, k, 80.0 + r * size * (k - 5) / 34, 50.0 + 200.0 * i)
+            for i, r in enumerate(reach)
+        ]
+        return Targets(k, way if k >= 5 else [])
+
+    out = _seen_as_pixels([frame(k) for k in range(50)])
+    sure = {t.id: t.confidence for f in out for t in f.targets}
+    told = [sure.get(k + 1, 0.0) for k in range(2)]
+    assert told == sorted(told, reverse=reach[0] > reach[1])
+
+
+def test_a_middling_score_at_one_place_is_not_better_for_being_repeated() -> None:
+    def frame(k: int) -> Targets:
+        shake = 2.0 * math.sin(1.7 * k)
+        here = [
+            _target(1, k, 20 + 3.0 * k, likely=0.65),
+            _target(2, k, 400.0 + shake, likely=0.65),
+            _target(3, k, 500.0 + shake, likely=0.95),
+        ]
+        return Targets(k, here)
+
+    out = _run([frame(k) for k in range(160)])
+    assert {t.id for f in out for t in f.targets} == {1, 3}
+    (reason,) = {w.reason for f in out for w in f.held_back}
+    assert "of its size at most" in reason
+    out = _run([frame(k) for k in range(40)])
+    assert {t.id for f in out for t in f.targets} == {1, 2, 3}, "who waits for a while"
+
+
 def test_who_is_seen_in_unlikely_detections_alone_is_held_back() -> None:
     def frame(k: int) -> Targets:
         return Targets(
