@@ -2,7 +2,8 @@
 after it go to pytest.
 
     python tests             all of it
-    python tests --fast      the inner loop: what is marked slow, real or whole is left out
+    python tests --fast      the inner loop: rules and single pieces, without whole replays,
+                             whole commands, other processes and real recordings
     python tests --cov       branch coverage as well, which nearly doubles the time of the tests
 """
 
@@ -16,13 +17,52 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 FAST = "--fast"
+ROOMS = ["recorders", "reasoning", "replay", "fixtures", "scenetrace.py"]
 CHECKS = (
+    # Every test that starts the program would compile it anew where Python may not write bytecode.
+    ("compile", ["compileall", "-q", *ROOMS]),
     ("lint", ["ruff", "check", "."]),
     ("format", ["ruff", "format", "--check", "."]),
     ("types", ["mypy"]),
 )
 TESTS = ["pytest", "-n", "auto", "--dist", "worksteal", "-q"]
-INNER = ["-m", "not slow and not real"]
+WHOLE = (
+    *(
+        "batch",
+        "cases",
+        "cli",
+        "desk",
+        "events",
+        "fixtures",
+        "golden",
+        "hostile",
+        "library",
+    ),
+    *("live", "property", "real", "reasoning/questions"),
+    *("recorders/sources", "recorders/test_pieces.py", "recorders/test_recording.py"),
+    *("recorders/test_recording_methods.py", "recorders/segmentation/test_motion.py"),
+    *(
+        "replay/cases",
+        "replay/compare",
+        "replay/correcting",
+        "replay/export",
+        "replay/fitting",
+    ),
+    *(
+        "replay/report",
+        "replay/sealing",
+        "replay/test_engine.py",
+        "replay/test_evidence.py",
+    ),
+    *("replay/test_forgeries.py", "replay/test_pass_through.py", "replay/test_run.py"),
+    *("replay/test_record_command.py", "replay/test_verification.py"),
+    *("replay/trackers/test_trials.py", "replay/trackers/events/test_events_tracker.py"),
+    *("replay/trackers/parts/test_parts_tracking.py",),
+    *("replay/trackers/shells/test_shells_order.py",),
+    *("replay/trackers/shells/test_shells_tracker.py",),
+)
+"""Folders and files of tests, each of which records, replays or starts the whole program."""
+INNER = ["-m", "not slow and not real", *(f"--ignore=tests/{where}" for where in WHOLE)]
 
 
 def commands(words: list[str], site: str) -> list[tuple[str, list[str]]]:

@@ -36,7 +36,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextmanager
 def served(log: Path, folder: Path, *, edit: bool) -> Iterator[DeskServer]:
-    files = {"corrections": folder / "c.jsonl", "notes": folder / "n.jsonl"}
+    files: dict[str, Any] = {"corrections": folder / "c.jsonl", "notes": folder / "n.jsonl"}
     with Desk(log, **files, edit=edit) as desk, DeskServer(desk) as server:
         thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
         thread.start()
