@@ -16,6 +16,7 @@ from replay.cli.starts import check_starts, missed
 from replay.plurals import count_of
 
 if TYPE_CHECKING:
+    from recorders.corrections import Corrections
     from recorders.scene import SceneLog
     from replay.trackers.choice import TrackerChoice
 
@@ -161,6 +162,22 @@ def _configured(args: argparse.Namespace) -> tuple[TrackerChoice, Config]:
     )
 
 
+def _check_corrections(
+    path: Path, corrections: Corrections, tracker: str, camera: str
+) -> None:
+    """That corrections are of this tracker's numbers and this camera's tracks.
+
+    Raises:
+        UsageError: they are not.
+    """
+    theirs = corrections.head
+    if (theirs.tracker, theirs.camera) != (tracker, camera):
+        raise UsageError(
+            f"--corrections {path}: is of camera {theirs.camera} and tracker {theirs.tracker},"
+            f" this is a replay of {camera} with {tracker}, which numbers its targets otherwise"
+        )
+
+
 def _assignments(args: argparse.Namespace, tracker: TrackerChoice) -> list[str]:
     """What was set, and the targets started by hand."""
     if args.init and "parts" not in tracker.sections:
@@ -208,6 +225,8 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
             c.message_count for c in scene.recorded if c.topic.endswith("/detections")
         ]
         starts = check_starts(config, scene, counts[0] if counts else None)
+        if corrections is not None:
+            _check_corrections(args.corrections, corrections, tracker.name, scene.camera)
         has_masks, frame_ns = scene.info.has_masks, scene.info.frame_ns
         regions = (
             None

@@ -347,6 +347,13 @@ def _section(
             + "".join(f"<li>{escape(line)}</li>" for line in explanation.chain)
             + "</ul>"
         )
+    for title, lines in (
+        ("Rests on joins", explanation.joins),
+        ("Corrected by hand", explanation.corrected),
+    ):
+        if lines:
+            listed = "".join(f"<li>{escape(line)}</li>" for line in lines)
+            yield f"<h3>{title}</h3><ul>{listed}</ul>"
     yield (
         "<h3>Clip and frames</h3><video controls preload=metadata"
         f' src="{escape(clip)}"></video>'

@@ -199,3 +199,6 @@ def test_a_file_of_another_tracker_is_refused(
     assert correct(folder / "events.mcap", file, "label", str(a), "red") == 0
     assert correct(folder / "shells.mcap", file, "label", str(a), "red") == 2
     assert "is of camera camera and tracker events" in capsys.readouterr().err
+    words = ["replay", str(folder / "scene.mcap"), "-o", str(tmp_path / "o.mcap")]
+    assert main([*words, "--tracker", "shells", "--corrections", str(file)]) == 2
+    assert "which numbers its targets otherwise" in capsys.readouterr().err

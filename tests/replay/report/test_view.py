@@ -36,8 +36,11 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextmanager
 def served(log: Path, folder: Path, *, edit: bool) -> Iterator[DeskServer]:
-    files: dict[str, Any] = {"corrections": folder / "c.jsonl", "notes": folder / "n.jsonl"}
-    with Desk(log, **files, edit=edit) as desk, DeskServer(desk) as server:
+    corrections, notes = folder / "c.jsonl", folder / "n.jsonl"
+    with (
+        Desk(log, corrections=corrections, notes=notes, edit=edit) as desk,
+        DeskServer(desk) as server,
+    ):
         thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
         thread.start()
         try:
