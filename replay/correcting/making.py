@@ -60,8 +60,31 @@ def add(book: Book, corrections: Corrections, wish: Wish) -> Corrections:
         UsageError: it cannot be: who is not there, when, or why not.
     """
     now = _current(book, corrections, wish)
-    made = _Maker(now, wish).made()
+    taken = [track for row in corrections.rows for track in row.tracks]
+    made = _Maker(now, wish, taken).made()
+    if _undoes_a_join(book, made):
+        _check_first_word(corrections, made)
     return corrections.then(made)
+
+
+def _undoes_a_join(book: Book, row: Correction) -> bool:
+    return row.do == "not-same" and row.tracks[1] not in book.tracks
+
+
+def _check_first_word(corrections: Corrections, made: Correction) -> None:
+    """That nothing was said of a target while a part was joined into it that is taken out now.
+
+    Raises:
+        UsageError: something was.
+    """
+    track, part = made.tracks
+    for row in corrections.in_force:
+        if track in row.tracks:
+            raise UsageError(
+                f"not-same {track} {part}: correction {row.correction} ({row.told()}) was made"
+                f" while {part} was a part of target {track}: undo {row.correction} first, and"
+                " say it again after a replay"
+            )
 
 
 def take_back(
@@ -113,11 +136,7 @@ def _current(book: Book, corrections: Corrections, wish: Wish) -> Book:
     pending = [r for r in corrections.in_force if r.correction in numbers]
     named = {int(word) for word in wish.words if word.isdecimal()}
     for row in pending:
-        if (
-            row.do == "not-same"
-            and row.tracks[1] not in book.tracks
-            and named & set(row.tracks)
-        ):
+        if _undoes_a_join(book, row) and named & set(row.tracks):
             raise UsageError(
                 f"correction {row.correction} ({row.told()}) undoes a join, and who goes on"
                 " as whom then is known after a replay: replay first (scenetrace replay"
@@ -129,9 +148,10 @@ def _current(book: Book, corrections: Corrections, wish: Wish) -> Book:
 class _Maker:
     """Makes one correction."""
 
-    def __init__(self, book: Book, wish: Wish) -> None:
+    def __init__(self, book: Book, wish: Wish, taken: Sequence[int]) -> None:
         self._book = book
         self._wish = wish
+        self._taken = taken
 
     def made(self) -> Correction:
         """The correction, without its number.
@@ -237,7 +257,8 @@ class _Maker:
         seen = []
         for track in named:
             there = self._book.tracks[track]
-            at = [0, len(there.frames) - 1]
+            # What is not joined any more may go on as another: only its beginning is known.
+            at = [0, 0 if wish.do == "not-same" else len(there.frames) - 1]
             if frame is not None:
                 place = bisect_left(there.frames, frame)
                 at = [k for k in (place - 1, place) if 0 <= k < len(there.frames)]
@@ -298,7 +319,8 @@ class _Maker:
 
     def _next(self) -> int:
         joined = [i for j in self._book.joined.values() for i in j]
-        return max([0, *self._book.tracks, *joined]) + 1
+        # A number that was somebody's in an earlier correction is not given to another.
+        return max([0, *self._book.tracks, *joined, *self._taken]) + 1
 
     def _number(self, word: str) -> int:
         if not re.fullmatch(r"\d{1,9}", word):
