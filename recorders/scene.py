@@ -12,7 +12,6 @@ from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
 from threading import Event
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from recorders import channels
 from recorders.clock import nominal_ns
+from recorders.closing import Closing
 from recorders.errors import RecordingError, UsageError
 from recorders.format_version import check_version
 from recorders.frame_order import FrameOrder
@@ -168,7 +168,7 @@ class Frame:
         return np.array(self.detections.boxes, np.float64).reshape(-1, 4)
 
 
-class SceneLog:
+class SceneLog(Closing):
     """A scene log, or an annotated log read as the scene that it holds.
 
     Attributes:
@@ -221,17 +221,6 @@ class SceneLog:
         except BaseException:
             self._log.close()
             raise
-
-    def __enter__(self) -> SceneLog:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the file."""

@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import duckdb
@@ -32,6 +31,7 @@ from reasoning.questions.ingest import file_digest, read_recordings
 from reasoning.questions.literals import Recordings
 from reasoning.questions.macros import macro_statements
 from reasoning.questions.schema import DRAWN, SURE, TABLES, create_statements, shown
+from recorders.closing import Closing
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.messages import EVENT_LEVELS
@@ -101,7 +101,7 @@ _OF_TRACKERS = ", ".join(
 )
 
 
-class Case:
+class Case(Closing):
     """Tables over any number of inputs, open for questions.
 
     Attributes:
@@ -175,17 +175,6 @@ class Case:
         except BaseException:
             self._con.close()
             raise
-
-    def __enter__(self) -> Case:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Let go of the tables."""

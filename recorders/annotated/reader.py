@@ -8,7 +8,6 @@ from functools import cached_property, partial
 from itertools import islice, pairwise
 from pathlib import Path
 from statistics import median_low
-from types import TracebackType
 from typing import Any
 
 import msgspec
@@ -19,6 +18,7 @@ from recorders import channels
 from recorders.annotated.frames import annotated_cameras, instants
 from recorders.annotated.membership import Labels, decode_labels
 from recorders.annotated.provenance import METADATA
+from recorders.closing import Closing
 from recorders.errors import LimitError, RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
@@ -62,7 +62,7 @@ class AnnotatedFrame:
     held_back: list[Withheld] = field(default_factory=list)
 
 
-class AnnotatedLog:
+class AnnotatedLog(Closing):
     """An annotated log.
 
     Attributes:
@@ -91,17 +91,6 @@ class AnnotatedLog:
         except BaseException:
             self._log.close()
             raise
-
-    def __enter__(self) -> AnnotatedLog:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the file."""

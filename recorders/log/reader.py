@@ -7,9 +7,8 @@ from bisect import bisect_left
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
+from recorders.closing import Closing
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import records
 from recorders.log.blocks import Block, BlockCursor, Shelf, read_messages
@@ -21,7 +20,7 @@ from recorders.log.storage import RawRecord, RecordFile
 FOREVER_NS = 1 << 64
 
 
-class LogReader:
+class LogReader(Closing):
     """A log opened for reading; use it as a context manager.
 
     Messages come in the total order (log time, file position), where the file position is that of
@@ -55,17 +54,6 @@ class LogReader:
         self.channels: list[ChannelInfo] = sorted(
             self._index.channels.values(), key=lambda channel: (channel.topic, channel.id)
         )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Release the file."""

@@ -8,9 +8,9 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Self, TypeVar
+from typing import TypeVar
 
+from recorders.closing import Closing
 from recorders.errors import LimitError, RecordingError
 from recorders.limits import Limits
 from recorders.log import records, wire
@@ -46,7 +46,7 @@ class RawRecord:
         return wire.opcode_name(self.opcode)
 
 
-class RecordFile:
+class RecordFile(Closing):
     """A log file opened for reading.
 
     Every method raises `RecordingError` with path and byte offset where the file does not hold
@@ -72,17 +72,6 @@ class RecordFile:
             raise RecordingError(
                 f"cannot be opened: {error.strerror or error}", self.path
             ) from error
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Release the file."""

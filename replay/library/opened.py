@@ -6,8 +6,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from reasoning.graph import to_networkx
 from recorders.annotated.membership import Labels
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
+from recorders.closing import Closing
 from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.messages import Detections, Event, Graph, Group, Regions, Relation, Track
@@ -142,7 +142,7 @@ class SceneFrame:
         return self.recorded.detections if self._log.has_recording else None
 
 
-class OpenLog:
+class OpenLog(Closing):
     """A scene log or an annotated log as a sequence of `SceneFrame`.
 
     ``log[280]`` is frame 280, by its number in the recording, also where the log is a span of it;
@@ -181,17 +181,6 @@ class OpenLog:
             raise
         self.annotated = self._log is not None
         self.has_recording = self._scene is not None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the file. Frames that were taken keep what they have read."""

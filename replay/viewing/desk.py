@@ -7,7 +7,6 @@ from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import msgspec
@@ -15,6 +14,7 @@ import msgspec
 from reasoning.questions import Case
 from reasoning.questions.literals import literal
 from recorders.annotated.reader import AnnotatedLog
+from recorders.closing import Closing
 from recorders.corrections import Corrections
 from recorders.errors import SceneTraceError, UsageError
 from recorders.pictures import encode_jpeg
@@ -31,7 +31,7 @@ _KEPT = 64
 """Pictures that are kept, as people go to and fro."""
 
 
-class Desk:
+class Desk(Closing):
     """One recording, open to be looked at.
 
     Args:
@@ -78,17 +78,6 @@ class Desk:
         begun = self._log.start_ns
         self._times = {f: (stamp - begun) / 1e9 for f, stamp in self._stamps.items()}
         self._data["notes"] = plain(read_notes(notes), self._recording)
-
-    def __enter__(self) -> Desk:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Let go of the log."""
