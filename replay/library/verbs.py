@@ -78,7 +78,8 @@ def replay(
         config: parameters; the others have their defaults.
         progress: called with the stage and the frame's number.
         options: further fields of `replay.run.ReplayOptions`: ``from_ns``, ``to_ns``,
-            ``annotations_only``, ``checkpoint_ns``, ``checkpoints``, ``camera``, ``force``.
+            ``annotations_only``, ``checkpoint_ns``, ``checkpoints``, ``camera``, ``corrections``,
+            ``force``.
 
     Raises:
         UsageError, OutputExistsError, RecordingError: each says what and where.
