@@ -237,9 +237,12 @@ def test_every_row_can_be_explained(case: Case) -> None:
         ("who-was-in", ["bench"], {"at": moment("7")}), ("loitered", ["bench"], {"least_s": 1.0}),
         ("entered-never-left", [], {}), ("grouping-and-splitting", [], {}), ("group-history", ["3"], {}),
         ("before", ["9"], {}), ("contacts", ["1"], {}), ("hidden", [], {}), ("timeline", ["2"], {}),
-        ("timeline", ["3"], {}),
+        ("timeline", ["3"], {}), ("first-last", ["1"], {}), ("between", ["1", "5"], {}), ("dwell", ["bench"], {}),
     ]  # fmt: skip
-    assert {name for name, _, _ in asked} == set(QUESTIONS)
+    # A drawn line, things that are left and who follows whom have stories of their own; a count's
+    # row may be of a time in which nobody came, of which there is nothing to explain.
+    elsewhere = {"count", "crossed", "followed", "left", "took"}
+    assert {name for name, _, _ in asked} == set(QUESTIONS) - elsewhere
     for name, words, options in asked:
         rows = ask(case, name, *words, **options)
         assert rows, name
