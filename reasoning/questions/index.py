@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -138,12 +139,22 @@ class _Target:
                 looks=True,
             )
             self._con.execute("COMMIT")
+        except duckdb.Error as error:
+            self._roll_back()
+            raise SceneTraceError(
+                f"the index cannot be written: {reason(error)}"
+            ) from error
         except BaseException:
-            self._con.execute("ROLLBACK")
+            self._roll_back()
             raise
         self.digests.add(digest)
         self._names += [f.recording for f in found]
         return found
+
+    def _roll_back(self) -> None:
+        # Where the disk failed DuckDB has done so itself.
+        with suppress(duckdb.Error):
+            self._con.execute("ROLLBACK")
 
     def _insert(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
         insert(self._con, table, rows)

@@ -1,0 +1,149 @@
+/* Lets the n-th call that writes below a folder fail; loaded before libc (LD_PRELOAD). */
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdarg.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/types.h>
+#include <sys/uio.h>
+#include <unistd.h>
+
+static atomic_long calls;
+static long fail_at = -1, fail_times = 1;
+static int fail_error;
+static char folder[PATH_MAX];
+
+/* Count from now on, and fail call `at` (from 1; 0: none) and those after it, `times` in all. */
+void fail_arm(const char *below, long at, long times, int error) {
+  strncpy(folder, below, sizeof folder - 1);
+  fail_at = at;
+  fail_times = times;
+  fail_error = error;
+  atomic_store(&calls, 0);
+}
+
+long fail_count(void) { return atomic_load(&calls); }
+
+static int below(const char *path) {
+  return path && folder[0] && strncmp(path, folder, strlen(folder)) == 0;
+}
+
+static int open_below(int fd) {
+  char name[64], path[PATH_MAX];
+  if (!folder[0]) return 0;
+  snprintf(name, sizeof name, "/proc/self/fd/%d", fd);
+  ssize_t n = readlink(name, path, sizeof path - 1);
+  if (n < 0) return 0;
+  path[n] = 0;
+  return below(path);
+}
+
+static int absolute_below(const char *path) {
+  char full[2 * PATH_MAX];
+  if (!path) return 0;
+  if (path[0] == '/') return below(path);
+  if (!getcwd(full, PATH_MAX)) return 0;
+  strncat(full, "/", sizeof full - strlen(full) - 1);
+  strncat(full, path, sizeof full - strlen(full) - 1);
+  return below(full);
+}
+
+static int strikes(void) {
+  long n = atomic_fetch_add(&calls, 1) + 1;
+  if (fail_at > 0 && n >= fail_at && n < fail_at + fail_times) {
+    errno = fail_error;
+    return 1;
+  }
+  return 0;
+}
+
+#define REAL(type, name, ...) \
+  static type (*real)(__VA_ARGS__); \
+  if (!real) real = dlsym(RTLD_NEXT, #name)
+
+ssize_t write(int fd, const void *data, size_t size) {
+  REAL(ssize_t, write, int, const void *, size_t);
+  if (fd > 2 && open_below(fd) && strikes()) {
+    /* A disk that fills takes what still fits. */
+    if (fail_error == ENOSPC && size > 1 && fail_times > 1 && atomic_load(&calls) == fail_at)
+      return real(fd, data, size / 2);
+    return -1;
+  }
+  return real(fd, data, size);
+}
+
+ssize_t pwrite64(int fd, const void *data, size_t size, off64_t at) {
+  REAL(ssize_t, pwrite64, int, const void *, size_t, off64_t);
+  if (open_below(fd) && strikes()) return -1;
+  return real(fd, data, size, at);
+}
+
+ssize_t writev(int fd, const struct iovec *parts, int count) {
+  REAL(ssize_t, writev, int, const struct iovec *, int);
+  if (open_below(fd) && strikes()) return -1;
+  return real(fd, parts, count);
+}
+
+int fsync(int fd) {
+  REAL(int, fsync, int);
+  if (open_below(fd) && strikes()) return -1;
+  return real(fd);
+}
+
+int ftruncate64(int fd, off64_t size) {
+  REAL(int, ftruncate64, int, off64_t);
+  if (open_below(fd) && strikes()) return -1;
+  return real(fd, size);
+}
+
+int rename(const char *from, const char *to) {
+  REAL(int, rename, const char *, const char *);
+  if (absolute_below(to) && strikes()) return -1;
+  return real(from, to);
+}
+
+int mkdir(const char *path, mode_t mode) {
+  REAL(int, mkdir, const char *, mode_t);
+  if (absolute_below(path) && strikes()) return -1;
+  return real(path, mode);
+}
+
+static int opened(int (*real)(const char *, int, ...), const char *path, int flags, mode_t mode) {
+  if ((flags & (O_CREAT | O_WRONLY | O_RDWR)) && absolute_below(path) && strikes()) return -1;
+  return real(path, flags, mode);
+}
+
+int open64(const char *path, int flags, ...) {
+  REAL(int, open64, const char *, int, ...);
+  va_list rest;
+  va_start(rest, flags);
+  mode_t mode = flags & (O_CREAT | O_TMPFILE) ? va_arg(rest, mode_t) : 0;
+  va_end(rest);
+  return opened(real, path, flags, mode);
+}
+
+int open(const char *path, int flags, ...) {
+  REAL(int, open, const char *, int, ...);
+  va_list rest;
+  va_start(rest, flags);
+  mode_t mode = flags & (O_CREAT | O_TMPFILE) ? va_arg(rest, mode_t) : 0;
+  va_end(rest);
+  return opened(real, path, flags, mode);
+}
+
+int close(int fd) {
+  REAL(int, close, int);
+  int counts = fd > 2 && open_below(fd) && (fcntl(fd, F_GETFL) & O_ACCMODE) != O_RDONLY;
+  int bad = counts && strikes();
+  int error = errno, done = real(fd);
+  if (bad) {
+    errno = error;
+    return -1;
+  }
+  return done;
+}

@@ -1,0 +1,63 @@
+"""A small scene and what is made of it: two people who walk past each other, as boxes."""
+
+from __future__ import annotations
+
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+from recorders.log import LogReader, LogWriter
+from replay.cli import main
+
+WORDS = ("--fps", "25", "--size", "640x480")
+
+
+def run(*words: str) -> tuple[int, str]:
+    """A command's exit code and what it said on stderr."""
+    said = StringIO()
+    with redirect_stderr(said), redirect_stdout(StringIO()):
+        code = main([str(word) for word in words])
+    return code, said.getvalue()
+
+
+def boxes(path: Path, frames: int = 12) -> Path:
+    """Detections of two people."""
+    step = max(1, 144 // frames)
+    lines = [
+        f"{frame},-1,{x + speed * frame},200,40,100,1,-1,-1,-1"
+        for frame in range(1, frames + 1)
+        for x, speed in ((150, step), (400, -step))
+    ]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def annotated(folder: Path, compression: str = "zstd", frames: int = 12) -> Path:
+    """An annotated log with this compression of its chunks."""
+    det, scene, made = folder / "det.txt", folder / "scene.mcap", folder / "made.mcap"
+    boxes(det, frames)
+    assert run("record", str(det), "-o", str(scene), *WORDS, "--force")[0] == 0
+    assert run("replay", str(scene), "-o", str(made), "--force")[0] == 0
+    out = folder / f"annotated-{compression or 'plain'}.mcap"
+    with LogReader(made) as log, LogWriter(out, compression=compression) as writer:
+        channels = {
+            channel.id: writer.channel(
+                channel.topic, channel.schema, channel.message_encoding, channel.metadata
+            )
+            for channel in log.channels
+        }
+        for m in log.messages():
+            writer.write(
+                channels[m.channel.id], m.data, m.log_time_ns, m.publish_time_ns, m.sequence
+            )
+        for extra in log.attachments():
+            writer.attach(
+                extra.name,
+                extra.media_type,
+                extra.data,
+                extra.log_time_ns,
+                extra.create_time_ns,
+            )
+        for name, values in log.metadata():
+            writer.metadata(name, values)
+    return out

@@ -1,0 +1,45 @@
+"""Each kind of fault, some tries of it; `python tests/faults --long` does all."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.faults.damage import cuts, flips
+from tests.faults.fuzz import fuzz
+from tests.faults.io_faults import compiler, io_faults
+from tests.faults.kills import kills
+from tests.faults.memory import memory
+from tests.faults.tally import Tally
+
+
+def check(tallies: list[Tally]) -> None:
+    assert tallies
+    assert all(tally.tries for tally in tallies)
+    assert [note for tally in tallies for note in tally.notes if not tally.clean] == []
+
+
+def test_flipped_bytes_are_errors_or_change_nothing() -> None:
+    check(flips(long=False))
+
+
+def test_cut_logs_are_errors() -> None:
+    check(cuts(long=False))
+
+
+def test_what_others_wrote_is_read_or_refused() -> None:
+    check(fuzz(long=False))
+
+
+@pytest.mark.skipif(compiler() is None, reason="no C compiler")
+def test_calls_that_fail_leave_nothing_half() -> None:
+    check(io_faults(long=False))
+
+
+@pytest.mark.slow
+def test_killed_commands_leave_nothing_half() -> None:
+    check(kills(long=False, tries=1))
+
+
+@pytest.mark.slow
+def test_hostile_files_stay_within_memory_and_time() -> None:
+    check(memory(long=False))
