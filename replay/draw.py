@@ -58,6 +58,7 @@ class DrawOptions:
             Figure 5).
         membership: tint the pixels that are a target's own, where the tracker says so (SHELLS,
             Figure 3c).
+        details: labels say more than who it is.
     """
 
     scale: float = 0.0
@@ -72,6 +73,7 @@ class DrawOptions:
     model: bool = False
     gates: bool = True
     membership: bool = True
+    details: bool = True
 
     def tells(self, event: Event) -> bool:
         """Whether an event concerns a track that is drawn."""
@@ -181,7 +183,8 @@ def _write(
 ) -> None:
     """The labels, last, so that nothing lies over them."""
     for track in places.values() if options.labels else ():
-        canvas.label((track.box[0], track.box[1]), label(track), track_bgr(track.id))
+        text = label(track) if options.details else str(track.id)
+        canvas.label((track.box[0], track.box[1]), text, track_bgr(track.id))
     for group in overlay.groups if options.groups and options.labels else ():
         box = _group_box(group, places)
         if box is not None:

@@ -28,7 +28,7 @@ from reasoning.questions.drawn import Drawn
 from reasoning.questions.drawn_tables import draw, make_tables
 from reasoning.questions.duckdb_tables import insert
 from reasoning.questions.ingest import file_digest, read_recordings
-from reasoning.questions.literals import Recordings
+from reasoning.questions.literals import Recordings, literal
 from reasoning.questions.macros import macro_statements
 from reasoning.questions.schema import DRAWN, SURE, TABLES, create_statements, shown
 from recorders.closing import Closing
@@ -119,7 +119,7 @@ class Case(Closing):
         encounters: EncounterParameters | None = None,
         brief: bool = False,
         drawn: Drawn | None = None,
-        start_ns: int | None = None,
+        start_ns: int | Mapping[str, int] | None = None,
         looks: bool = False,
         choice: catalogue.Choice | None = None,
     ) -> None:
@@ -137,7 +137,8 @@ class Case(Closing):
             drawn: zones and lines that are drawn after the fact; stays in the zones join those
                 in recorded ones, crossings of the lines are the table ``crossings``.
             looks: look at pictures of the logs, so that targets have colours; an index has them.
-            start_ns: when the recording began (ns since 1970), where it was made without a clock.
+            start_ns: when the recording began (ns since 1970), where it was made without a clock;
+                of several, by their names.
             choice: the part of a fleet's catalogue that is asked; nothing else is opened.
 
         Raises:
@@ -208,8 +209,10 @@ class Case(Closing):
                 ]
             )
             if table == "recordings" and self._start_ns is not None:
-                self._check_start(parts)
-                parts = f"SELECT * REPLACE (CAST({self._start_ns} AS BIGINT) AS start_ns) FROM ({parts})"
+                begun = self._began(parts)
+                parts = (
+                    f"SELECT * REPLACE (CAST({begun} AS BIGINT) AS start_ns) FROM ({parts})"
+                )
             if table == "events" and self._brief:
                 parts = f"SELECT * FROM ({parts}) WHERE kind NOT IN ({_OF_TRACKERS})"
             try:
@@ -229,17 +232,29 @@ class Case(Closing):
         draw(self._con, self.drawn)
         self._lock()
 
-    def _check_start(self, recordings: str) -> None:
+    def _began(self, recordings: str) -> str:
+        """An expression of when each recording began."""
         rows = self._con.execute(
             f"SELECT recording, start_ns FROM ({recordings})"
         ).fetchall()
-        if len(rows) > 1:
-            raise UsageError(f"--start: of {len(rows)} recordings; give one of them alone")
-        for name, start_ns in rows:
-            if start_ns >= CLOCKED_NS:
+        given = self._start_ns
+        if not isinstance(given, Mapping):
+            if len(rows) > 1:
                 raise UsageError(
-                    f"--start: {name} has a clock, it began at {clock_text(start_ns)}"
+                    f"--start: of {len(rows)} recordings; give one of them alone"
                 )
+            for name, start_ns in rows:
+                if start_ns >= CLOCKED_NS:
+                    raise UsageError(
+                        f"--start: {name} has a clock, it began at {clock_text(start_ns)}"
+                    )
+            return str(given)
+        cases = [
+            f"WHEN recording = {literal(name)} THEN {given[name]}"
+            for name, start_ns in rows
+            if name in given and start_ns < CLOCKED_NS
+        ]
+        return f"CASE {' '.join(cases)} ELSE start_ns END" if cases else "start_ns"
 
     def _lock(self) -> None:
         """From here on nothing but the tables can be read, and no setting changed."""

@@ -58,9 +58,9 @@ told AS (
 spans AS (
   SELECT recording, direction, unnest(range(0, 1 + CAST(floor(seconds / $every) AS BIGINT))) AS n
   FROM recordings, ways WHERE true$only)
-SELECT s.recording, s.direction, round(any_value(s.n) * $every, 3) AS start_t,
-  round((any_value(s.n) + 1) * $every, 3) AS end_t,
-  count(*) FILTER (certainty >= $sure) AS count, count(DISTINCT track) FILTER (certainty >= $sure) AS targets,
+SELECT s.recording, s.direction, CAST(round(any_value(s.n) * $every, 3) AS DOUBLE) AS start_t,
+  CAST(round((any_value(s.n) + 1) * $every, 3) AS DOUBLE) AS end_t,
+  count(*) FILTER (certainty >= $sure) AS count, count(DISTINCT track) FILTER (certainty >= $sure) AS individuals,
   count(*) FILTER (certainty < $sure) AS unsure, min(certainty) FILTER (certainty >= $sure) AS least_certainty,
   string_agg(why, ' ' ORDER BY t, track) FILTER (certainty >= $sure) AS explain
 FROM spans s LEFT JOIN told t ON t.recording = s.recording AND t.direction = s.direction

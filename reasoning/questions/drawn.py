@@ -66,6 +66,18 @@ class Drawn:
         """All names, those of zones first."""
         return [*(zone.name for zone in self.zones), *(line.name for line in self.lines)]
 
+    def check_names(self) -> None:
+        """That no two have one name.
+
+        Raises:
+            UsageError: they have.
+        """
+        twice = next((name for name in self.names if self.names.count(name) > 1), None)
+        if twice is not None:
+            raise UsageError(
+                f"{twice!r} is drawn twice; every zone and line has its own name"
+            )
+
     def line(self, name: str) -> DrawnLine | None:
         """The line of that name."""
         return next((line for line in self.lines if line.name == name), None)
@@ -114,10 +126,7 @@ def drawn(zones: list[str] | None = None, lines: list[str] | None = None) -> Dra
         UsageError: a word draws nothing, or two have one name.
     """
     made = Drawn(tuple(map(zone, zones or ())), tuple(map(line, lines or ())))
-    names = made.names
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise UsageError(f"{twice!r} is drawn twice; every zone and line has its own name")
+    made.check_names()
     return made
 
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator, Sequence
+from datetime import UTC
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from reasoning.questions.drawn import Drawn
+    from replay.cases.case_file import CaseFile
 
 
 def add_drawing(parser: argparse.ArgumentParser) -> None:
@@ -34,19 +38,46 @@ def add_clock(parser: argparse._ActionsContainer) -> None:
     )  # fmt: skip
 
 
-def drawn_of(args: argparse.Namespace) -> Drawn:
-    """What was drawn.
+def drawn_of(args: argparse.Namespace, inputs: Sequence[str | Path] = ()) -> Drawn:
+    """What was drawn, by the command and by the cases among the inputs.
 
     Raises:
-        UsageError: a word draws nothing.
+        UsageError: a word draws nothing, or two things have one name.
     """
-    from reasoning.questions.drawn import drawn
+    from reasoning.questions.drawn import Drawn, DrawnLine, DrawnZone, drawn
 
-    return drawn(args.zones, args.lines)
+    made = drawn(args.zones, args.lines)
+    for _, case in _cases(inputs):
+        zones = (DrawnZone(name, tuple(p)) for name, p in case.zones.items())
+        lines = (DrawnLine(name, *ends) for name, ends in case.lines.items())
+        made = Drawn((*made.zones, *zones), (*made.lines, *lines))
+    made.check_names()
+    return made
 
 
-def start_of(args: argparse.Namespace) -> int | None:
-    """What ``--start`` says, log time in ns."""
-    from replay.cli.common import parse_rfc3339
+def start_of(
+    args: argparse.Namespace, inputs: Sequence[str | Path] = ()
+) -> int | dict[str, int] | None:
+    """What ``--start`` says, log time in ns; else what the cases among the inputs say, by
+    recording.
+    """
+    from replay.cli.common import NANOS, parse_rfc3339
 
-    return None if args.start is None else parse_rfc3339(args.start)
+    if args.start is not None:
+        return parse_rfc3339(args.start)
+    found = {}
+    for _, case in _cases(inputs):
+        for r in case.recordings:
+            if r.start is not None:
+                when = r.start if r.start.tzinfo else r.start.replace(tzinfo=UTC)
+                whole = int(when.replace(microsecond=0).timestamp())
+                found[r.name] = whole * NANOS + when.microsecond * 1000
+    return found or None
+
+
+def _cases(inputs: Sequence[str | Path]) -> Iterator[tuple[str | Path, CaseFile]]:
+    from replay.cases.case_file import is_case, read_case
+
+    for given in inputs:
+        if is_case(given):
+            yield given, read_case(given)

@@ -13,15 +13,17 @@ from replay.cli.common import (
     parse_limits,
     say,
 )
+from replay.cli.drawing import add_clock, add_drawing, drawn_of, start_of
 from replay.cli.exit_codes import Exit
 
 EXAMPLE = """\
 scenetrace evidence annotated.mcap --events 12 relation:1-2@40 -o evidence/
 scenetrace verify --manifest evidence/manifest.json      # nothing was changed since"""
 DESCRIPTION = """\
-Write what a court or a colleague needs: for each event (or row of an answer) a clip (H.264), its
-piece of the log (log.mcap, which stands alone), frames as recorded and with overlays, the facts as
-JSON, the configuration, digests, and one page to read and print."""
+Write what a court or a colleague needs: for each event (or row of an answer) a clip with its targets
+marked and the same plain (H.264), frames marked and as recorded, the facts as JSON, the
+configuration, digests of the log and of what it was recorded from, pieces of the log that stand
+alone, one page to read and print, and the same as a PDF."""
 
 
 def add(commands: Commands) -> None:
@@ -47,6 +49,12 @@ def add(commands: Commands) -> None:
         action="store_true",
         help="replace what an older evidence folder lists in its manifest",
     )
+    parser.add_argument(
+        "--blur-others", action="store_true",
+        help="of everybody but the targets no pixel is left in clips and pictures; no piece of the log then",
+    )  # fmt: skip
+    add_clock(parser)
+    add_drawing(parser)
     add_configuration(parser)
     add_limits(parser)
     parser.set_defaults(run=run)
@@ -55,22 +63,24 @@ def add(commands: Commands) -> None:
 def run(args: argparse.Namespace) -> int:
     """Collect evidence."""
     from replay.configuration import encounter_config
-    from replay.report.evidence import MANIFEST, write_evidence
+    from replay.report.evidence import MANIFEST, EvidenceOptions, write_evidence
     from replay.sealing.manifest import added_files, read_manifest
 
     references = list(
         dict.fromkeys(r for word in args.events for r in word.replace(",", " ").split())
     )
     encounters = encounter_config(args.config, args.assignments)
+    start = start_of(args)
+    assert not isinstance(start, dict)
     found = write_evidence(
         args.annotated,
         references,
         args.output,
-        camera=args.camera,
-        force=args.force,
-        encounters=encounters,
-        limits=parse_limits(args.limit),
-    )
+        EvidenceOptions(
+            args.camera, args.force, encounters, drawn_of(args), start, args.timezone,
+            args.blur_others, parse_limits(args.limit),
+        ),
+    )  # fmt: skip
     manifest = args.output / MANIFEST
     strangers = added_files(read_manifest(manifest), manifest)
     if strangers:
@@ -79,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
             " `verify` will name it"
         )
     say(
-        f"{args.output}: {len(found)} explained, index.html to read, manifest.json to"
-        " verify"
+        f"{args.output}: {len(found)} explained, index.html and evidence.pdf to read,"
+        " manifest.json to verify"
     )
     return Exit.DONE

@@ -36,7 +36,11 @@ def add(commands: Commands) -> None:
         commands, "find", "targets by colours, or like somebody", DESCRIPTION, EXAMPLE
     )
     parser.add_argument(
-        "inputs", nargs="+", type=Path, metavar="LOG|CASE", help="annotated logs or indexes"
+        "inputs",
+        nargs="+",
+        type=Path,
+        metavar="LOG|CASE",
+        help="annotated logs, indexes, or a case.toml",
     )
     parser.add_argument(
         "--colour", "--color", action="append", default=[], metavar="C", dest="colours",
@@ -86,13 +90,15 @@ def run(args: argparse.Namespace) -> int:
     from reasoning.questions.finding import find
     from reasoning.questions.literals import only
     from reasoning.questions.name_checks import check_recording
+    from replay.cases.case_file import expanded
     from replay.report.contact_sheet import check_sheet, write_sheet
     from replay.report.likeness import ranked_by_model
 
     _check(args)
     if args.output is not None:
         check_sheet(args.output, force=args.force)
-    with Case(args.inputs, looks=True, start_ns=start_of(args)) as case:
+    start = start_of(args, args.inputs)
+    with Case(expanded(args.inputs), looks=True, start_ns=start) as case:
         check_recording(case, args.recording)
         wanted = _wanted(case, args)
         begun = starts(case)

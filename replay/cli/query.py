@@ -193,8 +193,8 @@ def run(args: argparse.Namespace) -> int:
         log_limits=parse_limits(args.limit),
         encounters=encounters,
         brief=args.brief,
-        drawn=drawn_of(args),
-        start_ns=start_of(args),
+        drawn=drawn_of(args, args.words),
+        start_ns=start_of(args, args.words),
         looks=asks_for_looks(query),
         choice=Choice(args.camera, choose_dates(args.date) if args.date else None),
     ) as case:

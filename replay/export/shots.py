@@ -180,7 +180,7 @@ class Camera:
         """The picture with the subjects marked, and nobody else."""
         options = DrawOptions(
             scale=_enlarged(image.shape[1]), only=subjects, shells=False, groups=False,
-            regions=False, gates=False, membership=False,
+            regions=False, gates=False, membership=False, details=False,
         )  # fmt: skip
         overlay = frame_overlay(self._log, frame, [], zone=self._zone)
         return draw_frame(image, overlay, options)

@@ -279,8 +279,9 @@ def test_evidence_command(
         < page.index("how it was made")
     )
     assert page.count("<img") == len(
-        [f for f in files if f.endswith(".png") and "_recorded" not in f]
+        [f for f in files if f.endswith((".png", ".jpg")) and "_recorded" not in f]
     )
+    assert (out / "evidence.pdf").read_bytes().startswith(b"%PDF")
     assert all((out / name).is_file() for name in re.findall(r'src="([^"]+)"', page))
     assert "1970-" not in page, "a recording without a clock has no wall time"
     again = tmp_path / "again"
@@ -305,9 +306,9 @@ def test_evidence_command(
     assert main(["verify", "--manifest", str(out / "manifest.json")]) == 0
     (out / "facts.json").write_text("{}")
     assert main(["verify", "--manifest", str(out / "manifest.json")]) == 4
-    clip = out / "event_1" / "clip.mp4"
-    assert b"ftyp" in clip.read_bytes()[:16]
-    assert len(list((out / "event_1").glob("*_recorded.png"))) == 3
+    for name in ("clip.mp4", "plain.mp4"):
+        assert b"ftyp" in (out / "event_1" / name).read_bytes()[:16]
+    assert len(list((out / "event_1").glob("*_recorded.*"))) == 3
     assert main(["evidence", str(log), "--events", "77", "-o", str(tmp_path / "none")]) == 2
     assert not (tmp_path / "none").exists()
     assert list(tmp_path.glob("*.part")) == []
