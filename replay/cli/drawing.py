@@ -75,6 +75,25 @@ def start_of(
     return found or None
 
 
+def without_cases(inputs: Sequence[str]) -> list[str]:
+    """The inputs, the logs of each case in its place; what was not made with its corrections as
+    they are now is said.
+    """
+    from replay.cases.case_file import is_case, logs_of, not_applied, read_case
+    from replay.cli.common import say
+
+    found: list[str] = []
+    for given in inputs:
+        if not is_case(given):
+            found.append(given)
+            continue
+        case = read_case(given)
+        for line in not_applied(given, case):
+            say(f"{given}: {line}")
+        found += [str(log) for log in logs_of(given, case)]
+    return found
+
+
 def _cases(inputs: Sequence[str | Path]) -> Iterator[tuple[str | Path, CaseFile]]:
     from replay.cases.case_file import is_case, read_case
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
 from replay.cli.common import Commands, command, say, take_words_anywhere
-from replay.cli.drawing import add_clock, start_of
+from replay.cli.drawing import add_clock, start_of, without_cases
 from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
@@ -75,7 +75,9 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--force", action="store_true", help="write into an older DIR of its own"
     )
-    parser.add_argument("--format", choices=("table", "json", "csv"), default="table")
+    parser.add_argument(
+        "--format", choices=("table", "json", "csv"), default="table", help="default: table"
+    )
     parser.add_argument("--json", action="store_true", help="the same as --format json")
     add_clock(parser)
     parser.set_defaults(run=run)
@@ -90,7 +92,6 @@ def run(args: argparse.Namespace) -> int:
     from reasoning.questions.finding import find
     from reasoning.questions.literals import only
     from reasoning.questions.name_checks import check_recording
-    from replay.cases.case_file import expanded
     from replay.report.contact_sheet import check_sheet, write_sheet
     from replay.report.likeness import ranked_by_model
 
@@ -98,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         check_sheet(args.output, force=args.force)
     start = start_of(args, args.inputs)
-    with Case(expanded(args.inputs), looks=True, start_ns=start) as case:
+    with Case(without_cases(args.inputs), looks=True, start_ns=start) as case:
         check_recording(case, args.recording)
         wanted = _wanted(case, args)
         begun = starts(case)

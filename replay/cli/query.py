@@ -7,7 +7,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +23,7 @@ from replay.cli.common import (
     say,
     take_words_anywhere,
 )
-from replay.cli.drawing import add_clock, add_drawing, drawn_of, start_of
+from replay.cli.drawing import add_clock, add_drawing, drawn_of, start_of, without_cases
 from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
@@ -174,7 +174,8 @@ def run(args: argparse.Namespace) -> int:
         return Exit.DONE
     form = _format(args)
     _check_options(args)
-    take_cases(args)
+    given = list(args.words)
+    args.words = without_cases(given)
     inputs, query = _split(args)
     if args.show_sql:
         print(query)
@@ -193,8 +194,8 @@ def run(args: argparse.Namespace) -> int:
         log_limits=parse_limits(args.limit),
         encounters=encounters,
         brief=args.brief,
-        drawn=drawn_of(args, args.words),
-        start_ns=start_of(args, args.words),
+        drawn=drawn_of(args, given),
+        start_ns=start_of(args, given),
         looks=asks_for_looks(query),
         choice=Choice(args.camera, choose_dates(args.date) if args.date else None),
     ) as case:
@@ -266,37 +267,6 @@ class Scenes:
         for line in left_out:
             say(f"left out {line}")
         return Exit.LEFT_OUT if left_out else Exit.DONE
-
-
-def take_cases(args: argparse.Namespace) -> None:
-    """Put the logs of each case in its place, and its zones, lines and clock beside those that
-    were given.
-    """
-    from replay.cases import is_case, read_case
-    from replay.cases.case_file import logs_of, not_applied
-
-    words: list[str] = []
-    starts = set()
-    for word in args.words:
-        if not is_case(word):
-            words.append(word)
-            continue
-        case = read_case(word)
-        for line in not_applied(word, case):
-            say(f"{word}: {line}")
-        words += [str(log) for log in logs_of(word, case)]
-        args.zones += [f"{name}={_listed_points(p)}" for name, p in case.zones.items()]
-        args.lines += [f"{name}={_listed_points(p)}" for name, p in case.lines.items()]
-        starts |= {
-            None if r.start is None else r.start.isoformat() for r in case.recordings
-        }
-    args.words = words
-    if args.start is None and len(starts) == 1:
-        args.start = starts.pop()
-
-
-def _listed_points(points: Sequence[tuple[float, float]]) -> str:
-    return ",".join(f"{v!r}" for point in points for v in point)
 
 
 class Unsure:

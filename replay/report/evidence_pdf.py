@@ -86,9 +86,10 @@ class _Document(FPDF):
     def text_in(self, text: str, size: float, *, bold: bool = False) -> None:
         """A paragraph."""
         self.set_font("Helvetica", "B" if bold else "", size)
+        wrap = WrapMode.WORD if " " in text else WrapMode.CHAR
         self.multi_cell(
-            0, size * 0.48, _latin(text), new_x=XPos.LMARGIN, new_y=YPos.NEXT, wrapmode=WrapMode.CHAR if " " not in text else WrapMode.WORD,
-        )  # fmt: skip
+            0, size * 0.48, _latin(text), new_x=XPos.LMARGIN, new_y=YPos.NEXT, wrapmode=wrap
+        )
         self.ln(0.8)
 
     def heading(self, text: str) -> None:
