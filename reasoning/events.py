@@ -1,7 +1,8 @@
 """From changes to events: kind, subjects, rule (paper and case), evidence with every value and
 threshold, plain words.
 
-Order of the events within a frame (total): the tracker's own notices as it gave them; then life
+Order of the events within a frame (total): a gap in time, then changes of the whole picture as they
+were recorded; the tracker's own notices as it gave them; then life
 of tracks by id (confirmed, recovered or lost, then mode), tracks removed by id; scene events of
 those who are gone, then of those who are there, by id (status, zones left, zones entered, by
 name); relations by (a, b); pairs' interaction by (a, b); targets that became single, by id;
@@ -12,7 +13,7 @@ order of their causes. Ids count on from 1 in this order.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from reasoning.groups import GroupChange, HeldGroup
@@ -112,6 +113,17 @@ def notice(log: EventLog, n: Notice) -> None:
     if not n.text and n.kind == "occluded" and len(n.subjects) == 2:
         text = f"Target {n.subjects[0]} is behind target {n.subjects[1]}."
     log.add(n.kind, n.subjects, n.rule, dict(n.evidence), text)
+
+
+def scene_changed(log: EventLog, kind: str, evidence: Mapping[str, Any], text: str) -> None:
+    """The picture changed as a whole, or there was none for a time."""
+    log.add(
+        "scene_changed",
+        [],
+        f"ours: the scene changed, {kind}",
+        {"kind": kind, **evidence},
+        text,
+    )
 
 
 def life(

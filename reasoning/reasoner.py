@@ -44,6 +44,7 @@ from reasoning.interactions import (
     PairChange,
     TargetRows,
 )
+from reasoning.pauses import Pauses
 from reasoning.regions import RegionParameters, SceneBook, SceneRegions, default_regions
 from reasoning.relations import Objects, RelationBook, RelationChange, RelationParameters
 from reasoning.shells import ShellParameters, Shells, shells
@@ -59,6 +60,7 @@ from recorders.messages import (
     Regions,
     Relation,
     Relations,
+    SceneChange,
     Target,
     Targets,
     Track,
@@ -109,6 +111,7 @@ class Reasoner:
         self._graph = GraphBook()
         self._classes = ClassBook()
         self._log = tell.EventLog()
+        self._pauses = Pauses()
         self.counter = TransitionCounter()
         self._regions = SceneRegions(
             default_regions(width, height, self._region), self._region
@@ -145,6 +148,7 @@ class Reasoner:
         regions: Regions | None,
         detections: Detections | None = None,
         labels: Mapping[int, str] | None = None,
+        scene_changes: Sequence[SceneChange] = (),
     ) -> SceneAnnotation:
         """Take the next frame.
 
@@ -155,11 +159,15 @@ class Reasoner:
             regions: the recorded regions in force, None for the default.
             detections: the recorded detections, whose labels tell what the targets are.
             labels: by target, what a person says that it is; over what the detections say.
+            scene_changes: how the picture changed as a whole, as it was recorded.
         """
         self._use(regions)
         if detections is not None:
             self._classes.step(targets.targets, detections)
         self._log.open(frame_index, time_ns)
+        self._pauses.step(self._log, time_ns)
+        for seen in scene_changes:
+            tell.scene_changed(self._log, seen.kind, seen.evidence, seen.text)
         for notice in _once(targets.notices):
             tell.notice(self._log, notice)
         given = {target.id: target for target in targets.targets}
@@ -604,6 +612,7 @@ class Reasoner:
             "classes": self._classes.state(),
             "counter": self.counter.state(),
             "next_event": self._log.next_id,
+            "pauses": self._pauses.state(),
             "regions": None if default else msgspec.to_builtins(self._regions.message),
             "last": [msgspec.to_builtins(target) for target in self._last.values()],
             "leaving": list(self._leaving),
@@ -624,6 +633,7 @@ class Reasoner:
         self._classes.restore(state["classes"])
         self.counter.restore(state["counter"])
         self._log.next_id = state["next_event"]
+        self._pauses.restore(state["pauses"])
         self._use(
             None if state["regions"] is None else msgspec.convert(state["regions"], Regions)
         )

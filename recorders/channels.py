@@ -35,6 +35,7 @@ S = TypeVar("S", bound=msgspec.Struct)
 JSON_CHANNELS: Mapping[str, type[msgspec.Struct]] = {
     "detections": messages.Detections,
     "regions": messages.Regions,
+    "changes": messages.SceneChange,
     "targets": messages.Targets,
     "tracks": messages.Tracks,
     "relations": messages.Relations,
@@ -52,7 +53,7 @@ PROTOBUF_CHANNELS: Mapping[str, Any] = {
     "annotations": ImageAnnotations,
     "log": Log,
 }
-RECORDED = ("image", "foreground", "detections", "regions")
+RECORDED = ("image", "foreground", "detections", "regions", "changes")
 PICTURES = ("image", "foreground", "membership")
 ANNOTATED = (
     "targets",
@@ -70,7 +71,7 @@ ANNOTATED = (
 
 _SCHEMA_NAMES = {"events": "scenetrace.Event"}
 # Fields of type Any take whatever a file nests into them; only there the depth has to be counted.
-_OPEN_ENDED = frozenset({"events", "graph", "targets"})
+_OPEN_ENDED = frozenset({"events", "graph", "targets", "changes"})
 # An unterminated string reaches to the end, or every quote in it would be tried as a start of its
 # own.
 _STRINGS = re.compile(rb'"(?:[^"\\]|\\.)*+(?:"|\\?\Z)', re.DOTALL)

@@ -178,6 +178,16 @@ EVIDENCE: Mapping[str, tuple[EvidenceShape, ...]] = {
             ("fragment", "after"),
         ),
     ),
+    "scene_changed": (
+        EvidenceShape(("gap_s",), ("kind", "usual_s")),
+        EvidenceShape(("light_change",), ("kind", "light", "light_before", "since_frame")),
+        EvidenceShape(("coloured_share",), ("kind", "since_frame")),
+        EvidenceShape(("moved_px",), ("kind", "right_px", "down_px", "since_frame")),
+        EvidenceShape(("landmarks_share",), ("kind", "view", "view_before", "since_frame")),
+        EvidenceShape(("one_colour_share",), ("kind", "colour", "since_frame")),
+        EvidenceShape(("still_s",), ("kind", "since_frame")),
+        EvidenceShape((), ("kind", "lost_s", "since_frame")),
+    ),
 }
 """Every kind's evidence, in all the ways in which it is found."""
 

@@ -56,10 +56,23 @@ EVENT_WORDS = {
     "zone_left": ("leaves a zone", "leave a zone"),
     "occluded": ("is behind another", "are behind others"),
     "identity": ("may be another", "may be others"),
+    "scene_changed": ("changes as a whole", "change as a whole"),
 }
 """Every kind of event: what one subject does, what several do."""
 
 EVENT_KINDS = tuple(EVENT_WORDS)
+CHANGES = (
+    "light",
+    "infrared",
+    "colour",
+    "moved",
+    "panned",
+    "signal_lost",
+    "frozen",
+    "signal_back",
+    "gap",
+)
+"""Kinds of what a ``scene_changed`` tells, its evidence's ``kind``."""
 EVENT_LEVELS = {
     "track_confirmed": "DEBUG",
     "track_lost": "DEBUG",
@@ -69,6 +82,7 @@ EVENT_LEVELS = {
     "occluded": "DEBUG",
     "disagreement": "WARNING",
     "anomaly": "WARNING",
+    "scene_changed": "WARNING",
 }
 """Levels of the log's lines that are not INFO: what a tracker says of itself is DEBUG, what
 contradicts itself is WARNING.
@@ -126,6 +140,19 @@ class Detections(Struct, frozen=True):
     components: list[Blob] = []
     size_model: list[float] = []
     fused: bool = False
+
+
+class SceneChange(Struct, frozen=True):
+    """The picture changed as a whole: light, infrared, a moved or turned camera, a lost signal.
+
+    ``kind`` is one of `CHANGES`; ``evidence`` holds the measured values and their limits, by the
+    names of `recorders.evidence`; ``text`` says it in words.
+    """
+
+    frame: Count
+    kind: str
+    evidence: dict[str, Any] = {}
+    text: str = ""
 
 
 class Zone(Struct, frozen=True):

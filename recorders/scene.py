@@ -28,7 +28,7 @@ from recorders.log import ChannelInfo, LogReader, Message
 from recorders.log.growing import GrowingLog
 from recorders.log.moments import by_time
 from recorders.masks import Labels, RecordedMask, label_blobs
-from recorders.messages import NO_BLOB, Detections, Regions
+from recorders.messages import NO_BLOB, Detections, Regions, SceneChange
 from recorders.pictures import decode_picture
 from recorders.scene_pictures import (
     ScenePictures,
@@ -78,6 +78,7 @@ class Frame:
         regions: the latest recorded regions, or None.
         messages: everything that was recorded for this frame, in the log's order, since the frame
             before.
+        changes: how the picture changed as a whole, as it was recorded since the frame before.
     """
 
     def __init__(
@@ -90,11 +91,13 @@ class Frame:
         load_mask: Callable[[], Image] | None = None,
         messages: tuple[Message, ...] = (),
         load_labels: Callable[[], Labels] | None = None,
+        changes: tuple[SceneChange, ...] = (),
     ) -> None:
         self.index = index
         self.time_ns = time_ns
         self._detections = detections
         self.regions = regions
+        self.changes = changes
         self.messages = messages
         self._load_image = load_image
         self._picture: Message | None = None
@@ -333,6 +336,7 @@ class SceneLog(Closing):
         waiting = _WaitingFrame(self.info.frame_ns // 2, self.info.has_images)
         order = FrameOrder()
         pending: list[Message] = []
+        changes: list[SceneChange] = []
         index = first_index
         topics = [c.topic for c in self.recorded]
         for now, group in by_time(
@@ -360,6 +364,8 @@ class SceneLog(Closing):
                     self._time(message)
                 elif message.topic == self._topics["regions"]:
                     regions = self._decode("regions", message)
+                elif message.topic == self._topics["changes"]:
+                    changes.append(self._decode("changes", message))
                 elif message.topic == self._topics["image"]:
                     last = _Picture(message, pictures.loader(message))
                     yield from waiting.picture(last)
@@ -387,9 +393,10 @@ class SceneLog(Closing):
                 load_mask=load_mask,
                 messages=tuple(pending),
                 load_labels=load_labels,
+                changes=tuple(changes),
             )
             yield from waiting.frame(frame, last)
-            pending = []
+            pending, changes = [], []
             index += 1
         yield from waiting.rest()
         self.trailing = tuple(pending)

@@ -315,6 +315,7 @@ class Engine:
                 taken.targets,
                 frame.regions,
                 frame.detections,
+                scene_changes=frame.changes,
             )
         self.current = Scene(frame, taken.targets, annotation)
         if frame.index % self._keep_every == 0 and frame.index not in self._kept:

@@ -407,7 +407,13 @@ class Run:
             extra = corrected.payloads(extra, targets)
             targets, labels = corrected.targets, corrected.labels
         scene = reasoner.step(
-            frame.index, frame.time_ns, targets, frame.regions, frame.detections, labels
+            frame.index,
+            frame.time_ns,
+            targets,
+            frame.regions,
+            frame.detections,
+            labels,
+            scene_changes=frame.changes,
         )
         forward = step.targets if step.forward is None else step.forward
         content = payloads(

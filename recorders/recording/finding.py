@@ -12,9 +12,14 @@ import numpy as np
 from recorders.detectors import Detector, as_detections
 from recorders.errors import SceneTraceError
 from recorders.fusion import FusedFrames
-from recorders.messages import NO_BLOB, Detections
+from recorders.messages import NO_BLOB, Detections, SceneChange
 from recorders.pictures import Image
-from recorders.segmentation import Segmented, Segmenter, SegmenterInParts
+from recorders.segmentation import (
+    Segmented,
+    Segmenter,
+    SegmenterInParts,
+    SegmenterThatWatches,
+)
 from recorders.sources import Source, SourceFrame
 from recorders.vision import cv2
 
@@ -70,6 +75,11 @@ class Finder:
             whole = self.segmenter.segment(frame.index, frame.image)
             mask, detect = whole.mask, lambda: whole.detections
         return mask, lambda: self._together(frame, mask, detect)
+
+    def changes(self) -> tuple[SceneChange, ...]:
+        """How the picture changed as a whole, as far as it is told with the last frame begun."""
+        watching = self.segmenter
+        return watching.changes() if isinstance(watching, SegmenterThatWatches) else ()
 
     def finish(self) -> list[Detections]:
         """The detections that are known once there are no more frames."""

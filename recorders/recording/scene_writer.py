@@ -16,7 +16,7 @@ from recorders.format_version import FORMAT_VERSION
 from recorders.log import LogWriter
 from recorders.machine import machine, opencv_build, python_version
 from recorders.message_checks import check_detections
-from recorders.messages import Detections, Regions
+from recorders.messages import Detections, Regions, SceneChange
 from recorders.parameters import as_plain
 from recorders.quality import QUALITY
 from recorders.recording.options import RecordOptions
@@ -128,10 +128,13 @@ class SceneWriter:
             self._put(
                 "foreground", channels.compressed_image(frame.mask, "png", now, camera), now
             )
-        detections = frame.detections
+        detections, changes = frame.detections, frame.changes
         if self._first_number:  # each of several logs counts its frames from 0
             number = detections.frame - self._first_number
             detections = msgspec.structs.replace(detections, frame=number)
+            changes = tuple(_counted_from(self._first_number, c) for c in changes)
+        for change in changes:
+            self._put("changes", channels.encode("changes", change), now)
         self._put("detections", channels.encode("detections", detections), now)
         self.frames += 1
         self._detections += len(frame.detections.boxes)
@@ -204,6 +207,14 @@ def _known_at_start(source: Source, options: RecordOptions) -> dict[str, str]:
         "codec": codec,
         "detect": str(options.detect),
     }
+
+
+def _counted_from(first: int, change: SceneChange) -> SceneChange:
+    """A change in a log whose frames count from another one's number on."""
+    evidence = dict(change.evidence)
+    if "since_frame" in evidence:
+        evidence["since_frame"] = max(0, evidence["since_frame"] - first)
+    return msgspec.structs.replace(change, frame=change.frame - first, evidence=evidence)
 
 
 def _json(value: object) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from recorders.errors import SceneTraceError
-from recorders.messages import Detections
+from recorders.messages import Detections, SceneChange
 from recorders.pictures import Image, VideoEncoder, encode_jpeg, encode_mask, encode_png
 from recorders.recording.finding import Finder
 from recorders.sources import Source, SourceFrame
@@ -38,6 +38,7 @@ class Encoded:
     picture: tuple[bytes, str] | None
     mask: bytes | None
     detections: Detections
+    changes: tuple[SceneChange, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +49,7 @@ class _Seen:
     time_ns: int
     picture: tuple[bytes, str] | None
     mask: bytes | None
+    changes: tuple[SceneChange, ...]
 
 
 def encoded(
@@ -74,7 +76,8 @@ def encoded(
                 line.found.append(
                     detecting.submit(detect).result if finder.sees else detect
                 )
-                line.seen.append(encoding.submit(encoder.encode, frame, mask))
+                changes = finder.changes()
+                line.seen.append(encoding.submit(encoder.encode, frame, mask, changes))
                 if len(line.seen) > _DEPTH + finder.behind:
                     yield line.next()
         line.found.append(detecting.submit(finder.finish).result)
@@ -105,7 +108,9 @@ class _Line:
         while not self._known:
             self._known.extend(self.found.popleft()())
         seen, detections = self.seen.popleft().result(), self._known.popleft()
-        return Encoded(seen.index, seen.time_ns, seen.picture, seen.mask, detections)
+        return Encoded(
+            seen.index, seen.time_ns, seen.picture, seen.mask, detections, seen.changes
+        )
 
 
 def _until_failure(
@@ -159,10 +164,15 @@ class _PictureEncoder:
         source = self._source
         return VideoEncoder(source.width, source.height, Fraction(NANOS, source.frame_ns))
 
-    def encode(self, frame: SourceFrame, mask: Image | None) -> _Seen:
+    def encode(
+        self,
+        frame: SourceFrame,
+        mask: Image | None,
+        changes: tuple[SceneChange, ...] = (),
+    ) -> _Seen:
         """One frame's bytes."""
         bits = None if mask is None else encode_mask(mask)
-        return _Seen(frame.index, frame.time_ns, self._picture(frame), bits)
+        return _Seen(frame.index, frame.time_ns, self._picture(frame), bits, changes)
 
     def _picture(self, frame: SourceFrame) -> tuple[bytes, str] | None:
         if self._codec == "none" or not frame.has_picture:

@@ -11,6 +11,7 @@ from recorders.segmentation.segmenter import (
     SegmenterFactory,
     SegmenterInParts,
     SegmenterInTwoLooks,
+    SegmenterThatWatches,
 )
 from recorders.segmentation.threshold import ThresholdSegmenter
 
@@ -28,4 +29,5 @@ __all__ = [
     "SegmenterFactory",
     "SegmenterInParts",
     "SegmenterInTwoLooks",
+    "SegmenterThatWatches",
 ]

@@ -140,6 +140,7 @@ class Background:
     level: Image
     coloured: bool = True
     noisy: bool = False
+    _around: tuple[Image, Image] | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def learn(
@@ -176,26 +177,21 @@ class Background:
             noisy,
         )
 
-    def in_light_of(self, picture: Image) -> Image:
-        """The background under the picture's light: brightness shifted by the median difference
-        (H, W, 3) uint8.
+    def around(self) -> tuple[Image, Image]:
+        """The least and the largest values of each pixel and its neighbours, (H, W, 3) uint8."""
+        if self._around is None:
+            kernel = np.ones((3, 3), np.uint8)
+            self._around = (
+                as_image(cv2.erode(self.colour, kernel)),
+                as_image(cv2.dilate(self.colour, kernel)),
+            )
+        return self._around
 
-        Only where most of the picture agrees on the shift, so that something large does not
-        become the light.
-        """
-        step = max(1, min(picture.shape[:2]) // 48)
-        difference = (
-            picture[::step, ::step, 0].astype(np.int16) - self.colour[::step, ::step, 0]
-        )
-        counts = np.bincount((difference + 255).ravel(), minlength=511)
-        shift = int(np.searchsorted(np.cumsum(counts), difference.size / 2)) - 255
-        agreeing = counts[max(0, shift + 255 - 8) : shift + 255 + 9].sum()
-        if abs(shift) < 2 or 2 * agreeing < difference.size:
-            return self.colour
-        luma = self.colour[..., 0].astype(np.int16) + shift
-        lit = self.colour.copy()
-        lit[..., 0] = np.clip(luma, 0, 255)
-        return lit
+    def in_grey(self) -> Background:
+        """The same place for a camera that sees no colours."""
+        colour = self.colour.copy()
+        colour[..., 1:] = NEUTRAL_CHROMA
+        return Background(colour, self.level.copy(), coloured=False, noisy=self.noisy)
 
     def follow(self, picture: Image, still: Image) -> None:
         """Move the background by one level towards the picture where ``still`` (H, W) is not
@@ -203,6 +199,7 @@ class Background:
         """
         moved = self.colour + (picture > self.colour) - (picture < self.colour)
         cv2.copyTo(moved, still, self.colour)
+        self._around = None
 
 
 MAX_LEVEL = 120

@@ -12,31 +12,24 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from recorders.messages import Detections
+from recorders.messages import Detections, SceneChange
 from recorders.quality import QualityMeasure
 from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
 from recorders.segmentation.bodies import FoundBodies
+from recorders.segmentation.change.light import Light, light_of
+from recorders.segmentation.change.scenery import Scenery, View
+from recorders.segmentation.change.standstill import Standstill
+from recorders.segmentation.change.telling import Teller
 from recorders.segmentation.evidence import NEUTRAL, Shadows, weighted_median, window_of
 from recorders.segmentation.parameters import SegmentationParameters
 from recorders.segmentation.quality import measures
 from recorders.segmentation.segmenter import Image, Segmented, as_image, neighbours
 from recorders.vision import cv2
 
-LIVE_SAMPLES = 40
-LIVE_WINDOW_S = 400.0
-RELEARN = 8
-"""Live, the background is learnt anew when this share, one in so many, of the samples is new."""
-GRAIN_PX = 3
-"""A camera's noise is that of single pixels, whatever the picture's size."""
 SLOW_FOREGROUND = 10
 """The background follows what is held to be foreground this many times slower: a wrong background
 heals.
 """
-
-
-def without_grain(picture: Image) -> Image:
-    """A picture of a noisy camera without the noise of single pixels."""
-    return as_image(cv2.GaussianBlur(picture, (GRAIN_PX, GRAIN_PX), 0))
 
 
 class MotionSegmenter:
@@ -55,12 +48,11 @@ class MotionSegmenter:
         self._observe_every = max(1, round(fps / 2))
         self._steps = 0
         self._before: Image | None = None
-        self._new_samples = 0
-        self._background: Background | None = None
-        self._grainy = False
-        self._past: Samples | None = Samples(
-            most=LIVE_SAMPLES, max_stride=max(1, round(LIVE_WINDOW_S * fps / LIVE_SAMPLES))
-        )
+        self._scenery = Scenery(parameters, fps)
+        self._teller = Teller(fps)
+        self._standstill = Standstill()
+        self._live = True
+        self._told: tuple[SceneChange, ...] = ()
         self._shadows = Shadows(parameters, width, height)
         self._neutral = np.full((height, width), NEUTRAL, np.uint8)
         self._bodies = FoundBodies(parameters.size_model, width, height)
@@ -84,15 +76,15 @@ class MotionSegmenter:
                 samples.skip()
         if len(samples.kept) < MIN_SAMPLES:
             return
-        self._past = None
-        self._background = background = self._learn([pair[0] for pair in samples.kept])
-        masks = [
-            (
-                self._foreground(self._cleaned(now), background),
-                self._foreground(self._cleaned(later), background),
-            )
-            for now, later in samples.kept
-        ]
+        if not self._scenery.learn([pair[0] for pair in samples.kept]):
+            return
+        self._live = False
+        masks = []
+        for number, (now, later) in enumerate(samples.kept):
+            view = self._scenery.of_sample(number)
+            if view is not None:
+                after = view.found_again(later)
+                masks.append((self._mask(now, view)[0], self._mask(later, after)[0]))
         self._bodies.learn_usual_of(masks)
         for now, _ in masks:
             self._bodies.observe(self._bodies.measured_in(now, self._min_area))
@@ -103,49 +95,35 @@ class MotionSegmenter:
             self._bodies.sightings,
             self._bodies.usual is not None,
             self._bodies.model is not None,
-            self._grainy,
+            self._scenery.grainy,
         )
-
-    def _learn(self, pictures: list[Image]) -> Background:
-        """The background; where noise alone decides what is foreground, that of pictures without
-        their grain.
-        """
-        background = Background.learn(
-            pictures, self._p.threshold_levels, self._p.spread_weight
-        )
-        self._grainy = background.noisy
-        if not self._grainy:
-            return background
-        pictures = [without_grain(picture) for picture in pictures]
-        return Background.learn(pictures, self._p.threshold_levels, self._p.spread_weight)
-
-    def _cleaned(self, picture: Image) -> Image:
-        return without_grain(picture) if self._grainy else picture
 
     def segment(self, index: int, image: Image) -> Segmented:
         """Segment the next frame."""
         mask, detect = self.begin(index, image)
         return Segmented(mask, detect())
 
+    def changes(self) -> tuple[SceneChange, ...]:
+        """What is told of the whole picture with the last frame that was begun."""
+        return self._told
+
     def begin(self, index: int, image: Image) -> tuple[Image, Callable[[], Detections]]:
         """The next frame's foreground, and what detects the bodies in it: that alone learns and
         asks their sizes.
         """
         picture = as_image(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb))
-        background = self._background_at(picture)
-        picture = self._cleaned(picture)
-        mask, labels, blobs = self._bodies.found_in(
-            self._foreground(picture, background), self._min_area, self._before
-        )
+        raw, view, light = self._seen(picture)
+        self._standstill.step(picture)
+        look, since = self._scenery.look, self._standstill.frames
+        self._told = tuple(self._teller.step(index, look, light, since))
+        mask, labels, blobs = self._bodies.found_in(raw, self._min_area, self._before)
         self._before = mask
         self._steps += 1
-        if self._steps % self._follow_every == 0:
+        if view is not None and self._steps % self._follow_every == 0:
             everywhere = self._steps % (self._follow_every * SLOW_FOREGROUND) == 0
-            background.follow(
-                picture,
-                np.full_like(mask, 255) if everywhere else as_image(cv2.bitwise_not(mask)),
-            )
-        learn = self._past is not None and self._steps % self._observe_every == 0
+            still = np.full_like(mask, 255) if everywhere else cv2.bitwise_not(mask)
+            view.follow(picture, as_image(still))
+        learn = self._live and self._steps % self._observe_every == 0
 
         def detect() -> Detections:
             if learn:
@@ -155,28 +133,52 @@ class MotionSegmenter:
 
         return mask, detect
 
-    def _background_at(self, picture: Image) -> Background:
-        if self._past is not None and self._past.add(picture):
-            self._new_samples += 1
-            if self._background is None or RELEARN * self._new_samples > len(
-                self._past.kept
-            ):
-                self._new_samples = 0
-                self._background = self._learn(self._past.kept)
-        assert self._background is not None
-        return self._background
+    def _seen(self, picture: Image) -> tuple[Image, View | None, Light]:
+        """A picture's foreground, the view that it shows, and its light; no foreground where it
+        shows none that is known.
+        """
+        view = self._scenery.at(picture)
+        if view is None:
+            return np.zeros(picture.shape[:2], np.uint8), None, Light(known=False)
+        mask, light = self._mask(picture, view)
+        if self._scenery.jumped(int(np.count_nonzero(mask))):
+            again = self._scenery.at(picture, jumped=True)
+            if again is None:
+                return np.zeros_like(mask), None, Light(known=False)
+            if again.ground is not view.ground or again.shift != view.shift:
+                view = again
+                mask, light = self._mask(picture, view)
+        return mask, view, light
 
-    def _foreground(self, picture: Image, background: Background) -> Image:
-        """The weighted median of the evidence, (H, W) uint8, 0 or 255."""
-        behind = background.in_light_of(picture)
-        dy, dr, db = cv2.split(cv2.absdiff(picture, behind))
+    def _mask(self, picture: Image, view: View) -> tuple[Image, Light]:
+        """The foreground of a picture that shows a view, in the picture's own place."""
+        here = view.over_background(picture)
+        light = light_of(here, view.background.colour)
+        mask = self._foreground(here, view.background, light, view.inexact)
+        return view.as_in_picture(mask), light
+
+    def _foreground(
+        self, picture: Image, background: Background, light: Light, inexact: bool
+    ) -> Image:
+        """The weighted median of the evidence, (H, W) uint8, 0 or 255.
+
+        Where picture and background lie over one another to a pixel at best, a pixel differs if it
+        does from its neighbours as well: else every edge would.
+        """
+        behind = light.over(background.colour)
+        if inexact:
+            low, high = map(light.over, background.around())
+            apart = cv2.add(cv2.subtract(low, picture), cv2.subtract(picture, high))
+        else:
+            apart = cv2.absdiff(picture, behind)
+        dy, dr, db = cv2.split(apart)
         chroma = cv2.add(dr, db)
         difference = cv2.add(dy, cv2.add(chroma, chroma))
         difference = cv2.subtract(
             difference,
             self._shadows.find(picture, behind, as_image(chroma), background.coloured),
         )
-        level = background.level
+        level = light.level_under(background.level)
         evidence = cv2.min(difference, cv2.add(level, level))
         evidence = cv2.subtract(cv2.add(evidence, self._neutral), level)
         return weighted_median(as_image(evidence), self._window)

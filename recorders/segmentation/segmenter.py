@@ -12,7 +12,7 @@ from typing import Protocol, cast, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.messages import Detections
+from recorders.messages import Detections, SceneChange
 from recorders.segmentation.parameters import SegmentationParameters
 
 Image = NDArray[np.uint8]
@@ -85,6 +85,15 @@ class SegmenterInTwoLooks(Segmenter, Protocol):
         """`prepare` from pairs of pictures `recorders.segmentation.usual.MOMENT_S` apart, spread
         over the whole recording.
         """
+        ...
+
+
+@runtime_checkable
+class SegmenterThatWatches(Segmenter, Protocol):
+    """A segmenter that knows when the picture changes as a whole."""
+
+    def changes(self) -> tuple[SceneChange, ...]:
+        """What is told of that with the last frame that was begun."""
         ...
 
 

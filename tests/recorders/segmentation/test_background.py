@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from recorders.segmentation.background import Background, Samples, most_common, sort_stack
+from recorders.segmentation.change.light import light_of
 
 
 def picture(value: int, shape: tuple[int, int, int] = (4, 5, 3)) -> np.ndarray:
@@ -98,7 +99,7 @@ def test_the_background_follows_a_change_of_light_of_the_whole_picture() -> None
     brighter = picture(100, (60, 80, 3))
     brighter[..., 0] = 118
     brighter[:20, :20, 0] = 250
-    assert (background.in_light_of(brighter)[..., 0] == 118).all()
+    assert (light_of(brighter, background.colour).over(background.colour)[..., 0] == 118).all()
     assert (background.colour[..., 0] == 100).all()
 
 
@@ -106,7 +107,7 @@ def test_something_large_is_not_taken_for_light() -> None:
     background = Background.learn([picture(100, (60, 80, 3))] * 5, 30.0, 2.0)
     rng = np.random.default_rng(1)
     covered = rng.integers(0, 256, (60, 80, 3), dtype=np.uint8)
-    assert background.in_light_of(covered) is background.colour
+    assert light_of(covered, background.colour).over(background.colour) is background.colour
 
 
 def test_the_background_moves_by_one_level_where_it_may() -> None:

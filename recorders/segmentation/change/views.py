@@ -1,0 +1,167 @@
+"""The views of a recording: which of its pictures show one place, in colours or in grey.
+
+A bumped or shaken camera shows its view shifted; infrared light shows it in grey; a camera that
+was turned shows another one. Each view has a background of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from recorders.segmentation.change.landmarks import Reference, Shift, Sight, shifted
+from recorders.segmentation.change.light import coloured_share, light_of, one_colour_share
+from recorders.segmentation.segmenter import Image, as_image
+from recorders.vision import cv2
+
+KNOWN_AGAIN = 0.35
+"""A picture shows a view if this share of the view's landmarks is seen."""
+MOST_STEPS = 3
+"""Searches nearby that go on from where the one before came to."""
+LOST = 0.2
+"""A view is lost when fewer of its landmarks are seen, or 0.4 of the usual share if that is less."""
+ONE_COLOUR, MORE_OF_IT = 0.8, 0.2
+"""The signal is lost if so much of the picture has one colour, and so much more than usual."""
+COLOURED = 0.25
+"""A picture has colours from this share of coloured cells on."""
+FEWEST_PICTURES = 5
+"""A background is learnt from so many pictures at least."""
+
+
+@dataclass
+class Place:
+    """Where a camera looks.
+
+    Attributes:
+        number: from 0, in the order in which they are first seen.
+        reference: how it is known again.
+        usual: the share of its landmarks that is usually seen.
+    """
+
+    number: int
+    reference: Reference
+    usual: float = 1.0
+
+    @property
+    def least(self) -> float:
+        """With fewer of its landmarks it is lost."""
+        return min(LOST, 0.4 * self.usual)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What one picture shows.
+
+    Attributes:
+        place: the place's number, None where it shows none that was seen before or after.
+        shift: against the place's reference.
+        coloured: it has colours.
+    """
+
+    place: int | None
+    shift: Shift = (0, 0)
+    coloured: bool = True
+
+
+@dataclass
+class Division:
+    """Pictures by what they show.
+
+    Attributes:
+        places: in the order of their first pictures.
+        seen: of each picture.
+        flat: the share of them that has one colour, usually.
+    """
+
+    places: list[Place] = field(default_factory=list)
+    seen: list[Seen] = field(default_factory=list)
+    flat: float = 0.0
+
+
+def one_colour_from(usual: float) -> float:
+    """The share of a picture that has one colour, from which on it shows nothing; ``usual``: the
+    share that is usual in its recording.
+    """
+    return max(ONE_COLOUR, usual + MORE_OF_IT)
+
+
+def find(picture: Image, place: Place, shift: Shift) -> tuple[Shift, Sight]:
+    """The shift under which a picture shows a place, looked for from the last one on."""
+    reference = place.reference
+    best = shift, reference.sight(picture, shift)
+    for _ in range(MOST_STEPS):
+        if shows(best[1]) and best[1].still:
+            return best
+        found = reference.near(picture, best[0])
+        if found[0] == best[0]:
+            break
+        best = found
+    if not shows(best[1]):
+        found = reference.around(picture, shift)
+        if found[1].score > best[1].score:
+            best = found
+    return best
+
+
+def shows(sight: Sight) -> bool:
+    """Whether a picture shows a view, unmoved but for the shift."""
+    return sight.share >= KNOWN_AGAIN and sight.even
+
+
+def divide(pictures: list[Image]) -> Division:
+    """Divide pictures, (H, W, 3) uint8 in Y, Cr, Cb in the order of time, by what they show."""
+    made = Division()
+    shifts: list[Shift] = []
+    last = 0
+    flat = [one_colour_share(picture)[0] for picture in pictures]
+    made.flat = sorted(flat)[len(flat) // 2]
+    for picture, share in zip(pictures, flat, strict=True):
+        coloured = coloured_share(picture) >= COLOURED
+        if share >= one_colour_from(made.flat):
+            made.seen.append(Seen(None, coloured=coloured))
+            continue
+        number = _known(picture, made.places, shifts, last)
+        if number is None:
+            reference = Reference(as_image(cv2.extractChannel(picture, 0)))
+            if made.places and not reference.known:
+                made.seen.append(Seen(None, coloured=coloured))
+                continue
+            number = len(made.places)
+            made.places.append(Place(number, reference))
+            shifts.append((0, 0))
+        last = number
+        made.seen.append(Seen(number, shifts[number], coloured))
+    return made
+
+
+def _known(
+    picture: Image, places: list[Place], shifts: list[Shift], last: int
+) -> int | None:
+    """The number of the place that a picture shows; its shift goes into ``shifts``."""
+    order = sorted(places, key=lambda place: (place.number != last, -place.number))
+    for place in order:
+        shift, sight = find(picture, place, shifts[place.number])
+        if shows(sight):
+            shifts[place.number] = shift
+            return place.number
+    for place in order:
+        shift, sight = place.reference.anywhere(picture)
+        if shows(sight):
+            shifts[place.number] = shift
+            return place.number
+    return next((p.number for p in order if p.reference.agrees(picture)), None)
+
+
+def aligned(pictures: list[Image], shifts: list[Shift]) -> list[Image]:
+    """Pictures of one view, each moved to where its reference lies and put in one light."""
+    levels = [light_of(p, pictures[0]).level for p in pictures]
+    usual = pictures[int(np.argsort(levels, kind="stable")[len(levels) // 2])]
+    made = []
+    for picture, (right, down) in zip(pictures, shifts, strict=True):
+        moved = picture
+        if right or down:
+            moved = shifted(picture, (-right, -down), usual)
+        light = light_of(moved, usual)
+        made.append(light.off(moved) if light.gain != 1.0 else moved)
+    return made
