@@ -91,6 +91,7 @@ class Frame:
         load_mask: Callable[[], Image] | None = None,
         messages: tuple[Message, ...] = (),
         load_labels: Callable[[], Labels] | None = None,
+        *,
         changes: tuple[SceneChange, ...] = (),
     ) -> None:
         self.index = index

@@ -113,7 +113,7 @@ class MotionSegmenter:
         """
         picture = as_image(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb))
         raw, view, light = self._seen(picture)
-        self._standstill.step(picture)
+        self._standstill.step(picture, bool(raw.any()))
         look, since = self._scenery.look, self._standstill.frames
         self._told = tuple(self._teller.step(index, look, light, since))
         mask, labels, blobs = self._bodies.found_in(raw, self._min_area, self._before)

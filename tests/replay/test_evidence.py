@@ -99,6 +99,7 @@ def test_of_the_reasoning_alone() -> None:
         "occluded",
         "anomaly",
         "identity",
+        "scene_changed",
     }
     assert kinds >= told - {"disagreement", "group_entered_scene"}
 

@@ -75,6 +75,11 @@ class Sight:
         return self.scatter <= UNEVEN_PX
 
     @property
+    def near(self) -> bool:
+        """The shift is nearly the nearest whole one: no better one was out of reach."""
+        return max(map(abs, self.drift)) <= 2 * DRIFT_PX
+
+    @property
     def still(self) -> bool:
         """The shift is the nearest whole one."""
         return max(map(abs, self.drift)) <= DRIFT_PX
@@ -268,7 +273,8 @@ class Reference:
     def near(self, picture: Image, around: Shift) -> tuple[Shift, Sight]:
         """The best shift within `NEAR` pixels of one."""
         luma = as_image(cv2.extractChannel(picture, 0))
-        return self._marks[0].search(luma, around, NEAR)
+        shift, sight = self._marks[0].search(luma, around, NEAR)
+        return (shift, sight) if self.within(shift) else (around, NO_SIGHT)
 
     def around(self, picture: Image, shift: Shift) -> tuple[Shift, Sight]:
         """The best shift within `NEAR` pixels of one in the smallest picture, then finer and

@@ -30,7 +30,9 @@ DARKEST, BRIGHTEST = 6, 248
 """Outside of these a camera does not tell brightness, levels."""
 CLOSE = 0.75
 """Where so much of the picture agrees with a light, no other one is looked for."""
-BETTER = 0.1
+LARGE_STEP = 0.12
+"""But a step of more than this, of the usual brightness, is more likely a proportion."""
+BETTER = 0.05
 """A proportion or a curve holds if by so much more of the picture agrees with it than with what is
 simpler,"""
 LEAST_CHANGE = 0.06
@@ -151,7 +153,8 @@ def light_of(picture: Image, colour: Image) -> Light:
     if 2 * agreeing >= difference.size:
         stepped = Light(1.0, offset if abs(offset) >= LEAST_STEP else 0, agreeing=share)
     found = stepped
-    if share < CLOSE:
+    large = abs(offset) > LARGE_STEP * float(np.median(behind))
+    if share < CLOSE or large:
         found = _proportional(now, behind, stepped)
     if found.same:
         return found
@@ -165,6 +168,8 @@ def light_of(picture: Image, colour: Image) -> Light:
 
 def _proportional(now: NDArray[np.int16], behind: Image, stepped: Light) -> Light:
     """A light in proportion, or along a curve, where one of them holds better than a step."""
+    if behind.size < BINS:
+        return stepped
     order = np.argsort(behind, axis=None, kind="stable")
     pairs = [
         (float(np.median(behind.ravel()[part])), float(np.median(now.ravel()[part])))
@@ -223,7 +228,7 @@ def coloured_share(picture: Image) -> float:
         return float(np.count_nonzero(either) >= COLOURED_CELL * either.size)
     counts = np.add.reduceat(np.add.reduceat(either, rows, 0, np.int64), columns, 1)
     held = np.count_nonzero(counts * CELLS**2 >= COLOURED_CELL * either.size)
-    return held / CELLS**2
+    return int(held) / CELLS**2
 
 
 def one_colour_share(picture: Image) -> tuple[float, str]:

@@ -7,8 +7,8 @@ import numpy as np
 from recorders.segmentation.segmenter import Image, as_image
 from recorders.vision import cv2
 
-CHANGES_LEVELS = 6
-"""A pixel stands still while it changes by less than this, levels."""
+CHANGES_LEVELS = 5
+"""A picture stands still while no pixel of it changes by this, levels: a camera's noise would."""
 MOVES_LEVELS, MOVES_SHARE = 15, 0.002
 """Something moves where so many levels change in this share of the picture."""
 FROZEN_S = 3.0
@@ -19,8 +19,8 @@ class Standstill:
     """Compares each picture with the one before.
 
     Attributes:
-        frames: how long the picture has stood still, if something moved in the frame before; else
-            0.
+        frames: how long the picture has stood still with bodies in it that moved in the frame
+            before; else 0.
     """
 
     def __init__(self) -> None:
@@ -28,17 +28,21 @@ class Standstill:
         self._moved = False
         self.frames = 0
 
-    def step(self, picture: Image) -> None:
-        """Take the next picture, (H, W, 3) uint8 in Y, Cr, Cb."""
-        step = max(1, min(picture.shape[:2]) // 64)
-        luma = picture[::step, ::step, 0].copy()
-        before, self._before = self._before, luma
-        if before is None:
+    def step(self, picture: Image, bodies: bool) -> None:
+        """Take the next picture, (H, W, 3) uint8 in Y, Cr, Cb, and whether bodies are seen in it."""
+        before, self._before = self._before, picture
+        if before is None or not bodies:
+            self.frames, self._moved = 0, False
             return
-        change = as_image(cv2.absdiff(luma, before))
-        if int(change.max()) >= CHANGES_LEVELS:
-            moving = int(np.count_nonzero(change >= MOVES_LEVELS))
-            self._moved = moving >= MOVES_SHARE * change.size
-            self.frames = 0
-        elif self.frames or self._moved:
-            self.frames += 1
+        step = max(1, min(picture.shape[:2]) // 64)
+        change = as_image(
+            cv2.absdiff(picture[::step, ::step, 0].copy(), before[::step, ::step, 0].copy())
+        )
+        if int(change.max()) < CHANGES_LEVELS and (self.frames or self._moved):
+            whole = cv2.absdiff(picture, before)
+            if int(cv2.extractChannel(whole, 0).max()) < CHANGES_LEVELS:
+                self.frames += 1
+                return
+        self.frames = 0
+        moving = int(np.count_nonzero(change >= MOVES_LEVELS))
+        self._moved = moving >= MOVES_SHARE * change.size

@@ -6,7 +6,7 @@ was turned shows another one. Each view has a background of its own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -132,6 +132,7 @@ def divide(pictures: list[Image]) -> Division:
             shifts.append((0, 0))
         last = number
         made.seen.append(Seen(number, shifts[number], coloured))
+    made.seen = _at_rest(made.seen)
     return made
 
 
@@ -153,15 +154,40 @@ def _known(
     return next((p.number for p in order if p.reference.agrees(picture)), None)
 
 
+def _at_rest(seen: list[Seen]) -> list[Seen]:
+    """The same with each place's most usual shift as its zero; of equal ones the first."""
+    zero: dict[int | None, Shift] = {}
+    for place in dict.fromkeys(s.place for s in seen):
+        shifts = [s.shift for s in seen if s.place == place]
+        zero[place] = max(shifts, key=shifts.count)
+    return [
+        replace(s, shift=(s.shift[0] - zero[s.place][0], s.shift[1] - zero[s.place][1]))
+        for s in seen
+    ]
+
+
 def aligned(pictures: list[Image], shifts: list[Shift]) -> list[Image]:
     """Pictures of one view, each moved to where its reference lies and put in one light."""
-    levels = [light_of(p, pictures[0]).level for p in pictures]
-    usual = pictures[int(np.argsort(levels, kind="stable")[len(levels) // 2])]
-    made = []
-    for picture, (right, down) in zip(pictures, shifts, strict=True):
-        moved = picture
-        if right or down:
-            moved = shifted(picture, (-right, -down), usual)
-        light = light_of(moved, usual)
-        made.append(light.off(moved) if light.gain != 1.0 else moved)
-    return made
+    whole = _whole(pictures, shifts)
+    moved = [
+        shifted(picture, (-shift[0], -shift[1]), whole) if any(shift) else picture
+        for picture, shift in zip(pictures, shifts, strict=True)
+    ]
+    levels = [light_of(picture, whole).level for picture in moved]
+    usual = moved[int(np.argsort(levels, kind="stable")[len(levels) // 2])]
+    lights = [light_of(picture, usual) for picture in moved]
+    return [
+        light.off(picture) if light.gain != 1.0 else picture
+        for picture, light in zip(moved, lights, strict=True)
+    ]
+
+
+def _whole(pictures: list[Image], shifts: list[Shift]) -> Image:
+    """The view as far as any of the pictures shows it: what the first of each shift shows, those of
+    the usual shifts over the others.
+    """
+    whole = pictures[0]
+    for shift in sorted(dict.fromkeys(shifts), key=shifts.count):
+        picture = pictures[shifts.index(shift)]
+        whole = shifted(picture, (-shift[0], -shift[1]), whole)
+    return whole

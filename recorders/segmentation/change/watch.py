@@ -119,7 +119,8 @@ class Watch:
                 if self._frames and (place.number, shift) != (last.place, last.shift):
                     self._moved_at = self._frames
                 self._home, self._rest = (place, shift), None
-                return Look(place.number, shift, coloured, colours, sight.share, new=new)
+                share = 1.0 if sight is NO_SIGHT else sight.share
+                return Look(place.number, shift, coloured, colours, share, new=new)
             share, name = one_colour_share(picture)
         if share >= self._one_colour:
             self._rest = None
@@ -142,7 +143,7 @@ class Watch:
                 return place, shift, sight
             return self._at_rest(picture)
         shift, sight = find(picture, place, shift)
-        if sight.share >= place.least and sight.even:
+        if sight.share >= place.least and sight.even and sight.near:
             return place, shift, sight
         return self._anywhere(picture)
 

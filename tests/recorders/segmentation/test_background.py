@@ -99,7 +99,9 @@ def test_the_background_follows_a_change_of_light_of_the_whole_picture() -> None
     brighter = picture(100, (60, 80, 3))
     brighter[..., 0] = 118
     brighter[:20, :20, 0] = 250
-    assert (light_of(brighter, background.colour).over(background.colour)[..., 0] == 118).all()
+    assert (
+        light_of(brighter, background.colour).over(background.colour)[..., 0] == 118
+    ).all()
     assert (background.colour[..., 0] == 100).all()
 
 

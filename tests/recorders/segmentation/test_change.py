@@ -1,0 +1,193 @@
+"""What happens to real cameras is told once, and bodies are found through it: each disturbance of a
+generated street against the same street undisturbed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+import pytest
+
+from fixtures.disturbed import FPS, HEIGHT, WIDTH, Image, dimmed, grey, picture, place, walk
+from recorders.evidence import unlike
+from recorders.messages import CHANGES, SceneChange
+from recorders.segmentation.motion import MotionSegmenter
+from recorders.segmentation.parameters import SegmentationParameters
+
+FRAMES, HALF = 120, 60
+
+
+def run(
+    pictures: Iterable[Image], *, prepared: bool = True
+) -> tuple[list[Image], list[SceneChange]]:
+    """Masks and what was told."""
+    kept = list(pictures)
+    segmenter = MotionSegmenter(SegmentationParameters(), WIDTH, HEIGHT, FPS)
+    if prepared:
+        segmenter.prepare(iter(kept[::2]))
+    masks: list[Image] = []
+    told: list[SceneChange] = []
+    for k, image in enumerate(kept):
+        masks.append(segmenter.segment(k, image).mask)
+        told += segmenter.changes()
+    for change in told:
+        assert change.kind in CHANGES
+        said = {"kind": change.kind, **change.evidence}
+        assert not unlike("scene_changed", said)
+        assert change.text.endswith(".")
+    return masks, told
+
+
+def kinds(told: list[SceneChange]) -> list[str]:
+    return [change.kind for change in told]
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> list[Image]:
+    masks, told = run(walk(FRAMES))
+    assert told == []
+    return masks
+
+
+def overlap(a: Image, b: Image) -> float:
+    either = np.count_nonzero((a > 0) | (b > 0))
+    return np.count_nonzero((a > 0) & (b > 0)) / either if either else 1.0
+
+
+def alike(masks: list[Image], others: list[Image], frames: Iterable[int]) -> float:
+    return float(np.median([overlap(masks[k], others[k]) for k in frames]))
+
+
+def test_a_bump_is_told_in_pixels_and_masks_stay_in_the_pictures_own_place(
+    undisturbed: list[Image],
+) -> None:
+    ground = place()
+    masks, told = run(
+        picture(ground, k, right=-5 if k >= HALF else 0, down=3 if k >= HALF else 0)
+        for k in range(FRAMES)
+    )
+    assert kinds(told) == ["moved"]
+    evidence = told[0].evidence
+    assert (evidence["right_px"], evidence["down_px"]) == (5, -3)
+    assert evidence["since_frame"] == HALF
+    assert "5 pixels further right and 3 pixels further up" in told[0].text
+    moved = [np.roll(mask, (-3, 5), (0, 1)) for mask in undisturbed]
+    assert alike(masks, moved, range(HALF, FRAMES)) > 0.8
+
+
+def test_a_shake_is_compensated_and_no_move(undisturbed: list[Image]) -> None:
+    rng = np.random.default_rng(1)
+    shakes = rng.integers(-2, 3, (FRAMES, 2)).tolist()
+    ground = place()
+    masks, told = run(
+        picture(ground, k, right=x, down=y) for k, (x, y) in enumerate(shakes)
+    )
+    assert told == []
+    still = [
+        np.roll(mask, (y, x), (0, 1)) for mask, (x, y) in zip(masks, shakes, strict=True)
+    ]
+    assert alike(still, undisturbed, range(FRAMES)) > 0.75
+
+
+def light_curve(image: Image) -> Image:
+    table = np.rint(255 * (np.arange(256) / 255) ** 1.6).astype(np.uint8)
+    return table[image]
+
+
+@pytest.mark.parametrize(
+    ("altered", "level"),
+    [
+        (lambda image: dimmed(image, 0.6), 0.6),
+        (lambda image: dimmed(image, 1.25), 1.25),
+        (light_curve, 0.64),
+    ],
+)
+def test_light_that_falls_and_comes_back_is_told_twice(
+    undisturbed: list[Image], altered: Callable[[Image], Image], level: float
+) -> None:
+    masks, told = run(
+        altered(image) if HALF <= k < HALF + 30 else image
+        for k, image in enumerate(walk(FRAMES))
+    )
+    assert kinds(told) == ["light", "light"]
+    assert told[0].evidence["light"] == pytest.approx(level, abs=0.06)
+    assert told[1].evidence["light"] == pytest.approx(1.0, abs=0.05)
+    assert told[0].evidence["since_frame"] == HALF
+    assert alike(masks, undisturbed, range(HALF, HALF + 30)) > 0.7
+
+
+def test_an_exposure_that_wanders_is_no_switch(undisturbed: list[Image]) -> None:
+    masks, told = run(
+        dimmed(image, 1 + 0.12 * np.sin(k / 15)) for k, image in enumerate(walk(FRAMES))
+    )
+    assert told == []
+    assert alike(masks, undisturbed, range(FRAMES)) > 0.7
+
+
+@pytest.mark.parametrize("frames", [60, 6])
+def test_grey_is_told_and_bodies_are_found_in_it(
+    undisturbed: list[Image], frames: int
+) -> None:
+    """In half of the recording, and where too little of it is grey for a background of its own."""
+    masks, told = run(
+        grey(image) if HALF <= k < HALF + frames else image
+        for k, image in enumerate(walk(FRAMES))
+    )
+    assert kinds(told) == ["infrared", "colour"][: 1 if frames == 60 else 2]
+    assert told[0].evidence["since_frame"] == HALF
+    assert alike(masks, undisturbed, range(HALF, HALF + frames)) > 0.5
+    assert max(np.count_nonzero(m) for m in masks[HALF:]) < 0.1 * WIDTH * HEIGHT
+
+
+@pytest.mark.parametrize("colour", [(0, 0, 0), (200, 40, 20)])
+def test_a_lost_signal_has_no_bodies_and_comes_back(
+    undisturbed: list[Image], colour: tuple[int, int, int]
+) -> None:
+    slate = np.full((HEIGHT, WIDTH, 3), colour, np.uint8)
+    masks, told = run(
+        slate if HALF <= k < HALF + 20 else image for k, image in enumerate(walk(FRAMES))
+    )
+    assert kinds(told) == ["signal_lost", "signal_back"]
+    assert told[1].evidence["lost_s"] == 2.0
+    assert not any(mask.any() for mask in masks[HALF : HALF + 20])
+    assert alike(masks, undisturbed, range(HALF + 20, FRAMES)) > 0.9
+
+
+def test_a_frozen_picture_is_told() -> None:
+    pictures = list(walk(FRAMES))
+    pictures[HALF : HALF + 40] = [pictures[HALF]] * 40
+    told = run(pictures)[1]
+    assert kinds(told) == ["frozen", "signal_back"]
+    assert told[1].evidence["lost_s"] == 3.9
+
+
+@pytest.mark.parametrize("prepared", [True, False])
+def test_a_pan_floods_nothing_and_the_new_view_is_learnt(prepared: bool) -> None:
+    ground = place()
+    frames = 200
+    where = [min(56, max(0, k - 80) * 4) for k in range(frames)]
+    masks, told = run(
+        (picture(ground, k, right=-x) for k, x in enumerate(where)), prepared=prepared
+    )
+    assert kinds(told) == ["panned", "panned"]
+    assert told[0].evidence["view"] is None
+    assert told[-1].evidence["view"] not in (None, 0)
+    shares = [np.count_nonzero(mask) / mask.size for mask in masks]
+    assert max(shares[20:]) < 0.12
+    assert np.median(shares[-60:]) > 0.005
+
+
+def test_live_a_bump_and_a_grey_picture_are_told_as_well() -> None:
+    ground = place()
+    masks, told = run(
+        (
+            grey(picture(ground, k, right=-4))
+            if k >= 90
+            else picture(ground, k, right=-4 if k >= HALF else 0)
+            for k in range(FRAMES)
+        ),
+        prepared=False,
+    )
+    assert kinds(told) == ["moved", "infrared"]
+    assert max(np.count_nonzero(m) / m.size for m in masks[20:]) < 0.12
