@@ -24,7 +24,6 @@ from recorders.clock import Gaps
 from recorders.errors import OutputExistsError, UsageError
 from recorders.format_version import FORMAT_VERSION
 from recorders.log import Attachment, LogWriter, Message
-from recorders.log.writer import FLUSH_INTERVAL_NS
 from recorders.machine import machine, opencv_build, python_version
 from recorders.parameters import as_plain
 from recorders.pieces import Span, carried
@@ -37,6 +36,8 @@ from replay.run import Annotated, Progress, ReplayOptions, Run
 
 RECORDING_METADATA = "scenetrace.recording"
 _OPTIONAL = ("membership",)
+WHOLE_FLUSH_NS = 60_000_000_000
+"""Nobody reads the log before it is whole, and one frame a chunk would make its index long."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ def replay(
             force=options.force,
             keep_part=scene.grows,
             picture_topics=pictures,
-            flush_interval_ns=LIVE_FLUSH_NS if scene.grows else FLUSH_INTERVAL_NS,
+            flush_interval_ns=LIVE_FLUSH_NS if scene.grows else WHOLE_FLUSH_NS,
             limits=options.limits,
         ) as log:
             writer = AnnotatedWriter(

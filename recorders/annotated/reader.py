@@ -95,6 +95,8 @@ class AnnotatedLog(Closing):
     def close(self) -> None:
         """Close the file."""
         self._log.close()
+        if "scene" in self.__dict__:
+            self.scene.close()
 
     def _choose(self, wanted: str | None) -> str:
         cameras = annotated_cameras(self._log)
@@ -270,13 +272,22 @@ class AnnotatedLog(Closing):
         """
         if not self.has_pictures:
             raise RecordingError("holds no pictures to draw on", self.path)
-        with SceneLog(self.path, self.camera, self.limits) as scene:
-            for frame in scene.frames():
-                if scene.info.has_images:
-                    yield (
-                        frame.time_ns,
-                        partial(_loaded, frame, (scene.info.width, scene.info.height)),
-                    )
+        scene = self.scene
+        for frame in scene.frames():
+            if scene.info.has_images:
+                yield (
+                    frame.time_ns,
+                    partial(_loaded, frame, (scene.info.width, scene.info.height)),
+                )
+
+    @cached_property
+    def scene(self) -> SceneLog:
+        """The recording that the log holds; open as long as this log is.
+
+        Raises:
+            RecordingError: it holds none.
+        """
+        return SceneLog(self.path, self.camera, self.limits)
 
     def membership(self, frame: AnnotatedFrame) -> Labels | None:
         """Which pixel belongs to whom: (height, width) uint16 of `recorders.annotated.membership.value_of`

@@ -203,14 +203,14 @@ class ChunkIndexRecord:
 
 def parse_chunk_index(content: bytes | memoryview) -> ChunkIndexRecord:
     """ChunkIndex: times, place, message index offsets by channel, sizes."""
+    # Long logs have a hundred thousand of them.
     cursor = wire.Cursor(content)
-    start, end = cursor.u64("start time"), cursor.u64("end time")
-    offset, length = cursor.u64("chunk offset"), cursor.u64("chunk length")
+    start, end, offset, length = cursor.numbers(wire.FOUR_U64, "times and place")
     inner = cursor.within("message index offsets")
-    offsets: dict[int, int] = {}
-    while inner.position < inner.end:
-        channel = inner.u16("channel id")
-        offsets[channel] = inner.u64("offset")
+    try:
+        offsets = dict(wire.CHANNEL_OFFSET.iter_unpack(content[inner.position : inner.end]))
+    except struct.error as error:
+        raise wire.WireError("its message index offsets end within an entry") from error
     return ChunkIndexRecord(
         start,
         end_ns=end,

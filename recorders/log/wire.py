@@ -65,6 +65,8 @@ FOOTER_BYTES = PREFIX_BYTES + FOOTER_BODY.size
 U16 = struct.Struct("<H")
 U32 = struct.Struct("<I")
 U64 = struct.Struct("<Q")
+FOUR_U64 = struct.Struct("<QQQQ")
+CHANNEL_OFFSET = struct.Struct("<HQ")
 
 
 def opcode_name(opcode: int) -> str:
@@ -105,6 +107,14 @@ class Cursor:
         self.position = start + layout.size
         value: int = layout.unpack_from(self.content, start)[0]
         return value
+
+    def numbers(self, layout: struct.Struct, what: str) -> tuple[int, ...]:
+        """Several numbers at once."""
+        start = self.position
+        if layout.size > self.end - start:
+            raise WireError(f"the record ends before its {what}")
+        self.position = start + layout.size
+        return layout.unpack_from(self.content, start)
 
     def u16(self, what: str) -> int:
         """An unsigned 16-bit number."""

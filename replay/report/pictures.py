@@ -13,7 +13,6 @@ from reasoning.questions import Case
 from reasoning.questions.case import kind_of
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog, without_picture
 from recorders.errors import RecordingError, UsageError
-from recorders.scene import SceneLog
 from replay.draw import DrawOptions, draw_frame
 from replay.export.video import frame_overlay
 
@@ -100,13 +99,13 @@ def _picture(log: AnnotatedLog, frame: AnnotatedFrame) -> Image:
         if size is None:
             raise RecordingError("holds neither pictures nor their size", log.path)
         return np.full((size[1], size[0], 3), _GROUND, np.uint8)
-    with SceneLog(log.path, log.camera, log.limits) as scene:
-        for recorded in scene.frames(frame.time_ns, frame.index):
-            if recorded.time_ns > frame.time_ns:
-                break
-            if recorded.image is not None:
-                return recorded.image
-        return without_picture(scene.info.width, scene.info.height)
+    scene = log.scene
+    for recorded in scene.frames(frame.time_ns, frame.index):
+        if recorded.time_ns > frame.time_ns:
+            break
+        if recorded.image is not None:
+            return recorded.image
+    return without_picture(scene.info.width, scene.info.height)
 
 
 def around(start: int, end: int, margin: int, last: int) -> list[int]:
