@@ -14,6 +14,7 @@ from reasoning.questions.case import Answer
 from reasoning.questions.parquet import unique
 
 FORMATS = ("table", "json", "csv", "parquet")
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 _MEASURED = 1_000
 _WIDEST = 80
 _MILLI = 3
@@ -83,9 +84,25 @@ def _csv(answer: Answer, out: IO[str]) -> int:
     writer.writerow(answer.columns)
     count = 0
     for row in answer.rows:
-        writer.writerow([v if type(v) in _CSV_ITSELF else _text(v) for v in row])
+        writer.writerow([_csv_cell(v) for v in row])
         count += 1
     return count
+
+
+def _csv_cell(value: Any) -> Any:
+    if type(value) is str:
+        return no_formula(value)
+    return value if type(value) in _CSV_ITSELF else _text(value)
+
+
+def no_formula(text: str) -> str:
+    """A text of a recording that a spreadsheet shows and does not compute: what begins like a
+    formula gets an apostrophe before it.
+
+    >>> no_formula("=1+1"), no_formula("door")
+    ("'=1+1", 'door')
+    """
+    return f"'{text}" if text.startswith(FORMULA_STARTS) else text
 
 
 def _text(value: Any) -> str:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from reasoning.questions.answer_text import FORMULA_STARTS
 from reasoning.questions.duckdb_tables import reason
 from reasoning.questions.ingest import read_recordings
 from reasoning.questions.schema import TABLES, shown
@@ -217,6 +218,17 @@ def _write_tables(
         return spool.rows
 
 
+def _csv_cell(column: str, kinds: dict[str, str]) -> str:
+    """A column of a CSV; text that a spreadsheet would compute gets an apostrophe before it."""
+    if kinds[column] != "VARCHAR":
+        return column
+    starts = ", ".join(f"chr({ord(start)})" for start in FORMULA_STARTS)
+    return (
+        f"CASE WHEN left({column}, 1) IN ({starts}) THEN chr(39) || {column} ELSE {column} END"
+        f" AS {column}"
+    )
+
+
 def _copy(spool: TableSpool, table: str, out: Path, options: str) -> None:
     import duckdb
 
@@ -228,8 +240,13 @@ def _copy(spool: TableSpool, table: str, out: Path, options: str) -> None:
             " maximum_object_size = 134217728)"
         )
         try:
+            cells = (
+                "*"
+                if options is not CSV[1]
+                else ", ".join(_csv_cell(c, kinds) for c in shown(table))
+            )
             db.execute(
-                f"COPY (SELECT * FROM {rows}) TO $out ({options},"  # noqa: S608
+                f"COPY (SELECT {cells} FROM {rows}) TO $out ({options},"  # noqa: S608
                 " USE_TMP_FILE false)",
                 {"rows": str(spool.path(table)), "out": str(out)},
             )
