@@ -30,6 +30,7 @@ from reasoning.questions.duckdb_tables import insert
 from reasoning.questions.ingest import file_digest, read_recordings
 from reasoning.questions.literals import Recordings, literal
 from reasoning.questions.macros import macro_statements
+from reasoning.questions.metres import Ground, make_metres
 from reasoning.questions.schema import DRAWN, SURE, TABLES, create_statements, shown
 from recorders.closing import Closing
 from recorders.errors import RecordingError, SceneTraceError, UsageError
@@ -122,6 +123,7 @@ class Case(Closing):
         start_ns: int | Mapping[str, int] | None = None,
         looks: bool = False,
         choice: catalogue.Choice | None = None,
+        ground: Ground | None = None,
     ) -> None:
         """Open and read the inputs.
 
@@ -140,6 +142,7 @@ class Case(Closing):
             start_ns: when the recording began (ns since 1970), where it was made without a clock;
                 of several, by their names.
             choice: the part of a fleet's catalogue that is asked; nothing else is opened.
+            ground: how pixels become metres, in the view ``metres``, which is empty without.
 
         Raises:
             UsageError: a zone or line lies beyond a picture, or is called as a recorded zone is;
@@ -159,6 +162,7 @@ class Case(Closing):
         self.drawn = drawn or Drawn()
         self._start_ns = start_ns
         self._looks = looks
+        self.ground = ground
         self._con = duckdb.connect(":memory:", config=locked_down(self.limits))
         self._places: list[tuple[Path, Callable[[str], str]]] = []
         self._files: list[Path] = []
@@ -230,6 +234,7 @@ class Case(Closing):
         for statement in macro_statements():
             self._con.execute(statement)
         draw(self._con, self.drawn)
+        make_metres(self._con, self.ground)
         self._lock()
 
     def _began(self, recordings: str) -> str:

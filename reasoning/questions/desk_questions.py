@@ -17,6 +17,8 @@ DIRECTIONS = ("left", "right", "up", "down")
 SETTLED_S = 1.0
 """Who is first seen so soon after the recording's start was there when it started."""
 _GAP_S = 2.0
+HEATMAP_CELL = 8
+"""Pixels."""
 _TOLD = (
     "entered", "exited", "returned", "group_formed", "group_changed", "group_entered_scene",
     "scene_changed",
@@ -100,6 +102,18 @@ def _took(words: Sequence[str], _: Options) -> Mapping[str, str]:
     return _thing(words, first=False)
 
 
+def _anybody(words: Sequence[str], _: Options) -> Mapping[str, str]:
+    whose = f"track = {track_of(words[0])}" if words else "true"
+    return {"whose": whose, "cell": str(HEATMAP_CELL)}
+
+
+def _apart(words: Sequence[str], _: Options) -> Mapping[str, str]:
+    a, b = (track_of(word) for word in words)
+    if a == b:
+        raise UsageError(f"--ask apart {a} {b}: two different targets are wanted")
+    return {"a": str(a), "b": str(b)}
+
+
 def _or(value: float | None, otherwise: float) -> float:
     return otherwise if value is None else value
 
@@ -125,4 +139,10 @@ DESK: Sequence[Question] = (
              "nothing small and still was first seen near anybody; `left ID` asks of a target that is no such thing"),
     Question("took", "[OBJECT]", "who was nearest when a thing (small, still) was last seen in its place", sql.TOOK,
              _took, "nothing small and still was last seen near anybody; what is there at the end was not taken"),
+    Question("moved", "[A]", "how far and how fast in metres, with their errors (--homography or --height)",
+             sql.MOVED, _anybody, "nobody has metres: give --homography points.csv or --height 1.75"),
+    Question("apart", "A B", "how near A and B came in metres, with its error (--homography or --height)", sql.APART,
+             _apart, "the two were never there at one time, or have no metres: give --homography or --height"),
+    Question("heatmap", "[A]", "where people's feet were for how long, by squares; -o FILE.png draws it", sql.HEATMAP,
+             _anybody, certain=False),
 )  # fmt: skip

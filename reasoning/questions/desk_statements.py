@@ -230,3 +230,56 @@ SELECT recording, {_WHO},
   {_SURE_WHO}
 FROM gone ORDER BY recording, t, object
 """
+
+MOVED = """
+-- positions once a second, so that a trembling box walks nowhere; speeds over a second
+WITH placed AS (
+  SELECT recording, track, CAST(floor(t) AS BIGINT) AS second, median(x_m) AS x_m, median(y_m) AS y_m,
+    median(t) AS t, avg(error_m) / sqrt(least(count(*), 5)) AS error_m, any_value(off_share) AS off_share,
+    avg(seen::INTEGER) AS seen
+  FROM metres WHERE x_m IS NOT NULL AND $whose$only GROUP BY recording, track, second),
+steps AS (
+  SELECT *, sqrt((x_m - lag(x_m) OVER one) ** 2 + (y_m - lag(y_m) OVER one) ** 2) AS step,
+    t - lag(t) OVER one AS seconds, error_m * sqrt(2) AS step_error
+  FROM placed WINDOW one AS (PARTITION BY recording, track ORDER BY second))
+SELECT s.recording, s.track, min(s.t) AS start_t, max(s.t) AS end_t, round(sum(step), 2) AS metres,
+  round(sqrt(sum(step_error ** 2) FILTER (step IS NOT NULL)) + any_value(off_share) * sum(step), 2) AS metres_error,
+  round(sqrt((arg_max(x_m, s.t) - arg_min(x_m, s.t)) ** 2 + (arg_max(y_m, s.t) - arg_min(y_m, s.t)) ** 2), 2)
+    AS straight_m, round(sum(step) / sum(seconds), 2) AS mean_mps,
+  round(quantile_cont(step / seconds, 0.9), 2) AS top_mps,
+  round(median(step_error / seconds) + any_value(off_share) * sum(step) / sum(seconds), 2) AS mps_error,
+  round(avg(s.seen), 4) AS seen_share, any_value(p.existence) AS existence, any_value(p.identity) AS identity,
+  least(round(avg(s.seen), 4), any_value(p.existence), any_value(p.identity)) AS certainty,
+  concat('track:', s.track, '@', any_value(p.first)) AS explain
+FROM steps s JOIN (
+  SELECT recording, track, min(start_frame) AS first, max(existence) AS existence, min(identity) AS identity
+  FROM presence GROUP BY recording, track) p USING (recording, track)
+GROUP BY s.recording, s.track HAVING count(step) > 0 ORDER BY s.recording, s.track
+"""
+
+APART = """
+WITH pairs AS (
+  SELECT a.recording, a.frame, a.t, sqrt((a.x_m - b.x_m) ** 2 + (a.y_m - b.y_m) ** 2) AS metres,
+    sqrt(a.error_m ** 2 + b.error_m ** 2) AS error_m, a.off_share, a.seen AND b.seen AS seen
+  FROM (FROM metres WHERE track = $a$only) a JOIN (FROM metres WHERE track = $b$only) b USING (recording, frame)
+  WHERE a.x_m IS NOT NULL AND b.x_m IS NOT NULL)
+SELECT recording, $a AS a, $b AS b, min(t) AS start_t, max(t) AS end_t, round(min(metres), 2) AS least_m,
+  round(arg_min(error_m, metres) + any_value(off_share) * min(metres), 2) AS least_error,
+  arg_min(t, metres) AS least_t, round(median(metres), 2) AS median_m,
+  round(median(error_m) + any_value(off_share) * median(metres), 2) AS median_error,
+  round(avg(seen::INTEGER), 4) AS seen_share, round(avg(seen::INTEGER), 4) AS certainty,
+  concat('track:', $a, '@', arg_min(frame, metres), ' track:', $b, '@', arg_min(frame, metres)) AS explain
+FROM pairs GROUP BY recording ORDER BY recording
+"""
+
+HEATMAP = """
+-- seconds that feet spent in each square; x and y are its upper left corner
+WITH steps AS (
+  SELECT recording, frame, lead(t) OVER (PARTITION BY recording ORDER BY frame) - t AS seconds FROM frames
+  WHERE true$only)
+SELECT recording, CAST(floor((x + w / 2) / $cell) AS INTEGER) * $cell AS x,
+  CAST(floor((y + h) / $cell) AS INTEGER) * $cell AS y, round(sum(least(seconds, 1.0)), 3) AS seconds,
+  count(DISTINCT track) AS individuals
+FROM (FROM tracks WHERE present AND $whose$only) JOIN steps USING (recording, frame)
+GROUP BY ALL HAVING sum(seconds) > 0 ORDER BY recording, y, x
+"""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from reasoning.questions.drawn import Drawn
+    from reasoning.questions.metres import Ground
     from replay.cases.case_file import CaseFile
 
 
@@ -36,6 +37,39 @@ def add_clock(parser: argparse._ActionsContainer) -> None:
         "--start", metavar="RFC3339",
         help="when the recording began, for one that was recorded without a clock",
     )  # fmt: skip
+
+
+def add_ground(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--homography`` and ``--height``."""
+    group = parser.add_argument_group("metres, for `moved`, `apart` and the table metres")
+    group.add_argument(
+        "--homography", type=Path, metavar="CSV",
+        help="four points or more on the ground: columns x, y (pixels) and X, Y (metres)",
+    )  # fmt: skip
+    group.add_argument(
+        "--height", type=float, metavar="M",
+        help="how tall people are, like 1.75: a rough scale from the heights of boxes",
+    )  # fmt: skip
+
+
+def ground_of(args: argparse.Namespace) -> Ground | None:
+    """How pixels become metres, None where nothing says it.
+
+    Raises:
+        UsageError: the points cannot be read, or both are given.
+    """
+    from reasoning.questions.metres import Ground, read_points
+    from recorders.errors import UsageError
+
+    if args.homography is not None and args.height is not None:
+        raise UsageError("--homography and --height: give one of them")
+    if args.homography is not None:
+        return read_points(args.homography)
+    if args.height is None:
+        return None
+    if not 0.01 <= args.height <= 100:
+        raise UsageError(f"--height {args.height:g}: must be 0.01 to 100 m")
+    return Ground(height_m=args.height)
 
 
 def drawn_of(args: argparse.Namespace, inputs: Sequence[str | Path] = ()) -> Drawn:

@@ -23,7 +23,15 @@ from replay.cli.common import (
     say,
     take_words_anywhere,
 )
-from replay.cli.drawing import add_clock, add_drawing, drawn_of, start_of, without_cases
+from replay.cli.drawing import (
+    add_clock,
+    add_drawing,
+    add_ground,
+    drawn_of,
+    ground_of,
+    start_of,
+    without_cases,
+)
 from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
@@ -144,6 +152,7 @@ def add(commands: Commands) -> None:
         " mode changed ...)",
     )
     add_drawing(parser)
+    add_ground(parser)
     add_configuration(parser)
     add_limits(parser)
     limits = parser.add_argument_group("limits")
@@ -197,6 +206,7 @@ def run(args: argparse.Namespace) -> int:
         drawn=drawn_of(args, given),
         start_ns=start_of(args, given),
         looks=asks_for_looks(query),
+        ground=ground_of(args),
         choice=Choice(args.camera, choose_dates(args.date) if args.date else None),
     ) as case:
         check_thresholds(case, chosen_encounters(args.config, args.assignments))
@@ -206,6 +216,8 @@ def run(args: argparse.Namespace) -> int:
             begun = starts(case) if args.ask or args.pattern else {}
             answer = with_clocks(unsure.left_out_of(ask()), begun, args.timezone)
             scenes = Scenes(args)
+            if args.ask and args.ask[0] == "heatmap" and _is_picture(args.output):
+                return _heatmap(case, answer, args)
             count = _answer(scenes.of(answer), form, args)
             unsure.add_contacts(case, args)
         if unsure.count:
@@ -267,6 +279,19 @@ class Scenes:
         for line in left_out:
             say(f"left out {line}")
         return Exit.LEFT_OUT if left_out else Exit.DONE
+
+
+def _is_picture(path: Path | None) -> bool:
+    return path is not None and path.suffix.lower() == ".png"
+
+
+def _heatmap(case: Case, answer: Answer, args: argparse.Namespace) -> int:
+    from replay.report.heatmap import draw_heatmap
+
+    rows = list(answer.rows)
+    most = draw_heatmap(case, answer.columns, rows, args.output, force=args.force)
+    say(f"{args.output}: {len(rows)} squares, {most:.1f} s in the warmest")
+    return Exit.DONE
 
 
 class Unsure:

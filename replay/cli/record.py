@@ -203,6 +203,17 @@ def parse_cameras(words: Sequence[str] | None) -> tuple[str, dict[str, str]]:
     return ("camera", topics) if topics else (words[0], {})
 
 
+def _offer_clock(sources: Sequence[Path | str]) -> None:
+    """Say what a source's own clock says, where the recording has none."""
+    from recorders.sources.own_clock import own_clock
+
+    for source in sources:
+        for when, where in own_clock(Path(source)):
+            common.say(
+                f"{source}: has a clock of its own: {when} ({where}); --start {when} takes it"
+            )
+
+
 def _model(args: argparse.Namespace) -> ModelOptions | None:
     """The network that was named."""
     from recorders.detectors import ModelOptions
@@ -286,6 +297,8 @@ def run(args: argparse.Namespace) -> int:
         segment_ns=args.segment,
     )
     done = _recorded(sources, args.output, options)
+    if start_ns is None and not any(hasattr(s, "start_ns") for s in sources.values()):
+        _offer_clock(args.source if isinstance(args.source, list) else [args.source])
     for (name, source), one in zip(sources.items(), done, strict=True):
         seconds = one.duration_ns / common.NANOS
         given = args.detections or source.name
