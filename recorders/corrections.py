@@ -144,6 +144,14 @@ class Corrections:
         """SHA-256 of the file's bytes."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
+    def summary(self) -> str:
+        """How many there are, by whom, and the file's digest, in words."""
+        names = ", ".join(dict.fromkeys(row.by for row in self.rows)) or "nobody"
+        force = len(self.in_force)
+        return (
+            f"{force} in force of {len(self.rows)} lines, by {names}; SHA-256 {self.digest}"
+        )
+
     @property
     def undone(self) -> dict[int, Correction]:
         """By the number of each correction that is taken back: what takes it back."""

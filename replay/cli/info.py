@@ -193,7 +193,9 @@ def _print(info: LogInfo, quality: dict[str, list[QualityMeasure]] | None) -> No
                 _sections(value) if name in _OURS and key == "configuration" else None
             )
             if sections is None:
-                print(f"  {common.printable(key)}: {common.printable(value)}")
+                mine = name in _OURS and key == "corrections"
+                told = _corrections(value) if mine else value
+                print(f"  {common.printable(key)}: {common.printable(told)}")
                 continue
             print(f"  {key}:")
             for section, fields in sections:
@@ -203,6 +205,17 @@ def _print(info: LogInfo, quality: dict[str, list[QualityMeasure]] | None) -> No
                         + ", ".join(f"{k}={field}" for k, field in sorted(fields.items()))
                     )
                 )
+
+
+def _corrections(text: str) -> str:
+    """What the corrections come to; the text itself where another program wrote it."""
+    from recorders.corrections import parse_corrections
+    from recorders.errors import SourceError
+
+    try:
+        return parse_corrections(text, "").summary()
+    except SourceError:
+        return text
 
 
 def _sections(text: str) -> list[tuple[str, dict[str, Any]]] | None:

@@ -19,6 +19,7 @@ from recorders.pictures import encode_jpeg
 from recorders.scene import SceneLog
 from recorders.vision import cv2
 from replay.compare.difference import Comparison, Difference
+from replay.compare.weight import weightiest
 from replay.draw import DrawOptions, draw_frame
 from replay.export.output import whole_file
 from replay.export.video import frame_overlay
@@ -30,7 +31,8 @@ _WIDTH = 960
 _QUALITY = 72
 _GROUND = 96
 # What a picture shows; bytes and recordings are only listed.
-_SEEN = ("frames", "track", "identity", "event", "relation", "group")
+_MOST = 10
+_SEEN = ("frames", "track", "identity", "event", "relation", "group", "encounter")
 
 
 @dataclass
@@ -220,12 +222,15 @@ def _page(found: Comparison, moments: Sequence[_Moment]) -> str:
     if found.made:
         parts += ["<h2>How B was made otherwise than A</h2><ul>"]
         parts += [*(f"<li>{escape(line)}</li>" for line in found.made), "</ul>"]
+    most = weightiest(found.differences, _MOST)
+    if len(found.differences) > len(most):
+        parts.append(_table(f"The {len(most)} that matter most", most))
     if moments:
         first = "frame" if len(moments) == 1 else f"{len(moments)} frames"
         parts.append(f"<h2>The first {first} in which they differ</h2>")
         parts += [_moment(moment, a, b) for moment in moments]
     if found.differences:
-        parts.append(_table(found.differences))
+        parts.append(_table("All differences", found.differences))
     return "\n".join([*parts, "</body></html>", ""])
 
 
@@ -264,7 +269,7 @@ def _moment(moment: _Moment, a: str, b: str) -> str:
     )
 
 
-def _table(differences: Sequence[Difference]) -> str:
+def _table(title: str, differences: Sequence[Difference]) -> str:
     rows = "".join(
         f'<tr><td class="number">{difference.t:.2f}</td><td class="number narrow">{difference.frame}</td>'
         f'<td class="{difference.change}">{difference.what} {difference.change}</td>'
@@ -272,6 +277,4 @@ def _table(differences: Sequence[Difference]) -> str:
         for difference in differences
     )
     head = '<tr><th>s</th><th class="narrow">frame</th><th>what</th><th></th></tr>'
-    return (
-        f"<h2>All differences</h2><table><thead>{head}</thead><tbody>{rows}</tbody></table>"
-    )
+    return f"<h2>{title}</h2><table><thead>{head}</thead><tbody>{rows}</tbody></table>"

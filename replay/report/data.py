@@ -16,7 +16,9 @@ import numpy as np
 
 from reasoning.questions import Case
 from reasoning.questions.literals import literal
+from recorders.annotated.provenance import CORRECTIONS
 from recorders.annotated.reader import AnnotatedLog
+from recorders.corrections import parse_corrections
 from recorders.messages import EVENT_LEVELS
 from recorders.pictures import encode_webp
 from recorders.quality import QualityMeasure
@@ -189,6 +191,9 @@ def _facts(facts: dict[str, Any], log: AnnotatedLog) -> list[list[str]]:
         ["SHA-256 of the file", facts["digest"]], ["Output digest", said.get("output_digest", "")],
         ["Input digest", said.get("input_digest", "")],
     ]  # fmt: skip
+    text = said.get(CORRECTIONS)
+    if text is not None:
+        rows.append(["Corrections", parse_corrections(text, log.path).summary()])
     return [row for row in rows if row[1]]
 
 

@@ -50,7 +50,7 @@ tr,li{break-inside:avoid}.frames{grid-template-columns:1fr 1fr}}
 
 
 _FIRST = ("tracker", "scene", "input_digest", "output_digest")
-_FOR_MACHINES = ("checkpoints", "extras", "fact_digests")
+_FOR_MACHINES = ("checkpoints", "extras", "fact_digests", "corrections")
 """Lists of digests, which nobody reads: they stand in facts.json."""
 
 

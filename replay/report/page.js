@@ -489,7 +489,7 @@
   }
   function addNote(text) {
     if (!writable) return;
-    const note = { recording: D.recording, frame: now, t: Number(timeOf(now).toFixed(3)), text, by: $("note-by").value.trim() };
+    const note = { recording: D.recording, frame: now, t: Number(timeOf(now).toFixed(3)), text, by: $("note-by").value.trim(), date: $("note-date").value };
     if (SERVED) {
       post("note", note).then((said) => {
         if (said.error) $("notes-where").textContent = said.error; else { notes = said.notes; drawNotes(); }
@@ -548,7 +548,7 @@
     $("correct-form").addEventListener("submit", (e) => {
       e.preventDefault();
       post("correct", {
-        do: $("correct-do").value, words: $("correct-words").value, by: $("correct-by").value, why: $("correct-why").value,
+        do: $("correct-do").value, words: $("correct-words").value, by: $("correct-by").value, why: $("correct-why").value, date: $("correct-date").value,
         frame: $("correct-at").checked ? now : null,
       }).then((said) => {
         $("correct-said").textContent = said.error || said.told;

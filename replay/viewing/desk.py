@@ -190,7 +190,7 @@ class Desk(Closing):
         if asked.do == "undo":
             if len(words) != 1 or not words[0].isdecimal():
                 raise UsageError("undo takes the number of a correction")
-            return take_back(found, int(words[0]), by, why)
+            return take_back(found, int(words[0]), by, why, asked.date)
         kind = next((name for name in TAKES if name == asked.do), None)
         if kind is None:
             raise UsageError(f"no correction {asked.do!r}")
@@ -198,7 +198,7 @@ class Desk(Closing):
             self._book = Book.of(self._log)
         whole = kind in ("rename", "same", "not-same")
         at = None if asked.frame is None or whole else self._times.get(asked.frame)
-        return add(self._book, found, Wish(kind, words, by, why, at))
+        return add(self._book, found, Wish(kind, words, by, why, at, date=asked.date))
 
     def _edited(self, write: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         if not self.edit:
@@ -220,3 +220,4 @@ class _Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     by: str
     why: str
     frame: int | None = None
+    date: str = ""

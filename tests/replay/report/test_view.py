@@ -187,7 +187,8 @@ def test_notes_and_corrections_are_written(editing: DeskServer, tmp_path: Path) 
     assert [n.frame for n in read_notes(tmp_path / "n.jsonl")] == [3]
     assert "is not here" in told(editing, "note", note | {"frame": 999})["error"]
     assert "not understood" in told(editing, "note", {"frame": "x"})["error"]
-    asked = {
+    asked: dict[str, Any] = {
+        "date": "2026-03-01",
         "do": "label",
         "words": "1 the red coat",
         "by": "Jo",
@@ -201,6 +202,7 @@ def test_notes_and_corrections_are_written(editing: DeskServer, tmp_path: Path) 
     assert made["pending"] == [1]
     (row,) = read_corrections(tmp_path / "c.jsonl").rows
     assert (row.do, row.text, row.frame, row.by) == ("label", "the red coat", 5, "Jo")
+    assert row.date == "2026-03-01"
     for wrong, said in (
         ({"do": "merge", "words": "1 99"}, "there is no target 99"),
         ({"do": "melt", "words": "1"}, "no correction 'melt'"),
