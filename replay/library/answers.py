@@ -43,6 +43,12 @@ class Rows(Sequence[Row]):
     def __repr__(self) -> str:
         return f"Rows({len(self)} rows of {', '.join(self.columns)})"
 
+    def _repr_html_(self) -> str:
+        """In a notebook: the first rows as a table."""
+        from replay.library import html
+
+        return html.table(self.columns, self._rows[: html.MOST_ROWS], len(self))
+
     def dicts(self) -> list[dict[str, Any]]:
         """Each row as column to value; of columns of one name the last counts."""
         return [dict(zip(self.columns, row, strict=True)) for row in self._rows]

@@ -52,6 +52,17 @@ class SceneFrame:
     def __repr__(self) -> str:
         return f"SceneFrame({self.index}, t={self.t:.3f})"
 
+    def _repr_html_(self) -> str:
+        """In a notebook: the picture with what was found, and what happened."""
+        from replay.library import html
+
+        return html.frame_html(self)
+
+    @property
+    def annotated(self) -> bool:
+        """A tracker has looked at it."""
+        return self._annotation is not None
+
     @property
     def path(self) -> Path:
         """The log."""
@@ -191,6 +202,12 @@ class OpenLog(Closing):
     def __repr__(self) -> str:
         kind = f"annotated by {self.tracker}" if self.annotated else "a scene"
         return f"OpenLog({str(self.path)!r}, {kind}, {len(self)} frames)"
+
+    def _repr_html_(self) -> str:
+        """In a notebook: what it is, and who was there when."""
+        from replay.library import html
+
+        return html.log_html(self)
 
     @property
     def camera(self) -> str:
