@@ -370,3 +370,37 @@ def test_one_time_for_all_is_refused_and_a_rate_helps(
     log = case("mcap/equal_stamps")
     recorded(log, tmp_path, 2)
     assert "all frames have one time by the clock 'log'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("kind", "frames"), [("normal", 60), ("unused", 60)])
+def test_logs_of_another_writer(case: Case, tmp_path: Path, kind: str, frames: int) -> None:
+    pytest.importorskip("foxglove")
+    with SceneLog(replayed(case("mcap/fg_sdk", kind), tmp_path)) as scene:
+        found = list(scene.frames())
+        assert len(found) == frames
+        assert all(frame.image is not None for frame in found)
+
+
+def test_a_log_of_another_writer_without_frames_is_named(
+    case: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("foxglove")
+    words = ["replay", str(case("mcap/fg_sdk", "empty")), "-o", str(tmp_path / "o.mcap")]
+    assert main(words) == 1
+    assert "no detections to replay" in capsys.readouterr().err
+
+
+def test_chunks_that_all_overlap_are_read_in_linear_time(
+    case: Case, tmp_path: Path
+) -> None:
+    import time
+
+    spent = []
+    for count in ("60", "240"):
+        log = case("mcap/overlap_all", count)
+        began = time.process_time()
+        replayed(
+            log, tmp_path, 0, "--annotations-only", "--limit", "max_open_bytes=30000000"
+        )
+        spent.append(time.process_time() - began)
+    assert spent[1] < 8 * spent[0] + 1

@@ -161,3 +161,28 @@ def test_several_videos_are_one_recording(case: Case) -> None:
     assert [f.index for f in frames] == list(range(200))
     assert "2 videos are one recording" in source.notes[0]
     assert len(list(source.sample(20))) in range(15, 25)
+
+
+_CODECS = {
+    "h264": ".mp4", "hevc": ".mp4", "hevc10": ".mp4", "h26410": ".mp4", "h264_444": ".mp4", "vp9": ".webm",
+    "vp8": ".webm", "mjpeg": ".avi", "prores": ".mov", "ffv1": ".mkv", "huffyuv": ".avi", "rawgray": ".avi",
+    "gray": ".mkv", "gray16": ".mkv", "mpeg4": ".avi", "mpeg4b": ".mp4", "wmv2": ".wmv", "mpeg2": ".mpg",
+    "png": ".mov", "flv": ".flv",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "suffix"), _CODECS.items())
+def test_codecs_and_pixel_formats(case: Case, kind: str, suffix: str) -> None:
+    source, frames = read(case("video/v_codec", kind, suffix=suffix))
+    assert (len(frames), source.width, source.height) == (100, 320, 240)
+    plain = read(case("video/v_codec", "ffv1", suffix=".mkv"))[1]
+    for k in (0, 50, 99):
+        shown, wanted = frames[k].image, plain[k].image
+        assert shown is not None
+        assert wanted is not None
+        if "gray" in kind:
+            wanted = np.repeat(wanted.mean(axis=2, keepdims=True), 3, axis=2).astype(
+                np.uint8
+            )
+        off = np.abs(shown.astype(int) - wanted.astype(int)).mean()
+        assert off < 12, f"frame {k} is {off:.1f} levels off"
