@@ -163,7 +163,7 @@ def _components(pairs: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:
 
 
 def _solve(prices: dict[tuple[int, int], Join], loose: float) -> list[Join]:
-    from scipy.optimize import linear_sum_assignment
+    from replay.assignment import linear_sum_assignment
 
     rows, columns = sorted({i for i, _ in prices}), sorted({j for _, j in prices})
     cost = np.full((len(rows), len(columns) + len(rows)), _NEVER)

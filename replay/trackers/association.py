@@ -95,7 +95,7 @@ def assign(cost: Floats, allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """
     if cost.size == 0 or not allowed.any():
         return []
-    from scipy.optimize import linear_sum_assignment
+    from replay.assignment import linear_sum_assignment
 
     quantised = np.round(np.clip(cost, -1000.0, 1000.0) / QUANTUM) * QUANTUM
     rows, columns = linear_sum_assignment(np.where(allowed, quantised, FORBIDDEN))

@@ -1,0 +1,65 @@
+"""A command imports what it uses: start-up is most of a short command's time."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from replay.cli import main
+
+HEAVY = frozenset(
+    {
+        "av", "duckdb", "fsspec", "google", "matplotlib", "networkx", "onnxruntime", "pandas",
+        "plotly", "pyarrow", "ray", "rich", "rosbags", "scipy",
+    }
+)  # fmt: skip
+MAY_LOAD = {
+    "replay": frozenset({"google", "networkx", "scipy"}),
+    "info": frozenset({"rich"}),
+    "query": frozenset({"duckdb", "google"}),
+}
+_RUN = """
+import json, sys
+from replay.cli import main
+code = main(sys.argv[1:])
+found = {name.partition(".")[0] for name in sys.modules}
+print(json.dumps([int(code), sorted(found), "scipy.optimize" in sys.modules]))
+"""
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("loaded")
+    rows = [f"{n},-1,{50 + 4 * n},200,40,100,1,-1,-1,-1" for n in range(1, 21)]
+    (folder / "det.txt").write_text("\n".join(rows) + "\n")
+    size = ["--fps", "25", "--size", "640x480"]
+    scene = str(folder / "scene.mcap")
+    assert main(["record", str(folder / "det.txt"), "-o", scene, *size]) == 0
+    assert main(["replay", scene, "-o", str(folder / "annotated.mcap")]) == 0
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("replay", ["scene.mcap", "-o", "again.mcap"]),
+        ("info", ["annotated.mcap"]),
+        ("query", ["annotated.mcap", "SELECT 1"]),
+    ],
+)
+def test_a_command_loads_what_it_uses(log: Path, command: str, words: list[str]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", _RUN, command, *words],
+        cwd=log,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    code, loaded, whole_scipy = json.loads(done.stdout.splitlines()[-1])
+    assert code == 0
+    assert HEAVY & set(loaded) <= MAY_LOAD[command]
+    assert not whole_scipy
