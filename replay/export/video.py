@@ -198,8 +198,12 @@ class Encoder:
         self._container: Any = av.open(
             str(path), "w", format="mp4", options={"movflags": "faststart"}
         )
+        # x264's macroblock tree reads what nobody wrote where the height is no multiple of 16: the
+        # same pictures would give other bytes the next time.
         stream: Any = self._container.add_stream(
-            "libx264", rate=25, options={"preset": preset, "crf": CRF}
+            "libx264",
+            rate=25,
+            options={"preset": preset, "crf": CRF, "x264-params": "mbtree=0"},
         )
         stream.width, stream.height, stream.pix_fmt = self._width, self._height, "yuv420p"
         stream.codec_context.time_base = Fraction(1, CLOCK)
