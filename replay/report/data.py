@@ -4,15 +4,10 @@ events, thumbnails.
 
 from __future__ import annotations
 
-import base64
-from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
-
-import numpy as np
 
 from reasoning.questions import Case
 from reasoning.questions.literals import literal
@@ -20,14 +15,11 @@ from recorders.annotated.provenance import CORRECTIONS
 from recorders.annotated.reader import AnnotatedLog
 from recorders.corrections import parse_corrections
 from recorders.messages import EVENT_LEVELS
-from recorders.pictures import encode_webp
 from recorders.quality import QualityMeasure
-from recorders.scene import SceneLog
 from recorders.segmentation.quality import worst
-from recorders.vision import cv2
 from replay.palette import track_css
+from replay.report.small_pictures import SmallPictures
 
-Image = Any
 _INTERVALS = {  # table: its columns, its order; the interval's ends are start_t and end_t
     "relations": (
         "a, b, state, start_frame, end_frame, start_t, end_t",
@@ -48,9 +40,6 @@ _NODE = (
     "track, round(x, 1), round(y, 1), round(w, 1), round(h, 1),"
     " CAST(present AND mode <> 'predicted' AS INTEGER)"
 )
-_WAITING = 8
-_SPARSE = 16
-"""Of more frames than so many times those wanted, each is looked for by itself."""
 _YEAR_NS = 365 * 86_400 * 10**9
 _AT_ONCE = """SELECT coalesce(max(n), 0) FROM (
     SELECT count(*) AS n FROM tracks WHERE recording = $name GROUP BY frame)"""
@@ -136,11 +125,18 @@ def collect(case: Case, log: AnnotatedLog, options: ReportOptions) -> dict[str, 
         "case": {},
         "notes": [],
         "server": {},
+        "thumbnails": [],
     }
     numbers = [f for f, _ in frames]
-    data["ground"] = _ground(log, numbers, options)
+    small = SmallPictures(log, numbers, options.thumbnail_width, options.quality)
+    sample = small.sample(options.ground_frames)
+    data["ground"] = small.median(sample)
     happened = [e[2] for e in events if e[1] not in data["quiet"]]
-    data["thumbnails"] = _thumbnails(log, numbers, happened, data, options)
+    if sample and options.thumbnails:
+        # As many as there is room for, by what a few of them take.
+        each = sum(len(small.encoded(image)) for image in sample) / len(sample)
+        most = max(2, min(options.thumbnails, int(options.picture_bytes / each)))
+        data["thumbnails"] = small.of(_thumbnail_frames(numbers, happened, data, most))
     shown = sorted(
         {*_spread(numbers, options.steps), *(frame for frame, _ in data["thumbnails"])}
     )
@@ -315,73 +311,3 @@ def _thumbnail_frames(
     happened = sorted(present.intersection([*events, *starts]))
     few = max(2, most // 4)
     return sorted({*_spread(happened, few), *_spread(list(frames), max(2, most - few))})
-
-
-def _thumbnails(
-    log: AnnotatedLog,
-    frames: Sequence[int],
-    events: Sequence[int],
-    data: dict[str, Any],
-    options: ReportOptions,
-) -> list[list[Any]]:
-    """Small pictures with nothing drawn into them, as many as may be: the page draws boxes itself."""
-    if not log.has_pictures or not frames or not options.thumbnails:
-        return []
-    sample = [_small(image, options) for _, image in _pictures(log, _spread(frames, 5))]
-    if not sample:
-        return []
-    each = sum(map(len, sample)) / len(sample)
-    most = max(2, min(options.thumbnails, int(options.picture_bytes / each)))
-    wanted = _thumbnail_frames(frames, events, data, most)
-    # Pictures are decoded by one and encoded by others; no more wait than that.
-    with ThreadPoolExecutor(max_workers=2, thread_name_prefix="webp") as pool:
-        waiting: deque[tuple[int, Future[str]]] = deque()
-        out: list[list[Any]] = []
-        for frame, image in _pictures(log, wanted):
-            waiting.append((frame, pool.submit(_small, image, options)))
-            if len(waiting) > _WAITING:
-                done, made = waiting.popleft()
-                out.append([done, made.result()])
-        return out + [[done, made.result()] for done, made in waiting]
-
-
-def _pictures(log: AnnotatedLog, wanted: Sequence[int]) -> Iterator[tuple[int, Image]]:
-    """The pictures of frames, in order: in one reading, or each by itself where they are few."""
-    numbers = set(wanted)
-    at = {f.time_ns: f.index for f in log.frames(("tracks",)) if f.index in numbers}
-    if len(at) * _SPARSE < (log.frame_count or 0):
-        with SceneLog(log.path, log.camera, log.limits) as scene:
-            for time_ns, index in at.items():
-                frame = next(scene.frames(time_ns, index), None)
-                if frame is not None and frame.image is not None:
-                    yield index, frame.image
-        return
-    for time_ns, load in log.pictures():
-        if time_ns in at:
-            yield at.pop(time_ns), load()
-        if not at:
-            return
-
-
-def _ground(log: AnnotatedLog, frames: Sequence[int], options: ReportOptions) -> str:
-    """The median of a few frames, the scene without those who move, for paths to lie on; empty
-    without pictures.
-    """
-    if not log.has_pictures or not frames:
-        return ""
-    sample = [image for _, image in _pictures(log, _spread(frames, options.ground_frames))]
-    if not sample:
-        return ""
-    return _small(np.median(np.stack(sample), axis=0).astype(np.uint8), options)
-
-
-def _small(image: Image, options: ReportOptions) -> str:
-    height, width = image.shape[:2]
-    if width > options.thumbnail_width:
-        size = (
-            options.thumbnail_width,
-            max(1, round(height * options.thumbnail_width / width)),
-        )
-        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    data = encode_webp(image, options.quality)
-    return "data:image/webp;base64," + base64.b64encode(data).decode("ascii")
