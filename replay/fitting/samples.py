@@ -18,6 +18,7 @@ from replay.evaluate.truth import MotTable, fit_truth, read_truth
 from replay.sealing.manifest import file_digest
 from replay.trackers.association import intersection
 from replay.trackers.parts.features import (
+    FEATURES,
     ONE,
     Measured,
     PartsModel,
@@ -41,6 +42,8 @@ LATER_S = 1.0
 """How old what was learnt is when the weights are judged, in seconds."""
 UNSURE = ((0.5, 0.0), (0.0, 0.0), (0.0, 0.5), (-0.5, 0.0), (0.0, 0.0), (0.0, -0.5))
 """How far the last place then is off, in half gates, in turn."""
+UNSURE_PLACE = 0.09
+"""What a tracker's place is off, in heights: the filter's and the measurement's."""
 OFF = (
     (0.1, 0.03, 1.0),
     (-0.1, 0.0, 0.95),
@@ -216,9 +219,8 @@ def _look(
     )  # fmt: skip
     parameters = PartsParameters()
     gates = np.minimum(
-        np.maximum(
-            parameters.gate_sizes * boxes[:, 3], parameters.gate_speeds * speed * frame_s
-        ),
+        parameters.gate_speeds * speed * frame_s
+        + parameters.gate_sigmas * UNSURE_PLACE * boxes[:, 3],
         parameters.gate_most * boxes[:, 3],
     )
     foot = boxes[:, 1] + boxes[:, 3]
@@ -245,8 +247,10 @@ def _of_frame(window: list[_SeenBody]) -> Iterator[tuple[Ints, Ints]]:
             before.gate(identity),
         )
         one = np.zeros(1, np.intp)
-        step = _measured(now.pixels, box[None], old[None], old[None], np.array([gate]))
         recent = _learnt(before, window[-3] if len(window) > 2 else before, identity)
+        step = _measured(
+            now.pixels, box[None], old[None], old[None], np.array([gate]), recent.centroid
+        )
         oldest = next(index for index, seen in enumerate(window) if seen.is_free(identity))
         learnt = _learnt(window[oldest], window[max(oldest - 1, 0)], identity)
         away = np.abs(now.boxes[:, :2] - box[:2]).max(axis=1)
@@ -259,7 +263,8 @@ def _of_frame(window: list[_SeenBody]) -> Iterator[tuple[Ints, Ints]]:
         was = np.repeat(
             (old + np.array([dx * gate, dy * gate, 0.0, 0.0]))[None], len(tried), axis=0
         )
-        m = _measured(now.pixels, tried, was, was, np.full(len(tried), gate))
+        centroid = np.repeat(learnt.centroid, len(tried), axis=0)
+        m = _measured(now.pixels, tried, was, was, np.full(len(tried), gate), centroid)
         yield (
             differences(recent, one, step)[0],
             differences(learnt, np.zeros(len(tried), np.intp), m),
@@ -288,12 +293,18 @@ def _learnt(seen: _SeenBody, before: _SeenBody, identity: int) -> PartsModel:
     m = _measured(
         seen.pixels, box[None], box[None], old[None], np.array([seen.gate(identity)])
     )
-    model.learn(0, m, 0, np.full(len(PARTS), ONE, np.int64))
+    row = np.zeros(1, np.intp)
+    model.learn(row, m, row, np.full((1, len(PARTS), len(FEATURES)), ONE, np.int64))
     return model
 
 
 def _measured(
-    pixels: Pixels, boxes: Floats, expected: Floats, before: Floats, gates: Floats
+    pixels: Pixels,
+    boxes: Floats,
+    expected: Floats,
+    before: Floats,
+    gates: Floats,
+    was: Ints | None = None,
 ) -> Measured:
     alpha, beta = np.full(len(boxes), ALPHA), np.full(len(boxes), BETA)
     return measure(
@@ -302,4 +313,5 @@ def _measured(
         parts_of(expected, alpha, beta),
         parts_of(before, alpha, beta),
         gates,
+        was,
     )

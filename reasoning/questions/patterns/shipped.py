@@ -27,9 +27,10 @@ SHIPPED: Mapping[str, Shipped] = {
     ),
     "leaving_object": Shipped(
         "a thing that stands still from its first sight, beside somebody who was there"
-        " before and goes on",
-        "still(thing) starts|equals present(thing) & present(owner)"
-        " includes|overlaps|finished_by near(owner,thing)",
+        " before and goes away from it",
+        "still(thing) starts|equals present(thing)"
+        " & present(owner) includes|overlaps|finished_by present(thing)"
+        " started_by near(owner,thing)",
     ),
     "met_then_left": Shipped(
         "two were together, then both left within half a minute",

@@ -79,6 +79,13 @@ _OF_COLUMN = np.repeat(np.arange(len(PARTS)), [columns for _, columns in SAMPLES
 _OF_ROW = np.repeat(np.arange(len(PARTS)), [rows for rows, _ in SAMPLES])
 _COUNTS = np.array([r * c for r, c in SAMPLES], np.int64)
 _HSV_BINS, _XYZ_BINS = _bin_tables()
+_FIRST = np.searchsorted(_PART, np.arange(len(PARTS)))
+"""Where each part's places begin."""
+_STEPS = (
+    np.rint(_X[_COLUMN] * ONE).astype(np.int64),
+    np.rint(_Y[_ROW] * ONE).astype(np.int64),
+)
+"""Every place within its part, across and down, in 1 / `ONE`."""
 
 
 class Room:
@@ -205,9 +212,12 @@ class Measured:
         colours: (N, 5, CHANNELS, BINS) histograms of sum `MASS`, all 0 where too little
             foreground was seen.
         coloured: (N, 5) bool: foreground enough was seen.
-        displacement: (N, 5) way of the part's centre from where it was, over the gate's half
+        displacement: (N, 5) way of the part's centroid from where it was, over the gate's half
             side, in 1 / `ONE`.
-        overlap: (N, 5) share of the part's last rectangle that the new one covers, in 1 / `ONE`.
+        overlap: (N, 5) share of what the part was that it covers now, both of the part's size
+            around their centroids, in 1 / `ONE`.
+        centroid: (N, 5, 2) the foreground's centroid within the part, x and y, in 1 / `ONE` of
+            its sides; the middle where there is no foreground.
         known: (6,) bool, which of `FEATURES` were measured at all.
     """
 
@@ -218,6 +228,7 @@ class Measured:
     coloured: NDArray[np.bool_]
     displacement: Ints
     overlap: Ints
+    centroid: Ints
     known: NDArray[np.bool_]
 
     def kept(self, keep: NDArray[np.bool_] | slice) -> Measured:
@@ -230,12 +241,18 @@ class Measured:
             coloured=self.coloured[keep],
             displacement=self.displacement[keep],
             overlap=self.overlap[keep],
+            centroid=self.centroid[keep],
             known=self.known,
         )
 
 
 def measure(
-    pixels: Pixels, parts: Floats, expected: Floats, before: Floats, gate: Floats
+    pixels: Pixels,
+    parts: Floats,
+    expected: Floats,
+    before: Floats,
+    gate: Floats,
+    was: Ints | None = None,
 ) -> Measured:
     """Measure candidates.
 
@@ -246,6 +263,8 @@ def measure(
             sizes count.
         before: (N, 5, 4) its parts where it was last.
         gate: (N,) half side of its gate, pixels.
+        was: (N, 5, 2) the parts' centroids there, as in `Measured`; None: not known, so that
+            places are the rectangles' middles.
     """
     n = len(parts)
     counts = pixels.counts(parts)
@@ -256,14 +275,18 @@ def measure(
         foreground = counts[0]
         area = foreground * ONE // np.maximum(np.rint(w * h), 1).astype(np.int64)
         perimeter = counts[1] * ONE // np.maximum(np.rint(2 * (w + h)), 1).astype(np.int64)
-    if pixels.image is not None and n:
-        colours, coloured = _colours(pixels, parts)
-    else:
-        colours, coloured = (
-            np.zeros((n, len(PARTS), CHANNELS, BINS), np.int64),
-            np.zeros((n, len(PARTS)), bool),
-        )
-    displacement, overlap = _displacement(parts, before, gate), _overlap(parts, before)
+    colours = np.zeros((n, len(PARTS), CHANNELS, BINS), np.int64)
+    coloured = np.zeros((n, len(PARTS)), bool)
+    centroid = np.full((n, len(PARTS), 2), ONE // 2, np.int64)
+    if n and (pixels.image is not None or pixels.mask is not None):
+        flat, seen = _sampled(pixels, parts)
+        if pixels.mask is not None:
+            centroid = _centroids(seen)
+        if pixels.image is not None:
+            colours, coloured = _colours(pixels.image, flat, seen)
+    here = _around(parts, centroid if was is not None else None)
+    there = _around(before, was)
+    displacement, overlap = _displacement(here, there, gate), _overlap(here, there)
     return Measured(
         foreground=foreground,
         area=area,
@@ -272,17 +295,39 @@ def measure(
         coloured=coloured,
         displacement=displacement,
         overlap=overlap,
+        centroid=centroid,
         known=known,
     )
 
 
-def _colours(pixels: Pixels, parts: Floats) -> tuple[Ints, NDArray[np.bool_]]:
-    """Normalised histograms of the parts' foreground colours, and which parts have foreground
-    enough.
+def _centroids(seen: NDArray[np.bool_]) -> Ints:
+    """Centroids of the places (N, S) that are foreground, within their parts, (N, 5, 2) in 1 /
+    `ONE`.
     """
-    image, n = pixels.image, len(parts)
-    assert image is not None
-    flat, seen = _sampled(pixels, parts)
+    counts = np.add.reduceat(seen.astype(np.int64), _FIRST, axis=1)
+    out = np.empty((*counts.shape, 2), np.int64)
+    for axis, places in enumerate(_STEPS):
+        total = np.add.reduceat(seen * places, _FIRST, axis=1)
+        out[..., axis] = np.where(counts > 0, total // np.maximum(counts, 1), ONE // 2)
+    return out
+
+
+def _around(parts: Floats, centroids: Ints | None) -> Floats:
+    """Rectangles of the parts' (N, 5, 4) sizes around their centroids, (N, 5, 4)."""
+    if centroids is None:
+        return parts
+    out = parts.copy()
+    out[..., :2] += (centroids / ONE - 0.5) * parts[..., 2:]
+    return out
+
+
+def _colours(
+    image: Bytes, flat: Rows, seen: NDArray[np.bool_]
+) -> tuple[Ints, NDArray[np.bool_]]:
+    """Normalised histograms of the parts' foreground colours, and which parts have foreground
+    enough; places (N, S) as `_sampled` gives them.
+    """
+    n = len(flat)
     places = np.flatnonzero(seen)
     size = CHANNELS * BINS
     cell = (size * (np.arange(n)[:, None] * len(PARTS) + _PART)).ravel()[places]
@@ -362,6 +407,7 @@ class PartsModel:
     Attributes:
         area, perimeter, overlap: (N, 5) as in `Measured`.
         colours: (N, 5, CHANNELS, BINS).
+        centroid: (N, 5, 2) as in `Measured`, as it was last.
         seen: (N, 5) how often each part was learnt.
     """
 
@@ -369,6 +415,7 @@ class PartsModel:
     perimeter: Ints
     overlap: Ints
     colours: Ints
+    centroid: Ints
     seen: Ints
 
     @classmethod
@@ -377,7 +424,12 @@ class PartsModel:
         k = len(PARTS)
         area, perimeter, overlap, seen = np.zeros((4, n, k), np.int64)
         return cls(
-            area, perimeter, overlap, np.zeros((n, k, CHANNELS, BINS), np.int64), seen
+            area,
+            perimeter,
+            overlap,
+            np.zeros((n, k, CHANNELS, BINS), np.int64),
+            np.full((n, k, 2), ONE // 2, np.int64),
+            seen,
         )
 
     def take(self, rows: Rows) -> PartsModel:
@@ -387,12 +439,13 @@ class PartsModel:
             self.perimeter[rows],
             self.overlap[rows],
             self.colours[rows],
+            self.centroid[rows],
             self.seen[rows],
         )
 
     def append(self, other: PartsModel) -> None:
         """Add the other's rows at the end."""
-        for name in ("area", "perimeter", "overlap", "colours", "seen"):
+        for name in ("area", "perimeter", "overlap", "colours", "centroid", "seen"):
             setattr(self, name, np.concatenate([getattr(self, name), getattr(other, name)]))
 
     def learn(self, rows: Rows | int, m: Measured, k: Rows | int, weight: Ints) -> None:
@@ -401,21 +454,27 @@ class PartsModel:
         A part that was never learnt takes the measured values as they are.
 
         Args:
-            rows: (M,) different targets, or one.
+            rows: (M,) different targets.
             m: the measured candidates.
-            k: (M,) rows of ``m``, or one.
-            weight: (M, 5), or (5,), in 1 / `ONE`; 0 leaves a part as it is.
+            k: (M,) rows of ``m``.
+            weight: (M, 5, 6) of each part's features, in 1 / `ONE`; a part of which all are 0 is
+                left as it is.
         """
-        learnt = weight > 0
-        w = np.where((self.seen[rows] == 0) & learnt, ONE, weight)
-        for name in ("area", "perimeter", "overlap"):
+        learnt: NDArray[np.bool_] = np.asarray((weight > 0).any(axis=-1))
+        first = (self.seen[rows] == 0) & learnt
+        w = np.where(first[..., None], ONE, weight)
+        for name, index in (("area", AREA), ("perimeter", PERIMETER), ("overlap", OVERLAP)):
             table = getattr(self, name)
             now = table[rows]
-            table[rows] = now + (getattr(m, name)[k] - now) * w // ONE
+            table[rows] = now + (getattr(m, name)[k] - now) * w[..., index] // ONE
         now, seen = self.colours[rows], m.coloured[k]
-        fresh = seen & (now.max(axis=(-2, -1)) == 0)
-        cw = np.where(fresh & learnt, ONE, w) * seen
-        self.colours[rows] = now + (m.colours[k] - now) * cw[..., None, None] // ONE
+        fresh = np.asarray(seen & (now.max(axis=(-2, -1)) == 0) & learnt)
+        cw = np.where(fresh[..., None], ONE, w[..., HSV : XYZ + 1]) * seen[..., None]
+        by_channel = np.repeat(cw, CHANNELS // 2, axis=-1)[..., None]
+        self.colours[rows] = now + (m.colours[k] - now) * by_channel // ONE
+        self.centroid[rows] = np.where(
+            learnt[..., None], m.centroid[k], self.centroid[rows]
+        )
         self.seen[rows] += learnt
 
 

@@ -40,24 +40,28 @@ class Scored:
     Attributes:
         candidates: the candidates.
         measured: their features.
+        features: (N, 5, 6) their parts' features' scores, of `FULL`.
         parts: (N, 5) their parts' scores, of `FULL`.
         rectangles: (N, 5, 4) their parts.
         foreground: (N, 5) foreground pixels of the parts.
         empty: (N, 5) bool: where the part should be is hardly any foreground, although there was.
+        alike: (N,) bool: the colours by themselves are not all another's.
     """
 
     candidates: Candidates
     measured: Measured
+    features: Ints
     parts: Ints
     rectangles: Floats
     foreground: Floats
     empty: Bools
+    alike: Bools
 
     def kept(self, keep: NDArray[np.bool_] | slice, count: int | None = None) -> Scored:
         """Some of them, of ``count`` anchors (default: as many as before)."""
         return Scored(
-            self.candidates.kept(keep, count), self.measured.kept(keep), self.parts[keep], self.rectangles[keep],
-            self.foreground[keep], self.empty[keep],
+            self.candidates.kept(keep, count), self.measured.kept(keep), self.features[keep], self.parts[keep],
+            self.rectangles[keep], self.foreground[keep], self.empty[keep], self.alike[keep],
         )  # fmt: skip
 
 
@@ -223,6 +227,7 @@ class Association:
             (best >= 0)
             & self._s.candidates.whole[best]
             & good[best]
+            & self._s.alike[best]
             & (value >= round(self._p.whole * self._least))
         )
         for t, a in pairs:

@@ -15,6 +15,9 @@ from replay.trackers.parts.candidates import Candidates, Expected, Heads, Observ
 from replay.trackers.parts.features import (
     AREA,
     DISPLACEMENT,
+    FEATURES,
+    HSV,
+    XYZ,
     Measured,
     Pixels,
     Room,
@@ -29,6 +32,7 @@ from replay.trackers.parts.regions import HEAD, PARTS, covered
 from replay.trackers.parts.scoring import FULL, Scorer
 from replay.trackers.parts.targets import PartsTargets
 from replay.trackers.parts.template import patches, refine
+from replay.trackers.parts.typical import Typical
 from replay.trackers.tracker import Frame, SceneInfo
 
 Floats = NDArray[np.float64]
@@ -52,6 +56,7 @@ class Matching:
         p: PartsParameters,
         dt: float,
         room: Room | None,
+        typical: Typical,
     ) -> None:
         self._scene, self._frame, self._seen, self._targets, self._p = (
             scene,
@@ -62,6 +67,7 @@ class Matching:
         )
         mask = frame.mask if scene.has_masks else None
         self._pixels = Pixels(None, mask, (scene.width, scene.height), room)
+        self.dt, self._typical = dt, typical
         self._expected = targets.expected() if scene.has_masks else targets.ahead()
         self._gates = targets.gates(dt)
         self._before = targets.boxes.copy()
@@ -129,9 +135,11 @@ class Matching:
             return
         boxes = self._seen.blob_boxes[theirs]
         m = self._measure(found, boxes)[0]
-        scores = self._likeness(found, m)
-        # Nobody else can be that blob; and of whom nothing is known, nothing can be unlike.
+        scores, alike = self._likeness(found, m)
+        # Nobody else can be that blob, unless its colours are all others; and of whom nothing is
+        # known, nothing can be unlike.
         like = scores >= round(self._p.whole * self._p.match_score * FULL)
+        like &= alike | (scores >= round(self._p.match_score * FULL))
         like |= ~self._targets.model.seen[found].any(axis=1)
         found, theirs, boxes, m = found[like], theirs[like], boxes[like], m.kept(like)
         self._observe(
@@ -155,16 +163,76 @@ class Matching:
         if due.any():
             self._learn(found[due], boxes[due], m.kept(due))
 
-    def _likeness(self, rows: Rows, m: Measured) -> NDArray[np.int64]:
+    def _likeness(
+        self, rows: Rows, m: Measured
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Global scores (PARTS eq. 13) of targets (M,) in what was measured for each, (M,) of
-        `FULL`; parts that are hidden by what nobody tracks count a constant.
+        `FULL`, and whether the colours are alike; parts that are hidden by what nobody tracks
+        count a constant.
         """
         known = m.known.copy()
         if not self._p.use_parts:
             known[AREA:DISPLACEMENT] = False
-        parts = self._scorer.parts(differences(self._targets.model, rows, m), known)
+        apart = differences(self._targets.model, rows, m)
+        learnt = np.repeat(self._targets.model.seen[rows][..., None] > 0, len(FEATURES), 2)
+        learnt[..., HSV : XYZ + 1] &= m.coloured[..., None]
+        self._typical.take(apart, learnt)
+        features = self._scorer.features(self._typical.scaled(apart))
+        parts = self._scorer.parts(features, known)
         hidden_score = round(self._p.hidden_score * FULL)
-        return self._scorer.whole(parts, self._empty(rows, m), hidden_score)
+        empty = self._empty(rows, m)
+        scores = self._scorer.whole(parts, empty, hidden_score)
+        return scores, self._alike(features, known, empty)
+
+    def _alike(
+        self,
+        features: NDArray[np.int64],
+        known: NDArray[np.bool_],
+        empty: NDArray[np.bool_],
+    ) -> NDArray[np.bool_]:
+        """Whether the colours of candidates (N, 5, 6) by themselves are not all others', (N,)."""
+        colours = np.zeros(len(FEATURES), bool)
+        colours[HSV : XYZ + 1] = known[HSV : XYZ + 1]
+        if not colours.any():
+            return np.ones(len(features), bool)
+        parts = self._scorer.parts(features, colours)
+        least, hidden_score = (
+            round(v * FULL) for v in (self._p.colours, self._p.hidden_score)
+        )
+        return np.asarray(self._scorer.whole(parts, empty, hidden_score) >= least)
+
+    def likeness_anywhere(self, rows: Rows, boxes: Floats) -> NDArray[np.int64]:
+        """Global scores of targets (M,) in boxes (M, 4), whatever the way there, (M,) of `FULL`."""
+        m = self._measured(rows, boxes, boxes)
+        known = m.known.copy()
+        known[DISPLACEMENT:] = not known[:DISPLACEMENT].any()
+        features = self._scorer.features(
+            self._typical.scaled(differences(self._targets.model, rows, m))
+        )
+        parts, empty = self._scorer.parts(features, known), self._empty(rows, m)
+        scores = self._scorer.whole(parts, empty, round(self._p.hidden_score * FULL))
+        return np.where(self._alike(features, known, empty), scores, 0)
+
+    def place(self, row: int, newcomer: int, score: int) -> None:
+        """A missing target is where a newcomer was seen."""
+        other, one = self._targets.items[newcomer], np.array([row], np.intp)
+        box = np.array([other.measured], np.float64)
+        self._observe(
+            one, box, np.array([other.blob]), [other.now], [score], np.full((1, 2), np.nan)
+        )
+        self._targets.items[row].matched_ns = self._frame.time_ns
+
+    def _measured(self, rows: Rows, boxes: Floats, expected: Floats) -> Measured:
+        """Features of boxes (M, 4) for targets (M,) whose places do not count."""
+        self._image()
+        parts = self._targets.parts(rows, boxes)
+        return measure(
+            self._pixels,
+            parts,
+            self._targets.parts(rows, expected),
+            parts,
+            np.maximum(boxes[:, 3], 1.0),
+        )
 
     def _lone(self, rows: Rows) -> tuple[Rows, Rows]:
         """Targets that have a blob of their size for themselves, (M,), and the blobs, (M,)."""
@@ -249,17 +317,24 @@ class Matching:
         every = self._targets.parts(np.concatenate([rows, rows, rows]), places)
         parts, before, expected = every.reshape(3, len(rows), *every.shape[1:])
         return measure(
-            self._pixels, parts, expected, before, np.maximum(self._gates[rows], 1.0)
+            self._pixels,
+            parts,
+            expected,
+            before,
+            np.maximum(self._gates[rows], 1.0),
+            self._targets.model.centroid[rows],
         ), parts
 
     def _learn(self, rows: Rows, boxes: Floats, m: Measured) -> None:
         """Learn the parts of targets (M,) that are alone in their boxes (M, 4)."""
-        scores = self._scorer.parts(differences(self._targets.model, rows, m), m.known)
+        scores = self._scorer.features(
+            self._typical.scaled(differences(self._targets.model, rows, m))
+        )
         # A part that does not match is learnt too, slowly: nobody else is there whom it might
         # belong to.
         least = np.maximum(scores, round(0.3 * FULL))
         self._targets.learn(
-            rows, m, np.arange(len(rows)), least, np.ones(least.shape, bool)
+            rows, m, np.arange(len(rows)), least, np.ones(least.shape[:2], bool)
         )
         for row in rows.tolist():
             self._targets.items[row].signed = True
@@ -277,7 +352,8 @@ class Matching:
             self._pixels, parts, parts, parts, np.maximum(targets.boxes[rows, 3], 1.0)
         )
         everything = np.ones((len(rows), len(PARTS)), bool)
-        targets.learn(rows, m, np.arange(len(rows)), FULL * everything, everything)
+        certain = np.full((*everything.shape, len(FEATURES)), FULL)
+        targets.learn(rows, m, np.arange(len(rows)), certain, everything)
         self._learn_heads(rows, targets.boxes[rows])
 
     def _learn_heads(self, rows: Rows, boxes: Floats) -> None:
@@ -314,7 +390,10 @@ class Matching:
         if not self._p.use_parts:
             known[:, AREA:DISPLACEMENT] = False
         known[np.isin(found.rows, back), DISPLACEMENT:] = not known[:1, :DISPLACEMENT].any()
-        scores = self._scorer.parts(differences(targets.model, found.rows, m), known)
+        features = self._scorer.features(
+            self._typical.scaled(differences(targets.model, found.rows, m))
+        )
+        scores = self._scorer.parts(features, known)
         if not m.known[:DISPLACEMENT].any():
             scores[:] = self._by_place(found)[:, None]
         filled = (
@@ -322,7 +401,9 @@ class Matching:
             if m.known[AREA]
             else parts[..., 2] * parts[..., 3]
         )
-        scored = Scored(found, m, scores, parts, filled, self._empty(found.rows, m))
+        empty = self._empty(found.rows, m)
+        alike = self._alike(features, known[0] if len(known) else m.known, empty)
+        scored = Scored(found, m, features, scores, parts, filled, empty, alike)
         ends = np.searchsorted(found.stage, np.arange(len(stages) + 1)).tolist()
         return [
             scored.kept(slice(*ends[k : k + 2]), count) for k, count in enumerate(counts)
@@ -413,7 +494,7 @@ class Matching:
         self._observe(rows, boxes, c.blobs[k], modes, [m.score for m in matches], centroids)
         like = s.parts[k] >= round(self._p.part_score * FULL)
         matched = like & ~hidden
-        targets.learn(rows, s.measured, k, s.parts[k], matched)
+        targets.learn(rows, s.measured, k, s.features[k], matched)
         # By things that nobody tracks: where a part should be there is hardly any foreground.
         gone = s.empty[k] & ~like
         signed = matched[:, 1:].any(axis=1).tolist()

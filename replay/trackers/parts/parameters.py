@@ -33,11 +33,18 @@ class PartsParameters(Parameters):
         "off: near-equal candidates are not told apart by the head's image (for"
         " comparison)",
     )
-    gate_sizes: float = param(
-        0.45, "least half side of the gate", unit="target heights", low=0.01, high=10.0
-    )
     gate_speeds: float = param(
-        2.5, "half side of the gate over the way at the present speed", low=0.0, high=100.0
+        2.0,
+        "half side of the gate over the way at the present speed",
+        low=0.0,
+        high=100.0,
+        source="PARTS 3",
+    )
+    gate_sigmas: float = param(
+        4.0,
+        "and so many standard deviations of what the filter's place is off",
+        low=0.0,
+        high=100.0,
     )
     gate_most: float = param(
         2.0, "largest half side of the gate", unit="target heights", low=0.1, high=100.0
@@ -83,8 +90,14 @@ class PartsParameters(Parameters):
         high=255,
     )
     whole: float = param(
-        0.9,
+        0.75,
         "share of match_score that suffices for a whole blob that can be nobody else",
+        low=0.0,
+        high=1.0,
+    )
+    colours: float = param(
+        0.2,
+        "but not where the colours by themselves score less than this",
         low=0.0,
         high=1.0,
     )

@@ -10,7 +10,10 @@ so that features of different spread weigh what their weights say; scores are in
 from __future__ import annotations
 
 import math
+import tomllib
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +30,18 @@ FULL = 1000
 """The score of a perfect match."""
 _TABLES = ONE * np.arange(len(PARTS) * len(FEATURES)).reshape(len(PARTS), len(FEATURES))
 """Where each part's and feature's table starts among all of them."""
+SHIPPED = Path(__file__).with_name("features.toml")
+"""The fit that is shipped: what `tests/benchmarks/fit_features.py` makes, byte for byte."""
+_DEFAULTS: dict[str, Any] = tomllib.loads(SHIPPED.read_text(encoding="utf-8"))[
+    "part_features"
+]
 _SHAPES = {"half-normal": 1, "mixture": 3}
+
+
+def _fitted(name: str, about: str, source: str) -> Any:
+    """A parameter of which the default is the shipped fit's."""
+    low, high = (0.0, 1.0) if name.startswith(("omega", "gamma")) else (None, None)
+    return param(_DEFAULTS[name], about, low=low, high=high, source=f"{source}, fitted")
 
 
 @dataclass(frozen=True)
@@ -40,93 +54,37 @@ class PartFeatures(Parameters):
     by ';'. One model alone is everybody's.
     """
 
-    area: str = param(
-        "half-normal 0.1180; half-normal 0.1707; half-normal 0.1715; half-normal 0.1344;"
-        " half-normal 0.1391",
-        "area: foreground over the part's area",
-        source="PARTS 2.2, fitted",
+    area: str = _fitted("area", "area: foreground over the part's area", "PARTS 2.2")
+    perimeter: str = _fitted("perimeter", "contour over the part's perimeter", "PARTS 2.2")
+    hsv: str = _fitted("hsv", "HSV histograms, share that differs", "PARTS 2.2")
+    xyz: str = _fitted("xyz", "XYZ histograms, share that differs", "PARTS 2.2")
+    displacement: str = _fitted(
+        "displacement", "way of the part's centroid, in half gates", "PARTS 2.2"
     )
-    perimeter: str = param(
-        "half-normal 0.1589; half-normal 0.2097; half-normal 0.1737; half-normal 0.1895;"
-        " half-normal 0.1791",
-        "contour over the part's perimeter",
-        source="PARTS 2.2, fitted",
+    overlap: str = _fitted("overlap", "overlap with the part's last place", "PARTS 2.2")
+    omega_area: float = _fitted("omega_area", "weight of a feature", "PARTS eq. 12")
+    omega_perimeter: float = _fitted(
+        "omega_perimeter", "weight of a feature", "PARTS eq. 12"
     )
-    hsv: str = param(
-        "mixture 0.9274 0.2956 0.0806 0.0726 0.9961 0.0059; "
-        "mixture 0.9275 0.1796 0.0791 0.0725 0.7517 0.2931; "
-        "mixture 0.8839 0.2008 0.0794 0.1161 0.7777 0.2805; "
-        "mixture 0.9610 0.1996 0.0543 0.0390 0.6829 0.3113; "
-        "mixture 0.9645 0.2087 0.0573 0.0355 0.8785 0.2226",
-        "HSV histograms, share that differs",
-        source="PARTS 2.2, fitted",
+    omega_hsv: float = _fitted("omega_hsv", "weight of a feature", "PARTS eq. 12")
+    omega_xyz: float = _fitted("omega_xyz", "weight of a feature", "PARTS eq. 12")
+    omega_displacement: float = _fitted(
+        "omega_displacement", "weight of a feature", "PARTS eq. 12"
     )
-    xyz: str = param(
-        "mixture 0.9274 0.3271 0.1109 0.0726 0.9961 0.0059; "
-        "mixture 0.9257 0.2131 0.0890 0.0743 0.7811 0.2589; "
-        "mixture 0.8090 0.2131 0.0820 0.1910 0.6508 0.2873; "
-        "mixture 0.9560 0.2103 0.0652 0.0440 0.6719 0.2963; "
-        "mixture 0.9170 0.2073 0.0599 0.0830 0.5920 0.2982",
-        "XYZ histograms, share that differs",
-        source="PARTS 2.2, fitted",
+    omega_overlap: float = _fitted("omega_overlap", "weight of a feature", "PARTS eq. 12")
+    gamma_head: float = _fitted("gamma_head", "weight of a part", "PARTS eq. 13")
+    gamma_left_torso: float = _fitted(
+        "gamma_left_torso", "weight of a part", "PARTS eq. 13"
     )
-    displacement: str = param(
-        "mixture 0.6867 0.1095 0.0314 0.3133 0.1334 0.0473; "
-        "mixture 0.5055 0.0817 0.0335 0.4945 0.1237 0.0452; "
-        "mixture 0.4704 0.0793 0.0296 0.5296 0.1221 0.0443; "
-        "half-normal 0.1061; "
-        "half-normal 0.1051",
-        "way of the part, in half gates",
-        source="PARTS 2.2, fitted",
+    gamma_right_torso: float = _fitted(
+        "gamma_right_torso", "weight of a part", "PARTS eq. 13"
     )
-    overlap: str = param(
-        "mixture 0.5336 0.2494 0.1200 0.4664 0.2962 0.0700; "
-        "mixture 0.5694 0.0965 0.0599 0.4306 0.2540 0.1267; "
-        "mixture 0.9329 0.1444 0.0902 0.0671 0.3733 0.2352; "
-        "half-normal 0.2000; "
-        "half-normal 0.1943",
-        "overlap with the part's last place",
-        source="PARTS 2.2, fitted",
-    )
-    omega_area: float = param(
-        0.1852, "weight of a feature", low=0, high=1, source="PARTS eq. 12, fitted"
-    )
-    omega_perimeter: float = param(
-        0.0741, "weight of a feature", low=0, high=1, source="PARTS eq. 12, fitted"
-    )
-    omega_hsv: float = param(
-        0.3704, "weight of a feature", low=0, high=1, source="PARTS eq. 12, fitted"
-    )
-    omega_xyz: float = param(
-        0.2593, "weight of a feature", low=0, high=1, source="PARTS eq. 12, fitted"
-    )
-    omega_displacement: float = param(
-        0.037, "weight of a feature", low=0, high=1, source="PARTS eq. 12, fitted"
-    )
-    omega_overlap: float = param(
-        0.0741, "weight of a feature", low=0, high=1, source="PARTS eq. 12, fitted"
-    )
-    gamma_head: float = param(
-        0.1935, "weight of a part", low=0, high=1, source="PARTS eq. 13, fitted"
-    )
-    gamma_left_torso: float = param(
-        0.2258, "weight of a part", low=0, high=1, source="PARTS eq. 13, fitted"
-    )
-    gamma_right_torso: float = param(
-        0.1613, "weight of a part", low=0, high=1, source="PARTS eq. 13, fitted"
-    )
-    gamma_left_legs: float = param(
-        0.2581, "weight of a part", low=0, high=1, source="PARTS eq. 13, fitted"
-    )
-    gamma_right_legs: float = param(
-        0.1613, "weight of a part", low=0, high=1, source="PARTS eq. 13, fitted"
+    gamma_left_legs: float = _fitted("gamma_left_legs", "weight of a part", "PARTS eq. 13")
+    gamma_right_legs: float = _fitted(
+        "gamma_right_legs", "weight of a part", "PARTS eq. 13"
     )
     fitted_on: str = param(
-        "tud.mcap with gt.txt (196 pairs of frames); "
-        "g_crowd_1.mcap with g_crowd_1.txt (322 pairs of frames); "
-        "g_crowd_3.mcap with g_crowd_3.txt (341 pairs of frames); "
-        "g_fight_1.mcap with g_fight_1.txt (201 pairs of frames)",
-        "what the models and weights were fitted on",
+        _DEFAULTS["fitted_on"], "what the models and weights were fitted on"
     )
 
 
@@ -215,21 +173,36 @@ class Scorer:
             where = f"part_features.{feature}"
             for j, words in enumerate(split_models(getattr(p, feature), where)):
                 self.tables[i, j] = tabulated(words, at, where)
+        self.usual: Ints = np.array(
+            [
+                [
+                    round(float((density(w, at) * at).sum() / density(w, at).sum()) * ONE)
+                    for w in split_models(getattr(p, feature), feature)
+                ]
+                for feature in FEATURES
+            ],
+            np.int64,
+        ).T.copy()
         self._by_part = np.ascontiguousarray(self.tables.transpose(1, 0, 2)).ravel()
         self.omega = _weights([getattr(p, f"omega_{f}") for f in FEATURES], "omega")
         self.gamma = _weights([getattr(p, f"gamma_{j}") for j in PARTS], "gamma")
 
-    def parts(self, differences: Ints, known: NDArray[np.bool_]) -> Ints:
+    def features(self, differences: Ints) -> Ints:
+        """p(d_ij | theta_ij) of N candidates' differences, (N, 5, 6) in [0, `FULL`]."""
+        return np.asarray(self._by_part.take(differences + _TABLES))
+
+    def parts(self, features: Ints, known: NDArray[np.bool_]) -> Ints:
         """Part scores p_j = sum_i omega_i p(d_ij | theta_ij), eq. 12, of N candidates, (N, 5) in
         [0, `FULL`].
 
         Args:
-            differences: (N, 5, 6) as `features.differences` gives them.
+            features: (N, 5, 6) as `features` gives them.
             known: (6,), or (N, 6), features that were measured; the others' weights fall to these.
         """
-        scores = self._by_part.take(differences + _TABLES)
         omega = (self.omega * known).reshape(-1, 1, len(FEATURES))
-        return np.asarray((scores * omega).sum(axis=2) // np.maximum(omega.sum(axis=2), 1))
+        return np.asarray(
+            (features * omega).sum(axis=2) // np.maximum(omega.sum(axis=2), 1)
+        )
 
     def whole(self, parts: Ints, hidden: NDArray[np.bool_], hidden_score: int) -> Ints:
         """Global scores p = sum_j gamma_j p_j, eq. 13, (N,); hidden parts (N, 5) count

@@ -24,7 +24,7 @@ Rows = NDArray[np.intp]
 BYSTANDERS = 1 << 30
 """First identity of those who are followed, but not told of, because targets are started by hand.
 """
-_MODEL = ("area", "perimeter", "overlap", "colours", "seen")
+_MODEL = ("area", "perimeter", "overlap", "colours", "centroid", "seen")
 
 
 @dataclass(slots=True)
@@ -131,10 +131,23 @@ class PartsTargets:
     def gates(self, dt: float) -> Floats:
         """Half sides of the gates, (N,) pixels: by speed, doubled for every frame missed."""
         p, h = self._p, self.boxes[:, 3]
-        half = np.maximum(p.gate_sizes * h, p.gate_speeds * self.speeds * dt)
+        half = self._near(dt)
         return np.asarray(
             np.minimum(half * 2.0 ** np.minimum(self.misses, 8), p.gate_most * h)
         )
+
+    def _near(self, dt: float) -> Floats:
+        """Half sides of the gates of who was seen in the frame before, (N,) pixels: the way at the
+        filter's speed, and what its place may be off.
+        """
+        p, h = self._p, self.boxes[:, 3]
+        unsure = np.sqrt(self.motion.p00.mean(axis=1) + (p.place_noise * h) ** 2)
+        return np.asarray(p.gate_speeds * self.speeds * dt + p.gate_sigmas * unsure)
+
+    def reach(self, rows: Rows, dt: float, unseen_s: Floats) -> Floats:
+        """How far targets (M,) may be from where they were last, after so many seconds (M,)."""
+        far = self._near(dt)[rows] + self.speeds[rows] * unseen_s
+        return np.asarray(np.minimum(far, self._p.gate_most * self.boxes[rows, 3]))
 
     def lean(self, rows: Rows, sizes: Floats, spread: float) -> None:
         """Let predicted sizes lean towards those that are usual at their places, (M, 2) width and
@@ -168,9 +181,9 @@ class PartsTargets:
     ) -> None:
         """Update the global models (PARTS 4.2): replaced if unoccluded, else averaged over time.
 
-        The average over a sliding window is the filters' own: KF1's for the place, KF2's for the
-        size; what is averaged is where the target is relative to its path, so that it does not
-        lag behind.
+        The average over a sliding window is that of alpha and beta, and KF2's for the size, which
+        hangs from the top of what was seen. The place is where the target was seen: a mean of
+        places would lag behind, and one along its path would assume a direction.
 
         Args:
             rows: (M,) different targets.
@@ -199,10 +212,9 @@ class PartsTargets:
         self.boxes[rows] = boxes
         hidden = rows[occluded]
         if len(hidden):
-            size = self.size.value[hidden, ::-1]
-            self.boxes[hidden] = np.concatenate(
-                [self.motion.value[hidden] - size / 2, size], axis=1
-            )
+            size, seen = self.size.value[hidden, ::-1], boxes[occluded]
+            left = seen[:, 0] + (seen[:, 2] - size[:, 0]) / 2
+            self.boxes[hidden] = np.concatenate([left[:, None], seen[:, 1:2], size], axis=1)
         self.misses[rows] = 0
 
     def parts(self, rows: Rows, boxes: Floats) -> Floats:
@@ -219,12 +231,11 @@ class PartsTargets:
         scores: NDArray[np.int64],
         matched: NDArray[np.bool_],
     ) -> None:
-        """Blend matched parts of candidates k (M,) into the models of different targets (M,).
-
-        Weights grow with the parts' scores (M, 5), of 1000.
+        """Blend matched parts (M, 5) of candidates k (M,) into the models of different targets
+        (M,): each feature's weight grows with its score (M, 5, 6), of 1000 (PARTS 4.2).
         """
         most = round(self._p.learn_most * ONE)
-        self.model.learn(rows, m, k, np.where(matched, scores * most // 1000, 0))
+        self.model.learn(rows, m, k, np.where(matched[..., None], scores * most // 1000, 0))
 
     def keep(self, kept: list[int]) -> None:
         """Keep the given rows, in that order."""

@@ -30,9 +30,11 @@ from replay.trackers.parts.heads import ColourShapeHeads, HeadDetector
 from replay.trackers.parts.matching import Matching
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.regions import PARTS
+from replay.trackers.parts.returning import returned
 from replay.trackers.parts.scoring import PartFeatures, Scorer
 from replay.trackers.parts.signature import signature
 from replay.trackers.parts.targets import BYSTANDERS, PartsTargets
+from replay.trackers.parts.typical import Typical
 from replay.trackers.tracker import Frame, SceneInfo, State
 
 NS = 1e-9
@@ -70,6 +72,7 @@ class PartsTracker:
         self._life = Life("parts", scene, parameters, region_parameters)
         self._p = parameters
         self._scorer = Scorer(features)
+        self._typical = Typical(self._scorer.usual)
         self._find_heads = find_heads or ColourShapeHeads()
         self._by_hand = parse_init(parameters.init)
         if not scene.has_masks:  # nothing but its place tells who a box is
@@ -111,6 +114,7 @@ class PartsTracker:
             self._p,
             dt if dt > 0 else self._scene.frame_ns * NS,
             self._room,
+            self._typical,
         )
         gates = {
             item.id: gate
@@ -122,6 +126,8 @@ class PartsTracker:
         begin.by_hand(frame, self._by_hand)
         begin.automatic(frame, seen, matching.unexplained(), self._life.regions)
         matching.learn_new()
+        if self._scene.has_masks:
+            returned(matching, targets, self._life, self._p, frame.time_ns)
         self._next_bystander, begun = begin.confirm(
             frame, self._life, self._next_bystander, bool(self._by_hand)
         )
@@ -233,6 +239,7 @@ class PartsTracker:
             "targets": self._targets.state(),
             "scores": self._scores.state(),
             "camera": self._camera.state(),
+            "typical": self._typical.state(),
         }
 
     def restore(self, state: State) -> None:
@@ -243,3 +250,4 @@ class PartsTracker:
         self._targets.restore(state["targets"])
         self._scores.restore(state["scores"])
         self._camera.restore(state["camera"])
+        self._typical.restore(state["typical"])

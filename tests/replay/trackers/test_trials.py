@@ -30,7 +30,6 @@ from replay.trackers.association import iou
 from replay.trackers.catalogue import TRACKERS
 
 LIMITS = {
-    ("van_in_front", "parts"): "a van is no body: it is told as several people",
     ("three_way_split", "parts"): "three bodies in one blob lose their names",
     ("colour_swap", "shells"): "who is alone in a blob is not asked for his colours",
 }

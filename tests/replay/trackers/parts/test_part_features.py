@@ -66,7 +66,8 @@ def measured(
 
 def learnt(m: Measured) -> PartsModel:
     model = PartsModel.empty(1)
-    model.learn(0, m, 0, np.full(5, ONE, np.int64))
+    row = np.zeros(1, np.intp)
+    model.learn(row, m, row, np.full((1, 5, 6), ONE, np.int64))
     return model
 
 
@@ -119,7 +120,9 @@ def test_a_target_matches_itself_best_and_a_shifted_or_recoloured_one_less() -> 
         "colours of a place without foreground differ entirely"
     )
     scorer = Scorer(PartFeatures())
-    whole = scorer.whole(scorer.parts(d, m.known), np.zeros((4, 5), bool), 0)
+    whole = scorer.whole(
+        scorer.parts(scorer.features(d), m.known), np.zeros((4, 5), bool), 0
+    )
     assert whole[0] >= 995
     assert (whole[1:] < 0.8 * whole[0]).all()
     other = differences(
@@ -132,9 +135,8 @@ def test_without_pixels_place_and_overlap_are_left_and_carry_all_the_weight() ->
     m = measured(None, None, BOX)
     assert m.known.tolist() == [False] * 4 + [True] * 2
     scorer = Scorer(PartFeatures())
-    assert (
-        scorer.parts(differences(learnt(m), np.zeros(1, np.intp), m), m.known).min() >= 995
-    )
+    apart = scorer.features(differences(learnt(m), np.zeros(1, np.intp), m))
+    assert scorer.parts(apart, m.known).min() >= 995
 
 
 def test_unmatched_parts_keep_their_models() -> None:
@@ -142,11 +144,52 @@ def test_unmatched_parts_keep_their_models() -> None:
     model = learnt(measured(image, mask, BOX))
     before = model.take(np.arange(1))
     m = measured(image[:, :, ::-1].copy(), mask, moved(5, 0))
-    model.learn(0, m, 0, np.array([0, 128, 0, 0, 0]))
+    weight = np.zeros((1, 5, 6), np.int64)
+    weight[0, 1] = 128
+    model.learn(np.zeros(1, np.intp), m, np.zeros(1, np.intp), weight)
     for name in ("area", "perimeter", "overlap", "colours"):
         now, was = getattr(model, name)[0], getattr(before, name)[0]
         assert (now[[0, 2, 3, 4]] == was[[0, 2, 3, 4]]).all()
     assert (model.colours[0, 1] != before.colours[0, 1]).any()
+
+
+def test_each_feature_is_blended_by_its_own_weight() -> None:
+    """PARTS 4.2: the update weight for each feature is based on its matching probability."""
+    image, mask = body()
+    model = learnt(measured(image, mask, BOX))
+    before = model.take(np.arange(1))
+    m = measured(image[:, :, ::-1].copy(), mask, moved(5, 0))
+    weight = np.zeros((1, 5, 6), np.int64)
+    weight[0, :, 2] = ONE  # HSV alone
+    row = np.zeros(1, np.intp)
+    model.learn(row, m, row, weight)
+    assert (model.colours[0, :, :3] == m.colours[0, :, :3]).all()
+    assert (model.colours[0, :, 3:] == before.colours[0, :, 3:]).all()
+    assert (model.area == before.area).all()
+    weight[0, :, 0] = ONE // 2
+    model.learn(row, m, row, weight)
+    assert (abs(model.area - (before.area + m.area) // 2) <= 1).all()
+
+
+def test_displacement_and_overlap_are_of_the_foregrounds_centroids() -> None:
+    """PARTS 2.2: the way of the part's centroid; parts differ where their foregrounds do."""
+    image, mask = body()
+    half = np.full(1, 0.5), np.full(1, 0.4)
+    parts = parts_of(BOX, *half)
+    whole = Pixels(image, mask, (120, 110))
+    known = measure(whole, parts, parts, parts, np.full(1, 20.0)).centroid
+    still = measure(whole, parts, parts, parts, np.full(1, 20.0), known)
+    assert not still.displacement.any()
+    assert (still.overlap == ONE).all()
+    # The left torso loses its outer half; nothing else changes, and no rectangle does.
+    x, y, w, h = (round(v) for v in parts[0, 1].tolist())
+    cut = mask.copy()
+    cut[y : y + h, x : x + w // 2] = 0
+    seen = Pixels(image, cut, (120, 110))
+    m = measure(seen, parts, parts, parts, np.full(1, 20.0), known)
+    assert m.displacement[0, 1] > 0.1 * ONE
+    assert m.overlap[0, 1] < 0.9 * ONE
+    assert not m.displacement[0, [0, 2, 4]].any()
 
 
 def test_models_in_words() -> None:

@@ -45,8 +45,9 @@ def associate(
     scores = np.repeat(np.array([[round(s * FULL)] for *_, s in pairs]), 5, axis=1)
     filled = rectangles[..., 2] * rectangles[..., 3]
     scored = Scored(
-        candidates, measured, scores, rectangles, filled, np.zeros((n, 5), bool)
-    )
+        candidates, measured, np.repeat(scores[..., None], 6, axis=2), scores, rectangles,
+        filled, np.zeros((n, 5), bool), np.ones(n, bool),
+    )  # fmt: skip
     targets = sorted({t for t, *_ in pairs})
     last = np.array(
         [next(box for t, _, box, _ in pairs if t == target) for target in targets]
