@@ -140,7 +140,8 @@ def _judged(
     # than is seen.
     from_start, to_end = first.at == 0, last.at == len(times) - 1
     least = p.min_life_s * (_CUT_OFF if from_start or to_end else 1.0)
-    life = whole(parts, seconds, from_start, to_end, scene.has_masks)
+    asked = scene.has_masks and not p.things
+    life = whole(parts, seconds, from_start, to_end, asked)
     why = {
         "life_s": seconds,
         "life_s_at_least": least,

@@ -51,6 +51,11 @@ class HindsightParameters(Parameters):
     min_support: float = param(
         0.3, "least share of frames with an observation", low=0.0, high=1.0
     )
+    things: bool = param(
+        False,
+        "of what is seen as pixels also what never goes anywhere is told: things that"
+        " somebody left, and whatever else stands there",
+    )
     place_noise: float = param(
         0.10, "standard deviation of an observed centre", unit="sizes", low=0.001, high=10.0
     )
