@@ -7,9 +7,9 @@ nothing.
 
 Of a life that was seen as pixels alone no detection's score speaks: what is asked is whether it
 ever went anywhere. A boot lid that opens, a stain of light, whom the background had taken up: they
-come up within the picture and stay. Measured on seven scenes, of those who went by their own size
-nine of ten boxes are somebody's, of those who did not and were not there from the start one of
-nine.
+come up within the picture and stay. Looked at in eight recordings: who went by his own size is
+somebody in nine of ten boxes; who went by less than half of it, and was not there from the start,
+was a thing each of five times; in between were far people and things alike.
 
 A detector's post or poster has a middling score in every frame. Who stays in one place may be
 waiting; but for that the score is no better for being repeated, and fewer wait the longer it lasts.
@@ -39,16 +39,18 @@ TELLING = 6.0
 """Log likelihood ratio of colours that are entirely the same to strangers' is so many times
 `UNKNOWN`.
 """
-STAYED, STAYING = 0.85, 0.3
-"""Who went by so many of his sizes is as likely somebody as a thing; a third of a size further there
-is no doubt.
-"""
+STAYED = 0.5
+"""Who went by so many of his sizes at most is as likely somebody, far away or waiting, as a thing."""
 MOVING = 2.2
 """Log-odds that a life seen as pixels is somebody, where it went anywhere: nine of ten boxes are."""
-GOING = 8.0
+GOING = 6.0
 """And by how much they grow with a size of way."""
 TELLS_S = 2.0
 """Who was seen for less, as the recording ended, may not have had the time to go anywhere."""
+AROUND, ROAMING = 0.85, 0.3
+"""Detections that lie within so many sizes are at one place; with so much less there is no doubt of
+it.
+"""
 WAITS_S = 5.0
 """Who stays in one place for longer is a thing the likelier the longer it lasts."""
 WITNESS = 2 / 3
@@ -107,7 +109,7 @@ def whole(
     seen, odds = sum(f.hits for f in parts) / frames, mean_odds(parts)
     far = reach(parts) if odds is None else wandering(parts)
     if odds is not None:
-        still = min(1.0, max(0.0, (STAYED - far) / STAYING))
+        still = min(1.0, max(0.0, (AROUND - far) / ROAMING))
         odds -= still * math.log(max(1.0, seconds / WAITS_S))
     elif has_masks:
         untold = from_start or (to_end and seconds < TELLS_S)
