@@ -216,7 +216,7 @@ class _Writer:
                     blob=NO_BLOB, measured=None, signature=[], likely=None,
                     identity=life.identity,
                 )  # fmt: skip
-                out.append(gone)
+                out.append(life.believed(gone))
         return out
 
     def _rows(self, window: list[Targets], start: int) -> list[_Row]:
