@@ -2,6 +2,10 @@
 
 A person behind another comes out again; a second track on one body stays with the first for as
 long as it lives. Where both live as long, the larger one is the body, the other one a part of it.
+
+A body that comes apart, dark trousers before a dark floor, leaves two tracks that each have a piece
+of it, and neither lies within the other. Two bodies are as large as two; pieces are together no
+larger than the one that was there before.
 """
 
 from __future__ import annotations
@@ -10,13 +14,25 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from recorders.messages import Targets
+from recorders.messages import Box, Target, Targets
 from replay.trackers.association import intersection
 
 SAME_PLACE = 0.7
 """Share of the smaller of two boxes that lies within the other: they are at one place."""
 MOSTLY = 0.75
 """Share of a life that is spent at one place with another one: it is no life of its own."""
+
+
+WIDER, HIGHER, LARGER = 1.5, 1.35, 1.5
+"""Pieces lie within a body's box times so much in width and in height, and have so many times its
+area together.
+"""
+TORN = 0.5
+"""Share of a life for which it was a piece of another's body: it is no life of its own."""
+MEMORY = 0.1
+"""Share of a frame in what is remembered of a body's size."""
+KNOWN = 5
+"""Frames after which a body's size is known."""
 
 
 class Within:
@@ -26,6 +42,9 @@ class Within:
         self._frames: dict[int, int] = {}
         self._areas: dict[int, float] = {}
         self._shared: dict[tuple[int, int], int] = {}
+        self._sizes: dict[int, tuple[float, float]] = {}
+        self._whole: dict[tuple[int, int], tuple[float, float]] = {}
+        self._pieces: dict[tuple[int, int], int] = {}
 
     def watch(self, stream: Iterable[Targets]) -> Iterator[Targets]:
         """Pass a forward pass on, taking note."""
@@ -35,6 +54,7 @@ class Within:
 
     def _take(self, answer: Targets) -> None:
         here = [target for target in answer.targets if target.present]
+        self._come_apart(here)
         for t in here:
             self._frames[t.id] = self._frames.get(t.id, 0) + 1
             self._areas[t.id] = self._areas.get(t.id, 0.0) + t.box[2] * t.box[3]
@@ -48,6 +68,29 @@ class Within:
             pair = min(here[i].id, here[j].id), max(here[i].id, here[j].id)
             self._shared[pair] = self._shared.get(pair, 0) + 1
 
+    def _come_apart(self, here: Sequence[Target]) -> None:
+        """Take note of who was born in somebody's place, and of how large both are since then."""
+        for new in (t for t in here if t.id not in self._frames):
+            for old in here:
+                if self._frames.get(old.id, 0) >= KNOWN and _in_place(
+                    new.box, old.box, self._sizes[old.id]
+                ):
+                    self._whole[old.id, new.id] = self._sizes[old.id]
+        boxes = {t.id: t.box for t in here}
+        for pair, (w, h) in self._whole.items():
+            if pair[0] in boxes and pair[1] in boxes:
+                one, two = boxes[pair[0]], boxes[pair[1]]
+                wide, high = _around(one, two)
+                area = one[2] * one[3] + two[2] * two[3]
+                if wide <= WIDER * w and high <= HIGHER * h and area <= LARGER * w * h:
+                    self._pieces[pair] = self._pieces.get(pair, 0) + 1
+        for t in here:
+            w, h = self._sizes.get(t.id, t.box[2:])
+            self._sizes[t.id] = (
+                w + MEMORY * (t.box[2] - w),
+                h + MEMORY * (t.box[3] - h),
+            )
+
     def doubles(self, lives: Mapping[int, Sequence[int]]) -> dict[int, tuple[int, float]]:
         """Of lives (id -> the forward ids that it is made of) those that are second tracks on a
         body: the body's id, and the share of its life that it was at one place with it.
@@ -59,6 +102,10 @@ class Within:
                 pair = min(of[i], of[j]), max(of[i], of[j])
                 shared[pair] = shared.get(pair, 0) + n
         found: dict[int, tuple[int, float]] = {}
+        for (old, new), n in sorted(self._pieces.items()):
+            share = n / max(1, self._frames[new])
+            if share >= TORN and old in of and lives.get(of.get(new, -1)) == [new]:
+                found.setdefault(new, (of[old], share))
         for a, b in sorted(shared):
             shares = {k: shared[a, b] / self._seen(lives[k]) for k in (a, b)}
             second = [k for k in (a, b) if shares[k] >= MOSTLY and k not in found]
@@ -74,3 +121,19 @@ class Within:
     def _area(self, ids: Sequence[int]) -> float:
         """Mean area of a life's boxes, square pixels."""
         return sum(self._areas.get(identity, 0.0) for identity in ids) / self._seen(ids)
+
+
+def _around(one: Box, two: Box) -> tuple[float, float]:
+    """Width and height of the box around two."""
+    return (
+        max(one[0] + one[2], two[0] + two[2]) - min(one[0], two[0]),
+        max(one[1] + one[3], two[1] + two[3]) - min(one[1], two[1]),
+    )
+
+
+def _in_place(new: Box, old: Box, size: tuple[float, float]) -> bool:
+    """Whether a new one is where an old one of that usual size is: both fit into the old one's
+    place.
+    """
+    wide, high = _around(new, old)
+    return wide <= WIDER * size[0] and high <= HIGHER * size[1]

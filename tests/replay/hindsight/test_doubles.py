@@ -56,6 +56,27 @@ def test_a_larger_box_that_lives_shortly_is_no_body_either() -> None:
     assert ids(told(walker, around)) == {1}
 
 
+def test_pieces_of_a_body_that_comes_apart_are_one() -> None:
+    def upper(k: int) -> Box:
+        x, y, w, h = walker(k)
+        return (x, y, w, h if k < 15 else 50.0)
+
+    def lower(k: int) -> Box | None:
+        x, y, w, h = walker(k)
+        return (x + 2, y + 52, w - 4, h - 52) if k >= 15 else None
+
+    out = told(upper, lower)
+    assert ids(out) == {1}
+    assert sum(len(f.held_back or ()) for f in out) == 25
+
+
+def test_who_comes_out_of_a_body_s_place_and_is_as_large_is_somebody() -> None:
+    def other(k: int) -> Box | None:
+        return (125.0 - 2 * (k - 15), 102.0, 30.0, 90.0) if k >= 15 else None
+
+    assert ids(told(walker, other)) == {1, 2}
+
+
 def test_who_passes_behind_somebody_is_told() -> None:
     def other(k: int) -> Box:
         return (250.0 - 5 * k, 105.0, 28.0, 80.0)
