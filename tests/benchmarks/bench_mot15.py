@@ -3,6 +3,7 @@
     python tests/benchmarks/bench_mot15.py                      every tracker's scores and curve
     python tests/benchmarks/bench_mot15.py --trackers events --set hindsight.blur=0.3
     python tests/benchmarks/bench_mot15.py --thresholds 0 0.9   plain SORT at these scores beside it
+    python tests/benchmarks/bench_mot15.py --trackers --peers   five peers at six scores, and their best
     python tests/benchmarks/bench_mot15.py --parameters         one by one, 5 % up and down
 
 "together" pools the counts of the four MOT15 sequences, as TrackEval's COMBINED does; PETS and TUD
@@ -22,6 +23,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
+from peers import PEERS, Peer
 from plain_sort import PlainSort
 
 from recorders.annotated.reader import AnnotatedLog
@@ -49,6 +51,7 @@ SEQUENCES = {
     "TUD-Campus": ("tud-campus", 25.0, (640, 480)),
 }
 TOGETHER = 4
+PEERS_FROM = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95)
 Floats = NDArray[np.float64]
 
 
@@ -159,6 +162,34 @@ def plain(name: str, least: float) -> Result:
     )
 
 
+def peer(name: str, sequence: str, least: float) -> Result:
+    """A sequence through one of `PEERS`, detections of lower scores thrown away first."""
+    where = DATA / SEQUENCES[sequence][0]
+    rows = np.loadtxt(where / "det.txt", delimiter=",", usecols=range(7))
+    # What byte throws away are beginnings, not detections.
+    rows = rows if name == "byte" else rows[rows[:, 6] >= least]
+    tracker, told = Peer(name, least), []
+    for frame in range(int(rows[:, 0].max())):
+        here = rows[rows[:, 0] == frame + 1]
+        found = tracker.step(here[:, 2:6], here[:, 6])
+        told += [(frame, identity, *box, 1.0) for identity, box in found]
+    return judged(read_truth(where / "gt.txt"), MotTable.from_rows(told))
+
+
+def compare_peers() -> None:
+    """Every peer at every score, and the best of them by figure, the four together."""
+    best = np.zeros(3)
+    for name in ("sort", *PEERS):
+        for least in PEERS_FROM:
+            results = [
+                plain(sequence, least) if name == "sort" else peer(name, sequence, least)
+                for sequence in SEQUENCES
+            ]
+            best = np.maximum(best, pooled(results[:TOGETHER]).scores)
+            print(line(f"{name} from {least}", results), flush=True)
+    print("best of the peers, each figure its own: {:.1f}/{:.1f}/{:.1f}".format(*best))
+
+
 def line(what: str, results: Sequence[Result]) -> str:
     """One row of the table: the four together, each sequence, mean and worst HOTA."""
     cells = [pooled(results[:TOGETHER]).scores, *(r.scores for r in results)]
@@ -208,6 +239,7 @@ def main() -> int:
     parser.add_argument("--trackers", nargs="*", default=["events", "shells", "parts"])
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE")
     parser.add_argument("--thresholds", nargs="*", type=float, default=[0.0, 0.7, 0.9])
+    parser.add_argument("--peers", action="store_true")
     parser.add_argument("--parameters", action="store_true")
     args = parser.parse_args()
     if not (DATA / "mot15").exists():
@@ -229,6 +261,8 @@ def main() -> int:
                 line(f"plain SORT from {least}", [plain(n, least) for n in SEQUENCES]),
                 flush=True,
             )
+        if args.peers:
+            compare_peers()
         for tracker in args.trackers:
             results = [tracked(n, log, tracker, args.set) for n, log in logs.items()]
             print(line(tracker, results), flush=True)
