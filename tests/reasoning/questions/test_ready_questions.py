@@ -239,9 +239,18 @@ def test_every_row_can_be_explained(case: Case) -> None:
         ("before", ["9"], {}), ("contacts", ["1"], {}), ("hidden", [], {}), ("timeline", ["2"], {}),
         ("timeline", ["3"], {}), ("first-last", ["1"], {}), ("between", ["1", "5"], {}), ("dwell", ["bench"], {}),
     ]  # fmt: skip
-    # A drawn line, things that are left and who follows whom have stories of their own; a count's
+    # Metres, drawn lines, things that are left and who follows whom have stories of their own; a count's
     # row may be of a time in which nobody came, of which there is nothing to explain.
-    elsewhere = {"count", "crossed", "followed", "left", "took"}
+    elsewhere = {
+        "apart",
+        "count",
+        "crossed",
+        "followed",
+        "heatmap",
+        "left",
+        "moved",
+        "took",
+    }
     assert {name for name, _, _ in asked} == set(QUESTIONS) - elsewhere
     for name, words, options in asked:
         rows = ask(case, name, *words, **options)
