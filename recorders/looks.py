@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders.messages import Box
+from recorders.pictures import Image
 from recorders.vision import cv2
 
-Image = NDArray[np.uint8]
 Counts = NDArray[np.int64]
 
 SHADES: tuple[tuple[str, str], ...] = (

@@ -29,7 +29,7 @@ from recorders.log.growing import GrowingLog
 from recorders.log.moments import by_time
 from recorders.masks import Labels, RecordedMask, label_blobs
 from recorders.messages import NO_BLOB, Detections, Regions, SceneChange
-from recorders.pictures import decode_picture
+from recorders.pictures import Image, decode_picture
 from recorders.scene_pictures import (
     ScenePictures,
     Unreadable,
@@ -39,7 +39,6 @@ from recorders.scene_pictures import (
     starts_group,
 )
 
-Image = NDArray[np.uint8]
 _SAMPLED_FRAMES = 64
 _ZSTD = b"\x28\xb5\x2f\xfd"
 LAST_NS = 2**63 - 1

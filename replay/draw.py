@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from recorders.annotated.membership import Labels, value_of
 from recorders.messages import Box, Event, Group, Regions, Relation, Track
+from recorders.pictures import Image
 from recorders.vision import cv2
 from replay.palette import Colour, track_bgr
 
-Image = NDArray[np.uint8]
 Point = tuple[float, float]
 
 _SHIFT = 4

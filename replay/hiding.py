@@ -13,15 +13,14 @@ from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recorders.annotated.reader import AnnotatedLog
 from recorders.channels import NANOS
 from recorders.messages import Box
+from recorders.pictures import Image
 from recorders.scene import Frame
 from recorders.vision import cv2
 
-Image = NDArray[np.uint8]
 COVER = (128, 128, 128)
 """The colour of what is hidden, BGR."""
 _MARGIN, _MARGIN_PX = 0.12, 3.0

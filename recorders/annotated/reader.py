@@ -12,7 +12,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from recorders import channels
 from recorders.annotated.frames import annotated_cameras, instants
@@ -23,10 +22,10 @@ from recorders.errors import LimitError, RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
 from recorders.messages import Event, Graph, Group, Regions, Relation, Track, Withheld
+from recorders.pictures import Image
 from recorders.scene import Frame, SceneLog
 from recorders.vision import cv2
 
-Image = NDArray[np.uint8]
 SCENE = (
     "tracks", "relations", "groups", "held_back", "events", "graph", "regions", "membership"
 )  # fmt: skip

@@ -10,13 +10,9 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from recorders.errors import SceneTraceError
 from recorders.messages import NO_BLOB, Box, Detections
-
-Image = NDArray[np.uint8]
+from recorders.pictures import Image
 
 
 class Sighting(NamedTuple):

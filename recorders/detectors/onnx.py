@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.detectors.detector import Image, Sighting
+from recorders.detectors.detector import Sighting
 from recorders.detectors.fitting import Preparation, as_input, placement
 from recorders.detectors.layouts import ALIASES, FORMATS, Layout, Output, recognise
 from recorders.detectors.model_file import (
@@ -24,6 +24,7 @@ from recorders.detectors.network import open_network
 from recorders.detectors.parameters import DetectorParameters
 from recorders.detectors.suppression import suppress
 from recorders.errors import SceneTraceError, UsageError
+from recorders.pictures import Image
 
 USUAL_SIDE = 640
 LARGEST_SIDE = 4096

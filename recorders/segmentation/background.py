@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from recorders.pictures import Image
 from recorders.segmentation.recurring import recurring, weigh
-from recorders.segmentation.segmenter import Image, as_image
+from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
 
 MAX_SAMPLES = 60

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders.messages import Blob, Box, Ellipse
-from recorders.segmentation.segmenter import Image
+from recorders.pictures import Image
 from recorders.vision import cv2
 
 Labels = NDArray[np.int32]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from recorders.messages import NO_BLOB, Blob, Box, Detections, Ellipse
+from recorders.pictures import Image
 from recorders.segmentation.blobs import Labels, components, ellipse_of, numbered, outlines
 from recorders.segmentation.explain import Explainer, Floats
 from recorders.segmentation.pieces import bodies_of, without_thin
-from recorders.segmentation.segmenter import Image
 from recorders.segmentation.sizes import MIN_BLOBS, SizeModel, learn, regrouped
 from recorders.segmentation.touching import divide, pixels_of, single_areas, within
 from recorders.segmentation.usual import Sightings, UsualSize

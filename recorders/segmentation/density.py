@@ -21,13 +21,14 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from recorders.pictures import Image
 from recorders.segmentation.background import MIN_SAMPLES, Samples, most_common
 from recorders.segmentation.blobs import components
 from recorders.segmentation.bodies import FoundBodies
 from recorders.segmentation.evidence import NEUTRAL, Shadows, weighted_median, window_of
 from recorders.segmentation.parameters import SegmentationParameters
 from recorders.segmentation.recurring import weigh
-from recorders.segmentation.segmenter import Image, Segmented, as_image
+from recorders.segmentation.segmenter import Segmented, as_image
 from recorders.vision import cv2
 
 DENSITY_SAMPLES = 20

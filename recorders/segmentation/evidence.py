@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from recorders.pictures import Image
 from recorders.segmentation.parameters import SegmentationParameters
-from recorders.segmentation.segmenter import Image, as_image
+from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
 
 NEUTRAL = 128

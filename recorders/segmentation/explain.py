@@ -15,7 +15,7 @@ from typing import TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.segmentation.segmenter import Image
+from recorders.pictures import Image
 from recorders.segmentation.sizes import SizeModel
 from recorders.vision import cv2
 

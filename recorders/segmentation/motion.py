@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from recorders.messages import Detections, SceneChange
+from recorders.pictures import Image
 from recorders.quality import QualityMeasure
 from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
 from recorders.segmentation.bodies import FoundBodies
@@ -23,7 +24,7 @@ from recorders.segmentation.change.telling import Teller
 from recorders.segmentation.evidence import NEUTRAL, Shadows, weighted_median, window_of
 from recorders.segmentation.parameters import SegmentationParameters
 from recorders.segmentation.quality import measures
-from recorders.segmentation.segmenter import Image, Segmented, as_image, neighbours
+from recorders.segmentation.segmenter import Segmented, as_image, neighbours
 from recorders.vision import cv2
 
 SLOW_FOREGROUND = 10

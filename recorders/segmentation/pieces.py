@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders.messages import Blob
+from recorders.pictures import Image
 from recorders.segmentation.blobs import Labels, components, numbered
-from recorders.segmentation.segmenter import Image, as_image
+from recorders.segmentation.segmenter import as_image
 from recorders.segmentation.usual import UsualSize
 from recorders.vision import cv2
 

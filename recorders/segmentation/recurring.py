@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.segmentation.segmenter import Image, as_image
+from recorders.pictures import Image
+from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
 
 Bools = NDArray[np.bool_]

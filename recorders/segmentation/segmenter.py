@@ -9,13 +9,9 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol, cast, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from recorders.messages import Detections, SceneChange
+from recorders.pictures import Image
 from recorders.segmentation.parameters import SegmentationParameters
-
-Image = NDArray[np.uint8]
 
 
 def as_image(picture: object) -> Image:

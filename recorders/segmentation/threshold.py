@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders.messages import Blob, Detections
+from recorders.pictures import Image
 from recorders.segmentation.background import Samples
 from recorders.segmentation.blobs import Labels, components
 from recorders.segmentation.parameters import SegmentationParameters
-from recorders.segmentation.segmenter import Image, Segmented, as_image
+from recorders.segmentation.segmenter import Segmented, as_image
 from recorders.segmentation.touching import divide, pixels_of, single_areas, within
 from recorders.segmentation.usual import median
 from recorders.vision import cv2

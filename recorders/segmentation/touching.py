@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders.messages import Blob, Box, Ellipse
+from recorders.pictures import Image
 from recorders.segmentation.blobs import Labels, components, ellipse_of
-from recorders.segmentation.segmenter import Image, as_image
+from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
 
 Floats = NDArray[np.float64]

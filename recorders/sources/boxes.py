@@ -24,15 +24,9 @@ from recorders.formats import BoxRow
 from recorders.formats.opening import BoxOptions, open_rows
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.messages import Box
-from recorders.pictures import check_size
+from recorders.pictures import Image, check_size
 from recorders.sources.left_out import LeftOut
-from recorders.sources.source import (
-    Image,
-    SourceFrame,
-    detections_of,
-    outside,
-    rate_or_assumed,
-)
+from recorders.sources.source import SourceFrame, detections_of, outside, rate_or_assumed
 
 _MOST_OUTSIDE = 0.25
 _SURE = 1.5

@@ -17,8 +17,8 @@ from recorders.files import existing_file, sha256
 from recorders.formats import CaviarReader
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.messages import Box
-from recorders.pictures import check_size
-from recorders.sources.source import Image, Rate, SourceFrame, detections_of, outside
+from recorders.pictures import Image, check_size
+from recorders.sources.source import Rate, SourceFrame, detections_of, outside
 
 SIZE = (384, 288)
 FPS = Fraction(25)

@@ -14,11 +14,10 @@ from pathlib import Path
 from recorders.clock import nominal_ns
 from recorders.errors import LimitError, RecordingError, SourceError
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.pictures import check_size, is_whole
+from recorders.pictures import Image, check_size, is_whole
 from recorders.sources.left_out import LeftOut
 from recorders.sources.picture_names import ordered
 from recorders.sources.source import (
-    Image,
     PictureError,
     Rate,
     SourceFrame,

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from recorders.sources.source import Image, Source, SourceFrame, fitted, spread
+from recorders.pictures import Image
+from recorders.sources.source import Source, SourceFrame, fitted, spread
 from recorders.sources.video import VideoSource
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from recorders.clock import Gaps, nominal_ns
 from recorders.errors import LimitError, RecordingError, SourceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.pictures import FrameConverter, check_size
+from recorders.pictures import FrameConverter, Image, check_size
 from recorders.sources.live_feed import (
     MOST_HELD_BYTES,
     SCHEMES,
@@ -32,7 +32,6 @@ from recorders.sources.live_feed import (
 from recorders.sources.source import (
     ASSUMED_FPS,
     NANOS,
-    Image,
     Rate,
     SourceFrame,
     fitted,

@@ -27,14 +27,13 @@ from recorders.payloads import (
     read_detections,
     read_picture,
 )
-from recorders.pictures import check_size
+from recorders.pictures import Image, check_size
 from recorders.sources.left_out import LeftOut
 from recorders.sources.log_files import LogFiles
 from recorders.sources.log_pictures import Pictured, PictureReader
 from recorders.sources.pairing import Joined, Pairing
 from recorders.sources.source import (
     NANOS,
-    Image,
     Rate,
     SourceFrame,
     detections_of,

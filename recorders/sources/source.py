@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recorders.errors import SourceError, UsageError
 from recorders.log import Attachment, Message
 from recorders.messages import NO_BLOB, Box, Detections
+from recorders.pictures import Image
 from recorders.vision import cv2
-
-Image = NDArray[np.uint8]
 
 NANOS = 1_000_000_000
 ASSUMED_FPS = Fraction(25)

@@ -10,9 +10,8 @@ from pathlib import Path
 from recorders.errors import LimitError, RecordingError, SourceError
 from recorders.files import existing_file, open_to_read, sha256
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.pictures import check_size
+from recorders.pictures import Image, check_size
 from recorders.sources.source import (
-    Image,
     PictureError,
     SourceFrame,
     fitted,

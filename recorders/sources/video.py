@@ -18,11 +18,10 @@ from recorders.clock import Clock
 from recorders.errors import LimitError, SourceError
 from recorders.files import existing_file, sha256
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.pictures import FrameConverter, check_size
+from recorders.pictures import FrameConverter, Image, check_size
 from recorders.sources import containers
 from recorders.sources.source import (
     NANOS,
-    Image,
     Rate,
     SourceFrame,
     fitted,

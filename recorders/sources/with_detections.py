@@ -8,9 +8,9 @@ from pathlib import Path
 from recorders.formats.opening import BoxOptions
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.messages import Box, Detections
+from recorders.pictures import Image
 from recorders.sources.boxes import BoxFile, FrameRows
 from recorders.sources.source import (
-    Image,
     NumberedSource,
     Source,
     SourceFrame,

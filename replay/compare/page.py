@@ -11,11 +11,10 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recorders.annotated.provenance import provenance_of
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
-from recorders.pictures import encode_jpeg
+from recorders.pictures import Image, encode_jpeg
 from recorders.scene import SceneLog
 from recorders.vision import cv2
 from replay.compare.difference import Comparison, Difference
@@ -25,7 +24,6 @@ from replay.export.output import whole_file
 from replay.export.video import frame_overlay
 from replay.plurals import count_of
 
-Image = NDArray[np.uint8]
 FRAMES = 12
 _WIDTH = 960
 _QUALITY = 72

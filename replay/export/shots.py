@@ -10,21 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recorders.annotated.reader import SCENE, AnnotatedFrame, AnnotatedLog, without_picture
 from recorders.channels import NANOS
 from recorders.errors import RecordingError, UsageError
 from recorders.payloads import PICTURES, payload_kind, read_picture
 from recorders.payloads.pictures import RawPicture
-from recorders.pictures import encode_jpeg, encode_png
+from recorders.pictures import Image, encode_jpeg, encode_png
 from recorders.scene import Frame, SceneLog
 from recorders.scene_pictures import is_video
 from replay.draw import DrawOptions, draw_frame
 from replay.export.video import GROUND, Encoder, frame_overlay
 from replay.hiding import Bystanders
 
-Image = NDArray[np.uint8]
 JPEG_QUALITY = 90
 PRESET = "superfast"
 MOST_OPEN = 8

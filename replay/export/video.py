@@ -10,18 +10,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.channels import NANOS
 from recorders.clock import seconds
 from recorders.errors import RecordingError, UsageError
 from recorders.messages import Event
+from recorders.pictures import Image
 from recorders.told_times import clock_text
 from replay.draw import DrawOptions, Overlay, draw_frame, title_card
 from replay.export.output import whole_file
 
-Image = NDArray[np.uint8]
 Progress = Callable[[str, int], None]
 CLOCK = 90_000
 THREADS = 2

@@ -8,9 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-import numpy as np
-from numpy.typing import NDArray
-
 from reasoning.graph import to_networkx
 from recorders.annotated.membership import Labels
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
@@ -18,6 +15,7 @@ from recorders.closing import Closing
 from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.messages import Detections, Event, Graph, Group, Regions, Relation, Track
+from recorders.pictures import Image
 from recorders.scene import Frame, SceneLog
 from replay.export.graphml import interaction_graph
 from replay.library.answers import Rows, ask, query
@@ -27,7 +25,6 @@ if TYPE_CHECKING:
 
     from reasoning.questions import Case
 
-Image = NDArray[np.uint8]
 NANOS = 1_000_000_000
 
 

@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reasoning.questions import Case
 from recorders.errors import SceneTraceError
-from recorders.pictures import encode_jpeg
+from recorders.pictures import Image, encode_jpeg
 from recorders.scene import SceneLog
 from recorders.vision import cv2
 from replay.export.output import check_folder, whole_folder
 
-Image = NDArray[np.uint8]
 INDEX = "index.html"
 _MARGIN = 0.15
 _TALL = 240

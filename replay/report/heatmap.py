@@ -7,17 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reasoning.questions import Case
 from reasoning.questions.desk_questions import HEATMAP_CELL
 from recorders.errors import SceneTraceError, UsageError
-from recorders.pictures import encode_png
+from recorders.pictures import Image, encode_png
 from recorders.scene import SceneLog
 from recorders.vision import cv2
 from replay.export.output import whole_file
 
-Image = NDArray[np.uint8]
 _GROUND = 96
 _FAINT = 12
 _SPREAD = 5

@@ -7,16 +7,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reasoning.questions.joins import Join
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.messages import Box
+from recorders.pictures import Image
 from recorders.vision import cv2
 from replay.palette import track_bgr
 from replay.report.pictures import drawn
 
-Image = NDArray[np.uint8]
 _SIDE = 320
 _MARGIN = 0.8
 """So much of the body's larger side is shown around it."""

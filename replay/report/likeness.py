@@ -13,11 +13,11 @@ from reasoning.questions import Case
 from reasoning.questions.finding import Wanted
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.looks import body_shades
+from recorders.pictures import Image
 from recorders.stills import decode_still, still_header
 from recorders.vision import cv2
 from replay.report.contact_sheet import Crop, crops
 
-Image = NDArray[np.uint8]
 _SIZE = (128, 256)
 _MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 _MOST_BYTES = 64 << 20

@@ -7,16 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reasoning.questions import Case
 from reasoning.questions.case import kind_of
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog, without_picture
 from recorders.errors import RecordingError, UsageError
+from recorders.pictures import Image
 from replay.draw import DrawOptions, draw_frame
 from replay.export.video import frame_overlay
 
-Image = NDArray[np.uint8]
 _GROUND = 96
 
 

@@ -8,14 +8,12 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recorders.annotated.reader import AnnotatedLog
-from recorders.pictures import encode_webp
+from recorders.pictures import Image, encode_webp
 from recorders.scene import SceneLog
 from recorders.vision import cv2
 
-Image = NDArray[np.uint8]
 _WAITING = 8
 _SPARSE = 500
 """To look for a frame takes as long as to read over so many."""

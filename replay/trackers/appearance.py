@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recorders.pictures import Image
 from recorders.vision import cv2
 
-Image = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 
 FEATURES = ("luma", "red-luma", "blue-luma", "blue", "green", "red", "saturation")

@@ -9,7 +9,8 @@ from typing import Any, Protocol, runtime_checkable
 
 from recorders.messages import Targets
 from recorders.parameters import Config
-from recorders.scene import Frame, Image, SceneInfo
+from recorders.pictures import Image
+from recorders.scene import Frame, SceneInfo
 
 __all__ = [
     "Frame",

@@ -34,10 +34,10 @@ from typing import Any
 import av
 import numpy as np
 from disturbances import DISTURBANCES
-from numpy.typing import NDArray
 from plain_sort import PlainSort
 
 import replay.cli
+from recorders.pictures import Image
 from recorders.segmentation import SEGMENTERS, SegmentationParameters
 from recorders.sources import open_source
 from recorders.vision import cv2
@@ -49,7 +49,6 @@ DATA = Path(os.environ.get("SCENETRACE_DATA", ROOT.parent / "shared" / "data"))
 MODEL = DATA / "models" / "fastestdet.onnx"
 TRACKERS = ("events", "shells", "parts")
 INPUTS = ("pixels", "detector", "both")
-Image = NDArray[np.uint8]
 Scores = tuple[float, float, float, float]
 
 

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from recorders.pictures import Image
 from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmenter
 from recorders.sources import open_source
 from recorders.vision import cv2
@@ -30,7 +31,6 @@ from recorders.vision import cv2
 ROOT = Path(__file__).resolve().parent.parent.parent
 DATA = Path(os.environ.get("SCENETRACE_DATA", ROOT.parent / "shared" / "data"))
 
-Image = NDArray[np.uint8]
 Boxes = NDArray[np.float64]
 
 

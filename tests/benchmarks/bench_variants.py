@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from recorders.annotated.reader import AnnotatedLog
 from recorders.messages import Detections
+from recorders.pictures import Image
 from recorders.recording import RecordOptions, record
 from recorders.sources import Source, SourceFrame, open_source
 from recorders.sources.source import Rate, detections_of
@@ -39,7 +40,6 @@ from replay.trackers.catalogue import TRACKERS
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("SCENETRACE_DATA", ROOT.parent / "shared" / "data"))
 PETS, TUD, FLIES = DATA / "pets09-s2l1", DATA / "tud-campus", DATA / "flies"
-Image = NDArray[np.uint8]
 Boxes = NDArray[np.float64]
 
 

@@ -10,11 +10,9 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recorders.pictures import Image
 from recorders.vision import cv2
-
-Image = NDArray[np.uint8]
 
 
 def _later(number: int, frames: int) -> bool:

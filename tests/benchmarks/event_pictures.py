@@ -10,16 +10,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.messages import EVENT_KINDS, Box, Event
+from recorders.pictures import Image
 from recorders.vision import cv2
 from replay.draw import DrawOptions, draw_frame
 from replay.export.video import frame_overlay
 from replay.report.pictures import chosen_frames, drawn
 
-Image = NDArray[np.uint8]
 TILE = (340, 255)
 QUALITY = 72
 SCALE = 2.0

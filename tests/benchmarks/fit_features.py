@@ -19,7 +19,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fixtures.logs import write_scene_log, write_truth
 from fixtures.scenes import generate
@@ -27,7 +26,7 @@ from recorders import channels
 from recorders.log import LogWriter
 from recorders.messages import Detections
 from recorders.parameters import to_toml
-from recorders.pictures import encode_mask, encode_png
+from recorders.pictures import Image, encode_mask, encode_png
 from recorders.segmentation.blobs import components
 from recorders.sources import open_source
 from recorders.vision import cv2
@@ -42,7 +41,6 @@ DIFFERENT = 30
 """Grey levels in any channel by which a pixel differs from the median of all frames."""
 SMALLEST = 200
 """Pixels of a blob."""
-Image = NDArray[np.uint8]
 
 
 def generated(

@@ -11,18 +11,17 @@ from typing import Any
 import av
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from fixtures.scenes import GeneratedScene
 from fixtures.scripts import Script, walk
 from recorders.annotated.reader import AnnotatedLog
+from recorders.pictures import Image
 from recorders.scene import SceneLog
 from replay.cli import main
 from replay.export.shots import Camera, Shot, Still
 from replay.hiding import COVER, Bystanders
 
 Filmed = Callable[..., tuple[GeneratedScene, Path]]
-Image = NDArray[np.uint8]
 CROSSING = Script(
     "Two meet while three pass, one of them right in front",
     9.0,

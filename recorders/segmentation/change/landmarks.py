@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recorders.pictures import Image
 from recorders.segmentation.change.light import light_of
-from recorders.segmentation.segmenter import Image, as_image
+from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
 
 Shift = tuple[int, int]

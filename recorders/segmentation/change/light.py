@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.segmentation.segmenter import Image, as_image
+from recorders.pictures import Image
+from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
 
 Floats = NDArray[np.float64]

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from recorders.pictures import Image
 from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
 from recorders.segmentation.change.landmarks import Reference, Shift, shifted
 from recorders.segmentation.change.views import Division, Place, Seen, aligned, divide, find
 from recorders.segmentation.change.watch import Look, Watch
 from recorders.segmentation.parameters import SegmentationParameters
-from recorders.segmentation.segmenter import Image, as_image
+from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
 
 LIVE_SAMPLES = 40

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from recorders.segmentation.segmenter import Image, as_image
+from recorders.pictures import Image
+from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
 
 CHANGES_LEVELS = 5

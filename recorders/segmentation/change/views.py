@@ -10,9 +10,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from recorders.pictures import Image
 from recorders.segmentation.change.landmarks import Reference, Shift, Sight, shifted
 from recorders.segmentation.change.light import coloured_share, light_of, one_colour_share
-from recorders.segmentation.segmenter import Image, as_image
+from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
 
 KNOWN_AGAIN = 0.35

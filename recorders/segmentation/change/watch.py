@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from recorders.pictures import Image
 from recorders.segmentation.change.landmarks import NEAR, NO_SIGHT, Reference, Shift, Sight
 from recorders.segmentation.change.light import coloured_share, one_colour_share
 from recorders.segmentation.change.views import (
@@ -16,7 +17,7 @@ from recorders.segmentation.change.views import (
     one_colour_from,
     shows,
 )
-from recorders.segmentation.segmenter import Image, as_image
+from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
 
 LOOK_EVERY = 5

@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterable
 import numpy as np
 import pytest
 
-from fixtures.disturbed import FPS, HEIGHT, WIDTH, Image, dimmed, grey, picture, place, walk
+from fixtures.disturbed import FPS, HEIGHT, WIDTH, dimmed, grey, picture, place, walk
 from recorders.evidence import unlike
 from recorders.messages import CHANGES, SceneChange
+from recorders.pictures import Image
 from recorders.segmentation.motion import MotionSegmenter
 from recorders.segmentation.parameters import SegmentationParameters
 

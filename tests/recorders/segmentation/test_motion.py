@@ -12,8 +12,8 @@ import pytest
 
 from fixtures.scenes import GeneratedScene, generate
 from recorders.messages import Box, to_json
+from recorders.pictures import Image
 from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmenter
-from recorders.segmentation.segmenter import Image
 from recorders.sources import open_source
 from recorders.vision import cv2
 

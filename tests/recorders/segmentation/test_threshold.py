@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from recorders.pictures import Image
 from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmenter
-from recorders.segmentation.segmenter import Image
 from recorders.segmentation.threshold import otsu
 from recorders.segmentation.touching import split
 from recorders.sources import open_source

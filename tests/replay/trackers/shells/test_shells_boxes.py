@@ -14,8 +14,9 @@ from fixtures.logs import write_scene_log, write_truth
 from fixtures.scenes import SCRIPTS, GeneratedScene
 from recorders.annotated.reader import AnnotatedLog
 from recorders.messages import Box, Detections, Target
+from recorders.pictures import Image
 from recorders.recording import record
-from recorders.scene import Frame, Image, SceneInfo
+from recorders.scene import Frame, SceneInfo
 from recorders.sources import open_source
 from replay.annotated_writer import replay
 from replay.configuration import replay_config
