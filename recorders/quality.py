@@ -13,7 +13,7 @@ from recorders.format_version import RECORDS
 
 QUALITY = "quality"
 """The fact in a log's metadata: a list of name, value, verdict."""
-GOOD = "good"
+GOOD, FAIR, POOR = "good", "fair", "poor"
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class QualityMeasure:
     Attributes:
         name: what.
         value: the figure.
-        verdict: ``good``, or what is wrong and what to do.
+        verdict: ``good``; or ``fair`` or ``poor``, a colon, what is wrong and what to do.
     """
 
     name: str
@@ -31,9 +31,25 @@ class QualityMeasure:
     verdict: str = GOOD
 
     @property
+    def grade(self) -> str:
+        """``good``, ``fair`` or ``poor``."""
+        return self.verdict.partition(":")[0]
+
+    @property
     def bad(self) -> bool:
         """Something is wrong."""
         return self.verdict != GOOD
+
+
+def graded(value: float, fair: float, poor: float, text: str) -> str:
+    """The verdict on a value: good under ``fair``, poor from ``poor`` on.
+
+    >>> graded(0.2, 0.1, 0.3, "it flickers")
+    'fair: it flickers'
+    """
+    if value < fair:
+        return GOOD
+    return f"{POOR if value >= poor else FAIR}: {text}"
 
 
 def quality_text(measured: Sequence[QualityMeasure]) -> str:
@@ -56,9 +72,9 @@ def recorded_quality(
     """
     found: dict[str, list[QualityMeasure]] = {}
     for name, values in metadata:
-        # A recording says the same at its start and at its end: the first is enough.
+        # What a recording says at its end holds more than what it says at its start.
         camera = values.get("camera", "")
-        if name in RECORDS and QUALITY in values and camera not in found:
+        if name in RECORDS and QUALITY in values:
             found[camera] = _measures(values[QUALITY], path, name)
     return found
 

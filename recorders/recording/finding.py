@@ -20,9 +20,14 @@ from recorders.segmentation import (
     SegmenterInParts,
     SegmenterThatWatches,
 )
+from recorders.segmentation.tally import overlaps
 from recorders.sources import Source, SourceFrame
 from recorders.vision import cv2
 
+COMPARED_EVERY = 10
+"""Detector and masks are compared in every so-manieth frame."""
+ALIKE = 0.2
+"""A box has a body in the masks if they overlap by this (intersection over union)."""
 Detect = Callable[[], list[Detections]]
 
 
@@ -34,6 +39,8 @@ class Finder:
         segmenter: gives masks, and what lies in them; None: no masks.
         detector: looks at each picture; None: what the source says, if anything.
         detector_name: for its errors.
+        boxes, boxes_in_masks: of the frames that were compared, how many boxes the detector or the
+            source gave, and how many of them have a body in the masks.
         fusion: makes one set of detections of masks and detector; None: what the detector or the
             source says gets blobs, and nothing else is done to it.
     """
@@ -51,6 +58,7 @@ class Finder:
         self.detector = detector
         self.detector_name = detector_name
         self.fusion = fusion
+        self.boxes = self.boxes_in_masks = 0
 
     @property
     def sees(self) -> bool:
@@ -94,8 +102,17 @@ class Finder:
         found, given = detect(), self._given(frame)
         if given is None:
             return [found]
+        if not found.frame % COMPARED_EVERY:
+            self._compare(found, given)
         given = with_blobs(given, Segmented(mask, found))
         return [given] if self.fusion is None else self.fusion.add(found, given)
+
+    def _compare(self, found: Detections, given: Detections) -> None:
+        """How many of the detector's boxes have a body in the masks."""
+        self.boxes += len(given.boxes)
+        if found.boxes and given.boxes:
+            shares = overlaps(*(np.array(d.boxes, np.float64) for d in (given, found)))
+            self.boxes_in_masks += int(np.count_nonzero((shares >= ALIKE).any(axis=1)))
 
     def _given(self, frame: SourceFrame) -> Detections | None:
         """What the detector finds in the frame, or the source says of it."""

@@ -12,6 +12,7 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 
+from recorders.clock import Gaps
 from recorders.detectors import Detector
 from recorders.errors import OutputExistsError, SceneTraceError, UsageError
 from recorders.fusion import FusedFrames, FusionParameters
@@ -32,7 +33,13 @@ from recorders.segmentation import (
     SegmenterInTwoLooks,
 )
 from recorders.segmentation.motion import MotionSegmenter
-from recorders.segmentation.quality import FOREGROUND, worst
+from recorders.segmentation.quality import (
+    FOREGROUND,
+    of_detector,
+    of_gaps,
+    overall,
+    worst,
+)
 from recorders.segmentation.usual import MOMENT_S
 from recorders.sources import LiveSource, Source, read_regions
 from recorders.sources.source import NANOS, GivenDetections, pairs_of
@@ -132,6 +139,8 @@ def record_scenes(
                 report("recording", done, total)
             others.write_rest()
             first.losses.extend(others.losses())
+        for scene in scenes.values():
+            scene.conclude()
         summaries = logs.finish()
     except BaseException as error:
         _end_early(error, logs, done)
@@ -153,12 +162,32 @@ class _Scene:
             else read_regions(options.regions, source.width, source.height)
         )
         self._finder, self.facts = _finder(source, options, report)
+        self._gaps = Gaps(source.frame_ns)
 
     def frames(self) -> Generator[Encoded]:
         """Its frames, encoded."""
-        return encoded(
-            self.source, self._finder, self.options.codec, self.options.segment_ns
-        )
+        finder, options = self._finder, self.options
+        made = encoded(self.source, finder, options.codec, options.segment_ns)
+        with closing(made) as frames:
+            for frame in frames:
+                self._gaps.step(frame.index, frame.time_ns)
+                yield frame
+
+    def conclude(self) -> None:
+        """What can be said of the recording once all of it was seen goes into its facts and the
+        source's notes.
+        """
+        segmenter = self._finder.segmenter
+        if not isinstance(segmenter, MotionSegmenter):
+            return
+        told = [*segmenter.measured(), of_gaps([length for _, length in self._gaps.found])]
+        alone = not self._finder.boxes
+        if not alone:
+            told.append(of_detector(self._finder.boxes, self._finder.boxes_in_masks))
+        self.facts[QUALITY] = quality_text([overall(told), *told])
+        changed = segmenter.changed()
+        self.source.notes += [changed] if changed else []
+        _note_quality(self.source, told, alone)
 
 
 def _by_time(

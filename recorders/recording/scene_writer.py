@@ -87,7 +87,8 @@ class SceneWriter:
         self._detections = 0
         self._first_ns = self._last_ns = self._first_number = 0
         self._facts = _known_at_start(source, options)
-        found = dict(detector or {})
+        self._told = {} if detector is None else detector
+        found = dict(self._told)
         quality = found.pop(QUALITY, None)
         if quality is not None:
             self._facts[QUALITY] = quality
@@ -157,6 +158,8 @@ class SceneWriter:
             if len(digests) == 1
             else hashlib.sha256(listing.encode()).hexdigest()
         )
+        if QUALITY in self._told:
+            self._facts[QUALITY] = self._told[QUALITY]
         facts = {
             **self._facts,
             "source_digest": f"sha256:{digest}",

@@ -134,6 +134,7 @@ class Background:
         level: (H, W) uint8, the least difference that is foreground, by pixel: larger where the
             background itself changes (leaves, tape in the wind, screens, a burnt-in clock).
         coloured: it has colours: not from an infrared or a monochrome camera.
+        waving: in this share of the places it does.
         noisy: in most places the level follows from the spread: noise decides what is foreground.
     """
 
@@ -141,6 +142,7 @@ class Background:
     level: Image
     coloured: bool = True
     noisy: bool = False
+    waving: float = 0.0
     _around: tuple[Image, Image] | None = field(default=None, init=False, repr=False)
 
     @classmethod
@@ -176,6 +178,7 @@ class Background:
             np.minimum(level, np.float32(MAX_LEVEL)).astype(np.uint8),
             coloured,
             noisy,
+            int(np.count_nonzero(by_spread > threshold * brightness)) / by_spread.size,
         )
 
     def around(self) -> tuple[Image, Image]:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from recorders.messages import Detections, SceneChange
+from recorders.messages import Blob, Detections, SceneChange
 from recorders.pictures import Image
 from recorders.quality import QualityMeasure
 from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
@@ -23,8 +23,15 @@ from recorders.segmentation.change.standstill import Standstill
 from recorders.segmentation.change.telling import Teller
 from recorders.segmentation.evidence import NEUTRAL, Shadows, weighted_median, window_of
 from recorders.segmentation.parameters import SegmentationParameters
-from recorders.segmentation.quality import measures
+from recorders.segmentation.quality import (
+    changes_told,
+    measures,
+    of_masks,
+    of_tally,
+    pieces_of,
+)
 from recorders.segmentation.segmenter import Segmented, as_image, neighbours
+from recorders.segmentation.tally import Tally
 from recorders.vision import cv2
 
 SLOW_FOREGROUND = 10
@@ -52,6 +59,7 @@ class MotionSegmenter:
         self._scenery = Scenery(parameters, fps)
         self._teller = Teller(fps)
         self._standstill = Standstill()
+        self._tally = Tally(fps)
         self._live = True
         self._told: tuple[SceneChange, ...] = ()
         self._shadows = Shadows(parameters, width, height)
@@ -87,17 +95,43 @@ class MotionSegmenter:
                 after = view.found_again(later)
                 masks.append((self._mask(now, view)[0], self._mask(later, after)[0]))
         self._bodies.learn_usual_of(masks)
-        for now, _ in masks:
-            self._bodies.observe(self._bodies.measured_in(now, self._min_area))
+        found = [self._bodies.measured_in(now, self._min_area) for now, _ in masks]
+        for blobs in found:
+            self._bodies.observe(blobs)
         self._bodies.learn()
-        shares = [int(np.count_nonzero(now)) / max(1, now.size) for now, _ in masks]
-        self.quality = measures(
-            sum(shares) / len(shares),
-            self._bodies.sightings,
-            self._bodies.usual is not None,
-            self._bodies.model is not None,
-            self._scenery.grainy,
-        )
+        self.quality = self._measured(masks, found)
+
+    def _measured(
+        self, masks: list[tuple[Image, Image]], found: list[list[Blob]]
+    ) -> list[QualityMeasure]:
+        """What the first reading says of the recording."""
+        areas = [int(np.count_nonzero(now)) for now, _ in masks]
+        bodies = sum(map(len, found))
+        explained = sum(blob.area for blobs in found for blob in blobs)
+        pieces = [pieces_of(now, explained / max(1, bodies)) for now, _ in masks]
+        return [
+            *measures(
+                sum(areas) / max(1, sum(now.size for now, _ in masks)),
+                self._bodies.sightings,
+                self._bodies.usual is not None,
+                self._bodies.model is not None,
+                self._scenery.grainy,
+            ),
+            *of_masks(
+                sum(pieces) / max(1, bodies),
+                max(0.0, 1 - explained / max(1, sum(areas))),
+                self._scenery.waving,
+                bodies,
+            ),
+        ]
+
+    def measured(self) -> list[QualityMeasure]:
+        """What both readings say of the recording so far."""
+        return [*self.quality, *of_tally(self._tally)]
+
+    def changed(self) -> str:
+        """In one line, how the picture changed as a whole so far; "" where it did not."""
+        return changes_told(self._tally)
 
     def segment(self, index: int, image: Image) -> Segmented:
         """Segment the next frame."""
@@ -117,6 +151,7 @@ class MotionSegmenter:
         self._standstill.step(picture, bool(raw.any()))
         look, since = self._scenery.look, self._standstill.frames
         self._told = tuple(self._teller.step(index, look, light, since))
+        self._tally.see(look, light, self._told)
         mask, labels, blobs = self._bodies.found_in(raw, self._min_area, self._before)
         self._before = mask
         self._steps += 1
@@ -130,7 +165,9 @@ class MotionSegmenter:
             if learn:
                 self._bodies.observe(blobs)
                 self._bodies.learn_when_due()
-            return self._bodies.detect(index, mask, labels, blobs)
+            found = self._bodies.detect(index, mask, labels, blobs)
+            self._tally.count(found)
+            return found
 
         return mask, detect
 

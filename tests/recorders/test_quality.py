@@ -2,17 +2,37 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from fixtures.disturbed import dimmed, walk
 from recorders.errors import RecordingError
 from recorders.log import LogReader
+from recorders.messages import Box, Detections
 from recorders.pictures import encode_png
-from recorders.quality import GOOD, QualityMeasure, quality_text, recorded_quality
-from recorders.segmentation.quality import LEAST_FOREGROUND, measures, worst
+from recorders.quality import (
+    FAIR,
+    GOOD,
+    POOR,
+    QualityMeasure,
+    graded,
+    quality_text,
+    recorded_quality,
+)
+from recorders.segmentation.quality import (
+    LEAST_FOREGROUND,
+    measures,
+    of_detector,
+    of_gaps,
+    of_tally,
+    overall,
+    worst,
+)
+from recorders.segmentation.tally import Tally
 from replay.cli import main
 
 
@@ -115,3 +135,78 @@ def test_record_says_in_one_line_that_no_size_was_learnt(
 def test_a_measure_is_bad_unless_it_is_good() -> None:
     assert not QualityMeasure("noise", 0.0).bad
     assert QualityMeasure("noise", 1.0, "noise decides").bad
+
+
+def stay(boxes: list[Box], frame: int) -> Detections:
+    return Detections(frame, 100, 100, boxes)
+
+
+def test_flicker_and_what_never_moves_are_counted() -> None:
+    tally = Tally(fps=10.0)
+    for k in range(300):
+        rim = (5.0, 5.0, 10.0, 20.0)
+        walker = (20.0 + k % 60, 50.0, 10.0, 20.0)
+        speck = [(80.0, 80.0, 4.0, 4.0)] if k % 10 == 1 else []
+        tally.count(stay([rim, walker, *speck], k))
+    assert tally.flicker == pytest.approx(1 / 3, abs=0.02)
+    assert tally.still_share(10.0, 1 / 3) == pytest.approx(0.5, abs=0.02)
+    assert tally.longest_rest_s() == pytest.approx(29.5)
+    told = {m.name: m for m in of_tally(tally)}
+    assert told["flicker"].grade == FAIR
+    assert told["never_moves"].grade == FAIR
+    assert told["longest_rest_s"].grade == GOOD
+    assert told["camera_shakes"].grade == GOOD
+
+
+def test_a_verdict_is_good_or_has_a_grade_and_words() -> None:
+    assert graded(0.1, 0.2, 0.5, "no") == GOOD
+    assert QualityMeasure("x", 0.2, graded(0.2, 0.2, 0.5, "it is")).grade == FAIR
+    assert QualityMeasure("x", 0.5, graded(0.5, 0.2, 0.5, "it is")).grade == POOR
+
+
+def test_the_whole_is_as_bad_as_what_speaks_of_most_of_it() -> None:
+    fair = QualityMeasure("waving_ground", 0.4, "poor: leaves")
+    poor = QualityMeasure("pieces_per_body", 9.0, "poor: pieces")
+    good = QualityMeasure("noise", 0.0)
+    assert overall([good]).verdict == GOOD
+    assert overall([good, fair]).verdict == "fair: see waving_ground"
+    assert overall([good, fair, poor]).verdict == "poor: see pieces_per_body"
+    assert worst([fair, poor]) == poor
+
+
+def test_gaps_and_a_detector_that_sees_others_are_measured() -> None:
+    assert of_gaps([]).verdict == GOOD
+    told = of_gaps([3 * 10**9, 28_800 * 10**9])
+    assert told.value == 2.0
+    assert "28800 s" in told.verdict
+    assert of_detector(100, 90).verdict == GOOD
+    assert of_detector(100, 20).grade == POOR
+    assert of_detector(0, 0).verdict == GOOD
+
+
+def test_a_recording_whose_picture_changed_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Recorded, replayed and asked: the light of a street falls and comes back."""
+    folder = tmp_path / "street"
+    folder.mkdir()
+    for k, image in enumerate(walk(90)):
+        shown = dimmed(image, 0.6) if 40 <= k < 65 else image
+        (folder / f"{k:04d}.png").write_bytes(encode_png(shown))
+    scene, out = tmp_path / "scene.mcap", tmp_path / "out.mcap"
+    assert main(["record", str(folder), "--fps", "10", "-o", str(scene)]) == 0
+    assert "the light was switched or changed 2 times" in capsys.readouterr().err
+    with LogReader(scene) as log:
+        (measured,) = recorded_quality(log.metadata(), scene).values()
+    grades = {one.name: one.grade for one in measured}
+    assert grades["light_changes"] == FAIR
+    assert grades["camera_moves"] == grades["gaps"] == GOOD
+    assert main(["replay", str(scene), "-o", str(out), "--tracker", "events"]) == 0
+    assert main(["verify", str(out)]) == 0
+    capsys.readouterr()
+    asked = "SELECT frame, subjects, text FROM events WHERE kind = 'scene_changed'"
+    assert main(["query", str(out), asked, "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    rows = rows["rows"] if isinstance(rows, dict) else rows
+    assert len(rows) == 2
+    assert "The light fell to 60% of what is usual here." in str(rows[0])

@@ -92,7 +92,7 @@ def test_the_quality_of_a_recording_is_told_once_with_what_to_do(
     assert main(["info", str(tmp_path / "x.mcap")]) == 0
     out = capsys.readouterr().out
     assert out.count("60% of the picture differs from its background") == 1
-    assert "quality   of left\n  foreground_share 0.6: 60%" in out
+    assert "quality   of left\n  foreground_share 0.6: poor: 60%" in out
     assert "  noise 0: good\n" in out
     assert main(["info", str(tmp_path / "x.mcap"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["quality"]

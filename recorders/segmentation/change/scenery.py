@@ -123,6 +123,12 @@ class Scenery:
         """Noise decides what is foreground in some view."""
         return any(ground.grainy for ground in self._grounds.values())
 
+    @property
+    def waving(self) -> float:
+        """The largest share of a background that changes by itself."""
+        shares = [ground.background.waving for ground in self._grounds.values()]
+        return max(shares, default=0.0)
+
     # -- in hindsight --------------------------------------------------------------------------
 
     def learn(self, pictures: list[Image]) -> bool:
