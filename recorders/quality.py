@@ -32,8 +32,10 @@ class QualityMeasure:
 
     @property
     def grade(self) -> str:
-        """``good``, ``fair`` or ``poor``."""
-        return self.verdict.partition(":")[0]
+        """``good``, ``fair`` or ``poor``, which is what a verdict without a grade is."""
+        if self.verdict == GOOD:
+            return GOOD
+        return FAIR if self.verdict.startswith(f"{FAIR}:") else POOR
 
     @property
     def bad(self) -> bool:
