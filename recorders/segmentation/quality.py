@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from recorders.pictures import Image
 from recorders.quality import FAIR, GOOD, POOR, QualityMeasure, graded
-from recorders.segmentation.segmenter import Image
 from recorders.segmentation.tally import Tally
 from recorders.vision import cv2
 
