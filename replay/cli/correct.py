@@ -61,7 +61,9 @@ def add(commands: common.Commands) -> None:
         help="the corrections: made, or added to",
     )
     parser.add_argument(
-        "--at", metavar="T", help="from when on: seconds, frame:N or RFC 3339"
+        "--at",
+        metavar="T",
+        help="from when on: seconds, 1:20, 12:03:40, frame:N or RFC 3339",
     )
     parser.add_argument("--until", metavar="T", help="delete: the end, excluded")
     parser.add_argument("--by", metavar="NAME", help="who says so")

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from fixtures.logs import write_scene_log
+from fixtures.planted_differences import copy_log
 from fixtures.scenes import generate
-from recorders.annotated.provenance import provenance_of
+from recorders.annotated.provenance import provenance_of, with_fact_digests
 from recorders.log import LogReader
 from replay.cli import main
 from replay.trackers.catalogue import TRACKERS
@@ -162,6 +163,33 @@ def test_altered_corrections_are_found(
     error = capsys.readouterr().err
     assert f"{file}:2: correction 2 was not written after the lines before it" in error
     assert not (tmp_path / "o.mcap").exists()
+
+
+def test_forged_corrections_are_named(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, file = folder / "events.mcap", tmp_path / "c.jsonl"
+    a, b = sorted(tracks(log, capsys))[:2]
+    assert correct(log, file, "swap", str(a), str(b), "--at", "1") == 0
+    out = replayed(folder, "events", file, tmp_path / "out.mcap")
+
+    def other_author(facts: dict[str, str]) -> dict[str, str]:
+        return facts | {"corrections": facts["corrections"].replace("Jo Doe", "Al Roe")}
+
+    def another_time(facts: dict[str, str]) -> dict[str, str]:
+        text = facts["corrections"].replace('"frame":', '"frame":1')
+        plain = {k: v for k, v in facts.items() if k != "fact_digests"}
+        return with_fact_digests(plain | {"corrections": text})
+
+    copy_log(out, tmp_path / "author.mcap", facts=other_author)
+    found = verify(tmp_path / "author.mcap")
+    assert not found.identical
+    assert any(
+        "corrections" in reason for reason in [*found.reasons, str(found.difference)]
+    )
+    # With its digest made anew: then the replay is another one, or cannot be.
+    copy_log(out, tmp_path / "time.mcap", facts=another_time)
+    assert main(["verify", str(tmp_path / "time.mcap")]) in (1, 4)
 
 
 @pytest.mark.parametrize(
