@@ -33,7 +33,7 @@ from typing import Any
 
 import av
 import numpy as np
-from disturbances import DISTURBANCES
+from disturbances import DISTURBANCES, MOVED
 from plain_sort import PlainSort
 
 import replay.cli
@@ -102,6 +102,8 @@ class Variant:
         step: every so many frames are kept.
         part: the share of the scene that is kept, from its start.
         mirrored: left is right, for the truth as well.
+        moved: how far the truth moves, see `disturbances.MOVED`; who then lies over the picture's
+            edge, on both sides of it, is left out.
         parameters: of the recording, in place of a re-encoded video.
     """
 
@@ -111,6 +113,7 @@ class Variant:
     step: int = 1
     part: float = 1.0
     mirrored: bool = False
+    moved: Callable[[int, int, int], tuple[int, int]] = lambda *_: (0, 0)
     record: tuple[str, ...] = ()
 
 
@@ -139,7 +142,10 @@ VARIANTS: dict[str, Variant] = {
     "mirrored": Variant(_mirror, mirrored=True),
     "darker": Variant(_darker),
     "noisier": Variant(_noisier),
-    **{name: Variant(picture) for name, picture in DISTURBANCES.items()},
+    **{
+        name: Variant(picture, moved=MOVED.get(name, lambda *_: (0, 0)))
+        for name, picture in DISTURBANCES.items()
+    },
 }
 
 
@@ -180,7 +186,11 @@ def truth_of(scene: Scene, variant: Variant, size: tuple[int, int]) -> MotTable:
     ):
         if frame in kept:
             x = size[0] - box[0] - box[2] if variant.mirrored else box[0]
-            rows.append((frame // variant.step, identity, x, *box[1:], confidence))
+            right, down = variant.moved(frame, scene.frames, size[0])
+            x = (x + right) % size[0] if right else x
+            if not right or x + box[2] <= size[0]:
+                moved = (x, box[1] + down, *box[2:])
+                rows.append((frame // variant.step, identity, *moved, confidence))
     return MotTable.from_rows(rows)
 
 

@@ -52,9 +52,31 @@ def infrared(image: Image, number: int, frames: int) -> Image:
     return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
 
 
+def bump_of(number: int, frames: int, width: int) -> tuple[int, int]:
+    """Pixels right and down: four and two from the middle on."""
+    del width
+    return (4, 2) if _later(number, frames) else (0, 0)
+
+
+def pan_of(number: int, frames: int, width: int) -> tuple[int, int]:
+    """A fourth of the width to the left within a twentieth of the time, from the middle on."""
+    done = min(1.0, max(0.0, (number - frames // 2) / max(1, frames // 20)))
+    return -round(done * width / 4), 0
+
+
+def _moved(image: Image, right: int, down: int) -> Image:
+    """What leaves on one side comes back on the other."""
+    return np.roll(image, (down, right), (0, 1))
+
+
 def bumped(image: Image, number: int, frames: int) -> Image:
-    """Four pixels aside and two down from the middle on."""
-    return np.roll(image, (2, 4), (0, 1)) if _later(number, frames) else image
+    """A camera that is bumped."""
+    return _moved(image, *bump_of(number, frames, image.shape[1]))
+
+
+def panned(image: Image, number: int, frames: int) -> Image:
+    """A camera that turns and rests."""
+    return _moved(image, *pan_of(number, frames, image.shape[1]))
 
 
 def shaken(image: Image, number: int, frames: int) -> Image:
@@ -75,5 +97,11 @@ DISTURBANCES: dict[str, Callable[[Image, int, int], Image]] = {
     "infrared": infrared,
     "bumped": bumped,
     "shaken": shaken,
+    "panned": panned,
     "no signal": no_signal,
 }
+MOVED: dict[str, Callable[[int, int, int], tuple[int, int]]] = {
+    "bumped": bump_of,
+    "panned": pan_of,
+}
+"""How far the truth moves with the picture: number, frames and width -> pixels right and down."""
