@@ -300,6 +300,17 @@ def measure(
     )
 
 
+def head_and_body(pixels: Pixels, parts: Floats) -> tuple[Bytes, Bytes]:
+    """Foreground pixels of heads, and of what is below them, at the parts' (N, 5, 4) places: (P,
+    3) uint8 BGR each.
+    """
+    assert pixels.image is not None
+    flat, seen = _sampled(pixels, parts)
+    bgr = pixels.image.reshape(-1, 3)
+    head, body = seen & (_PART == 0), seen & (_PART > 0)
+    return bgr.take(flat[head], axis=0), bgr.take(flat[body], axis=0)
+
+
 def _centroids(seen: NDArray[np.bool_]) -> Ints:
     """Centroids of the places (N, S) that are foreground, within their parts, (N, 5, 2) in 1 /
     `ONE`.

@@ -22,9 +22,10 @@ from replay.trackers.parts.features import (
     Pixels,
     Room,
     differences,
+    head_and_body,
     measure,
 )
-from replay.trackers.parts.heads import CLEAR_PX, HeadDetector
+from replay.trackers.parts.heads import CLEAR_PX, HeadColours, HeadDetector
 from replay.trackers.parts.layers import NEARER, Association, Match, Scored, trunks
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.pieces import held_by_pieces
@@ -56,7 +57,7 @@ class Matching:
         p: PartsParameters,
         dt: float,
         room: Room | None,
-        typical: Typical,
+        learnt: tuple[Typical, HeadColours],
     ) -> None:
         self._scene, self._frame, self._seen, self._targets, self._p = (
             scene,
@@ -67,7 +68,8 @@ class Matching:
         )
         mask = frame.mask if scene.has_masks else None
         self._pixels = Pixels(None, mask, (scene.width, scene.height), room)
-        self.dt, self._typical = dt, typical
+        self.dt = dt
+        self._typical, self._head_colours = learnt
         self._expected = targets.expected() if scene.has_masks else targets.ahead()
         self._gates = targets.gates(dt)
         self._before = targets.boxes.copy()
@@ -162,6 +164,10 @@ class Matching:
                 due[k] = True
         if due.any():
             self._learn(found[due], boxes[due], m.kept(due))
+        clear = due & (HEAD * boxes[:, 3] >= CLEAR_PX)
+        if clear.any() and self._image() is not None:
+            parts = self._targets.parts(found[clear], boxes[clear])
+            self._head_colours.take(*head_and_body(self._pixels, parts))
 
     def _likeness(
         self, rows: Rows, m: Measured

@@ -26,7 +26,7 @@ from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.parts.beginning import Beginning, parse_init
 from replay.trackers.parts.candidates import observe
 from replay.trackers.parts.features import Room
-from replay.trackers.parts.heads import ColourShapeHeads, HeadDetector
+from replay.trackers.parts.heads import ColourShapeHeads, HeadColours, HeadDetector
 from replay.trackers.parts.matching import Matching
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.regions import PARTS
@@ -73,7 +73,8 @@ class PartsTracker:
         self._p = parameters
         self._scorer = Scorer(features)
         self._typical = Typical(self._scorer.usual)
-        self._find_heads = find_heads or ColourShapeHeads()
+        self._find_heads = find_heads
+        self._head_colours = HeadColours()
         self._by_hand = parse_init(parameters.init)
         if not scene.has_masks:  # nothing but its place tells who a box is
             parameters = alone(parameters, gate_most=min(parameters.gate_most, NEAR))
@@ -114,14 +115,15 @@ class PartsTracker:
             self._p,
             dt if dt > 0 else self._scene.frame_ns * NS,
             self._room,
-            self._typical,
+            (self._typical, self._head_colours),
         )
         gates = {
             item.id: gate
             for item, gate in zip(targets.items, matching.gates(), strict=True)
             if item.told
         }
-        matching.run(self._scorer, self._find_heads, notices)
+        heads = self._find_heads or ColourShapeHeads(colours=self._head_colours.tell)
+        matching.run(self._scorer, heads, notices)
         begin = Beginning(self._p, targets)
         begin.by_hand(frame, self._by_hand)
         begin.automatic(frame, seen, matching.unexplained(), self._life.regions)
@@ -240,6 +242,7 @@ class PartsTracker:
             "scores": self._scores.state(),
             "camera": self._camera.state(),
             "typical": self._typical.state(),
+            "head_colours": self._head_colours.state(),
         }
 
     def restore(self, state: State) -> None:
@@ -251,3 +254,4 @@ class PartsTracker:
         self._scores.restore(state["scores"])
         self._camera.restore(state["camera"])
         self._typical.restore(state["typical"])
+        self._head_colours.restore(state["head_colours"])

@@ -26,12 +26,14 @@ from replay.trackers.parts.heads import (
     CLEAR_PX,
     HEAD,
     ColourShapeHeads,
+    HeadColours,
     colour_table,
     likelihood,
 )
 from replay.trackers.parts.regions import PARTS, alpha_of, beta_of, covered, hung, parts_of
 from replay.trackers.parts.scoring import FULL, PartFeatures, Scorer, density, tabulated
 from replay.trackers.parts.template import SIDE, distances, patches, refine
+from replay.trackers.parts.typical import Typical
 
 BOX = np.array([[40.0, 20.0, 28.0, 70.0]])
 
@@ -314,3 +316,33 @@ def test_the_search_for_a_head_compares_every_patch() -> None:
     assert whole.all()
     apart = np.abs(seen.astype(np.int64) - template).sum(axis=(1, 2)) // template.size
     assert distances(image, template, x, y, 13.0).tolist() == apart.reshape(2, 3).tolist()
+
+
+def test_colours_that_do_not_tell_heads_from_bodies_get_no_weight() -> None:
+    """PARTS 2.3, ours: mixtures that do not tell heads in this recording get no weight."""
+    hair = np.full((500, 3), (40, 40, 44), np.uint8)
+    blue = np.full((2000, 3), (200, 60, 20), np.uint8)
+    brown = np.full((2000, 3), (50, 70, 100), np.uint8)
+    good, bad, few = HeadColours(), HeadColours(), HeadColours()
+    good.take(hair, blue)
+    bad.take(hair, brown)
+    few.take(hair[:100], brown)
+    assert good.tell
+    assert not bad.tell, "bodies have such colours, too"
+    assert few.tell, "too little was seen to say"
+    again = HeadColours()
+    again.restore(good.state())
+    assert again.tell
+
+
+def test_scores_are_in_units_of_what_is_usual_in_the_recording() -> None:
+    typical = Typical(np.full((5, 6), 20, np.int64))
+    apart = np.full((1, 5, 6), 40, np.int64)
+    assert (typical.scaled(apart) == 40).all()
+    everything = np.ones((1000, 5, 6), bool)
+    typical.take(np.full((1000, 5, 6), 40, np.int64), everything)
+    assert (typical.scaled(apart) < 23).all()
+    # Less than usual never makes anybody stricter than the fit.
+    sharp = Typical(np.full((5, 6), 20, np.int64))
+    sharp.take(np.full((1000, 5, 6), 2, np.int64), everything)
+    assert (sharp.scaled(apart) == 40).all()
