@@ -30,8 +30,15 @@ from replay.trackers.association import iou
 from replay.trackers.catalogue import TRACKERS
 
 LIMITS = {
-    ("three_way_split", "parts"): "three bodies in one blob lose their names",
-    ("colour_swap", "shells"): "who is alone in a blob is not asked for his colours",
+    ("three_way_split", "parts"): (
+        "three bodies in one blob lose their names: the paper's heads are anchors (PARTS 3.1"
+        ' "the tops of the heads are visible most of the time"), and who stands behind two'
+        " has none that is free"
+    ),
+    ("colour_swap", "shells"): (
+        "who is alone in a blob is not asked for his colours: by SHELLS 2.4 colours decide"
+        ' among "the union of the object and other objects" in relations, and he has none'
+    ),
 }
 """(scene, tracker) -> what falls short, and why."""
 
