@@ -322,7 +322,16 @@ class RelationBook:
         step = resolve("INDEPENDENT", meets=True, same_blob=False)
         distance, ra, rb = discs.distance(*m), discs.radii[m[0]], discs.radii[m[1]]
         self._edges[pair] = Edge(
-            *pair, step.after, frame, ns, step.rule, distance, ra, rb, frame, ns
+            *pair,
+            state=step.after,
+            since_frame=frame,
+            since_ns=ns,
+            rule=step.rule,
+            distance=distance,
+            radius_a=ra,
+            radius_b=rb,
+            met_frame=frame,
+            met_ns=ns,
         )
         same = objects.same_blob(*m)
         return RelationChange(

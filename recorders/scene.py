@@ -89,8 +89,8 @@ class Frame:
         load_image: Callable[[], Image | None] | None = None,
         load_mask: Callable[[], Image] | None = None,
         messages: tuple[Message, ...] = (),
-        load_labels: Callable[[], Labels] | None = None,
         *,
+        load_labels: Callable[[], Labels] | None = None,
         changes: tuple[SceneChange, ...] = (),
     ) -> None:
         self.index = index

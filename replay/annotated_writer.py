@@ -323,15 +323,17 @@ class AnnotatedWriter:
         if options.choice.version:
             facts["tracker_version"] = options.choice.version
         self._log.metadata(METADATA, with_fact_digests(facts))
-        done = self._frames, run.computed, len(self._tracks), self._events
         found = sum(frames > 1 for frames in run.sightings.values())
         return ReplaySummary(
-            *done,
-            run.input_link,
-            self._link,
-            found,
-            run.resumed,
-            tuple(self._scene.unreadable.lines()),
-            tuple(self.gaps.lines()),
-            not scene.grows or scene.ended,
+            frames=self._frames,
+            computed=run.computed,
+            tracks=len(self._tracks),
+            events=self._events,
+            input_digest=run.input_link,
+            output_digest=self._link,
+            found=found,
+            resumed=run.resumed,
+            unreadable=tuple(self._scene.unreadable.lines()),
+            gaps=tuple(self.gaps.lines()),
+            ended=not scene.grows or scene.ended,
         )

@@ -1,7 +1,8 @@
 """Everything that has to pass: lint, format, types, documents, tests. `python tests` runs it; words
 after it go to pytest.
 
-    python tests             all of it
+    python tests             all that there is to prove
+    python tests --all       that, and what is proved again on more scenes
     python tests --fast      the inner loop: rules and single pieces, without whole replays,
                              whole commands, other processes and real recordings
     python tests --cov       branch coverage as well, which nearly doubles the time of the tests
@@ -16,7 +17,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-FAST = "--fast"
+FAST, ALL = "--fast", "--all"
 ROOMS = ["recorders", "reasoning", "replay", "fixtures", "scenetrace.py"]
 CHECKS = (
     # Every test that starts the program would compile it anew where Python may not write bytecode.
@@ -62,7 +63,11 @@ WHOLE = (
     *("replay/trackers/shells/test_shells_tracker.py",),
 )
 """Folders and files of tests, each of which records, replays or starts the whole program."""
-INNER = ["-m", "not slow and not real", *(f"--ignore=tests/{where}" for where in WHOLE)]
+INNER = [
+    "-m",
+    "not slow and not real and not long",
+    *(f"--ignore=tests/{where}" for where in WHOLE),
+]
 
 
 def commands(words: list[str], site: str) -> list[tuple[str, list[str]]]:
@@ -70,8 +75,10 @@ def commands(words: list[str], site: str) -> list[tuple[str, list[str]]]:
     if FAST in words:
         rest = [w for w in words if w != FAST]
         return [*CHECKS, ("tests", [*TESTS, *INNER, *rest])]
+    chosen = [] if ALL in words else ["-m", "not long"]
+    rest = [w for w in words if w != ALL]
     documents = ["mkdocs", "build", "--strict", "--quiet", "--site-dir", site]
-    return [*CHECKS, ("documents", documents), ("tests", [*TESTS, *words])]
+    return [*CHECKS, ("documents", documents), ("tests", [*TESTS, *chosen, *rest])]
 
 
 def main(words: list[str]) -> int:

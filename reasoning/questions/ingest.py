@@ -160,14 +160,14 @@ class _Boxes:
     def steps(self) -> Steps:
         """Where it was when, to ask who stood where."""
         return Steps(
-            np.array(self.frames, np.int64),
-            np.array(self.ranks, np.int64),
-            np.array(self.times),
-            np.array(self.boxes, np.float64).reshape(-1, 4),
-            np.array(self.told, np.bool_),
-            np.array(self.existence),
-            np.array(self.identity),
-            self.joins,
+            frames=np.array(self.frames, np.int64),
+            ranks=np.array(self.ranks, np.int64),
+            t=np.array(self.times),
+            boxes=np.array(self.boxes, np.float64).reshape(-1, 4),
+            seen=np.array(self.told, np.bool_),
+            existence=np.array(self.existence),
+            identity=np.array(self.identity),
+            joins=self.joins,
         )
 
     def add(self, rank: int, frame: int, t: float, seen: Seen, told: Sight) -> None:

@@ -325,7 +325,16 @@ def jobs_of(args: argparse.Namespace) -> list[Job]:
         recording = _filled([*record, *own], source)
         configuration = _configuration(recording, replay, made)
         jobs.append(
-            Job(source, case, recording, replay, configuration, args.keep, limit, paths)
+            Job(
+                source=source,
+                case=case,
+                record=recording,
+                replay=replay,
+                configuration=configuration,
+                keep=args.keep,
+                limit=limit,
+                paths=paths,
+            )
         )
     return jobs
 

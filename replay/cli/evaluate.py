@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -322,7 +323,7 @@ def show(scores: Scores, name: str) -> None:
         console.print(table)
 
 
-def _table(title: str, *columns: str) -> Table:
+def _table(title: str, columns: Sequence[str]) -> Table:
     from rich import box
     from rich.table import Table
 
@@ -336,17 +337,19 @@ def _headline(scores: Scores, name: str) -> Table:
     h, c, i = scores.hota, scores.clear, scores.identity
     table = _table(
         f"{name} (percent)",
-        "HOTA",
-        "DetA",
-        "AssA",
-        "LocA",
-        "MOTA",
-        "MOTP",
-        "IDF1",
-        "IDP",
-        "IDR",
-        "Prec",
-        "Rec",
+        [
+            "HOTA",
+            "DetA",
+            "AssA",
+            "LocA",
+            "MOTA",
+            "MOTP",
+            "IDF1",
+            "IDP",
+            "IDR",
+            "Prec",
+            "Rec",
+        ],
     )
     shares = (
         h.hota,
@@ -374,7 +377,7 @@ def _headline(scores: Scores, name: str) -> Table:
 
 def _criteria(scores: Scores) -> Table:
     trajectories = scores.trajectories
-    table = _table("Trajectories (PARTS 5.2)", "criterion", "")
+    table = _table("Trajectories (PARTS 5.2)", ["criterion", ""])
     for what, value in (
         ("trajectories", f"{trajectories.count}"),
         ("mostly tracked (over 80 % of frames)", f"{trajectories.mostly_tracked}"),
@@ -395,13 +398,15 @@ def _errors(scores: Scores) -> Table:
     trajectories = scores.trajectories
     table = _table(
         "Errors of place and size (PARTS 5.3)",
-        "over",
-        "as",
-        "x",
-        "y",
-        "width",
-        "height",
-        "of the truth",
+        [
+            "over",
+            "as",
+            "x",
+            "y",
+            "width",
+            "height",
+            "of the truth",
+        ],
     )
     for what, e in (
         ("matched frames", trajectories.matched),
@@ -429,14 +434,16 @@ def _normalisations(errors: Errors) -> list[tuple[str, tuple[float, ...], str]]:
 def _each(scores: Scores) -> Table:
     table = _table(
         "Each trajectory",
-        "truth",
-        "frames",
-        "tracked",
-        "ids",
-        "switches",
-        "swaps",
-        "fragments",
-        "centre off",
+        [
+            "truth",
+            "frames",
+            "tracked",
+            "ids",
+            "switches",
+            "swaps",
+            "fragments",
+            "centre off",
+        ],
     )
     for t in scores.trajectories.each:
         ids = " ".join(map(str, t.ids[:6])) + (
@@ -444,14 +451,6 @@ def _each(scores: Scores) -> Table:
         )
         tracked, off = f"{t.share:.0f} %", f"{t.error_px:.1f} px"
         where = f"{t.first_frame}-{t.last_frame}"
-        table.add_row(
-            str(t.truth),
-            where,
-            tracked,
-            ids,
-            str(t.switches),
-            str(t.swaps),
-            str(t.fragments),
-            off,
-        )
+        counts = map(str, (t.switches, t.swaps, t.fragments))
+        table.add_row(str(t.truth), where, tracked, ids, *counts, off)
     return table

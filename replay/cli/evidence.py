@@ -77,10 +77,16 @@ def run(args: argparse.Namespace) -> int:
         references,
         args.output,
         EvidenceOptions(
-            args.camera, args.force, encounters, drawn_of(args), start, args.timezone,
-            args.blur_others, parse_limits(args.limit),
+            camera=args.camera,
+            force=args.force,
+            encounters=encounters,
+            drawn=drawn_of(args),
+            start_ns=start,
+            zone=args.timezone,
+            hide=args.blur_others,
+            limits=parse_limits(args.limit),
         ),
-    )  # fmt: skip
+    )
     manifest = args.output / MANIFEST
     strangers = added_files(read_manifest(manifest), manifest)
     if strangers:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -48,12 +49,12 @@ class TableSpool:
 
     def __enter__(self) -> TableSpool:
         try:
-            self._files = {name: self.path(name).open("wb") for name in TABLES}
-            try:
+            # All are closed, also where closing one fails: on a full disk.
+            with ExitStack() as files:
+                self._files = {
+                    name: files.enter_context(self.path(name).open("wb")) for name in TABLES
+                }
                 read_recordings(self._log, self._take, limits=self._limits)
-            finally:
-                for file in self._files.values():
-                    file.close()
         except BaseException:
             self._folder.cleanup()
             raise

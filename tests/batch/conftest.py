@@ -24,13 +24,17 @@ def walk(path: Path, start: int = 50, frames: int = 20) -> Path:
     return path
 
 
-@pytest.fixture
-def sources(tmp_path: Path) -> Path:
-    """A folder with three of them, of two cameras."""
-    folder = tmp_path / "in"
+def three_sources(folder: Path) -> Path:
+    """A folder with three walks, of two cameras."""
     for number in range(3):
         walk(folder / f"cam{number % 2}" / f"w{number}.txt", 20 + 10 * number)
     return folder
+
+
+@pytest.fixture
+def sources(tmp_path: Path) -> Path:
+    """A folder with three of them, of two cameras."""
+    return three_sources(tmp_path / "in")
 
 
 def digests(case: Path) -> dict[str, str]:

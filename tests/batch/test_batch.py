@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from reasoning.questions import Case
 from reasoning.questions.catalogue import Choice
 from recorders.errors import RecordingError
 from replay.cli import main
-from tests.batch.conftest import WORDS, digests, walk
+from tests.batch.conftest import WORDS, digests, three_sources, walk
 
 NAMES = "SELECT recording, camera, frames FROM recordings ORDER BY recording"
 
@@ -27,6 +28,21 @@ def batch(sources: Path | str, case: Path, *words: str) -> int:
 
 def several(sources: Path) -> str:
     return str(sources / "*" / "*.txt")
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A case of the three sources, done."""
+    folder = tmp_path_factory.mktemp("finished")
+    three_sources(folder / "in")
+    assert batch(several(folder / "in"), folder / "case") == 0
+    return folder / "case"
+
+
+@pytest.fixture
+def case(finished: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copytree(finished, tmp_path / "case"))
 
 
 def test_the_same_files_whoever_does_it_in_whatever_order(
@@ -54,10 +70,8 @@ def test_what_the_commands_make_one_by_one(sources: Path, tmp_path: Path) -> Non
 
 
 def test_finished_work_is_not_done_twice(
-    sources: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sources: Path, case: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    case = tmp_path / "case"
-    batch(several(sources), case)
     times = {path: path.stat().st_mtime_ns for path in case.rglob("*.mcap")}
     walk(sources / "cam1" / "new.txt", 90)
     assert batch(several(sources), case, "--json-lines") == 0
@@ -69,10 +83,8 @@ def test_finished_work_is_not_done_twice(
 
 
 def test_the_same_bytes_under_another_name_are_known(
-    sources: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sources: Path, case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    case = tmp_path / "case"
-    batch(several(sources), case)
     before = digests(case)
     copy = tmp_path / "copy.txt"
     copy.write_bytes((sources / "cam0" / "w0.txt").read_bytes())
@@ -169,12 +181,10 @@ def test_a_driver_that_is_killed_leaves_nothing_half(sources: Path, tmp_path: Pa
 
 
 def test_one_batch_at_a_time(
-    sources: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sources: Path, case: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     import fcntl
 
-    case = tmp_path / "case"
-    batch(several(sources), case)
     with (case / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         assert batch(several(sources), case) == 2
@@ -212,9 +222,7 @@ def test_a_camera_and_a_day(sources: Path, tmp_path: Path) -> None:
         Case([case], choice=Choice("cam1", ("2026-02-01", "2026-02-01")))
 
 
-def test_a_case_of_another_version_is_refused(sources: Path, tmp_path: Path) -> None:
-    case = tmp_path / "case"
-    batch(several(sources), case)
+def test_a_case_of_another_version_is_refused(sources: Path, case: Path) -> None:
     (case / "tables" / "schema.json").write_text('{"version": "0"}')
     with pytest.raises(RecordingError, match="another version"):
         Case([case])
@@ -237,9 +245,9 @@ def test_a_tracker_of_ones_own_is_shipped(sources: Path, tmp_path: Path) -> None
 
 def test_a_store_by_uri(sources: Path, tmp_path: Path) -> None:
     pytest.importorskip("fsspec")
-    case = f"file://{tmp_path}/case"
-    assert main(["batch", several(sources), "-o", case, *WORDS]) == 0
+    store = f"file://{tmp_path}/case"
+    assert main(["batch", several(sources), "-o", store, *WORDS]) == 0
     assert batch(several(sources), tmp_path / "plain") == 0
     assert digests(tmp_path / "case") == digests(tmp_path / "plain")
-    with Case([case]) as asked:
+    with Case([store]) as asked:
         assert len(asked.rows(NAMES)) == 3

@@ -291,7 +291,7 @@ class EventsTracker:
                 1.0,
                 at.blob,
                 "motion",
-                frame.detections.components[at.blob - 1].ellipse,
+                ellipse=frame.detections.components[at.blob - 1].ellipse,
             )
         elif at.own >= self._p.min_own and seen >= self._p.min_alike:
             mode: Mode = "appearance" if at.company else "motion"
@@ -366,6 +366,7 @@ class EventsTracker:
         score: float,
         blob: int,
         mode: Mode,
+        *,
         ellipse: Ellipse | None = None,
         sized: bool = True,
     ) -> None:

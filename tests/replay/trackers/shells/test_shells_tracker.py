@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -49,7 +50,19 @@ def measures() -> Iterator[ModuleType]:
         sys.path.remove(str(BENCHMARKS))
 
 
-@pytest.mark.parametrize(("name", "seed"), [("three_fish", 0), ("six_fish", 2)])
+@pytest.fixture(scope="module")
+def tank(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six fish, of whom many meet."""
+    scene = generate("six_fish", seed=5, frames=260)
+    return write_scene_log(
+        scene, tmp_path_factory.mktemp("tank") / "tank.mcap", style="merged"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [pytest.param("three_fish", 0, marks=pytest.mark.long), ("six_fish", 2)],
+)
 def test_every_fish_keeps_its_identity(
     measures: ModuleType, tmp_path: Path, name: str, seed: int
 ) -> None:
@@ -112,14 +125,11 @@ def test_detections_alone_and_an_empty_scene_are_followed(tmp_path: Path) -> Non
         )
 
 
-def test_relations_never_jump(measures: ModuleType, tmp_path: Path) -> None:
-    log = write_scene_log(
-        generate("six_fish", seed=5, frames=260), tmp_path / "a.mcap", style="merged"
-    )
+def test_relations_never_jump(measures: ModuleType, tank: Path, tmp_path: Path) -> None:
     options = ReplayOptions(
         tracker="shells", config=replay_config("shells"), annotations_only=True
     )
-    replay(log, tmp_path / "out.mcap", options)
+    replay(tank, tmp_path / "out.mcap", options)
     changes, direct = measures.direct_steps(tmp_path / "out.mcap")
     assert changes > 20
     assert direct == 0
@@ -128,19 +138,16 @@ def test_relations_never_jump(measures: ModuleType, tmp_path: Path) -> None:
     assert sum(direct for _, direct in steps) == 0
 
 
-def test_without_interaction_nobody_is_joint(tmp_path: Path) -> None:
+def test_without_interaction_nobody_is_joint(tank: Path) -> None:
     """Where shells have to meet for a minute before they count, nobody becomes JOINT."""
-    log = write_scene_log(
-        generate("six_fish", seed=5, frames=200), tmp_path / "a.mcap", style="merged"
-    )
 
     def joint(*settings: str) -> int:
-        """The most pairs that are JOINT, in a frame."""
-        with SceneLog(log) as scene:
+        """The most pairs that are JOINT, in a frame of the first 100."""
+        with SceneLog(tank) as scene:
             tracker = make(scene.info, replay_config("shells", assignments=settings))
             assert isinstance(tracker, ShellsTracker)
             most = 0
-            for frame in scene.frames():
+            for frame in islice(scene.frames(), 100):
                 tracker.step(frame)
                 state = tracker.state()
                 most = max(most, sum(e[2] == "JOINT" for e in state["book"]["edges"]))
@@ -179,12 +186,9 @@ def test_who_is_not_related_is_no_rival(related: bool) -> None:
     assert (found == 1200) if related else (found > 1300)
 
 
-def test_nothing_is_learnt_in_joint(tmp_path: Path) -> None:
-    log = write_scene_log(
-        generate("six_fish", seed=5, frames=260), tmp_path / "a.mcap", style="merged"
-    )
+def test_nothing_is_learnt_in_joint(tank: Path) -> None:
     frozen = 0
-    with SceneLog(log) as scene:
+    with SceneLog(tank) as scene:
         tracker = make(scene.info, replay_config("shells"))
         before: dict[int, tuple[Any, ...]] = {}
         for frame in scene.frames():
@@ -240,7 +244,10 @@ def test_pets_from_pixels(real_data: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.real
-@pytest.mark.parametrize(("name", "count"), [("two_flies", 2), ("three_flies", 3)])
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [pytest.param("two_flies", 2, marks=pytest.mark.long), ("three_flies", 3)],
+)
 def test_flies_keep_their_identities(
     real_data: Path, tmp_path: Path, name: str, count: int
 ) -> None:
