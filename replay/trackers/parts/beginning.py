@@ -23,12 +23,6 @@ from replay.trackers.parts.targets import PartsTarget, PartsTargets
 from replay.trackers.tracker import Frame
 
 Floats = NDArray[np.float64]
-SAME_PLACE = 0.4
-"""IoU from which on a target drawn by hand is whom the tracker already knew."""
-SPLIT_SHARE = 0.3
-"""A new target that covers this much of another one's last box, or shares its blob, was born of a
-split.
-"""
 
 
 @dataclass(frozen=True)
@@ -88,7 +82,7 @@ class Beginning:
                 strangers = [
                     k
                     for k, item in enumerate(self._targets.items)
-                    if not item.manual and same[k] >= SAME_PLACE
+                    if not item.manual and same[k] >= self._p.same_place
                 ]
                 self._targets.keep(
                     [k for k in range(len(self._targets)) if k not in strangers]
@@ -133,7 +127,7 @@ class Beginning:
             share = intersection(seen.boxes[k : k + 1], before) / max(
                 float(seen.boxes[k, 2] * seen.boxes[k, 3]), 1.0
             )
-            target.split = blob in crowded or bool((share >= SPLIT_SHARE).any())
+            target.split = blob in crowded or bool((share >= self._p.split_share).any())
             target.sightings.append([float(frame.index), *seen.boxes[k].tolist()])
             target.measured = tuple(seen.boxes[k].tolist())
             self._targets.start(seen.boxes[k], target)

@@ -27,11 +27,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-TRUNK = 0.6
-"""A body hides what is behind this share of its box's width."""
-NEARER = 0.03
-"""A foot this share of the height lower is nearer to the camera."""
-
 
 @dataclass(frozen=True)
 class Scored:
@@ -92,11 +87,11 @@ tells nothing.
 """
 
 
-def trunks(boxes: Floats) -> Floats:
-    """What bodies hide: the middle of their boxes (N, 4)."""
+def trunks(boxes: Floats, share: float) -> Floats:
+    """What bodies hide: so much of their boxes' (N, 4) width, in the middle."""
     out = boxes.copy()
-    out[:, 0] += boxes[:, 2] * (1 - TRUNK) / 2
-    out[:, 2] *= TRUNK
+    out[:, 0] += boxes[:, 2] * (1 - share) / 2
+    out[:, 2] *= share
     return out
 
 
@@ -154,11 +149,14 @@ class Association:
         others = np.concatenate([np.array(list(where.values())).reshape(-1, 4), taken])
         owner = np.array([*where, *[-1] * len(taken)])
         foot = c.boxes[:, 1] + c.boxes[:, 3]
-        nearer = (others[:, 1] + others[:, 3])[None, :] > (foot + NEARER * c.boxes[:, 3])[
-            :, None
-        ]
+        nearer = (others[:, 1] + others[:, 3])[None, :] > (
+            foot + self._p.nearer * c.boxes[:, 3]
+        )[:, None]
         nearer &= owner[None, :] != c.rows[:, None]
-        return covered(self._s.rectangles, trunks(others), nearer) >= self._p.hidden_cover
+        return (
+            covered(self._s.rectangles, trunks(others, self._p.trunk), nearer)
+            >= self._p.hidden_cover
+        )
 
     def _assign(self, rows: NDArray[np.intp], scores: Ints, hidden: Bools) -> list[Match]:
         c = self._s.candidates

@@ -26,7 +26,7 @@ from replay.trackers.parts.features import (
     measure,
 )
 from replay.trackers.parts.heads import CLEAR_PX, HeadColours, HeadDetector
-from replay.trackers.parts.layers import NEARER, Association, Match, Scored, trunks
+from replay.trackers.parts.layers import Association, Match, Scored, trunks
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.pieces import held_by_pieces
 from replay.trackers.parts.regions import HEAD, PARTS, covered
@@ -38,11 +38,6 @@ from replay.trackers.tracker import Frame, SceneInfo
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
-
-LINKED_SHARE = 0.08
-"""A blob with this share of a target's box in foreground concerns the target."""
-FAR = 0.8
-"""Boxes alone match up to this mean of the way in gates and the overlap that is missing."""
 
 
 class Matching:
@@ -248,7 +243,7 @@ class Matching:
         at = self._expected[rows]
         linked = (
             self._links(at, blobs)
-            >= LINKED_SHARE * np.maximum(at[:, 2] * at[:, 3], 1.0)[:, None]
+            >= self._p.linked * np.maximum(at[:, 2] * at[:, 3], 1.0)[:, None]
         )
         lone = np.flatnonzero(linked.sum(axis=1) == 1)
         theirs = np.argmax(linked[lone], axis=1)
@@ -458,7 +453,7 @@ class Matching:
             np.sqrt((off * off).sum(axis=1)) / np.maximum(self._gates[found.rows], 1.0), 1.0
         )
         apart = 1.0 - iou_of_pairs(expected, found.boxes)
-        worst = (1 - self._p.match_score) / FAR
+        worst = (1 - self._p.match_score) / self._p.far
         return np.asarray(np.rint(FULL * (1 - worst * (far + apart) / 2)), np.int64)
 
     def _taken(self) -> Floats:
@@ -571,11 +566,13 @@ class Matching:
         )
         seen = np.array([item.observed for item in targets.items], bool)
         foot = boxes[:, 1] + boxes[:, 3]
-        nearer = foot[None, :] > (foot + NEARER * boxes[:, 3])[:, None]
+        nearer = foot[None, :] > (foot + self._p.nearer * boxes[:, 3])[:, None]
         nearer |= ~seen[:, None] & seen[None, :]
         nearer &= here[None, :] & ~np.eye(len(targets), dtype=bool)
         parts = targets.parts(np.arange(len(targets)), boxes)
-        targets.hidden[:] = covered(parts, trunks(boxes), nearer) >= self._p.hidden_cover
+        targets.hidden[:] = (
+            covered(parts, trunks(boxes, self._p.trunk), nearer) >= self._p.hidden_cover
+        )
         for row in sorted(self._gone):
             targets.hidden[row] |= self._gone[row]
 

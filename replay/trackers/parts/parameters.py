@@ -229,3 +229,53 @@ class PartsParameters(Parameters):
     min_unexplained: float = param(
         0.5, "a detection with less foreground of its own starts nothing", low=0, high=1
     )
+    trunk: float = param(
+        0.6, "a body hides what is behind this share of its box's width", low=0.0, high=1.0
+    )
+    nearer: float = param(
+        0.03,
+        "a foot that much lower is nearer to the camera",
+        unit="heights",
+        low=0.0,
+        high=10,
+    )
+    linked: float = param(
+        0.08,
+        "a blob with this share of a target's box in foreground concerns the target",
+        low=0.0,
+        high=1.0,
+    )
+    far: float = param(
+        0.8,
+        "boxes alone match up to this mean of the way in gates and the overlap that is missing",
+        low=0.01,
+        high=10.0,
+    )
+    pieces_inside: float = param(
+        0.9, "least share of a piece's box that lies in the target's", low=0.0, high=1.0
+    )
+    pieces_most: float = param(
+        0.5,
+        "more foreground than this share of the target's box is a body",
+        low=0.0,
+        high=1.0,
+    )
+    same_place: float = param(
+        0.4,
+        "IoU from which on a target drawn by hand is whom the tracker knew",
+        low=0,
+        high=1,
+    )
+    split_share: float = param(
+        0.3,
+        "a new target that covers this much of another's last box was born of a split",
+        low=0.0,
+        high=1.0,
+    )
+    body_spread: float = param(
+        0.12,
+        "standard deviation of bodies' sizes around the size model",
+        unit="heights",
+        low=0.001,
+        high=10.0,
+    )

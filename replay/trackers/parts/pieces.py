@@ -14,10 +14,6 @@ from replay.trackers.association import intersection
 from replay.trackers.parts.parameters import PartsParameters
 
 Floats = NDArray[np.float64]
-INSIDE = 0.9
-"""Share of a piece's box that lies in the target's."""
-MOST = 0.5
-"""More foreground than this share of the target's box is no piece of it but a body."""
 
 
 def held_by_pieces(
@@ -40,12 +36,12 @@ def held_by_pieces(
     near = p.pieces_near * w
     grown = box + np.array([-near, -near, 2 * near, 2 * near])
     sizes = blobs[:, 2] * blobs[:, 3]
-    inside = intersection(blobs, grown[None])[:, 0] >= INSIDE * sizes
+    inside = intersection(blobs, grown[None])[:, 0] >= p.pieces_inside * sizes
     if len(taken):
         inside &= intersection(blobs, taken).max(axis=1) < 0.5 * sizes
     pieces = np.flatnonzero(inside)
     left = float(filled[pieces].sum())
-    if not len(pieces) or not p.pieces_least * w * h <= left <= MOST * w * h:
+    if not len(pieces) or not p.pieces_least * w * h <= left <= p.pieces_most * w * h:
         return None
     low = blobs[pieces, :2].min(axis=0)
     high = (blobs[pieces, :2] + blobs[pieces, 2:]).max(axis=0)

@@ -42,8 +42,6 @@ NEAR = 0.6
 """Largest half side of a gate, in heights, where there are no pixels: whoever is further away may
 be anybody.
 """
-BODY_SPREAD = 0.12
-"""Standard deviation of bodies' sizes around the size model, of their height."""
 
 
 class PartsTracker:
@@ -153,7 +151,9 @@ class PartsTracker:
             boxes = self._targets.boxes[rows]
             heights = model.heights(boxes[:, 1] + boxes[:, 3])
             self._targets.lean(
-                rows, np.stack([model.aspect * heights, heights], axis=1), BODY_SPREAD
+                rows,
+                np.stack([model.aspect * heights, heights], axis=1),
+                self._p.body_spread,
             )
 
     def _age(self, frame: Frame) -> list[Notice]:
