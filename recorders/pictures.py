@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from recorders.decoder_words import decoded_in_silence
 from recorders.errors import LimitError, RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.vision import cv2
@@ -123,11 +124,15 @@ def decoded_bytes(data: bytes, flags: int, name: str, path: str | Path) -> Any:
         RecordingError: it is damaged.
     """
     try:
-        image: Any = cv2.imdecode(
-            np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION
+        image, damage = decoded_in_silence(
+            lambda: cv2.imdecode(
+                np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION
+            )
         )
     except cv2.error as error:
         raise RecordingError(f"a damaged {name} picture: {error.err}", path) from error
+    if damage:
+        raise RecordingError(f"a damaged {name} picture: {damage}", path)
     if image is None:
         raise RecordingError(f"a damaged {name} picture", path)
     return image

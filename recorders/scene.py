@@ -32,12 +32,12 @@ from recorders.messages import NO_BLOB, Detections, Regions, SceneChange
 from recorders.pictures import Image, decode_picture
 from recorders.scene_pictures import (
     ScenePictures,
-    Unreadable,
     check_group,
     is_video,
     stamp_of,
     starts_group,
 )
+from recorders.unreadable import Unreadable
 
 _SAMPLED_FRAMES = 64
 _ZSTD = b"\x28\xb5\x2f\xfd"
@@ -482,7 +482,9 @@ class SceneLog(Closing):
         """The pictures from there on, which have, where the reading starts inside a group of a
         video, that group's packets; and the last picture before.
         """
-        pictures = ScenePictures(self.path, self.limits, self.sized, self.unreadable)
+        pictures = ScenePictures(
+            self.path, self.limits, (self.info.width, self.info.height), self.unreadable
+        )
         last: _Picture | None = None
         if start_ns is None:
             return pictures, last
@@ -524,7 +526,7 @@ class _Picture:
     """A picture's message and what decodes it."""
 
     message: Message
-    load: Callable[[], Image | None]
+    load: Callable[[int], Image | None]
 
 
 class _WaitingFrame:
@@ -574,7 +576,7 @@ class _WaitingFrame:
 
 def _given(frame: Frame, picture: _Picture | None) -> Frame:
     if picture is not None:
-        frame.give_picture(picture.message, picture.load)
+        frame.give_picture(picture.message, partial(picture.load, frame.index))
     return frame
 
 

@@ -25,10 +25,10 @@ from recorders.payloads.pictures import RawPicture, raw_pixels
 from recorders.payloads.stream import VideoStream, is_key
 from recorders.pictures import Image, VideoDecoder
 from recorders.stills import decode_still, still_header
+from recorders.unreadable import Unreadable
 
-Load = Callable[[], "Image | None"]
+Load = Callable[[int], "Image | None"]
 _VIDEO = ("CompressedVideo", "FFMPEGPacket")
-_MOST_NAMED = 10_000
 
 
 def is_video(message: Message) -> bool:
@@ -54,39 +54,13 @@ def stamp_of(message: Message) -> int:
         return message.log_time_ns
 
 
-class Unreadable:
-    """Pictures that could not be decoded: why, by log time."""
-
-    def __init__(self, topic: str) -> None:
-        self.topic = topic
-        self._reasons: dict[int, str] = {}
-
-    def note(self, time_ns: int, reason: str) -> None:
-        """One more, once for each time."""
-        if len(self._reasons) < _MOST_NAMED:
-            self._reasons[time_ns] = reason
-
-    def lines(self) -> list[str]:
-        """One line for each reason, with the first time."""
-        first: dict[str, tuple[int, int]] = {}
-        for time_ns, reason in sorted(self._reasons.items()):
-            start, count = first.get(reason, (time_ns, 0))
-            first[reason] = (start, count + 1)
-        return [
-            f"{reason}, at {start} ns on {self.topic}"
-            if count == 1
-            else f"{reason}: {count} times on {self.topic}, the first at {start} ns"
-            for reason, (start, count) in first.items()
-        ]
-
-
 class ScenePictures:
     """The pictures of one reading.
 
     Args:
         path: the log, for the errors' texts.
         limits: what a picture may ask for.
-        sized: holds a picture to the recording's size.
+        size: the recording's width and height in pixels; a picture of another is none of it.
         unreadable: where those that cannot be decoded are noted.
     """
 
@@ -94,12 +68,12 @@ class ScenePictures:
         self,
         path: Path,
         limits: Limits,
-        sized: Callable[[Image, str, Message], Image],
+        size: tuple[int, int],
         unreadable: Unreadable,
     ) -> None:
         self._path = path
         self._limits = limits
-        self._sized = sized
+        self._size = size
         self._unreadable = unreadable
         self._group: list[bytes] = []
         self._group_bytes = 0
@@ -110,7 +84,9 @@ class ScenePictures:
         self._lock = Lock()
 
     def loader(self, message: Message) -> Load:
-        """What decodes this message's picture when called; None where it cannot be."""
+        """What decodes this message's picture when called with its frame's number; None where it
+        cannot be.
+        """
         if is_video(message):
             load = self.append(message)
         else:
@@ -118,14 +94,20 @@ class ScenePictures:
             def load() -> Image:
                 return self._still(message)
 
-        def guarded() -> Image | None:
+        def guarded(frame: int) -> Image | None:
             try:
-                return self._sized(load(), "image", message)
+                picture = load()
             except LimitError:
                 raise
             except (PayloadError, _BadPictureError) as error:
-                self._unreadable.note(message.log_time_ns, str(error))
+                self._unreadable.note(message.log_time_ns, str(error), frame)
                 return None
+            height, width = picture.shape[:2]
+            if (width, height) == self._size:
+                return picture
+            reason = f"a picture of {width}x{height}, the detections say {'x'.join(map(str, self._size))}"
+            self._unreadable.note(message.log_time_ns, reason, frame)
+            return None
 
         return guarded
 

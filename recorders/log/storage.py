@@ -258,6 +258,9 @@ class RecordFile(Closing):
             raise self.error(str(error), raw.offset, raw.name) from error
         if head.uncompressed_crc and zlib.crc32(data) != head.uncompressed_crc:
             raise self.error(
-                "the chunk's CRC differs: its data is damaged", raw.offset, raw.name
+                "the chunk's CRC differs: its data is damaged; `scenetrace recover` keeps what"
+                " is whole",
+                raw.offset,
+                raw.name,
             )
         return data

@@ -15,6 +15,7 @@ from difflib import get_close_matches
 from typing import NoReturn
 
 from recorders.errors import SceneTraceError, UsageError
+from recorders.unreadable import Unreadable, noticed
 from replay.cli import exit_codes
 from replay.cli.common import check_outputs, say
 from replay.cli.exit_codes import Exit
@@ -117,9 +118,10 @@ def main(  # noqa: PLR0911
         if args.command is None:
             raise UsageError("no command given; `scenetrace --help` lists them")
         check_outputs(args)
-        code: int = args.run(args)
+        with noticed() as found:
+            code: int = args.run(args)
         sys.stdout.flush()
-        return code  # noqa: TRY300
+        return _left_out(code, found)
     except UsageError as error:
         say(f"scenetrace: error: {error.headline}")
         for line in error.below:
@@ -144,6 +146,14 @@ def main(  # noqa: PLR0911
             f"scenetrace: error: {error.filename or _written(words)}: {error.strerror or error}"
         )
         return Exit.FAILED
+
+
+def _left_out(code: int, found: Sequence[Unreadable]) -> int:
+    """Say which pictures could not be decoded, each once; the exit code with that."""
+    lines = dict.fromkeys(line for one in found for line in one.lines())
+    for line in lines:
+        say(f"scenetrace: left out: {line}")
+    return Exit.LEFT_OUT if lines and code == Exit.DONE else code
 
 
 def _written(words: Sequence[str]) -> str:

@@ -60,8 +60,6 @@ def run(args: argparse.Namespace, assignments: Sequence[str]) -> int:
     common.say(f"{args.output}: {said}, output digest {done.output_digest[:16]}")
     for line in done.gaps:
         common.say(f"scenetrace: {line}")
-    for line in done.unreadable:
-        common.say(f"scenetrace: left out: {line}")
     broken = not done.ended and not stop.is_set()
     if broken:
         common.say(

@@ -281,8 +281,6 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
         common.say(f"{args.scene}: {left_out}")
     for line in done.gaps:
         common.say(f"scenetrace: {line}")
-    for line in done.unreadable:
-        common.say(f"scenetrace: left out: {line}")
     return Exit.LEFT_OUT if left_out or done.unreadable else Exit.DONE
 
 
