@@ -14,6 +14,7 @@ import numpy as np
 from recorders.pictures import Image
 from recorders.segmentation.recurring import recurring, weigh
 from recorders.segmentation.segmenter import as_image
+from recorders.segmentation.waving import Waving, waving
 from recorders.vision import cv2
 
 MAX_SAMPLES = 60
@@ -136,6 +137,7 @@ class Background:
         coloured: it has colours: not from an infrared or a monochrome camera.
         waving: in this share of the places it does.
         noisy: in most places the level follows from the spread: noise decides what is foreground.
+        swaying: where the ground waves, if it does anywhere.
     """
 
     colour: Image
@@ -143,6 +145,7 @@ class Background:
     coloured: bool = True
     noisy: bool = False
     waving: float = 0.0
+    swaying: Waving | None = None
     _around: tuple[Image, Image] | None = field(default=None, init=False, repr=False)
 
     @classmethod
@@ -173,13 +176,11 @@ class Background:
             <= GREY_LEVELS
         )
         coloured = bool(100 * np.count_nonzero(neutral) < 99 * neutral.size)
-        return cls(
-            colour,
-            np.minimum(level, np.float32(MAX_LEVEL)).astype(np.uint8),
-            coloured,
-            noisy,
-            int(np.count_nonzero(by_spread > threshold * brightness)) / by_spread.size,
-        )
+        levels = np.minimum(level, np.float32(MAX_LEVEL)).astype(np.uint8)
+        restless = int(np.count_nonzero(by_spread > threshold * brightness))
+        share = restless / by_spread.size
+        swaying = waving(stack, colour, levels)
+        return cls(colour, levels, coloured, noisy, share, swaying)
 
     def around(self) -> tuple[Image, Image]:
         """The least and the largest values of each pixel and its neighbours, (H, W, 3) uint8."""
@@ -195,7 +196,9 @@ class Background:
         """The same place for a camera that sees no colours."""
         colour = self.colour.copy()
         colour[..., 1:] = NEUTRAL_CHROMA
-        return Background(colour, self.level.copy(), coloured=False, noisy=self.noisy)
+        return Background(
+            colour, self.level.copy(), False, self.noisy, self.waving, self.swaying
+        )
 
     def follow(self, picture: Image, still: Image) -> None:
         """Move the background by one level towards the picture where ``still`` (H, W) is not

@@ -7,11 +7,12 @@ import numpy as np
 from recorders.messages import NO_BLOB, Blob, Box, Detections, Ellipse
 from recorders.pictures import Image
 from recorders.segmentation.blobs import Labels, components, ellipse_of, numbered, outlines
+from recorders.segmentation.companies import Companies
 from recorders.segmentation.explain import Explainer, Floats
 from recorders.segmentation.pieces import bodies_of, without_thin
 from recorders.segmentation.sizes import MIN_BLOBS, SizeModel, learn, regrouped
-from recorders.segmentation.touching import divide, pixels_of, single_areas, within
-from recorders.segmentation.usual import Sightings, UsualSize
+from recorders.segmentation.touching import pixels_of, single_areas, within
+from recorders.segmentation.usual import MAX_AREA_SPREAD, Sightings, UsualSize
 
 MAX_BLOBS = 4096
 LONE_SCORE = 0.5
@@ -21,10 +22,6 @@ REST_SCORE = 0.3
 """Score of a blob that is left when bodies of the learnt size have explained what they can."""
 REST_AREA = 0.25
 """Such a blob is a detection from this share of the area of a body's box on."""
-MAX_AREA_SPREAD = 2.0
-"""Bodies without a size model are alike, and told apart by area, if three quarters of them are
-not larger than this many times the first quarter."""
-
 
 FITS_SIZE, FITS_AREA = (0.6, 1.25), (0.4, 1.35)
 """A blob is one body if its height, width and area are within these of the usual ones: it needs no
@@ -37,7 +34,7 @@ AGREES = 0.2
 class FoundBodies:
     """The bodies of one recording: learns their size from blobs, and finds them in masks."""
 
-    def __init__(self, use_size: bool, width: int, height: int) -> None:
+    def __init__(self, use_size: bool, width: int, height: int, fps: float) -> None:
         self._use_size = use_size
         self._width, self._height = width, height
         self._seen: list[Box] = []
@@ -46,7 +43,9 @@ class FoundBodies:
         self._body_area = 0.0
         self._due = 2 * MIN_BLOBS
         self._sightings = Sightings(width, height)
+        self._companies = Companies(fps)
         self.usual: UsualSize | None = None
+        self.guessed = False
         self.model: SizeModel | None = None
         self._explainer: Explainer | None = None
 
@@ -113,29 +112,39 @@ class FoundBodies:
         """Take in the masks of two pictures, `recorders.segmentation.usual.MOMENT_S` apart."""
         self._sightings.observe(numbered(now)[3], numbered(later)[3])
 
-    def learn_usual(self) -> None:
-        """How large bodies usually are, of what was looked at twice so far."""
+    def learn_usual(self, least: float) -> None:
+        """How large bodies usually are, of what was looked at twice so far; where they are not seen
+        clean, what most of the foreground belongs to, if that is no smaller than ``least`` px^2.
+        """
         self.usual = self._sightings.learn()
+        self.guessed = self.usual is None
+        if self.guessed:
+            guess = self._sightings.guess()
+            self.usual = guess if guess is not None and guess.least_area >= least else None
 
     @property
     def sightings(self) -> int:
         """How many bodies were seen clean."""
         return self._sightings.count
 
-    def learn_usual_of(self, masks: list[tuple[Image, Image]]) -> None:
+    def learn_usual_of(self, masks: list[tuple[Image, Image]], least: float) -> None:
         """The same of pairs of masks; what is thin against the bodies so learnt is taken off, and
         they are looked at again.
+
+        Args:
+            masks: of two pictures each.
+            least: a size that is only guessed counts from this area on, px^2.
         """
         for now, later in masks:
             self.look_twice(now, later)
-        self.learn_usual()
+        self.learn_usual(least)
         rough = self.usual
         if rough is None:
             return
         self._sightings = Sightings(self._width, self._height)
         for now, later in masks:
             self.look_twice(without_thin(now, rough), without_thin(later, rough))
-        self.learn_usual()
+        self.learn_usual(least)
         self.usual = self.usual or rough
 
     def found_in(
@@ -144,7 +153,7 @@ class FoundBodies:
         """The components that may be bodies: whole ones, where it is known how large they are."""
         if self.usual is None:
             return components(mask, min_area, before)
-        return bodies_of(mask, self.usual, before)
+        return bodies_of(mask, self.usual, before, self.model is not None)
 
     def measured_in(self, mask: Image, min_area: float) -> list[Blob]:
         """The blobs that may be bodies as their sizes are learnt from: without thin parts."""
@@ -207,8 +216,12 @@ class FoundBodies:
         """Bodies of any pose: each blob is divided into as many ellipses as its area and outline
         ask for.
         """
-        bodies = divide(blobs, labels, None, self._body_area)
-        scores = [LONE_SCORE if body.among == 1 else REST_SCORE for body in bodies]
+        areas = [self._body_area] * len(blobs)
+        if self.usual is not None and blobs:
+            feet = np.array([b.box[1] + b.box[3] for b in blobs])
+            areas = self.usual.body_areas(feet).tolist()
+        bodies = self._companies.bodies(blobs, labels, areas)
+        scores = [LONE_SCORE if b.among == 1 else REST_SCORE for b in bodies]
         return (
             [body.box for body in bodies],
             scores,

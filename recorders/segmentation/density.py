@@ -81,8 +81,8 @@ class DensitySegmenter:
         self._min_area = parameters.min_area * width * height
         self._window = window_of(parameters, height)
         self._shadows = Shadows(parameters, width, height)
-        self._bodies = FoundBodies(parameters.size_model, width, height)
         fps = fps if fps > 0 else 25.0
+        self._bodies = FoundBodies(parameters.size_model, width, height, fps)
         self._past: Samples | None = Samples(
             most=DENSITY_SAMPLES,
             max_stride=max(1, round(LIVE_WINDOW_S * fps / DENSITY_SAMPLES)),

@@ -52,6 +52,7 @@ class MotionSegmenter:
         self._min_area = parameters.min_area * width * height
         self._window = window_of(parameters, height)
         fps = fps if fps > 0 else 25.0
+        self._bodies = FoundBodies(parameters.size_model, width, height, fps)
         self._follow_every = max(1, round(parameters.adaptation_s * fps))
         self._observe_every = max(1, round(fps / 2))
         self._steps = 0
@@ -64,7 +65,6 @@ class MotionSegmenter:
         self._told: tuple[SceneChange, ...] = ()
         self._shadows = Shadows(parameters, width, height)
         self._neutral = np.full((height, width), NEUTRAL, np.uint8)
-        self._bodies = FoundBodies(parameters.size_model, width, height)
         self.quality: list[QualityMeasure] = []
 
     def prepare(self, frames: Iterable[Image]) -> None:
@@ -94,7 +94,7 @@ class MotionSegmenter:
             if view is not None:
                 after = view.found_again(later)
                 masks.append((self._mask(now, view)[0], self._mask(later, after)[0]))
-        self._bodies.learn_usual_of(masks)
+        self._bodies.learn_usual_of(masks, self._min_area)
         found = [self._bodies.measured_in(now, self._min_area) for now, _ in masks]
         for blobs in found:
             self._bodies.observe(blobs)
@@ -113,7 +113,7 @@ class MotionSegmenter:
             *measures(
                 sum(areas) / max(1, sum(now.size for now, _ in masks)),
                 self._bodies.sightings,
-                self._bodies.usual is not None,
+                self._bodies.usual is not None and not self._bodies.guessed,
                 self._bodies.model is not None,
                 self._scenery.grainy,
             ),
@@ -211,11 +211,11 @@ class MotionSegmenter:
             apart = cv2.absdiff(picture, behind)
         dy, dr, db = cv2.split(apart)
         chroma = cv2.add(dr, db)
-        difference = cv2.add(dy, cv2.add(chroma, chroma))
-        difference = cv2.subtract(
-            difference,
-            self._shadows.find(picture, behind, as_image(chroma), background.coloured),
-        )
+        difference = as_image(cv2.add(dy, cv2.add(chroma, chroma)))
+        if background.swaying is not None:
+            background.swaying.soften(difference, picture, behind)
+        shadow = self._shadows.find(picture, behind, as_image(chroma), background.coloured)
+        difference = as_image(cv2.subtract(difference, shadow))
         level = light.level_under(background.level)
         evidence = cv2.min(difference, cv2.add(level, level))
         evidence = cv2.subtract(cv2.add(evidence, self._neutral), level)

@@ -116,7 +116,7 @@ def _costs(box: Floats, usual: UsualSize) -> Floats:
 
 
 def bodies_of(
-    mask: Image, usual: UsualSize, before: Image | None
+    mask: Image, usual: UsualSize, before: Image | None, upright: bool = True
 ) -> tuple[Image, Labels, list[Blob]]:
     """The bodies in a mask, each as one component: thin parts are taken off, pieces are tied
     together, what is too small is left out.
@@ -125,6 +125,8 @@ def bodies_of(
         mask: (H, W) uint8, 0 or 255.
         usual: how large bodies are.
         before: the mask that this gave for the frame before.
+        upright: bodies are upright people, whose limbs are a part of their size. Otherwise thin
+            parts of bodies are taken off, too: tails, strands of shadow.
 
     Returns:
         Mask, labels and blobs, as `recorders.segmentation.blobs.components` gives them.
@@ -139,6 +141,8 @@ def bodies_of(
             goes_on and before is not None and _goes_on(own, before)
         ):
             continue
+        if not upright:
+            own = _solid(own, THIN_PART * float(usual.at(np.array(group.box[3]))[0]))
         for part in own:
             part.paint(clean)
         _tie(own, clean)
@@ -231,6 +235,21 @@ def _thick(part: Part, side: int) -> Part:
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     thick = as_image(cv2.morphologyEx(around, cv2.MORPH_OPEN, kernel))
     return Part(thick[side:-side, side:-side], part.x, part.y)
+
+
+def _solid(parts: list[Part], thin: float) -> list[Part]:
+    """A body's parts without what is thinner than so many px; as they are where all of it is."""
+    side = round(thin)
+    if side < 2:
+        return parts
+    found = []
+    for part in parts:
+        thick = _thick(part, side)
+        labels, left, top, rows = numbered(thick.pixels)
+        for k, (x, y, w, h) in enumerate(rows[:, :4].astype(np.int64).tolist()):
+            own = labels[y - top : y - top + h, x - left : x - left + w] == k + 1
+            found.append(Part(own.view(np.uint8), part.x + x, part.y + y))
+    return found or parts
 
 
 def _goes_on(parts: list[Part], before: Image) -> bool:

@@ -65,12 +65,12 @@ def recurring(stack: list[Image], colour: Image) -> tuple[Image, Image]:
     shifts = [light_shift(picture, colour) for picture in stack]
     away = np.zeros(colour.shape[:2], np.uint16)
     for picture, shift in zip(stack, shifts, strict=True):
-        away += weigh(_difference(_shifted(picture, -shift), colour)) > ALIKE
+        away += weigh(_difference(shifted(picture, -shift), colour)) > ALIKE
     rows, columns = np.nonzero(away >= MIN_AWAY * len(stack))
     if not len(rows) or len(rows) > MOST_IN_DOUBT * away.size:
         return colour, other
     values = [
-        _shifted(p[rows, columns][:, None], -s) for p, s in zip(stack, shifts, strict=True)
+        shifted(p[rows, columns][:, None], -s) for p, s in zip(stack, shifts, strict=True)
     ]
     found, better = _best(values, colour[rows, columns][:, None])
     weak, strong = np.zeros_like(other), np.zeros_like(other)
@@ -92,7 +92,7 @@ def light_shift(picture: Image, colour: Image) -> int:
     return shift if abs(shift) >= 2 else 0
 
 
-def _shifted(picture: Image, shift: int) -> Image:
+def shifted(picture: Image, shift: int) -> Image:
     """A picture with its brightness shifted."""
     if not shift:
         return picture

@@ -1,24 +1,32 @@
 """Threshold: objects brighter or darker than a smooth ground, for animals that hardly move.
 
 The ground is the picture's own large median: what is small against it stands out, moving or not.
+Where something stands out that never moves and was never seen to arrive (a dish's rim, bedding, a
+lamp), and that does not look like the bodies that do move, it is ground, too.
 Two levels: the lower one outlines the objects, the higher one (Otsu 1979, over the whole
 recording or the past) finds their cores.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recorders.messages import Blob, Detections
 from recorders.pictures import Image
-from recorders.segmentation.background import Samples
+from recorders.segmentation.background import Samples, most_common
 from recorders.segmentation.blobs import Labels, components
 from recorders.segmentation.parameters import SegmentationParameters
 from recorders.segmentation.segmenter import Segmented, as_image
-from recorders.segmentation.touching import divide, pixels_of, single_areas, within
+from recorders.segmentation.touching import (
+    compact,
+    divide,
+    pixels_of,
+    single_areas,
+    within,
+)
 from recorders.segmentation.usual import median
 from recorders.vision import cv2
 
@@ -31,7 +39,25 @@ LOW_LEVEL = 0.45
 MAX_AREAS = 2000
 LEAST = 0.25
 """A blob under this share of one body's core is none: bedding, dirt."""
+THIN = 0.15
+"""What is thinner than this, of the side of a square of one body's area, is no part of a body: tails,
+legs, bedding.
+"""
 CERTAIN, DOUBTFUL = 1.0, 0.6
+MIN_PIXELS = 9.0
+"""Less than this is no body."""
+FEW, PART = 4.0, 0.2
+"""A part of a body that shifts lies in a blob of at most so many bodies, and is this share of it."""
+FIXED = 0.9
+"""What stands out in this share of the pictures never moves."""
+FEWEST = 5
+"""Fewer pictures do not tell what moves."""
+RESTLESS = 0.3
+"""A blob of which this share does not stand out all the time moves."""
+ALIKE = (0.5, 2.0)
+"""What never moves is a body that rests if it is compact, and its area within these of those that
+move, in most of the pictures.
+"""
 
 
 class ThresholdSegmenter:
@@ -52,6 +78,7 @@ class ThresholdSegmenter:
         self._areas: list[int] = []
         self._prepared = False
         self._body_area = 0.0
+        self._fixed: tuple[Image, Image] | None = None
 
     def prepare(self, frames: Iterable[Image]) -> None:
         """Learn the levels and the area of one body from pictures spread over the whole
@@ -63,14 +90,52 @@ class ThresholdSegmenter:
                 samples.add(as_image(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)))
             else:
                 samples.skip()
+        if not samples.kept:
+            return
+        self._min_area = min(self._min_area, max(MIN_PIXELS, self._window**2 / 4))
+        self._learn_fixed(samples.kept)
+        self._counts[:] = 0
         differences = [self._difference(grey) for grey in samples.kept]
         for difference in differences:
             self._count(difference)
         for difference in differences:
             core, _, labels, blobs = self._levels(difference)
             self._observe(core, labels, blobs)
-        self._prepared = bool(differences)
+        self._prepared = True
         self._body_area = self._median_area()
+        self._min_area = max(self._min_area, LEAST * self._body_area)
+
+    def _learn_fixed(self, pictures: list[Image]) -> None:
+        """Find what stands out in place for the whole recording, and what it looks like."""
+        for grey in pictures:
+            self._count(self._difference(grey))
+        masks = [self._levels(self._difference(grey))[1] for grey in pictures]
+        often = np.zeros(pictures[0].shape, np.uint8)
+        for mask in masks:
+            often += mask & np.uint8(1)
+        fixed = (often >= FIXED * len(masks)).astype(np.uint8) * np.uint8(255)
+        seen = [components(mask, self._min_area) for mask in masks]
+        areas = np.array(
+            [
+                blob.area
+                for _, labels, blobs in seen
+                for blob in blobs
+                if _moves(blob, labels, fixed)
+            ],
+            np.float64,
+        )
+        if len(masks) < FEWEST or not len(areas):
+            return  # nothing is seen to move: whatever stands out may be a body
+        usual = median(areas, areas)
+        whole, parts, found = components(fixed, MIN_PIXELS)
+        for part in found:
+            own = pixels_of(part, parts)
+            if _rests(part, own, seen, usual, whole):
+                within(part, fixed)[own > 0] = 0
+        if fixed.any():
+            usually, _ = most_common(pictures)
+            kernel = np.ones((3, 3), np.uint8)
+            self._fixed = as_image(cv2.dilate(fixed, kernel)), usually
 
     def segment(self, index: int, image: Image) -> Segmented:
         """Segment the next frame."""
@@ -92,6 +157,9 @@ class ThresholdSegmenter:
         ground = cv2.resize(
             ground, (self._width, self._height), interpolation=cv2.INTER_LINEAR
         )
+        if self._fixed is not None:
+            ground = ground.copy()
+            cv2.copyTo(self._fixed[1], self._fixed[0], ground)
         difference = cv2.absdiff(grey, ground)
         if self._window > 1:
             difference = cv2.GaussianBlur(difference, (self._window, self._window), 0)
@@ -112,6 +180,10 @@ class ThresholdSegmenter:
         low = max(1.0, min(self._p.threshold_levels, LOW_LEVEL * high))
         mask = as_image(cv2.threshold(difference, int(low), 255, cv2.THRESH_BINARY)[1])
         core = as_image(cv2.threshold(difference, int(high), 255, cv2.THRESH_BINARY)[1])
+        side = round(THIN * self._body_area**0.5)
+        if side > 1:
+            kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+            mask = as_image(cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel))
         mask, labels, blobs = components(mask, self._min_area)
         bright = np.bincount(labels[core > 0], minlength=len(blobs) + 1)
         if any(not bright[blob.id] for blob in blobs):
@@ -138,9 +210,8 @@ class ThresholdSegmenter:
         self, index: int, core: Image, labels: Labels, blobs: list[Blob]
     ) -> Detections:
         least = LEAST * self._body_area
-        bodies = divide(
-            [blob for blob in blobs if blob.area >= least], labels, core, self._body_area
-        )
+        large = [b for b in blobs if b.area >= least]
+        bodies = divide(large, labels, core, self._body_area)
         return Detections(
             frame=index,
             width=self._width,
@@ -152,6 +223,40 @@ class ThresholdSegmenter:
             blobs=[body.blob for body in bodies],
             components=blobs,
         )
+
+
+def _rests(
+    part: Blob,
+    own: Image,
+    seen: Sequence[tuple[Image, Labels, list[Blob]]],
+    usual: float,
+    fixed: Image,
+) -> bool:
+    """Whether what never moves is a body, or a part of one that shifts: by the blobs that it lies in.
+
+    Args:
+        part: what never moves.
+        own: its pixels in its box, (h, w) uint8, 0 or 255.
+        seen: mask, labels and blobs of pictures from all over the recording.
+        usual: area of those that move, px.
+        fixed: (H, W) uint8, 255 where something stands out all the time.
+    """
+    bodies = 0
+    y, x = (int(v[0]) for v in np.nonzero(own))
+    for _, labels, blobs in seen:
+        there = int(labels[int(part.box[1]) + y, int(part.box[0]) + x])
+        if there:
+            blob = blobs[there - 1]
+            alike = ALIKE[0] * usual <= blob.area <= ALIKE[1] * usual
+            few = blob.area <= FEW * usual and part.area >= PART * blob.area
+            bodies += (alike and compact(blob)) or (few and _moves(blob, labels, fixed))
+    return 2 * bodies >= len(seen)
+
+
+def _moves(blob: Blob, labels: Labels, fixed: Image) -> bool:
+    """Whether so much of a blob does not stand out all the time."""
+    still = np.count_nonzero(within(blob, fixed)[pixels_of(blob, labels) > 0])
+    return bool(still <= (1 - RESTLESS) * blob.area)
 
 
 def otsu(counts: NDArray[np.int64]) -> int:

@@ -8,6 +8,7 @@ ellipses. Every pixel of the blob then goes to the ellipse that it is nearest to
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,11 +35,20 @@ MIN_TWO_BODIES = 1.4
 MOST_BODIES = 40
 """What is as large as more bodies than this is none of them: a hand, a flash of light."""
 ITERATIONS = 20
+MOST_POINTS = 4000
+"""Of a core with more pixels than this every second one, or third, is looked at: the work of a
+frame is bounded.
+"""
 
 
 def single_areas(cores: list[Blob]) -> list[int]:
     """The areas of those cores that look like one body: filled ellipses."""
-    return [core.area for core in cores if _fill(core) >= ONE_BODY_FILL]
+    return [core.area for core in cores if compact(core)]
+
+
+def compact(blob: Blob) -> bool:
+    """Whether a blob looks like one body: a filled ellipse."""
+    return _fill(blob) >= ONE_BODY_FILL
 
 
 def _fill(blob: Blob) -> float:
@@ -55,7 +65,7 @@ def bodies_in(core: Blob, body_area: float) -> int:
     share = core.area / body_area
     if share > MOST_BODIES:
         return 1
-    if _fill(core) >= ONE_BODY_FILL:
+    if compact(core):
         return max(1, int(share + 0.5)) if share >= MAX_ONE_BODY else 1
     return max(2, int(share + 0.5)) if share >= MIN_TWO_BODIES else 1
 
@@ -77,6 +87,9 @@ def split(own: Image, core: Image, body_area: float) -> list[Image]:
     for part in cores:
         wanted = bodies_in(part, body_area)
         y, x = np.nonzero(labels == part.id)
+        # Ellipses of so many points are those of all of them; `_spread` takes each pixel.
+        some = np.s_[:: max(1, len(y) // MOST_POINTS) if wanted > 1 else 1]
+        y, x = y[some], x[some]
         groups[y, x] = (
             bodies + 1 + _clusters(x.astype(np.float64), y.astype(np.float64), wanted)
         )
@@ -84,6 +97,44 @@ def split(own: Image, core: Image, body_area: float) -> list[Image]:
     if bodies < 2:
         return [own]
     return _spread(own, groups, bodies)
+
+
+def parted(own: Image, left: int, top: int, bodies: Sequence[Ellipse]) -> list[Image]:
+    """Divide a blob's pixels among bodies that were seen before.
+
+    Args:
+        own: (h, w) uint8, the blob's pixels in its box, 0 or 255.
+        left: of that box in the picture, px.
+        top: likewise.
+        bodies: where each is expected, px of the picture.
+
+    Returns:
+        For each body its mask (h, w) uint8, 0 or 255; empty where nothing is nearest to it.
+    """
+    y, x = np.nonzero(own)
+    fx, fy = x.astype(np.float64) + (left + 0.5), y.astype(np.float64) + (top + 0.5)
+    least = np.full(len(x), np.inf)
+    nearest = np.zeros(len(x), np.int64)
+    for k, body in enumerate(bodies):
+        _take_nearer(_distance(fx, fy, body), k, least, nearest)
+    nearest = _settled(fx, fy, nearest, len(bodies))
+    masks = []
+    for k in range(len(bodies)):
+        mask = np.zeros_like(own)
+        mask[y[nearest == k], x[nearest == k]] = 255
+        masks.append(mask)
+    return masks
+
+
+def _distance(x: Floats, y: Floats, body: Ellipse) -> Floats:
+    """Squared distance of points from an ellipse, in its own half axes."""
+    cos, sin = math.cos(body.theta), math.sin(body.theta)
+    dx, dy = x - body.x, y - body.y
+    along, across = dx * cos + dy * sin, dy * cos - dx * sin
+    squared: Floats = (along / max(1.0, body.h / 2)) ** 2 + (
+        across / max(1.0, body.w / 2)
+    ) ** 2
+    return squared
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,31 +150,33 @@ class TouchingBody:
 
 
 def divide(
-    blobs: list[Blob], labels: Labels, cores: Image | None, body_area: float
+    blobs: list[Blob],
+    labels: Labels,
+    cores: Image,
+    body_area: float,
 ) -> list[TouchingBody]:
     """The bodies in all blobs, blob by blob, as `split` divides them.
 
     Args:
         blobs: blob k - 1 is label k.
         labels: (H, W) int32, components from 1.
-        cores: (H, W) uint8, 255 above the higher level; None: blobs are their own cores.
+        cores: (H, W) uint8, 255 above the higher level.
         body_area: area of one body's core, px; 0 where it is not known.
     """
     found: list[TouchingBody] = []
     for blob in blobs:
-        if cores is None and bodies_in(blob, body_area) == 1:
-            found.append(TouchingBody(blob.box, blob.ellipse, blob.id, 1))
-            continue
         own = pixels_of(blob, labels)
-        masks = split(own, own if cores is None else own & within(blob, cores), body_area)
-        left, top = int(blob.box[0]), int(blob.box[1])
-        for mask in masks:
-            x, y, w, h = cv2.boundingRect(mask)
-            box = (float(left + x), float(top + y), float(w), float(h))
-            found.append(
-                TouchingBody(box, ellipse_of(mask, left, top), blob.id, len(masks))
-            )
+        masks = split(own, own & within(blob, cores), body_area)
+        found += [body_of(mask, blob, len(masks)) for mask in masks]
     return found
+
+
+def body_of(mask: Image, blob: Blob, among: int) -> TouchingBody:
+    """The body with these pixels of a blob, (h, w) uint8 in the blob's box."""
+    left, top = int(blob.box[0]), int(blob.box[1])
+    x, y, w, h = cv2.boundingRect(mask)
+    box = (float(left + x), float(top + y), float(w), float(h))
+    return TouchingBody(box, ellipse_of(mask, left, top), blob.id, among)
 
 
 def within(blob: Blob, picture: NDArray[Any]) -> NDArray[Any]:
@@ -135,6 +188,18 @@ def within(blob: Blob, picture: NDArray[Any]) -> NDArray[Any]:
 def pixels_of(blob: Blob, labels: Labels) -> Image:
     """A blob's pixels in its box, (h, w) uint8, 0 or 255."""
     return as_image((within(blob, labels) == blob.id).view(np.uint8) * np.uint8(255))
+
+
+def shared_out(own: Image, bodies: int) -> list[Image]:
+    """Divide a blob's pixels, (h, w) uint8, 0 or 255, among so many bodies of which nothing is
+    known: for each its mask.
+    """
+    if bodies < 2:
+        return [own]
+    y, x = np.nonzero(own)
+    groups = np.zeros(own.shape, np.int64)
+    groups[y, x] = 1 + _clusters(x.astype(np.float64), y.astype(np.float64), bodies)
+    return _spread(own, groups, bodies)
 
 
 def _spread(own: Image, groups: Ints, bodies: int) -> list[Image]:
@@ -175,6 +240,11 @@ def _clusters(x: Floats, y: Floats, count: int) -> Ints:
     theta = np.arctan2(2 * sxy, sxx - syy) / 2
     along = (x - mx) * np.cos(theta) + (y - my) * np.sin(theta)
     own[np.argsort(along, kind="stable")] = np.arange(len(x)) * count // len(x)
+    return _settled(x, y, own, count)
+
+
+def _settled(x: Floats, y: Floats, own: Ints, count: int) -> Ints:
+    """An assignment of points to ellipses, repeated until each goes to the nearest one."""
     for _ in range(ITERATIONS):
         least = np.full(len(x), np.inf)
         new = np.zeros(len(x), np.int64)

@@ -30,16 +30,28 @@ MOVED = 0.02
 """It moves if by this share of its size."""
 RESTING = 0.05
 """One that rests counts so much of one that moves: it may be a light on a wall."""
-FEWEST, FEWEST_MOVING = 5, 3
+FEWEST, FEWEST_MOVING = 5, 2
 """Fewer sightings teach nothing, nor do those of which fewer move."""
 SAME_PLACE, SAME_SIZE = 0.5, 0.4
 """Sightings are alike with centres within this share of their size, and sizes within this
 logarithm."""
+MAX_AREA_SPREAD = 2.0
+"""Bodies are alike where three quarters of them are not larger than this many times the first
+quarter.
+"""
+UPRIGHT = 0.8
+"""Bodies are upright where this share of the area that was seen of them is higher than wide."""
 PLACES = 25
 NEARBY = 0.1
 """Sightings teach about places within this share of the picture's height, and less farther off."""
 MOST_LOOKED_AT = 300
 """Of more regions in one picture, the largest are looked at."""
+MOST_OF_ALL = 40
+"""So many regions of a picture, the largest, say what most of its foreground belongs to."""
+SPECK = 0.1
+"""What has less than this share of the area of what most of the foreground nearby belongs to is no
+body, however clean it is seen: leaves, bedding, a tail, a light.
+"""
 MOST = 1500
 """Of more sightings, the latest are kept."""
 
@@ -51,15 +63,23 @@ class UsualSize:
     Attributes:
         feet: (K,) y of the feet, px, rising.
         sizes: (K, 3) width, height, area.
+        alike: (K,) 1 where bodies there are alike, so that two of them have twice the area of one;
+            else 0.
     """
 
     feet: Floats
     sizes: Floats
+    alike: Floats
 
     def at(self, feet: Floats) -> tuple[Floats, Floats, Floats]:
         """Width, height and area at feet (any shape, px); each of that shape."""
         w, h, area = (np.interp(feet, self.feet, self.sizes[:, k]) for k in range(3))
         return w, h, area
+
+    def body_areas(self, feet: Floats) -> Floats:
+        """The area of one body at feet (any shape, px), 0 where bodies are not alike."""
+        area = np.interp(feet, self.feet, self.sizes[:, 2])
+        return np.where(np.interp(feet, self.feet, self.alike) >= 0.5, area, 0.0)
 
     @property
     def least_area(self) -> float:
@@ -74,6 +94,7 @@ class Sightings:
     width: int
     height: int
     _clean: list[Floats] = field(default_factory=list)
+    _all: list[Floats] = field(default_factory=list)
 
     def observe(self, now: Floats, later: Floats) -> None:
         """Take in the regions of two pictures, `MOMENT_S` apart.
@@ -83,6 +104,8 @@ class Sightings:
             later: (M, 5) of the second one's.
         """
         now, later = largest(now), largest(later)
+        some = largest(now, MOST_OF_ALL)
+        self._all.append(np.column_stack([some, some[:, 4] / max(1.0, some[:, 4].sum())]))
         if not len(now) or not len(later):
             return
         found = now[self._alone(now)]
@@ -129,18 +152,62 @@ class Sightings:
             return None
         rows = np.concatenate(self._clean)[-MOST:]
         self._clean = [rows]
+        rows = rows[rows[:, 4] >= SPECK * self._common(rows[:, 1] + rows[:, 3])]
         if len(rows) < FEWEST or np.count_nonzero(rows[:, 5] == 1.0) < FEWEST_MOVING:
             return None
         feet = np.linspace(0.0, self.height, PLACES)
-        off = (rows[:, 1] + rows[:, 3] - feet[:, None]) / (NEARBY * self.height)
-        weights = rows[:, 4] * rows[:, 5] / _alike(rows) / (1.0 + np.abs(off) ** 3)
-        return UsualSize(
-            feet,
-            np.array(
-                [[median(rows[:, k], weight) for k in (2, 3, 4)] for weight in weights],
-                np.float64,
-            ),
-        )
+        weights = rows[:, 4] * rows[:, 5] / _alike(rows) * self._near(feet, rows)
+        return UsualSize(feet, _sizes(rows, weights), _alike_at(rows, weights))
+
+    def guess(self) -> UsualSize | None:
+        """What most of the foreground belongs to, clean or not: better than nothing where bodies
+        are seldom seen clean; None where there is no foreground.
+        """
+        rows = np.concatenate(self._all) if self._all else np.zeros((0, 6))
+        if len(rows) < FEWEST:
+            return None
+        feet = np.linspace(0.0, self.height, PLACES)
+        weights = rows[:, 5] * self._near(feet, rows)
+        return UsualSize(feet, _sizes(rows, weights), _alike_at(rows, weights))
+
+    def _common(self, feet: Floats) -> Floats:
+        """The area of what most of the foreground with its feet near each of some places (N,)
+        belongs to, px^2, (N,): of whatever was seen, clean or not.
+        """
+        rows = np.concatenate(self._all)
+        places = np.linspace(0.0, self.height, PLACES)
+        weights = rows[:, 5] * self._near(places, rows)
+        common = [median(rows[:, 4], w) for w in weights]
+        return np.interp(feet, places, np.array(common, np.float64))
+
+    def _near(self, places: Floats, rows: Floats) -> Floats:
+        """How much each row (N, 5+) tells of bodies with their feet at each place (K,): (K, N)."""
+        off = (rows[:, 1] + rows[:, 3] - places[:, None]) / (NEARBY * self.height)
+        near: Floats = 1.0 / (1.0 + np.abs(off) ** 3)
+        return near
+
+
+def _sizes(rows: Floats, weights: Floats) -> Floats:
+    """Width, height and area at K places, (K, 3), of rows (N, 5+) x, y, w, h, area that weigh
+    (K, N).
+    """
+    return np.array(
+        [[median(rows[:, k], w) for k in (2, 3, 4)] for w in weights], np.float64
+    )
+
+
+def _alike_at(rows: Floats, weights: Floats) -> Floats:
+    """1 at each of K places where what was seen there has much the same area, else 0: as `_sizes`.
+    Nowhere where bodies are upright: they do not lie side by side, but hide one another.
+    """
+    upright = rows[:, 3] > rows[:, 2]
+    if rows[upright, 4].sum() >= UPRIGHT * rows[:, 4].sum():
+        return np.zeros(len(weights))
+    low, high = (
+        np.array([quantile(rows[:, 4], w, share) for w in weights])
+        for share in (0.25, 0.75)
+    )
+    return (high <= MAX_AREA_SPREAD * low).astype(np.float64)
 
 
 def _alike(rows: Floats) -> Floats:
@@ -166,9 +233,14 @@ def largest(rows: Floats, most: int = MOST_LOOKED_AT) -> Floats:
 
 def median(values: Floats, weights: Floats) -> float:
     """The weighted lower median."""
+    return quantile(values, weights, 0.5)
+
+
+def quantile(values: Floats, weights: Floats, share: float) -> float:
+    """The least value such that values up to it have this share of all weight."""
     order = np.argsort(values, kind="stable")
     total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, total[-1] / 2)])
+    return float(values[order][np.searchsorted(total, total[-1] * share)])
 
 
 def ious(a: Floats, b: Floats) -> Floats:

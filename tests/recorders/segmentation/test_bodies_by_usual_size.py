@@ -15,7 +15,9 @@ WIDTH, HEIGHT = 320, 240
 
 def usual(width: float = 20.0, height: float = 60.0) -> UsualSize:
     return UsualSize(
-        np.array([0.0, HEIGHT]), np.array([[width, height, width * height]] * 2)
+        np.array([0.0, HEIGHT]),
+        np.array([[width, height, width * height]] * 2),
+        np.ones(2),
     )
 
 
