@@ -135,8 +135,8 @@ class Background:
         level: (H, W) uint8, the least difference that is foreground, by pixel: larger where the
             background itself changes (leaves, tape in the wind, screens, a burnt-in clock).
         coloured: it has colours: not from an infrared or a monochrome camera.
-        waving: in this share of the places it does.
         noisy: in most places the level follows from the spread: noise decides what is foreground.
+        waving: in this share of the places the level follows from the spread.
         swaying: where the ground waves, if it does anywhere.
     """
 
