@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 EXAMPLE = """\
 scenetrace find annotated.mcap --colour red
 scenetrace find annotated.mcap --upper red --lower black -o found/     # found/index.html shows them
-scenetrace find monday.mcap tuesday.mcap --like monday:7
-scenetrace find case.duckdb --like somebody.png --most 50"""
+scenetrace find monday.mcap tuesday.mcap --like monday:1
+scenetrace find case.duckdb --colour "dark blue" --lower --most 50"""
 DESCRIPTION = """\
 Find targets by the colours of upper and lower body, or by likeness to a target or a picture, best first.
 

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 EXAMPLE = """\
 scenetrace query annotated.mcap "SELECT kind, t, subjects, text FROM events ORDER BY t"
 scenetrace query annotated.mcap --ask met 3
+scenetrace query annotated.mcap --line gate=192,100,192,280 --ask crossed gate --clips out/
 scenetrace query monday.mcap tuesday.mcap --ask who-was-in bench --at 12.5 --format json
 scenetrace query case.duckdb --ask contacts 3 --depth 4 --show-sql
 scenetrace query case.duckdb --pattern "meeting(a,b) ; joint(a,b)[>2s] ; exited(a)[<30s]"

@@ -130,3 +130,32 @@ def test_the_command_shows_them(
     assert main(["find", str(path)]) == 2
     assert main(["find", str(path), "--upper"]) == 2
     assert main(["find", str(path), "--like", "99"]) == 2
+
+
+def test_a_network_ranks_who_looks_alike(
+    filmed: Filmed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its features are the mean colours of a picture, so who wears the same comes first."""
+    import onnx
+    from onnx import TensorProto, helper
+
+    _, path = filmed("parade", PARADE)
+    value = helper.make_tensor_value_info
+    graph = helper.make_graph(
+        [helper.make_node("GlobalAveragePool", ["in"], ["features"])],
+        "means",
+        [value("in", TensorProto.FLOAT, [1, 3, 256, 128])],
+        [value("features", TensorProto.FLOAT, [1, 3, 1, 1])],
+    )
+    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)])
+    made.ir_version = 8
+    model = tmp_path / "means.onnx"
+    onnx.save(made, str(model))
+    words = ["find", str(path), "--like", "1", "--least", "0", "--json"]
+    assert main([*words, "--model", str(model)]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert len(rows) == len(WEAR) - 1
+    likenesses = [row["likeness"] for row in rows]
+    assert likenesses == sorted(likenesses, reverse=True)
+    assert all(-1 <= value <= 1 for value in likenesses)
+    assert main([*words, "--model", str(tmp_path / "none.onnx")]) == 1
