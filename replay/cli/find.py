@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 EXAMPLE = """\
 scenetrace find annotated.mcap --colour red
 scenetrace find annotated.mcap --upper red --lower black -o found/     # found/index.html shows them
-scenetrace find monday.mcap tuesday.mcap --like monday:1
 scenetrace find case.duckdb --colour "dark blue" --lower --most 50"""
 DESCRIPTION = """\
-Find targets by the colours of upper and lower body, or by likeness to a target or a picture, best first.
+Find targets by the colours of upper and lower body, or by likeness to a target (--like 7, over several recordings
+--like monday:7) or to somebody cut out of a picture (--like somebody.png), best first.
 
 Colours: black, grey, white, red, brown, orange, beige, green, yellow, blue, purple, pink, and shades such as "dark
 blue". They are counted in a few pictures of each target in which nobody covers it; an index holds them. Of an
