@@ -15,9 +15,7 @@ from fixtures.scenes import generate
 from reasoning.regions import RegionParameters
 from recorders.annotated.reader import AnnotatedLog
 from recorders.messages import Target
-from recorders.recording import RecordOptions, record
 from recorders.scene import SceneInfo, SceneLog
-from recorders.sources import open_source
 from replay.annotated_writer import replay
 from replay.cli import main
 from replay.configuration import replay_config
@@ -327,19 +325,12 @@ def test_by_hand_a_target_is_told_of_as_well_as_if_everybody_were(
 
 
 @pytest.fixture(scope="module")
-def pets(
-    real_data: Path, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Path, MotTable]:
+def pets(real_data: Path, pets_scene: Path) -> tuple[Path, MotTable]:
     """PETS09-S2L1 from pixels, with the truth."""
-    folder = tmp_path_factory.mktemp("pets")
-    scene = folder / "scene.mcap"
-    record(
-        open_source(real_data / "pets09-s2l1" / "video.avi", fps=7), scene, RecordOptions()
-    )
     truth = fit_truth(
         read_truth(real_data / "pets09-s2l1" / "gt.txt"), (480, 360), (768, 576)
     )
-    return scene, truth
+    return pets_scene, truth
 
 
 def test_pets_from_pixels_is_better_than_opencv_with_sort_or_norfair(

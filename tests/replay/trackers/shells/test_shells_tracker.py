@@ -214,14 +214,8 @@ def test_an_outline_that_shells_cannot_have_is_refused() -> None:
 
 
 def scored(
-    tmp_path: Path,
-    video: Path,
-    truth: Path,
-    detect: str,
-    size: tuple[int, int] | None = None,
+    log: Path, tmp_path: Path, truth: Path, size: tuple[int, int] | None = None
 ) -> Scores:
-    log = tmp_path / "scene.mcap"
-    record(open_source(video), log, RecordOptions(detect=detect))
     replay(
         log,
         tmp_path / "out.mcap",
@@ -234,9 +228,8 @@ def scored(
 
 
 @pytest.mark.real
-def test_pets_from_pixels(real_data: Path, tmp_path: Path) -> None:
-    folder = real_data / "pets09-s2l1"
-    s = scored(tmp_path, folder / "video.avi", folder / "gt.txt", "motion", (768, 576))
+def test_pets_from_pixels(real_data: Path, pets_scene: Path, tmp_path: Path) -> None:
+    s = scored(pets_scene, tmp_path, real_data / "pets09-s2l1" / "gt.txt", (768, 576))
     assert s.hota.hota > 55
     assert s.clear.mota > 72
     assert s.identity.idf1 > 75
@@ -252,7 +245,9 @@ def test_flies_keep_their_identities(
     real_data: Path, tmp_path: Path, name: str, count: int
 ) -> None:
     folder = real_data / "flies"
-    s = scored(tmp_path, folder / f"{name}.mp4", folder / f"{name}.gt.txt", "threshold")
+    log = tmp_path / "scene.mcap"
+    record(open_source(folder / f"{name}.mp4"), log, RecordOptions(detect="threshold"))
+    s = scored(log, tmp_path, folder / f"{name}.gt.txt")
     assert s.clear.switches == 0
     assert s.result_ids == s.true_ids == count
     assert s.identity.idf1 > 90
