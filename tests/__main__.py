@@ -34,6 +34,7 @@ WHOLE = (
         "cli",
         "desk",
         "events",
+        "faults",
         "fixtures",
         "golden",
         "hostile",
