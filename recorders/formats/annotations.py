@@ -73,16 +73,19 @@ class Coco(Document):
         for index, one in enumerate(entries):
             where = f"{path.name}, annotation {index + 1}"
             try:
+                if one.get("iscrowd") == 1:
+                    self._bad.append(("a crowd, which is no single object", where))
+                    continue
                 frame = one["image_id"]
                 frame = images[frame] if images else _frame_of(frame)
-                x, y, w, h = (number(value, "bbox") for value in one["bbox"])
+                box = _box_of(one)
                 score = one.get("score", 1.0)
                 label = names.get(one.get("category_id"), one.get("category_id", ""))
                 identity = one.get("track_id", NOBODY)
                 row = BoxRow(
                     frame,
                     identity if isinstance(identity, int) else NOBODY,
-                    (x, y, w, h),
+                    box,
                     number(score, "score"),
                     str(label),
                 )
@@ -113,6 +116,17 @@ class Coco(Document):
             return numbers
         order = sorted(files, key=lambda identity: by_number(files[identity]))
         return {identity: place for place, identity in enumerate(order)}
+
+
+def _box_of(annotation: dict[str, Any]) -> tuple[float, float, float, float]:
+    """An annotation's box; that around its polygons where it has none of its own."""
+    if annotation.get("bbox") or not isinstance(annotation.get("segmentation"), list):
+        x, y, w, h = (number(value, "bbox") for value in annotation["bbox"])
+        return x, y, w, h
+    polygons = annotation["segmentation"]
+    xs = [number(value, "segmentation") for polygon in polygons for value in polygon[::2]]
+    ys = [number(value, "segmentation") for polygon in polygons for value in polygon[1::2]]
+    return min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys)
 
 
 def _frame_of(value: Any) -> int:

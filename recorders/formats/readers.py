@@ -13,6 +13,7 @@ from recorders.errors import LimitError, SourceError
 from recorders.files import open_to_read
 from recorders.formats.boxes import BoxRow, check_box
 from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.loose_json import decode_loose
 
 Bad = Callable[[str, str], None]
 """Called with what is wrong and where, for each row that is left out."""
@@ -87,6 +88,6 @@ def read_json(path: Path, limits: Limits = DEFAULT_LIMITS) -> Any:
             path,
         )
     try:
-        return msgspec.json.decode(data.removeprefix(b"\xef\xbb\xbf"))
+        return decode_loose(data.removeprefix(b"\xef\xbb\xbf"))
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise SourceError(f"not JSON: {error}", path) from error

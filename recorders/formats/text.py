@@ -18,6 +18,7 @@ from recorders.formats.boxes import BoxRow
 from recorders.formats.columns import Columns, is_number, number, row_of
 from recorders.formats.readers import Bad, checked, read_json
 from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.loose_json import decode_loose
 
 _LONGEST_LINE = 1 << 16
 _MOT = Columns(("frame", "id", "x", "y", "w", "h", "score"))
@@ -231,6 +232,8 @@ class TextTable:
                 row = self._columns.row(cells, self._picture, line)
             except ValueError as error:
                 raise SourceError(f"{error}: {text[:60]!r}", self.path, line) from error
+            if self._columns is _KITTI and row.label == "DontCare":
+                continue  # a region that nobody labelled, no object
             if self._labelled and len(cells) > 7 and cells[7] not in ("", "-1"):
                 row = row._replace(label=cells[7])
             if self._unsure:
@@ -324,7 +327,7 @@ class Records:
                 line += 1
                 if data.strip():
                     try:
-                        yield line, msgspec.json.decode(data)
+                        yield line, decode_loose(data)
                     except (
                         msgspec.DecodeError,
                         UnicodeDecodeError,

@@ -21,6 +21,7 @@ from google.protobuf.message import DecodeError
 
 from recorders.errors import SceneTraceError
 from recorders.log.model import ChannelInfo
+from recorders.loose_json import decode_loose
 from recorders.payloads import ros
 
 NANOS = 1_000_000_000
@@ -72,7 +73,7 @@ def fields(channel: ChannelInfo, data: bytes) -> Any:
         if encoding == "protobuf" and kind in _PROTOBUF:
             return _PROTOBUF[kind].FromString(data)
         if encoding == "json":
-            return msgspec.json.decode(data)
+            return decode_loose(data)
         if encoding in ("cdr", "ros1") and channel.schema is not None:
             if channel.schema.encoding not in ("ros2msg", "ros1msg"):
                 raise PayloadError(

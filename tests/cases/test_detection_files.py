@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -167,3 +168,52 @@ def test_detections_go_with_the_pictures_of_their_number(case: Case) -> None:
         # The first walker goes by 1.6 px a frame.
         x = min((b[0] for b in f.detections.boxes), default=0.0) if f.detections else 0.0
         assert x == pytest.approx(max(-20 + 1.6 * f.index, 0), abs=25)
+
+
+BOX = (14.0, 20.0, 30.0, 60.0)
+
+
+def test_a_coco_object_without_a_box_has_that_of_its_polygon_and_a_crowd_is_none(
+    tmp_path: Path,
+) -> None:
+    images = [{"id": 7, "file_name": "img_1.jpg", "width": 320, "height": 240}]
+    polygon = [14, 20, 44, 20, 44, 80, 14, 80]
+    annotations = [
+        {"id": 1, "image_id": 7, "category_id": 1, "segmentation": [polygon]},
+        {"id": 2, "image_id": 7, "category_id": 1, "bbox": [5, 5, 9, 9], "iscrowd": 1},
+    ]
+    document = {
+        "images": images,
+        "annotations": annotations,
+        "categories": [{"id": 1, "name": "person"}],
+    }
+    path = tmp_path / "coco.json"
+    path.write_text(json.dumps(document))
+    source, found = read(path)
+    assert [d.boxes for d in found] == [[BOX]]
+    assert source.losses == [
+        "a crowd, which is no single object, at coco.json, annotation 2"
+    ]
+
+
+def test_a_region_that_kitti_does_not_care_about_is_no_object(tmp_path: Path) -> None:
+    rest = "-1 -1 -1 -1000 -1000 -1000 -10"
+    path = tmp_path / "0000.txt"
+    path.write_text(
+        f"0 1 Pedestrian 0 0 -10 14 20 44 80 {rest}\n0 -1 DontCare -1 -1 -10 5 5 50 50 {rest}\n"
+    )
+    source, found = read(path)
+    assert [(d.boxes, d.labels) for d in found] == [([BOX], ["Pedestrian"])]
+    assert not source.losses
+
+
+def test_a_json_row_with_nan_is_left_out_alone(tmp_path: Path) -> None:
+    rows = [
+        {"frame": 0, "x1": 14.0, "y1": 20.0, "x2": 44.0, "y2": 80.0},
+        {"frame": 0, "x1": 14.0, "y1": 20.0, "x2": 44.0, "y2": float("nan")},
+    ]
+    path = tmp_path / "rows.jsonl"
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    source, found = read(path)
+    assert [d.boxes for d in found] == [[BOX]]
+    assert source.losses == ["a row with a number that is not finite, at rows.jsonl:2"]
