@@ -27,6 +27,8 @@ WIDER, HIGHER, LARGER = 1.5, 1.35, 1.5
 """Pieces lie within a body's box times so much in width and in height, and have so many times its
 area together.
 """
+SHRUNK, PIECE = 0.95, 0.25
+"""What is left of it is smaller than it was, and the piece is not as small as somebody far away."""
 TORN = 0.5
 """Share of a life for which it was a piece of another's body: it is no life of its own."""
 MEMORY = 0.1
@@ -81,8 +83,9 @@ class Within:
             if pair[0] in boxes and pair[1] in boxes:
                 one, two = boxes[pair[0]], boxes[pair[1]]
                 wide, high = _around(one, two)
-                area = one[2] * one[3] + two[2] * two[3]
-                if wide <= WIDER * w and high <= HIGHER * h and area <= LARGER * w * h:
+                left, piece = one[2] * one[3] / (w * h), two[2] * two[3] / (w * h)
+                torn = left <= SHRUNK and piece >= PIECE and left + piece <= LARGER
+                if torn and wide <= WIDER * w and high <= HIGHER * h:
                     self._pieces[pair] = self._pieces.get(pair, 0) + 1
         for t in here:
             w, h = self._sizes.get(t.id, t.box[2:])

@@ -70,6 +70,13 @@ def test_pieces_of_a_body_that_comes_apart_are_one() -> None:
     assert sum(len(f.held_back or ()) for f in out) == 25
 
 
+def test_somebody_far_away_behind_who_is_seen_whole_is_somebody() -> None:
+    def far(k: int) -> Box | None:
+        return (75.0 + 5 * k, 95.0, 12.0, 30.0) if k >= 15 else None
+
+    assert ids(told(walker, far)) == {1, 2}
+
+
 def test_who_comes_out_of_a_body_s_place_and_is_as_large_is_somebody() -> None:
     def other(k: int) -> Box | None:
         return (125.0 - 2 * (k - 15), 102.0, 30.0, 90.0) if k >= 15 else None
