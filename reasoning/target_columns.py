@@ -29,13 +29,14 @@ class TargetColumns:
 
 
 def ghost(target: Target) -> Target:
-    """A target in the frame after its last: at its place, neither present nor observed."""
+    """A target in the frame after its last: at its place, neither present nor observed; as
+    sure to be somebody as it was.
+    """
     return msgspec.structs.replace(
         target,
         present=False,
         observed=False,
         mode="predicted",
-        confidence=0.0,
         blob=NO_BLOB,
         newborn=False,
     )
