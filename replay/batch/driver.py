@@ -17,7 +17,7 @@ import msgspec
 from reasoning.questions import catalogue
 from recorders.errors import SceneTraceError, UsageError
 from recorders.stores import FolderStore, Store, StoreError, open_store
-from replay.batch.engines import Engine
+from replay.batch.engines import JobEngine
 from replay.batch.jobs import Job, Outcome, Status, stamp_of
 
 
@@ -64,7 +64,7 @@ Told = Callable[[BatchSummary, Outcome | None], None]
 
 
 def run_batch(
-    jobs: Sequence[Job], engine: Engine, options: BatchOptions, told: Told | None = None
+    jobs: Sequence[Job], engine: JobEngine, options: BatchOptions, told: Told | None = None
 ) -> BatchSummary:
     """Do all jobs of one case.
 

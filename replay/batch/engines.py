@@ -18,7 +18,7 @@ from replay.batch.jobs import Job, Outcome
 from replay.batch.nursery import Nursery, failed
 
 
-class Engine(Protocol):
+class JobEngine(Protocol):
     """Does jobs. At most ``room`` are given to it at a time, so that the list of what is to be
     done stays with the driver.
     """
@@ -51,7 +51,7 @@ class LocalEngine:
         self._running: dict[Future[Outcome], Job] = {}
 
     def submit(self, job: Job) -> None:
-        """See `Engine`."""
+        """See `JobEngine`."""
         self._running[self._pool.submit(self._do, job)] = job
 
     def _do(self, job: Job) -> Outcome:
@@ -62,13 +62,13 @@ class LocalEngine:
             self._free.put(nursery)
 
     def outcomes(self) -> Iterator[tuple[Job, Outcome]]:
-        """See `Engine`."""
+        """See `JobEngine`."""
         done, _ = wait(self._running, return_when=FIRST_COMPLETED)
         for future in done:
             yield self._running.pop(future), future.result()
 
     def close(self) -> None:
-        """See `Engine`."""
+        """See `JobEngine`."""
         for nursery in self._nurseries:
             nursery.close()
         self._pool.shutdown(wait=True, cancel_futures=True)
@@ -129,11 +129,11 @@ class RayEngine:
         self._running: dict[Any, Job] = {}
 
     def submit(self, job: Job) -> None:
-        """See `Engine`."""
+        """See `JobEngine`."""
         self._running[self._task.remote(job)] = job
 
     def outcomes(self) -> Iterator[tuple[Job, Outcome]]:
-        """See `Engine`."""
+        """See `JobEngine`."""
         done, _ = self._ray.wait(list(self._running), num_returns=1)
         for reference in done:
             job = self._running.pop(reference)
@@ -147,7 +147,7 @@ class RayEngine:
                 )
 
     def close(self) -> None:
-        """See `Engine`."""
+        """See `JobEngine`."""
         for reference in self._running:
             self._ray.cancel(reference, force=True)
         self._ray.shutdown()

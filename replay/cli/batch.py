@@ -20,7 +20,7 @@ from replay.plurals import count_of
 if TYPE_CHECKING:
     from recorders.stores import Store
     from replay.batch import BatchSummary, Job, Outcome, Status
-    from replay.batch.engines import Engine
+    from replay.batch.engines import JobEngine
 
 DESCRIPTION = """Record, replay and tabulate many sources into a CASE: a folder or a URI (s3://, gs://, az://, hdfs://, sftp://).
 
@@ -272,7 +272,7 @@ def _summed_up(done: BatchSummary, args: argparse.Namespace, seconds: float) -> 
     return Exit.LEFT_OUT if done.failed or left_out else Exit.DONE
 
 
-def _engine(args: argparse.Namespace) -> Engine:
+def _engine(args: argparse.Namespace) -> JobEngine:
     from replay.batch.engines import LocalEngine, RayEngine, RayOptions
 
     if args.workers is not None and not 1 <= args.workers <= 10_000:

@@ -166,7 +166,7 @@ class Desk(Closing):
         """Add a correction; the corrections then."""
 
         def write() -> dict[str, Any]:
-            asked = msgspec.convert(body, _Asked)
+            asked = msgspec.convert(body, _AskedCorrection)
             if not asked.by.strip() or not asked.why.strip():
                 raise UsageError("a correction says who made it and for what reason")
             made = self._made(asked, opened(self._corrections, self._log))
@@ -183,7 +183,7 @@ class Desk(Closing):
 
         return self._edited(write)
 
-    def _made(self, asked: _Asked, found: Corrections) -> Corrections:
+    def _made(self, asked: _AskedCorrection, found: Corrections) -> Corrections:
         by, why = asked.by.strip(), asked.why.strip()
         label = asked.do in ("label", "same")
         words = asked.words.split(maxsplit=1) if label else asked.words.split()
@@ -212,7 +212,7 @@ class Desk(Closing):
                 return {"error": str(error)}
 
 
-class _Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _AskedCorrection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A correction as the page sends it."""
 
     do: str
