@@ -12,7 +12,15 @@ import numpy as np
 from recorders.pictures import Image
 from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
 from recorders.segmentation.change.landmarks import Reference, Shift, shifted
-from recorders.segmentation.change.views import Division, Place, Seen, aligned, divide, find
+from recorders.segmentation.change.views import (
+    Colours,
+    Division,
+    Place,
+    Seen,
+    aligned,
+    divide,
+    find,
+)
 from recorders.segmentation.change.watch import Look, Watch
 from recorders.segmentation.parameters import SegmentationParameters
 from recorders.segmentation.segmenter import as_image
@@ -113,7 +121,7 @@ class Scenery:
         self._fps = fps
         self._grounds: dict[tuple[int, bool], Ground] = {}
         self._division = Division()
-        self._watch = Watch([], fps)
+        self._watch = Watch([], fps, colours=Colours())
         self._foreground = 0
         self._size = 1
         self.look = Look(None)
@@ -160,7 +168,14 @@ class Scenery:
                 _know_by(division.places[number], ground.background, shown)
         known = [p for p in division.places if any(n == p.number for n, _ in views)]
         steady = len({(s.place, s.shift) for s in division.seen}) == 1
-        self._watch = Watch(known, self._fps, division.flat, steady=steady)
+        colours = [s.coloured for s in division.seen if s.place is not None]
+        self._watch = Watch(
+            known,
+            self._fps,
+            division.flat,
+            steady=steady,
+            colours=Colours(colours[0], division.colours) if any(colours) else None,
+        )
         return True
 
     def _learnt(self, stack: list[Image]) -> Ground:

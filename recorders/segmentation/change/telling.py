@@ -11,7 +11,11 @@ from recorders.messages import SceneChange
 from recorders.segmentation.change.landmarks import Shift
 from recorders.segmentation.change.light import Light
 from recorders.segmentation.change.standstill import FROZEN_S
-from recorders.segmentation.change.views import COLOURED, KNOWN_AGAIN, ONE_COLOUR
+from recorders.segmentation.change.views import (
+    KNOWN_AGAIN,
+    ONE_COLOUR,
+    TURNS_GREY,
+)
 from recorders.segmentation.change.watch import Look
 
 LASTS_S = 0.5
@@ -150,13 +154,13 @@ class Teller:
             return SceneChange(
                 frame,
                 "colour",
-                {**evidence, "coloured_share_at_least": COLOURED},
+                {**evidence, "coloured_share_over": TURNS_GREY},
                 "The picture has colours again.",
             )
         return SceneChange(
             frame,
             "infrared",
-            {**evidence, "coloured_share_under": COLOURED},
+            {**evidence, "coloured_share_at_most": TURNS_GREY},
             "The picture turned grey (infrared, or no colours any more).",
         )
 

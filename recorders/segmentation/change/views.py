@@ -24,8 +24,10 @@ LOST = 0.2
 """A view is lost when fewer of its landmarks are seen, or 0.4 of the usual share if that is less."""
 ONE_COLOUR, MORE_OF_IT = 0.8, 0.2
 """The signal is lost if so much of the picture has one colour, and so much more than usual."""
-COLOURED = 0.25
-"""A picture has colours from this share of coloured cells on."""
+COLOURED, TURNS_COLOURED, TURNS_GREY = 0.25, 0.625, 0.0625
+"""The first picture has colours from this share of coloured cells on; a grey view turns coloured, a
+coloured one grey, at these, or at three quarters of what it had before: something coloured that passes is no
+change of the whole."""
 FEWEST_PICTURES = 5
 """A background is learnt from so many pictures at least."""
 
@@ -73,11 +75,13 @@ class Division:
         places: in the order of their first pictures.
         seen: of each picture.
         flat: the share of them that has one colour, usually.
+        colours: the share of their cells that has colours, where there are some.
     """
 
     places: list[Place] = field(default_factory=list)
     seen: list[Seen] = field(default_factory=list)
     flat: float = 0.0
+    colours: float = 1.0
 
 
 def one_colour_from(usual: float) -> float:
@@ -85,6 +89,31 @@ def one_colour_from(usual: float) -> float:
     share that is usual in its recording.
     """
     return max(ONE_COLOUR, usual + MORE_OF_IT)
+
+
+class Colours:
+    """Whether pictures have colours, one after another, by the share of their cells that have.
+
+    Attributes:
+        coloured: the last one had; None: there was none yet.
+        usual: the share while there were colours.
+    """
+
+    def __init__(self, coloured: bool | None = None, usual: float = 1.0) -> None:
+        self.coloured = coloured
+        self.usual = usual
+
+    def step(self, share: float) -> bool:
+        """Take the next picture's share."""
+        if self.coloured is None:
+            self.coloured = share >= COLOURED
+        elif self.coloured:
+            self.coloured = share > TURNS_GREY
+        else:
+            self.coloured = share >= min(TURNS_COLOURED, 0.75 * self.usual)
+        if self.coloured and share >= COLOURED:
+            self.usual = share
+        return self.coloured
 
 
 def find(picture: Image, place: Place, shift: Shift) -> tuple[Shift, Sight]:
@@ -115,13 +144,14 @@ def divide(pictures: list[Image]) -> Division:
     made = Division()
     shifts: list[Shift] = []
     last = 0
+    colours = Colours()
     flat = [one_colour_share(picture)[0] for picture in pictures]
     made.flat = sorted(flat)[len(flat) // 2]
     for picture, share in zip(pictures, flat, strict=True):
-        coloured = coloured_share(picture) >= COLOURED
         if share >= one_colour_from(made.flat):
-            made.seen.append(Seen(None, coloured=coloured))
+            made.seen.append(Seen(None))
             continue
+        coloured = colours.step(coloured_share(picture))
         number = _known(picture, made.places, shifts, last)
         if number is None:
             reference = Reference(as_image(cv2.extractChannel(picture, 0)))
@@ -134,6 +164,7 @@ def divide(pictures: list[Image]) -> Division:
         last = number
         made.seen.append(Seen(number, shifts[number], coloured))
     made.seen = _at_rest(made.seen)
+    made.colours = colours.usual
     return made
 
 

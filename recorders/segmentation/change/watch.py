@@ -10,8 +10,8 @@ from recorders.pictures import Image
 from recorders.segmentation.change.landmarks import NEAR, NO_SIGHT, Reference, Shift, Sight
 from recorders.segmentation.change.light import coloured_share, one_colour_share
 from recorders.segmentation.change.views import (
-    COLOURED,
     FEWEST_PICTURES,
+    Colours,
     Place,
     find,
     one_colour_from,
@@ -61,6 +61,8 @@ class Watch:
         fps: frames a second.
         one_colour: the share of the picture that has one colour, usually.
         steady: the camera is thought not to move.
+        colours: whether pictures have colours, as the first one is expected to; None: there are
+            none in the whole recording.
     """
 
     def __init__(
@@ -70,11 +72,13 @@ class Watch:
         one_colour: float = 0.0,
         *,
         steady: bool = False,
+        colours: Colours | None = None,
     ) -> None:
         self.places = places
         self._fps = fps
         self._one_colour = one_colour_from(one_colour)
         self._last = Look(None)
+        self._colours = colours
         self._home: tuple[Place, Shift] | None = None
         self._frames = 0
         self._next_look = 0
@@ -107,14 +111,19 @@ class Watch:
 
     def _looked(self, picture: Image, last: Look) -> Look:
         colours = round(coloured_share(picture), 3)
-        coloured = colours >= COLOURED
+        coloured = self._colours is not None and bool(self._colours.coloured)
         share, name = 0.0, ""
+        if self._home is None and not self.places:
+            # Nothing is known of what is usual: this is.
+            self._one_colour = one_colour_from(one_colour_share(picture)[0])
         known = self._home is not None and self._home[0].reference.known
         if not known:
             share, name = one_colour_share(picture)
         if known or share < self._one_colour:
             place, shift, sight = self._placed(picture, last)
             if place is not None:
+                if self._colours is not None:
+                    coloured = self._colours.step(colours)
                 new = place not in self.places
                 self.places += [place] if new else []
                 if self._frames and (place.number, shift) != (last.place, last.shift):

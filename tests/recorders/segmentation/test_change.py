@@ -192,3 +192,27 @@ def test_live_a_bump_and_a_grey_picture_are_told_as_well() -> None:
     )
     assert kinds(told) == ["moved", "infrared"]
     assert max(np.count_nonzero(m) / m.size for m in masks[20:]) < 0.12
+
+
+def test_something_coloured_that_passes_a_grey_view_is_no_change() -> None:
+    def passed(k: int, image: Image) -> Image:
+        shown = grey(image)
+        if 50 <= k < 80:
+            x = 4 * (k - 50)
+            shown[60:120, x : x + 60] = (30, 40, 200)
+        return shown
+
+    told = run(passed(k, image) for k, image in enumerate(walk(FRAMES)))[1]
+    assert [change for change in told if change.kind in ("infrared", "colour")] == []
+
+
+def test_live_an_even_ground_is_a_view_and_no_lost_signal() -> None:
+    def tank(k: int) -> Image:
+        image = np.full((HEIGHT, WIDTH, 3), 210, np.uint8)
+        x = 20 + 2 * k % 180
+        image[80:100, x : x + 30] = (40, 60, 60)
+        return image
+
+    masks, told = run((tank(k) for k in range(60)), prepared=False)
+    assert told == []
+    assert all(mask.any() for mask in masks[20:])
