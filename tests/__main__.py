@@ -56,6 +56,8 @@ WHOLE = (
         "replay/test_engine.py",
         "replay/test_evidence.py",
     ),
+    "recorders/segmentation/test_change.py",
+    "recorders/segmentation/test_surroundings.py",
     *("replay/test_forgeries.py", "replay/test_pass_through.py", "replay/test_run.py"),
     *("replay/test_record_command.py", "replay/test_verification.py"),
     *("replay/trackers/test_trials.py", "replay/trackers/events/test_events_tracker.py"),
