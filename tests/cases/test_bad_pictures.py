@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from recorders.pictures import encode_jpeg
+from recorders.scene import SceneLog
 from replay.cli import main
 from tests.cases.conftest import Case
 
@@ -32,33 +34,37 @@ def smaller(data: bytes) -> bytes:
     return encode_jpeg(np.asarray(cv2.resize(picture, (160, 120)), np.uint8))
 
 
-def with_bad_picture(base: Path, out: Path, spoil: Callable[[bytes], bytes]) -> Path:
-    """The log again, one of its pictures spoilt."""
-    from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-
+def rewritten(base: Path, out: Path, change: Callable[[str, int, bytes], bytes]) -> None:
+    """The log again, each payload as ``change`` gives it for topic, number in it and payload."""
     with base.open("rb") as old, out.open("wb") as new:
         writer = Writer(new)
         writer.start()
         ids: dict[str, int] = {}
-        count = 0
+        counts: Counter[str] = Counter()
         for schema, channel, message in make_reader(old).iter_messages():
             assert schema is not None
-            if channel.topic not in ids:
+            topic = channel.topic
+            if topic not in ids:
                 kept = writer.register_schema(schema.name, schema.encoding, schema.data)
-                ids[channel.topic] = writer.register_channel(
-                    channel.topic, channel.message_encoding, kept
-                )
-            data = message.data
-            if channel.topic == "/camera/image":
-                if count == BAD:
-                    picture = CompressedImage.FromString(data)
-                    picture.data = spoil(picture.data)
-                    data = picture.SerializeToString()
-                count += 1
-            writer.add_message(
-                ids[channel.topic], message.log_time, data, message.publish_time
-            )
+                ids[topic] = writer.register_channel(topic, channel.message_encoding, kept)
+            data = change(topic, counts[topic], message.data)
+            writer.add_message(ids[topic], message.log_time, data, message.publish_time)
+            counts[topic] += 1
         writer.finish()
+
+
+def with_bad_picture(base: Path, out: Path, spoil: Callable[[bytes], bytes]) -> Path:
+    """The log again, one of its pictures spoilt."""
+    from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+
+    def spoilt(topic: str, count: int, data: bytes) -> bytes:
+        if topic != "/camera/image" or count != BAD:
+            return data
+        picture = CompressedImage.FromString(data)
+        picture.data = spoil(picture.data)
+        return picture.SerializeToString()
+
+    rewritten(base, out, spoilt)
     return out
 
 
@@ -125,3 +131,23 @@ def test_padding_harms_no_picture_and_others_words_are_passed_on(
 
     assert decoded_in_silence(speak) == (1, "bad Huffman code")
     assert capfd.readouterr().err == "somebody else\n"
+
+
+def test_nan_in_a_logs_json_costs_its_box_alone(
+    case: Case, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    log, out = tmp_path / "log.mcap", tmp_path / "scene.mcap"
+
+    def spoilt(topic: str, count: int, data: bytes) -> bytes:
+        if topic == "/camera/detections" and count == BAD:
+            return data.replace(b"0.9", b"NaN", 1)
+        return data
+
+    rewritten(case("mcap/base"), log, spoilt)
+    assert main(["record", str(log), "-o", str(out)]) == 3
+    assert "left out: a box without width or height, or not finite" in (
+        capfd.readouterr().err
+    )
+    with SceneLog(out) as scene:
+        counts = [len(frame.detections.boxes) for frame in scene.frames()]
+    assert counts == [2] * BAD + [1] + [2] * (60 - BAD - 1)
