@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import re
+import shutil
 import sys
 import tempfile
 import time
@@ -141,6 +142,10 @@ class _Steps:
     def _replayed(self, scene: Path, annotated: Path) -> Path:
         self._step = "replay"
         annotated.parent.mkdir()
+        if _is_annotations_alone(scene):
+            shutil.copyfile(scene, annotated)
+            self._said.append(f"{scene.name}: without detections, so it is taken as it is")
+            return annotated
         self._run(["replay", str(scene), "-o", str(annotated), *self.job.replay])
         return annotated
 
@@ -218,6 +223,15 @@ def _is_ours(path: Path) -> bool:
 
     with LogReader(path) as log:
         return any(name in RECORDS for name, _ in log.metadata())
+
+
+def _is_annotations_alone(path: Path) -> bool:
+    """Whether a log has tracks and no detections to replay (`replay --annotations-only`)."""
+    from recorders.log import LogReader
+
+    with LogReader(path) as log:
+        names = {channel.topic.rpartition("/")[2] for channel in log.channels}
+    return "tracks" in names and "detections" not in names
 
 
 def _plain(source: str) -> str:

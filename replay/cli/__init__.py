@@ -43,7 +43,7 @@ COMMANDS: tuple[tuple[str, str, str], ...] = (
     (
         "batch",
         "batch",
-        "thousands of sources through record, replay and tables, here or on a cluster",
+        "many sources through record, replay and tables, here or on a cluster",
     ),
     ("export", "export", "tracks, tables, graph, video, or a file for other viewers"),
     ("eval", "evaluate", "score tracks against truth: HOTA, MOTA, IDF1"),

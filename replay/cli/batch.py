@@ -30,13 +30,13 @@ SOURCE is a video, folder of pictures, log or bag; a folder or pattern of them; 
 
 CASE gets scene/, annotated/, tables/ (Parquet, by camera and day) and status/. The same command again does what is
 not done yet. What fails is set aside with its reason, and the rest goes on (exit code 3). `scenetrace query CASE`
-asks all of it."""
+asks all of it, --camera and --date a part."""
 EXAMPLE = """\
 scenetrace batch recordings/ -o case --camera '{folder}' --workers 8
 scenetrace batch 's3://unit/2026-11/*.mp4' -o s3://unit/case --engine ray --address auto
 scenetrace batch --status case
 scenetrace batch --compact case
-scenetrace query case --ask met 3 --camera cam4 --date 2026-11-28"""
+scenetrace query case --ask met 3"""
 KEPT = ("all", "annotated", "tables")
 
 
@@ -47,7 +47,7 @@ def add(commands: common.Commands) -> None:
     parser = common.command(
         commands,
         "batch",
-        "many sources through record, replay and tables",
+        "many sources through record, replay and tables, here or on a cluster",
         DESCRIPTION,
         EXAMPLE,
     )
