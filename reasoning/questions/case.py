@@ -330,10 +330,8 @@ class Case(Closing):
         catalogue.check_schema(store)
         chosen = catalogue.pieces(store, self._choice)
         if not chosen:
-            wanted = self._choice != catalogue.Choice()
             raise RecordingError(
-                "no recording of that camera and day" if wanted else "no recording yet",
-                self._uris.get(path, path),
+                catalogue.none_chosen(store, self._choice), self._uris.get(path, path)
             )
         cache = Path(tempfile.gettempdir()) / f"scenetrace-cache-{os.getuid()}"
         root = catalogue.local_tables(store, chosen, cache).resolve()

@@ -42,6 +42,8 @@ NO_DATE = "unknown"
 """The day of a recording whose times are not wall times."""
 _WHOLE = "whole-"
 _FETCHERS = 8
+_SHOWN = 10
+"""So many cameras are named to who asks for one that is not there."""
 _LAST = "recordings"
 _PLACE = re.compile(
     r"tables/(?P<table>\w+)/camera=(?P<camera>[^/]*)/date=(?P<date>[^/]*)/(?P<file>[^/]+)\.parquet"
@@ -289,6 +291,26 @@ def pieces(store: Store, choice: Choice | None = None) -> list[Piece]:
             continue  # of a compaction that did not end, or of one before the last
         found.append(piece)
     return sorted(found)
+
+
+def none_chosen(store: Store, choice: Choice) -> str:
+    """Why nothing was chosen: what there is instead."""
+    there = pieces(store)
+    if not there:
+        return "no recording yet"
+    cameras = sorted({piece.camera for piece in there})
+    if choice.camera is not None and choice.camera not in cameras:
+        more = " ..." if len(cameras) > _SHOWN else ""
+        return (
+            f"no recording of that camera; there are: {', '.join(cameras[:_SHOWN])}{more}"
+        )
+    days = sorted(
+        {p.date for p in there if choice.camera is None or p.camera == choice.camera}
+    )
+    if days == [NO_DATE]:
+        return "no recording of that day: none tells its day (record --start)"
+    days = [day for day in days if day != NO_DATE]
+    return f"no recording of that day; there are {days[0]} to {days[-1]}"
 
 
 def _prefix(chosen: Choice) -> str:

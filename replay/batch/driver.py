@@ -203,7 +203,13 @@ def status_summary(store: Store) -> dict[str, Any]:
     """
     found = statuses(store)
     done = [status for status in found if status.state == "done"]
-    failed = [status for status in found if status.state != "done"]
+    # A source that was mended, or whose worker was lost, is done under another digest.
+    there = {(status.source, status.configuration) for status in done}
+    failed = [
+        status
+        for status in found
+        if status.state != "done" and (status.source, status.configuration) not in there
+    ]
     return {
         "done": len(done),
         "failed": len(failed),

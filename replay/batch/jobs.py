@@ -137,8 +137,16 @@ def source_digest(path: Path) -> str:
         SourceError: it cannot be read.
     """
     try:
-        if not path.is_dir():
+        if path.is_file():
             return sha256(path)
+        if path.exists() and not path.is_dir():
+            raise SourceError(
+                "neither a file nor a folder (a pipe, a device, a socket): save it as a"
+                " file first",
+                path,
+            )
+        if not path.is_dir():
+            raise SourceError("no such file", path)
         found = hashlib.sha256()
         for file in sorted(p for p in path.rglob("*") if p.is_file()):
             found.update(f"{file.relative_to(path).as_posix()} {sha256(file)}\n".encode())
@@ -171,8 +179,8 @@ def sources_of(words: Sequence[str]) -> list[tuple[str, list[str]]]:
     """Sources, each once in the order of their names within a word, and options of their own.
 
     A word is a file, a folder, a glob, ``@list.txt`` or a URI (of a file, a glob or, ending in
-    ``/``, a folder). A folder that holds pictures, or a bag, is one source; another is searched
-    for videos, logs, bags and folders of pictures. Each line of a list is a word, with options
+    ``/``, a folder). A folder that holds pictures, or a bag, is one source; another is searched for
+    videos, logs, bags and folders of pictures. Each line of a list is a word, with options
     behind it if it has its own: ``cam4/12.mp4 --camera cam4 --start 2026-01-31T12:00:00Z``.
 
     Raises:
@@ -192,7 +200,13 @@ def _expanded(word: str, own: list[str]) -> list[tuple[str, list[str]]]:
         return [(uri, own) for uri in _remote(word)]
     path = Path(word)
     if path.is_dir():
-        return [(str(some.absolute()), own) for some in _below(path)]
+        found = [(str(some.absolute()), own) for some in _below(path)]
+        if not found:
+            raise UsageError(
+                f"{word}: holds no video, log, bag or folder of pictures; name files of"
+                " other kinds themselves"
+            )
+        return found
     if path.exists():
         return [(str(path.absolute()), own)]
     matches = sorted(glob.glob(word, recursive=True)) if glob.has_magic(word) else []  # noqa: PTH207
@@ -228,16 +242,20 @@ def _listed(path: Path) -> list[tuple[str, list[str]]]:
 
 def _below(folder: Path) -> list[Path]:
     """The sources in a folder."""
-    held = sorted(folder.iterdir())
-    if any(p.name == _BAG or p.suffix.lower() in PICTURES for p in held):
+    try:
+        held = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
+        kinds = {p: "" if p.is_dir() else p.suffix.lower() for p in held}
+    except OSError as error:
+        raise UsageError(f"{folder}: cannot be read: {error.strerror}") from error
+    if any(path.name == _BAG for path in held):
+        return [folder]
+    if not SOURCES & set(kinds.values()) and PICTURES & set(kinds.values()):
         return [folder]
     found = []
-    for path in held:
-        if path.name.startswith("."):
-            continue
+    for path, kind in kinds.items():
         if path.is_dir():
             found += _below(path)
-        elif path.suffix.lower() in SOURCES:
+        elif kind in SOURCES:
             found.append(path)
     return found
 

@@ -21,7 +21,8 @@ from types import TracebackType
 
 import msgspec
 
-from replay.batch.jobs import Job, Outcome, Status, digest_of
+from recorders.stores import StoreError
+from replay.batch.jobs import Job, Outcome, Status, digest_of, stamp_of
 
 COMMAND = "replay.cli:main"
 """What runs ``record`` and ``replay``: module and function, loaded in the nursery."""
@@ -111,11 +112,20 @@ def failed(job: Job, reason: str, *, again: bool, seconds: float = 0.0) -> Outco
         "failed",
         digest_of(f"name {job.source}", job.configuration),
         job.source,
-        configuration=job.configuration,
+        # Without a stamp the next run tries it again.
+        "" if again else _stamp_of(job.source),
+        job.configuration,
         reason=reason,
         step="worker",
     )
     return Outcome(status, again=again, seconds=seconds)
+
+
+def _stamp_of(source: str) -> str:
+    try:
+        return stamp_of(source)
+    except StoreError:
+        return ""
 
 
 def serve() -> None:

@@ -36,8 +36,8 @@ def add(commands: Commands) -> None:
         "logs",
         nargs="+",
         type=Path,
-        metavar="LOG",
-        help="annotated logs, or folders of them",
+        metavar="LOG|CASE",
+        help="annotated logs, folders of them, or a case of `batch`",
     )
     parser.add_argument(
         "-o",
@@ -62,6 +62,7 @@ def run(args: argparse.Namespace) -> int:
     """Index."""
     import json
 
+    from reasoning.questions.catalogue import is_catalogue
     from reasoning.questions.index import build_index
     from recorders.errors import UsageError
     from replay.configuration import chosen_encounters, encounter_config
@@ -69,7 +70,9 @@ def run(args: argparse.Namespace) -> int:
     encounters = encounter_config(args.config, args.assignments)
     logs: list[Path] = []
     for path in args.logs:
-        logs += sorted(path.rglob("*.mcap")) if path.is_dir() else [path]
+        # A case of `batch` holds scene logs too, which have no tracks.
+        folder = path / "annotated" if is_catalogue(path) else path
+        logs += sorted(folder.rglob("*.mcap")) if path.is_dir() else [path]
     if not logs:
         raise UsageError(f"no .mcap below {args.logs[0]}")
     with progress(len(logs), "logs") as told:

@@ -26,7 +26,8 @@ def check_log(path: str | Path) -> None:
         UsageError: it is an index; names the logs that it was made of.
         RecordingError: it cannot be read.
     """
-    if kind_of(Path(path)) == "log":
+    kind = kind_of(Path(path))
+    if kind == "log":
         return
     with Case([path]) as case:
         logs = [
@@ -36,9 +37,15 @@ def check_log(path: str | Path) -> None:
             )
         ]
     more = " ..." if len(logs) > 3 else ""
+    if kind == "catalogue":
+        logs = [str(Path(path) / p) for p in logs]
+    what = (
+        "of a case of many, one recording at a time"
+        if kind == "catalogue"
+        else "an index has no pictures"
+    )
     raise UsageError(
-        f"{path}: an index has no pictures; give the annotated log itself:"
-        f" {', '.join(logs[:3])}{more}"
+        f"{path}: {what}; give the annotated log itself: {', '.join(logs[:3])}{more}"
     )
 
 

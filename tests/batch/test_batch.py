@@ -16,6 +16,7 @@ import pytest
 from reasoning.questions import Case
 from reasoning.questions.catalogue import Choice
 from recorders.errors import RecordingError
+from replay.batch import sources_of
 from replay.cli import main
 from tests.batch.conftest import WORDS, digests, three_sources, walk
 
@@ -120,6 +121,31 @@ def test_what_cannot_be_read_is_set_aside_with_its_reason(
     assert batch(several(sources), case) == 3
     walk(sources / "cam0" / "x.txt", 33)
     assert batch(several(sources), case) == 0
+    # Of what was mended, the status tells no failure any more.
+    capsys.readouterr()
+    assert main(["batch", "--status", str(case), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["done"], found["failed"]) == (4, 0)
+
+
+def test_what_is_no_source_is_named_at_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "empty").mkdir()
+    assert batch(tmp_path / "empty", tmp_path / "case") == 2
+    assert "holds no video" in capsys.readouterr().err
+    os.mkfifo(tmp_path / "pipe.mp4")
+    assert batch(tmp_path / "pipe.mp4", tmp_path / "case", "--time-limit", "60") == 1
+    assert "neither a file nor a folder" in capsys.readouterr().err
+
+
+def test_thumbnails_beside_videos_are_no_source(tmp_path: Path) -> None:
+    for name in ("a.mp4", "b.mp4", "a.jpg"):
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "pictures").mkdir()
+    (tmp_path / "pictures" / "1.jpg").write_bytes(b"")
+    found = [Path(source).name for source, _ in sources_of([str(tmp_path)])]
+    assert found == ["a.mp4", "b.mp4", "pictures"]
 
 
 @pytest.mark.parametrize(
@@ -136,6 +162,11 @@ def test_one_that_takes_too_much_is_stopped(
     assert batch(sources / "cam0" / "w0.txt", tmp_path / "case", *words) == 1
     assert said in capsys.readouterr().err
     assert not list((tmp_path / "case").rglob("*.mcap"))
+    # Poison is not swallowed twice.
+    (status,) = (tmp_path / "case" / "status").iterdir()
+    before = status.stat().st_mtime_ns
+    assert batch(sources / "cam0" / "w0.txt", tmp_path / "case", *words) == 1
+    assert status.stat().st_mtime_ns == before
     assert batch(sources / "cam0" / "w0.txt", tmp_path / "case", "--again") == 0
 
 
@@ -218,8 +249,10 @@ def test_a_camera_and_a_day(sources: Path, tmp_path: Path) -> None:
     batch(several(sources), case, *words)
     with Case([case], choice=Choice("cam1", ("2026-01-31", "2026-01-31"))) as asked:
         assert {row[1] for row in asked.rows(NAMES)} == {"cam1"}
-    with pytest.raises(RecordingError, match="no recording of that camera"):
+    with pytest.raises(RecordingError, match="that day; there are 2026-01-31"):
         Case([case], choice=Choice("cam1", ("2026-02-01", "2026-02-01")))
+    with pytest.raises(RecordingError, match="that camera; there are: cam0, cam1"):
+        Case([case], choice=Choice("cam7"))
 
 
 def test_a_case_of_another_version_is_refused(sources: Path, case: Path) -> None:
