@@ -40,7 +40,7 @@ def check_log(path: str | Path) -> None:
     if kind == "catalogue":
         logs = [str(Path(path) / p) for p in logs]
     what = (
-        "of a case of many, one recording at a time"
+        "holds many recordings, of which one is shown at a time"
         if kind == "catalogue"
         else "an index has no pictures"
     )
