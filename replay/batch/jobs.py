@@ -240,8 +240,11 @@ def _listed(path: Path) -> list[tuple[str, list[str]]]:
     return found
 
 
-def _below(folder: Path) -> list[Path]:
-    """The sources in a folder."""
+def _below(folder: Path, above: frozenset[Path] = frozenset()) -> list[Path]:
+    """The sources in a folder; a link back to a folder above is not followed."""
+    here = folder.resolve()
+    if here in above:
+        return []
     try:
         held = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
         kinds = {p: "" if p.is_dir() else p.suffix.lower() for p in held}
@@ -254,7 +257,7 @@ def _below(folder: Path) -> list[Path]:
     found = []
     for path, kind in kinds.items():
         if path.is_dir():
-            found += _below(path)
+            found += _below(path, above | {here})
         elif kind in SOURCES:
             found.append(path)
     return found

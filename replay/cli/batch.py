@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from recorders.errors import UsageError
 from replay.cli import common
@@ -322,7 +322,7 @@ def jobs_of(args: argparse.Namespace) -> list[Job]:
     limit = Limit(args.memory, args.time_limit)
     jobs = []
     for source, own in sources_of(args.sources):
-        recording = _filled([*record, *own], source)
+        recording = _filled([*record, *_checked(own, source)], source)
         configuration = _configuration(recording, replay, made)
         jobs.append(
             Job(
@@ -337,6 +337,36 @@ def jobs_of(args: argparse.Namespace) -> list[Job]:
             )
         )
     return jobs
+
+
+class _Words(argparse.ArgumentParser):
+    """Tells of a wrong word instead of ending the process."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(message)
+
+
+def _checked(own: list[str], source: str) -> list[str]:
+    """A source's own options, with the files that they name as absolute paths.
+
+    Raises:
+        UsageError: `record` has no such option, or not with such a value.
+    """
+    from replay.cli import record
+
+    if not own:
+        return own
+    parser = _Words(add_help=False)
+    record.add_options(parser)
+    common.add_configuration(parser)
+    common.add_limits(parser)
+    try:
+        values = vars(parser.parse_args(own)).values()
+    except UsageError as error:
+        raise UsageError(f"{source}: {error.headline}") from error
+    flat = [one for v in values for one in (v if isinstance(v, list) else [v])]
+    paths = {str(one) for one in flat if isinstance(one, Path) and "{" not in str(one)}
+    return [str(Path(word).absolute()) if word in paths else word for word in own]
 
 
 _SHARED = {"config": "--config", "limit": "--limit"}

@@ -134,6 +134,10 @@ def test_what_is_no_source_is_named_at_once(
     (tmp_path / "empty").mkdir()
     assert batch(tmp_path / "empty", tmp_path / "case") == 2
     assert "holds no video" in capsys.readouterr().err
+    (tmp_path / "a.mp4").write_bytes(b"")
+    (tmp_path / "list.txt").write_text("a.mp4 --bogus 3\n")
+    assert batch(f"@{tmp_path / 'list.txt'}", tmp_path / "case") == 2
+    assert "unrecognized arguments: --bogus 3" in capsys.readouterr().err
     os.mkfifo(tmp_path / "pipe.mp4")
     assert batch(tmp_path / "pipe.mp4", tmp_path / "case", "--time-limit", "60") == 1
     assert "neither a file nor a folder" in capsys.readouterr().err
@@ -144,6 +148,7 @@ def test_thumbnails_beside_videos_are_no_source(tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(b"")
     (tmp_path / "pictures").mkdir()
     (tmp_path / "pictures" / "1.jpg").write_bytes(b"")
+    (tmp_path / "again").symlink_to(tmp_path)
     found = [Path(source).name for source, _ in sources_of([str(tmp_path)])]
     assert found == ["a.mp4", "b.mp4", "pictures"]
 
