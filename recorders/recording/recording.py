@@ -249,6 +249,11 @@ def _finder(
             yield image
 
     finder.segmenter = _segmenter(methods.segment, source, options)
+    fusion = options.config["fusion"]
+    assert isinstance(fusion, FusionParameters)
+    fuse = fusion.fuse and (detector is not None or source.has_detections)
+    if fuse and isinstance(finder.segmenter, MotionSegmenter):
+        finder.segmenter.expect_boxes()
     if isinstance(finder.segmenter, SegmenterInTwoLooks):
         finder.segmenter.prepare_twice(paired())
     else:
@@ -258,9 +263,7 @@ def _finder(
         facts = {**facts, QUALITY: quality_text(measured)}
         alone = detector is None and not source.has_detections
         _note_quality(source, measured, alone)
-    fusion = options.config["fusion"]
-    assert isinstance(fusion, FusionParameters)
-    if fusion.fuse and (detector is not None or source.has_detections):
+    if fuse:
         if isinstance(source, GivenDetections):
             sample.extend(source.given(FIRST_READING_PICTURES))
         fps = NANOS / source.frame_ns

@@ -32,9 +32,15 @@ AGREES = 0.2
 
 
 class FoundBodies:
-    """The bodies of one recording: learns their size from blobs, and finds them in masks."""
+    """The bodies of one recording: learns their size from blobs, and finds them in masks.
+
+    Attributes:
+        beside_boxes: a detector's boxes go along. They tell what a body is, so that what is small
+            is a piece of one of theirs, and no speck; and nothing thin is taken for a tail.
+    """
 
     def __init__(self, use_size: bool, width: int, height: int, fps: float) -> None:
+        self.beside_boxes = False
         self._use_size = use_size
         self._width, self._height = width, height
         self._seen: list[Box] = []
@@ -116,7 +122,7 @@ class FoundBodies:
         """How large bodies usually are, of what was looked at twice so far; where they are not seen
         clean, what most of the foreground belongs to, if that is no smaller than ``least`` px^2.
         """
-        self.usual = self._sightings.learn()
+        self.usual = self._sightings.learn(specks=self.beside_boxes)
         self.guessed = self.usual is None
         if self.guessed:
             guess = self._sightings.guess()
@@ -153,7 +159,8 @@ class FoundBodies:
         """The components that may be bodies: whole ones, where it is known how large they are."""
         if self.usual is None:
             return components(mask, min_area, before)
-        return bodies_of(mask, self.usual, before, self.model is not None)
+        upright = self.model is not None or self.beside_boxes
+        return bodies_of(mask, self.usual, before, upright)
 
     def measured_in(self, mask: Image, min_area: float) -> list[Blob]:
         """The blobs that may be bodies as their sizes are learnt from: without thin parts."""

@@ -67,6 +67,10 @@ class MotionSegmenter:
         self._neutral = np.full((height, width), NEUTRAL, np.uint8)
         self.quality: list[QualityMeasure] = []
 
+    def expect_boxes(self) -> None:
+        """A detector's boxes will be put together with what is found here, see `FoundBodies`."""
+        self._bodies.beside_boxes = True
+
     def prepare(self, frames: Iterable[Image]) -> None:
         """Learn the background and the bodies' size from pictures spread over the whole
         recording.

@@ -146,13 +146,18 @@ class Sightings:
         )
         return alone
 
-    def learn(self) -> UsualSize | None:
-        """The usual size, or None where too few were seen clean."""
+    def learn(self, *, specks: bool = False) -> UsualSize | None:
+        """The usual size, or None where too few were seen clean.
+
+        Args:
+            specks: specks (see `SPECK`) are pieces of bodies and count as others do.
+        """
         if not self._clean:
             return None
         rows = np.concatenate(self._clean)[-MOST:]
         self._clean = [rows]
-        rows = rows[rows[:, 4] >= SPECK * self._common(rows[:, 1] + rows[:, 3])]
+        if not specks:
+            rows = rows[rows[:, 4] >= SPECK * self._common(rows[:, 1] + rows[:, 3])]
         if len(rows) < FEWEST or np.count_nonzero(rows[:, 5] == 1.0) < FEWEST_MOVING:
             return None
         feet = np.linspace(0.0, self.height, PLACES)
