@@ -40,6 +40,7 @@ def test_there_are_ten_investigations() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_every_command_does_what_the_page_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
