@@ -127,7 +127,9 @@ def add(commands: common.Commands) -> None:
         metavar="CASE",
         help="put small files of the tables together, one for each camera and day",
     )
-    parser.add_argument("--json", action="store_true", help="--status as JSON")
+    parser.add_argument(
+        "--json", action="store_true", help="what was done, or --status, as JSON"
+    )
     parser.add_argument(
         "--json-lines",
         action="store_true",
@@ -244,7 +246,7 @@ def _tell(summary: BatchSummary, outcome: Outcome | None, args: argparse.Namespa
 def _summed_up(done: BatchSummary, args: argparse.Namespace, seconds: float) -> int:
     left_out = [status for status in done.done if status.left_out]
     rate = f"{done.frames / seconds:.0f} frames/s" if seconds > 0 else ""
-    if args.json_lines:
+    if args.json_lines or args.json:
         print(
             json.dumps(
                 {

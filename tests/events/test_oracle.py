@@ -7,6 +7,7 @@ every pair anew in every frame. It shares no code with the reasoning but the mes
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import combinations
@@ -146,8 +147,13 @@ class Oracle:
             if within(self.border):
                 self.been_in.add(i)
             foot = (t.box[0] + t.box[2] / 2, y1)
-            now = {z for z, polygon in self.named.items() if inside(foot, polygon)}
             before = self.zones.get(i, set())
+            edge = 0.1 * math.hypot(t.box[2], t.box[3])
+            now = {
+                z
+                for z, polygon in self.named.items()
+                if inside(foot, polygon) or (z in before and off(foot, polygon) <= edge)
+            }
             out += [("zone_left", [i])] * len(before - now) + [("zone_entered", [i])] * len(
                 now - before
             )
@@ -306,6 +312,18 @@ def inside(point: tuple[float, float], polygon: list[tuple[float, float]]) -> bo
         for (ax, ay), (bx, by) in sides
     )
     return crossed % 2 == 1
+
+
+def off(point: tuple[float, float], polygon: list[tuple[float, float]]) -> float:
+    """How far a point is from the sides."""
+    x, y = point
+    found = []
+    for (ax, ay), (bx, by) in zip(polygon, [*polygon[1:], polygon[0]], strict=True):
+        dx, dy = bx - ax, by - ay
+        along = ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy)
+        along = min(1.0, max(0.0, along))
+        found.append(math.hypot(x - ax - along * dx, y - ay - along * dy))
+    return min(found)
 
 
 def components(pairs: set[Pair]) -> list[Group]:
