@@ -202,6 +202,11 @@ class Case(Closing):
 
     def _open(self, log_limits: Limits, encounters: EncounterParameters | None) -> None:
         logs = self._take_in()
+        if self._choice != catalogue.Choice() and not self._folders:
+            raise UsageError(
+                "--camera and --date choose within a case of `scenetrace batch`; none of"
+                f" these is one: {', '.join(map(str, self.inputs))}"
+            )
         if logs:
             self._read_logs(logs, log_limits, encounters)
         made = make_tables(self._con)

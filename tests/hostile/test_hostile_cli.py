@@ -871,7 +871,7 @@ def test_a_write_that_the_system_refuses_leaves_nothing(
         (
             ["query", "annotated.mcap", "SELECT 1", "--camera", "roof"],
             2,
-            "unrecognized arguments",
+            "--camera and --date choose within a case",
         ),
         (["query", "none.mcap", "--ask", "met", "1"], 1, "none.mcap"),
         (["query", "annotated.mcap", "--ask", "met"], 2, "met"),

@@ -30,6 +30,10 @@ from replay.trackers.association import iou
 from replay.trackers.catalogue import TRACKERS
 
 LIMITS = {
+    ("van_behind", "parts"): (
+        "who is wholly hidden by a van for seconds is not told meanwhile, as nothing of him is"
+        " seen; he has his name again when he comes out"
+    ),
     ("three_way_split", "parts"): (
         "three bodies in one blob lose their names: the paper's heads are anchors (PARTS 3.1"
         ' "the tops of the heads are visible most of the time"), and who stands behind two'
