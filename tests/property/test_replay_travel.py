@@ -64,7 +64,7 @@ def test_save_and_restore_at_every_frame(scenes: Path, script: str, tracker: str
                 assert (again.targets, again.annotation) == expected, (
                     f"{script}: restored after frame {k}"
                 )
-                if found.frame.index == k + AHEAD:
+                if again.frame.index == k + AHEAD:
                     assert encode_state(other.state()) == states[k + AHEAD]
 
 
