@@ -107,6 +107,10 @@ def test_a_call_of_every_command_with_json_is_here(
 def test_json_is_all_that_stdout_gets(
     name: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    if name == "correct":
+        words = ["label", "1", "person", "--by", "Jo", "--why", "seen", "-o", "known.jsonl"]
+        assert main(["correct", "annotated.mcap", *words]) == 0
+        capsys.readouterr()
     code = main([name, *JSON_CALLS[name], "--json"])
     said = capsys.readouterr()
     assert code == (4 if name == "diff" else 0)
