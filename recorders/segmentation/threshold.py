@@ -39,7 +39,7 @@ LOW_LEVEL = 0.45
 MAX_AREAS = 2000
 LEAST = 0.25
 """A blob under this share of one body's core is none: bedding, dirt."""
-THIN = 0.08
+THIN = 0.1
 """What is thinner than this, of the side of a square of one body's area, is no part of a body: tails,
 legs, bedding.
 """
