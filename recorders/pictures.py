@@ -211,16 +211,16 @@ def _check_png(data: bytes, path: str | Path) -> None:
     while at + 12 <= len(data):
         length, kind = struct.unpack_from(">I4s", data, at)
         end = at + 8 + length
+        name = kind.decode("ascii", "backslashreplace")
         if end + 4 > len(data):
             raise RecordingError(
-                f"a damaged png picture: its {kind!r} chunk at byte {at} is cut off", path
+                f"a damaged png picture: its {name} chunk at byte {at} is cut off", path
             )
         if kind[:1].isupper() and zlib.crc32(
             memoryview(data)[at + 4 : end]
         ) != int.from_bytes(data[end : end + 4]):
             raise RecordingError(
-                f"a damaged png picture: the CRC of its {kind!r} chunk at byte {at}"
-                " differs",
+                f"a damaged png picture: the CRC of its {name} chunk at byte {at} differs",
                 path,
             )
         if kind == b"IEND":

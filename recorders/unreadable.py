@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
+from recorders.left_out import LeftOut
+
 _MOST_NAMED = 10_000
 _noticed: ContextVar[list[Unreadable] | None] = ContextVar("noticed", default=None)
 
@@ -27,17 +29,11 @@ class Unreadable:
 
     def lines(self) -> list[str]:
         """One line for each reason, with the first time and frame."""
-        first: dict[str, tuple[str, int]] = {}
+        found = LeftOut()
         for time_ns, (reason, frame) in sorted(self._reasons.items()):
             named = "" if frame is None else f" (frame {frame})"
-            start, count = first.get(reason, (f"{time_ns} ns{named}", 0))
-            first[reason] = (start, count + 1)
-        return [
-            f"{reason}, on {self.topic} at {start}"
-            if count == 1
-            else f"{reason}: {count} times on {self.topic}, the first at {start}"
-            for reason, (start, count) in first.items()
-        ]
+            found.note(reason, f"{time_ns} ns on {self.topic}{named}")
+        return found.lines()
 
 
 @contextmanager

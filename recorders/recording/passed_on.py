@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 
 from recorders import channels
+from recorders.left_out import LeftOut
 from recorders.log import LogWriter, Message
 from recorders.recording.scene_writer import OWN_RECORDS
-from recorders.sources.left_out import LeftOut
 from recorders.sources.source import LoggedSource, Source
 
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from recorders.errors import SceneTraceError
+from recorders.left_out import LeftOut
 from recorders.messages import Detections, SceneChange
 from recorders.pictures import Image, VideoEncoder, encode_jpeg, encode_mask, encode_png
 from recorders.recording.finding import Finder
 from recorders.sources import Source, SourceFrame
-from recorders.sources.left_out import LeftOut
 from recorders.sources.prefetch import read_ahead
 from recorders.sources.source import NANOS, PictureError
 

@@ -22,10 +22,10 @@ from recorders.errors import LimitError, SourceError
 from recorders.files import sha256
 from recorders.formats import BoxRow
 from recorders.formats.opening import BoxOptions, open_rows
+from recorders.left_out import LeftOut
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.messages import Box
 from recorders.pictures import Image, check_size
-from recorders.sources.left_out import LeftOut
 from recorders.sources.source import SourceFrame, detections_of, outside, rate_or_assumed
 
 _MOST_OUTSIDE = 0.25

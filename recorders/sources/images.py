@@ -13,9 +13,9 @@ from pathlib import Path
 
 from recorders.clock import nominal_ns
 from recorders.errors import LimitError, RecordingError, SourceError
+from recorders.left_out import LeftOut
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.pictures import Image, check_size, is_whole
-from recorders.sources.left_out import LeftOut
 from recorders.sources.picture_names import ordered
 from recorders.sources.source import (
     PictureError,

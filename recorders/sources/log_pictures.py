@@ -8,13 +8,13 @@ from functools import partial
 from pathlib import Path
 
 from recorders.errors import LimitError, RecordingError
+from recorders.left_out import LeftOut
 from recorders.limits import Limits
 from recorders.log import Message
 from recorders.payloads import PayloadError, RawPicture, Still, VideoPacket, read_picture
 from recorders.payloads.pictures import bits_used, is_deep, raw_pixels
 from recorders.payloads.stream import VideoStream
 from recorders.pictures import Image, is_whole
-from recorders.sources.left_out import LeftOut
 from recorders.sources.source import PictureError
 from recorders.stills import StillHeader, decode_still, still_header, stored_values
 from recorders.stills import bits_used as still_bits

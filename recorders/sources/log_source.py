@@ -18,6 +18,7 @@ from recorders.clock import Clock, nominal_ns
 from recorders.errors import LimitError, RecordingError, SourceError, UsageError
 from recorders.files import sha256
 from recorders.frame_order import FrameOrder
+from recorders.left_out import LeftOut
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import Attachment, Message
 from recorders.messages import Box, Detections
@@ -28,7 +29,6 @@ from recorders.payloads import (
     read_picture,
 )
 from recorders.pictures import Image, check_size
-from recorders.sources.left_out import LeftOut
 from recorders.sources.log_files import LogFiles
 from recorders.sources.log_pictures import Pictured, PictureReader
 from recorders.sources.pairing import Joined, Pairing

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from recorders.errors import UsageError
+from recorders.left_out import LeftOut
 from recorders.messages import Box
 from recorders.pictures import Image
-from recorders.sources.left_out import LeftOut
 from recorders.sources.source import Rate, SourceFrame, detections_of, outside, parse_fps
 
 Found = tuple[Box, float, str]

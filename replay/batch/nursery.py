@@ -17,10 +17,10 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from types import TracebackType
 
 import msgspec
 
+from recorders.closing import Closing
 from recorders.stores import StoreError
 from replay.batch.jobs import Job, Outcome, Status, digest_of, stamp_of
 
@@ -47,22 +47,11 @@ _MAIN = "from replay.batch.nursery import serve; serve()"
 _MIB = 1 << 20
 
 
-class Nursery:
+class Nursery(Closing):
     """A process that does jobs one after another; started anew when it is gone."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
-
-    def __enter__(self) -> Nursery:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """End it, and the job that it is at."""

@@ -78,6 +78,13 @@ def add_tracker(parser: argparse.ArgumentParser, otherwise: str) -> None:
     )
 
 
+def add_camera(parser: argparse.ArgumentParser) -> None:
+    """``--camera`` of a log that is there."""
+    parser.add_argument(
+        "--camera", metavar="NAME", help="which camera, where the log has several"
+    )
+
+
 def add_span(parser: argparse.ArgumentParser) -> None:
     """``--from`` and ``--to``."""
     parser.add_argument(

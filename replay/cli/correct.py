@@ -72,9 +72,7 @@ def add(commands: common.Commands) -> None:
         "--date", default="", metavar="DATE",
         help="when it was decided, like 2026-01-31; no clock is asked",
     )  # fmt: skip
-    parser.add_argument(
-        "--camera", metavar="NAME", help="which camera, where the log has several"
-    )
+    common.add_camera(parser)
     parser.add_argument("--json", action="store_true", help="list: as JSON")
     common.add_limits(parser)
     parser.set_defaults(run=run)

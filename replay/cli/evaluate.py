@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 from recorders.errors import OutputExistsError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
-from replay.cli.common import Commands, add_limits, parse_limits, picture_size, printable
+from replay.cli.common import (
+    Commands,
+    add_camera,
+    add_limits,
+    parse_limits,
+    picture_size,
+    printable,
+)
 from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
@@ -99,7 +106,7 @@ def add(commands: Commands) -> None:
         default=0.5,
         help="overlap from which boxes match (default 0.5)",
     )
-    parser.add_argument("--camera", help="which camera, where the log has several")
+    add_camera(parser)
     parser.add_argument(
         "--plot",
         type=Path,

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from replay.cli.common import (
     Commands,
+    add_camera,
     add_configuration,
     add_limits,
     command,
@@ -41,9 +42,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DIR", help="the folder"
     )
-    parser.add_argument(
-        "--camera", metavar="NAME", help="which camera, where the log has several"
-    )
+    add_camera(parser)
     parser.add_argument(
         "--force",
         action="store_true",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from recorders.errors import UsageError
 from replay.cli.common import (
     Commands,
+    add_camera,
     add_configuration,
     add_limits,
     command,
@@ -61,9 +62,7 @@ def add(commands: Commands) -> None:
         help="write pictures, explanation.txt and .json there",
     )
     parser.add_argument("--recording", metavar="NAME", help="which recording of an index")
-    parser.add_argument(
-        "--camera", metavar="NAME", help="which camera, where the log has several"
-    )
+    add_camera(parser)
     parser.add_argument("--json", action="store_true", help="as JSON")
     parser.add_argument(
         "--force", action="store_true", help="write into an older explanation's folder"

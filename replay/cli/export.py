@@ -67,9 +67,7 @@ def add(commands: common.Commands) -> None:
         metavar="OUT",
         help="file; a folder for clips, ros2, and tables without a suffix",
     )
-    parser.add_argument(
-        "--camera", metavar="NAME", help="which camera, where the log has several"
-    )
+    common.add_camera(parser)
     parser.add_argument("--force", action="store_true", help="overwrite an existing output")
     parser.add_argument(
         "--table",

@@ -88,9 +88,7 @@ def add(commands: common.Commands) -> None:
         metavar="LOG",
         help="an annotated log whose checkpoints make --from faster",
     )
-    parser.add_argument(
-        "--camera", metavar="NAME", help="which camera, where the log has several"
-    )
+    common.add_camera(parser)
     common.add_limits(parser)
     parser.add_argument("--force", action="store_true", help="overwrite an existing output")
     parser.add_argument(

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from replay.cli.common import Commands, add_limits, command, parse_limits, say
+from replay.cli.common import Commands, add_camera, add_limits, command, parse_limits, say
 from replay.cli.exit_codes import Exit
 
 
@@ -41,9 +41,7 @@ def add(commands: Commands) -> None:
         metavar="NAME",
         help="which recording of a case, where it has several",
     )
-    parser.add_argument(
-        "--camera", metavar="NAME", help="which camera, where the log has several"
-    )
+    add_camera(parser)
     parser.add_argument("--force", action="store_true", help="overwrite OUT")
     add_limits(parser)
     parser.set_defaults(run=run)

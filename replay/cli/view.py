@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from recorders.errors import UsageError
-from replay.cli.common import Commands, command, say
+from replay.cli.common import Commands, add_camera, command, say
 from replay.cli.exit_codes import Exit
 
 
@@ -39,9 +39,7 @@ def add(commands: Commands) -> None:
         metavar="NAME",
         help="which recording of a case, where it has several",
     )
-    parser.add_argument(
-        "--camera", metavar="NAME", help="which camera, where the log has several"
-    )
+    add_camera(parser)
     parser.set_defaults(run=run)
 
 

@@ -10,6 +10,7 @@ from reasoning.questions import Case
 from recorders.annotated.provenance import GOLDEN, Provenance, provenance_of
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.corrections import Correction, Corrections
+from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
 from replay.compare import words
@@ -94,8 +95,16 @@ def compare(
     matching = TrackMatching(options.tolerance_px)
     _read(a, b, facts, contents, matching, limits, by_time=raw.frames > 0)
     if options.encounters:
-        for path, fact, content in zip((a, b), facts, contents, strict=True):
-            content.encounters = _encounters(path, fact.camera, content, limits)
+        try:
+            both = [
+                _encounters(path, fact.camera, content, limits)
+                for path, fact, content in zip((a, b), facts, contents, strict=True)
+            ]
+        except RecordingError as error:
+            # Of an altered log the frames can still be told apart, where its tables cannot be made.
+            made.append(f"encounters are not compared: {error}")
+        else:
+            contents[0].encounters, contents[1].encounters = both
     comparer = _Comparer(*contents, matching, options, raw)
     found = comparer.all()
     return Comparison(

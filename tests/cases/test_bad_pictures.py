@@ -98,7 +98,7 @@ def test_every_command_does_the_rest(
         named = [line for line in lines if line.startswith("scenetrace: left out: ")]
         assert len(named) == 1
         assert told in named[0]
-        assert f"on /camera/image at 1750000001200000000 ns (frame {BAD})" in named[0]
+        assert f"at 1750000001200000000 ns on /camera/image (frame {BAD})" in named[0]
         assert not any("Corrupt JPEG" in line for line in lines)
 
 

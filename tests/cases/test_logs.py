@@ -150,8 +150,7 @@ def test_one_bad_picture_is_left_out_and_named(
     for make in (recorded, replayed):
         make(log, tmp_path, 3)
         said = capsys.readouterr().err
-        assert "a jpeg picture that is cut off" in said
-        assert "1750000000400000000 ns" in said
+        assert "a jpeg picture that is cut off, at 1750000000400000000 ns on" in said
     report = tmp_path / "report.html"
     annotated = tmp_path / "annotated.mcap"
     assert main(["report", str(annotated), "-o", str(report)]) in (0, 3)

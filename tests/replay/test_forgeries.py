@@ -377,7 +377,7 @@ def test_every_forgery_is_told(
     code, words = said(capsys, "diff", original, forged)
     if forgery in SAME_STORY:
         assert code == 0, words
-    elif any(word in forgery for word in ("nonsense for", "gone", "twice", "appended")):
+    elif "nonsense for" in forgery or "gone" in forgery or "twice" in forgery:
         assert code in (1, 4), words
     else:
         assert code == 4, words
@@ -434,8 +434,11 @@ def test_a_picture_with_a_wrong_bit_is_told_in_our_own_words(
     capfd.readouterr()
     assert main(["verify", str(forged)]) == 4
     out, err = capfd.readouterr()
-    assert all(
-        line.startswith("scenetrace: left out: a damaged") for line in err.splitlines()
+    (line,) = err.splitlines()
+    assert re.fullmatch(
+        r"scenetrace: left out: a damaged png picture: the CRC of its IDAT chunk at byte \d+"
+        r" differs, at 480000000 ns on /camera/image \(frame 12\)",
+        line,
     )
     assert out.startswith("differs after 12 equal frames: frame 12, recorded messages")
 
