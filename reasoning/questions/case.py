@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import os
 import re
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -338,8 +337,7 @@ class Case(Closing):
             raise RecordingError(
                 catalogue.none_chosen(store, self._choice), self._uris.get(path, path)
             )
-        cache = Path(tempfile.gettempdir()) / f"scenetrace-cache-{os.getuid()}"
-        root = catalogue.local_tables(store, chosen, cache).resolve()
+        root = catalogue.local_tables(store, chosen, _cache()).resolve()
         self._folders.append(root / catalogue.TABLES_FOLDER)
 
         def place(table: str) -> str:
@@ -632,6 +630,12 @@ def free_name(stem: str, taken: Iterable[str]) -> str:
     while name in used or any(u.startswith(f"{name}/") for u in used):
         name, k = f"{stem}~{k}", k + 1
     return name
+
+
+def _cache() -> Path:
+    """Where copies of remote tables lie: the user's own, so that nobody else puts files there."""
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(home) / "scenetrace"
 
 
 def _quoted(path: Path) -> str:

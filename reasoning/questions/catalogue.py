@@ -13,8 +13,7 @@ from __future__ import annotations
 import hashlib
 import re
 import secrets
-import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -40,7 +39,7 @@ SNAPSHOTS_FOLDER = "snapshots"
 SCHEMA_FILE = "tables/schema.json"
 NO_DATE = "unknown"
 """The day of a recording whose times are not wall times."""
-_WHOLE = "whole-"
+WHOLE = "whole-"
 _FETCHERS = 8
 _SHOWN = 10
 """So many cameras are named to who asks for one that is not there."""
@@ -210,7 +209,7 @@ def write_tables(
                 out.parent.mkdir(parents=True, exist_ok=True)
                 con.execute(
                     f"COPY (SELECT * FROM {table} WHERE recording = $name)"
-                    f" TO {_quoted(str(out))} (FORMAT parquet, COMPRESSION zstd)",
+                    f" TO {quoted(str(out))} (FORMAT parquet, COMPRESSION zstd)",
                     {"name": facts.recording},
                 )
             pieces.append((piece, facts))
@@ -269,14 +268,21 @@ def snapshot(store: Store) -> Snapshot:
         raise RecordingError(f"{keys[-1]} is damaged: {error}", store.uri) from error
 
 
-def pieces(store: Store, choice: Choice | None = None) -> list[Piece]:
+def pieces(
+    store: Store, choice: Choice | None = None, held: Snapshot | None = None
+) -> list[Piece]:
     """What belongs to the catalogue now, each recording once, by camera, day and name.
+
+    Args:
+        store: the case.
+        choice: the part of it that is asked for.
+        held: the newest snapshot, where it is known already.
 
     Raises:
         RecordingError: a snapshot is damaged.
     """
     chosen = choice or Choice()
-    held = snapshot(store)
+    held = held or snapshot(store)
     inside = {
         f"{place.rpartition('/')[0]}/{digest}"
         for place, digests in held.whole.items()
@@ -284,10 +290,10 @@ def pieces(store: Store, choice: Choice | None = None) -> list[Piece]:
     }
     found = []
     for key in store.keys(_prefix(chosen)):
-        piece = _piece(key)
+        piece = piece_of(key)
         if piece is None or not chosen.holds(piece) or piece.place in inside:
             continue
-        if piece.file.startswith(_WHOLE) and piece.place not in held.whole:
+        if piece.file.startswith(WHOLE) and piece.place not in held.whole:
             continue  # of a compaction that did not end, or of one before the last
         found.append(piece)
     return sorted(found)
@@ -324,7 +330,8 @@ def _prefix(chosen: Choice) -> str:
     return folder
 
 
-def _piece(key: str) -> Piece | None:
+def piece_of(key: str) -> Piece | None:
+    """The piece that a key is a file of, None where it is of none."""
     match = _PLACE.fullmatch(key)
     if match is None:
         return None
@@ -360,99 +367,6 @@ def _fetch(store: Store, root: Path, key: str) -> None:
         part.unlink(missing_ok=True)
 
 
-@dataclass(frozen=True)
-class CompactSummary:
-    """What a compaction did.
-
-    Attributes:
-        files: how many recordings' files became how many.
-        into: see `files`.
-        removed: files removed that the compaction before had replaced.
-    """
-
-    files: int
-    into: int
-    removed: int
-
-
-def compact(store: Store, least: int = 2) -> CompactSummary:
-    """One file per table, camera and day from the small ones, where there are several.
-
-    Whole or not at all: the new files count when the snapshot that names them is there.
-
-    Args:
-        store: the case.
-        least: from how many files on.
-
-    Raises:
-        SceneTraceError: the store cannot be read or written.
-    """
-    check_schema(store)
-    held = snapshot(store)
-    here = {piece.place for piece in pieces(store)}
-    gone = [key for key in held.replaced if _is_replaced(key, here)]
-    groups: dict[tuple[str, str], list[Piece]] = {}
-    for piece in pieces(store):
-        groups.setdefault((piece.camera, piece.date), []).append(piece)
-    groups = {place: some for place, some in groups.items() if len(some) >= least}
-    whole = dict(held.whole)
-    replaced: list[str] = []
-    for (camera, date), some in groups.items():
-        digests = sorted(
-            {d for piece in some for d in held.whole.get(piece.place, [piece.file])}
-        )
-        name = _WHOLE + hashlib.sha256("\n".join(digests).encode()).hexdigest()[:24]
-        made = Piece(camera, date, name)
-        _merge(store, some, made)
-        for piece in some:
-            whole.pop(piece.place, None)
-            replaced += [piece.key(table) for table in TABLES]
-        whole[made.place] = digests
-    if groups or gone:
-        number = held.number + 1
-        done = Snapshot(number, dict(sorted(whole.items())), replaced)
-        store.write(f"{SNAPSHOTS_FOLDER}/{number:08d}.json", msgspec.json.encode(done))
-        for key in gone:
-            store.delete(key)
-        for key in store.keys(SNAPSHOTS_FOLDER)[:-2]:
-            store.delete(key)
-    files = sum(len(some) for some in groups.values())
-    return CompactSummary(files, len(groups), len(gone))
-
-
-def _is_replaced(key: str, here: set[str]) -> bool:
-    """Whether nothing of a file belongs to the catalogue any more."""
-    piece = _piece(key)
-    return piece is not None and piece.place not in here
-
-
-def _merge(store: Store, some: Sequence[Piece], made: Piece) -> None:
-    with tempfile.TemporaryDirectory(prefix="scenetrace-", dir=store.workplace()) as folder:
-        local = local_tables(store, some, Path(folder) / "cache")
-        con = duckdb.connect(":memory:", config={"threads": "1"})
-        try:
-            for table in tables_in_order():
-                files = ", ".join(_quoted(str(local / p.key(table))) for p in some)
-                out = Path(folder) / f"{table}.parquet"
-                con.execute(
-                    f"COPY (SELECT * FROM read_parquet([{files}], hive_partitioning = false))"
-                    f" TO {_quoted(str(out))} (FORMAT parquet, COMPRESSION zstd)"
-                )
-                store.put(out, made.key(table))
-        except duckdb.Error as error:
-            raise SceneTraceError(
-                f"{store.uri}: {made.place}: cannot be compacted: {reason(error)}"
-            ) from error
-        finally:
-            con.close()
-
-
-def by_digest(found: Iterable[Piece], held: Mapping[str, list[str]]) -> dict[str, Piece]:
-    """Each recording's digest and the file that it is in."""
-    return {
-        digest: piece for piece in found for digest in held.get(piece.place, [piece.file])
-    }
-
-
-def _quoted(path: str) -> str:
+def quoted(path: str) -> str:
+    """A path as a string of SQL."""
     return "'" + path.replace("'", "''") + "'"

@@ -3,7 +3,7 @@ happened between two moments, who left or took a thing. As in `statements`, ``$o
 one recording and times are compared as they are shown, to the millisecond.
 """
 
-from reasoning.questions.statements import BELIEF, OF_ALL, SHOWN
+from reasoning.questions.statements import BELIEF, SHOWN, STAYS_TOGETHER
 
 CROSSED = f"""
 SELECT recording, track, frame, t, direction, x, y, {SHOWN},
@@ -11,19 +11,8 @@ SELECT recording, track, frame, t, direction, x, y, {SHOWN},
 FROM crossings WHERE line = $line$which$only ORDER BY recording, frame, track
 """
 
-_STAYS = f"""
--- stays with a gap of up to $gap s between them are one
-marked AS (
-  SELECT *, round(start_t - coalesce(max(end_t) OVER (PARTITION BY recording, track ORDER BY start_frame
-    ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING), -1e9), 3) > $gap AS fresh FROM stays),
-numbered AS (
-  SELECT *, sum(fresh::INTEGER) OVER (PARTITION BY recording, track ORDER BY start_frame) AS stay FROM marked),
-stay AS (
-  SELECT recording, track, min(start_frame) AS first, max(end_frame) AS last, min(start_t) AS start_t,
-    max(end_t) AS end_t, {OF_ALL} FROM numbered GROUP BY recording, track, stay)"""
-
 DWELL = f"""
-WITH stays AS ($stays$only),{_STAYS},
+WITH stays AS ($stays$only),{STAYS_TOGETHER}),
 sure AS (SELECT *, least(seen_share, existence, identity) AS certainty FROM stay)
 SELECT recording, track, count(*) AS stays, round(sum(end_t - start_t), 3) AS seconds,
   round(max(end_t - start_t), 3) AS longest_s, min(start_t) AS start_t, max(end_t) AS end_t,
@@ -39,7 +28,7 @@ FROM sure GROUP BY recording, track ORDER BY recording, seconds DESC, track
 COUNT = f"""
 -- of a line: crossings by direction; of a zone: who came in and who went out; who is there in the first second did
 -- not come in, who is there in the last frame did not go out
-WITH stays AS ($stays$only),{_STAYS},
+WITH stays AS ($stays$only),{STAYS_TOGETHER}),
 ways AS (
   SELECT direction FROM lines WHERE line = $name
   UNION ALL SELECT unnest(['in', 'out']) WHERE NOT EXISTS (SELECT 1 FROM lines WHERE line = $name)),

@@ -112,8 +112,8 @@ SELECT s.recording, s.track, s.start_frame AS since_frame, s.end_frame AS until_
 FROM stays s WHERE $at BETWEEN s.start_t - 0.0005 AND s.end_t + 0.0005 ORDER BY s.recording, s.track
 """
 
-LOITERED = f"""
-WITH stays AS ($stays$only),
+STAYS_TOGETHER = f"""
+-- stays with a gap of up to $gap s between them are one
 marked AS (
   SELECT *, round(start_t - coalesce(max(end_t) OVER (PARTITION BY recording, track ORDER BY start_frame
     ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING), -1e9), 3) > $gap AS fresh FROM stays),
@@ -121,7 +121,12 @@ numbered AS (
   SELECT *, sum(fresh::INTEGER) OVER (PARTITION BY recording, track ORDER BY start_frame) AS stay FROM marked),
 stay AS (
   SELECT recording, track, min(start_frame) AS first, max(end_frame) AS last, min(start_t) AS start_t,
-    max(end_t) AS end_t, {OF_ALL} FROM numbered GROUP BY recording, track, stay
+    max(end_t) AS end_t, {OF_ALL} FROM numbered GROUP BY recording, track, stay"""
+"""Ends within the last table, `stay`, which a question narrows further and closes."""
+
+LOITERED = f"""
+WITH stays AS ($stays$only),
+{STAYS_TOGETHER}
   HAVING round(max(end_t) - min(start_t), 3) >= $least)
 SELECT recording, track, first AS start_frame, last AS end_frame, start_t, end_t, round(end_t - start_t, 3) AS seconds,
   {SHOWN},

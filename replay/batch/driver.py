@@ -147,8 +147,11 @@ def _left(
         for status in statuses(store)
         if status.stamp
     }
+    seen = {source for source, _, _ in before}
     for job in jobs:
-        status = before.get((job.source, stamp_of(job.source), job.configuration))
+        # To ask for a stamp is a call of the store: only of what an earlier run has met.
+        stamp = stamp_of(job.source) if job.source in seen else ""
+        status = before.get((job.source, stamp, job.configuration))
         if status is None:
             yield msgspec.structs.replace(job, again=options.again)
         elif status.state == "done":

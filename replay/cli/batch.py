@@ -7,7 +7,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -183,7 +183,7 @@ def _status(store: Store, args: argparse.Namespace) -> int:
 
 
 def _compact(store: Store) -> int:
-    from reasoning.questions.catalogue import compact
+    from reasoning.questions.compaction import compact
 
     done = compact(store)
     common.say(
@@ -301,6 +301,7 @@ def jobs_of(args: argparse.Namespace) -> list[Job]:
     from recorders.recording import SECTIONS
     from recorders.stores import is_uri
     from replay.batch import Job, Limit, sources_of
+    from replay.batch.jobs import filled
     from replay.configuration import all_sections, replay_config
     from replay.trackers.choice import DEFAULT_TRACKER, choose
 
@@ -317,14 +318,15 @@ def jobs_of(args: argparse.Namespace) -> list[Job]:
     configure(SECTIONS, args.config, of_record, others=all_sections())
     common.parse_limits(args.limit)
     case = args.output if is_uri(args.output) else str(Path(args.output).absolute())
-    shared = _words(args, _SHARED)
-    record = [*_words(args, _record_flags()), *shared, *_set(of_record)]
+    shared = [*_words(args, _SHARED)]
+    flags = {a.dest: a.option_strings[-1] for a in _record_options()._actions}
+    record = [*_words(args, flags), *shared, *_set(of_record)]
     replay = ["--tracker", tracker.name, *shared, *_set(of_replay)]
     made = f"{version('scenetrace')} {tracker.version}"
     limit = Limit(args.memory, args.time_limit)
     jobs = []
     for source, own in sources_of(args.sources):
-        recording = _filled([*record, *_checked(own, source)], source)
+        recording = filled([*record, *_checked(own, source)], source)
         configuration = _configuration(recording, replay, made)
         jobs.append(
             Job(
@@ -379,39 +381,25 @@ def _set(assignments: Sequence[str]) -> list[str]:
 
 
 @cache
-def _record_flags() -> dict[str, str]:
-    """The options of `record` that are passed on: destination to flag."""
+def _record_options() -> argparse.ArgumentParser:
+    """The options of `record` that are passed on."""
     from replay.cli import record
 
     parser = argparse.ArgumentParser(add_help=False)
     record.add_options(parser)
-    return {action.dest: action.option_strings[-1] for action in parser._actions}
+    return parser
 
 
-def _words(args: argparse.Namespace, flags: dict[str, str]) -> list[str]:
-    """The words that gave these options their values."""
-    return list(_given(args, flags))
-
-
-def _given(args: argparse.Namespace, flags: dict[str, str]) -> Iterator[str]:
-    from replay.cli import record
-
-    parser = argparse.ArgumentParser(add_help=False)
-    record.add_options(parser)
+def _words(args: argparse.Namespace, flags: Mapping[str, str]) -> Iterator[str]:
+    """The words that gave options (destination to flag) their values."""
     for name, flag in flags.items():
         value = getattr(args, name)
-        if value is None or value == [] or value == parser.get_default(name):
+        if value is None or value == [] or value == _record_options().get_default(name):
             continue
         for one in value if isinstance(value, list) else [value]:
             text = f"{one[0]}x{one[1]}" if isinstance(one, tuple) else str(one)
             is_file = isinstance(one, Path) and "{" not in text
             yield from (flag, str(Path(text).absolute()) if is_file else text)
-
-
-def _filled(words: Sequence[str], source: str) -> list[str]:
-    from replay.batch.jobs import filled
-
-    return filled(words, source)
 
 
 def _configuration(record: Sequence[str], replay: Sequence[str], made: str) -> str:
