@@ -18,7 +18,7 @@ from typing import Any
 
 from reasoning.groups import GroupChange, HeldGroup
 from reasoning.interactions import InteractionParameters, PairChange
-from reasoning.regions import SceneChange
+from reasoning.regions import RegionEvent
 from reasoning.relations import SECOND_NS, RelationChange
 from reasoning.transitions import GROUPED, GROUPING, SPLITTING, TABLE, code, name
 from recorders.messages import Event, Notice, Target
@@ -157,7 +157,7 @@ _SCENE_TEXT = {
 
 def scene(
     log: EventLog,
-    change: SceneChange,
+    change: RegionEvent,
     regions_source: str,
     box: Sequence[float],
     margins: tuple[float, float],

@@ -284,7 +284,7 @@ STATUS_EVENTS: dict[tuple[SceneStatus, SceneStatus], str] = {
 
 
 @dataclasses.dataclass(slots=True)
-class Presence:
+class Standing:
     """A target's standing in the scene: its status since when, whether it has been wholly inside,
     zones since when.
     """
@@ -296,7 +296,7 @@ class Presence:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class SceneChange:
+class RegionEvent:
     """A scene event of one target; ``zone`` for zone events; ``lasted_ns``: status or time in the
     zone before.
     """
@@ -315,7 +315,7 @@ class SceneBook:
     """Every target's scene status and zones over time."""
 
     def __init__(self) -> None:
-        self.targets: dict[int, Presence] = {}
+        self.targets: dict[int, Standing] = {}
         self._away: dict[int, SceneStatus] = {}
 
     def step(
@@ -327,7 +327,7 @@ class SceneBook:
         born_of_split: Sequence[bool],
         present: Sequence[bool],
         leaving: Collection[int] = (),
-    ) -> list[SceneChange]:
+    ) -> list[RegionEvent]:
         """Take a frame's targets (N ids ascending, boxes (N, 4)); answer with every change, by
         id, zones by name.
 
@@ -340,7 +340,7 @@ class SceneBook:
             for identity in ids
         ]
         places, zones = regions.places(boxes), regions.zones_of(boxes, stood)
-        changes: list[SceneChange] = []
+        changes: list[RegionEvent] = []
         for i in sorted(self.targets.keys() - set(ids) | set(leaving)):
             changes += self._vanish(i, time_ns, i in leaving)
         for index, i in enumerate(ids):
@@ -351,7 +351,7 @@ class SceneBook:
             if held is None:
                 was = self._away.pop(i, None)
                 back = was is not None and at[0] == WHOLLY
-                held = Presence(
+                held = Standing(
                     was if was is not None and back else first_status(born_of_split[index]),
                     time_ns,
                     at[1] == WHOLLY,
@@ -359,7 +359,7 @@ class SceneBook:
                 )
                 self.targets[i] = held
                 if held.status == "entering" and not back:
-                    changes.append(SceneChange("entering", i, "", *at, 0))
+                    changes.append(RegionEvent("entering", i, "", *at, 0))
             elif present[index] or at[1] == OUTSIDE:
                 changes += self._move(i, held, time_ns, at)
             if present[index] and (zones[index] or held.zones):
@@ -367,40 +367,40 @@ class SceneBook:
         return changes
 
     def _move(
-        self, i: int, held: Presence, ns: int, at: tuple[int, int]
-    ) -> list[SceneChange]:
+        self, i: int, held: Standing, ns: int, at: tuple[int, int]
+    ) -> list[RegionEvent]:
         status = next_status(held.status, held.been_in, *at)
         held.been_in = (held.been_in or at[1] == WHOLLY) and status != "outside"
         if status == held.status:
             return []
-        change = SceneChange(
+        change = RegionEvent(
             STATUS_EVENTS[held.status, status], i, held.status, *at, ns - held.since_ns
         )
         held.status, held.since_ns = status, ns
         return [change]
 
     def _zones(
-        self, i: int, held: Presence, ns: int, zones: list[str], at: tuple[int, int]
-    ) -> list[SceneChange]:
+        self, i: int, held: Standing, ns: int, zones: list[str], at: tuple[int, int]
+    ) -> list[RegionEvent]:
         left = [zone for zone in sorted(held.zones) if zone not in zones]
         come = [zone for zone in sorted(zones) if zone not in held.zones]
         changes = [
-            SceneChange("zone_left", i, "", *at, ns - held.zones.pop(z), z) for z in left
+            RegionEvent("zone_left", i, "", *at, ns - held.zones.pop(z), z) for z in left
         ]
         held.zones.update(dict.fromkeys(come, ns))
-        return changes + [SceneChange("zone_entered", i, "", *at, 0, z) for z in come]
+        return changes + [RegionEvent("zone_entered", i, "", *at, 0, z) for z in come]
 
-    def _vanish(self, i: int, ns: int, stays: bool) -> list[SceneChange]:
+    def _vanish(self, i: int, ns: int, stays: bool) -> list[RegionEvent]:
         held = self.targets.pop(i)
         if held.status not in ("exiting", "outside"):
             self._away[i] = held.status
         if stays:
-            self.targets[i] = Presence(
+            self.targets[i] = Standing(
                 "outside" if held.status == "exiting" else held.status, ns, held.been_in, {}
             )
         why = "the track ended here"
         changes = [
-            SceneChange(
+            RegionEvent(
                 "zone_left",
                 id=i,
                 before="",
@@ -414,7 +414,7 @@ class SceneBook:
         ]
         if held.status == "exiting":
             changes.append(
-                SceneChange(
+                RegionEvent(
                     "exited",
                     id=i,
                     before="exiting",
@@ -446,6 +446,6 @@ class SceneBook:
     def restore(self, state: dict[str, Any]) -> None:
         """Continue from what `state` gave."""
         self.targets = {
-            i: Presence(s, ns, been, dict(z)) for i, s, ns, been, z in state["targets"]
+            i: Standing(s, ns, been, dict(z)) for i, s, ns, been, z in state["targets"]
         }
         self._away = dict(state["away"])

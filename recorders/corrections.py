@@ -36,7 +36,9 @@ Text = Annotated[str, Meta(max_length=2000)]
 Words = Annotated[str, Meta(min_length=1, max_length=2000)]
 
 
-class Head(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class CorrectionsHeader(
+    Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
+):
     """The first line.
 
     Attributes:
@@ -53,7 +55,7 @@ class Head(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     tracker: Text
 
 
-class Seen(Struct, frozen=True, array_like=True):
+class CorrectedSighting(Struct, frozen=True, array_like=True):
     """Where a track was in a frame: id, frame, box in pixels to a tenth."""
 
     track: Id
@@ -98,7 +100,7 @@ class Correction(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     other: Text = ""
     undone: Annotated[int, Meta(ge=1)] | None = None
     date: Text = ""
-    seen: list[Seen] = []
+    seen: list[CorrectedSighting] = []
     after: Text = ""
 
     def told(self) -> str:
@@ -135,7 +137,7 @@ class Corrections:
         text: the file as it is, UTF-8.
     """
 
-    head: Head
+    head: CorrectionsHeader
     rows: tuple[Correction, ...]
     text: str
 
@@ -171,7 +173,7 @@ class Corrections:
         return Corrections(self.head, (*self.rows, made), self.text + _line(made))
 
 
-def begun(head: Head) -> Corrections:
+def begun(head: CorrectionsHeader) -> Corrections:
     """A file without corrections yet."""
     return Corrections(head, (), _line(head))
 
@@ -208,7 +210,7 @@ def parse_corrections(text: str, path: str | Path) -> Corrections:
             "empty, or cut off in its last line: no whole file of `scenetrace correct`",
             path,
         )
-    head = _decoded(lines[0], Head, path, 1)
+    head = _decoded(lines[0], CorrectionsHeader, path, 1)
     rows: list[Correction] = []
     for number, line in enumerate(lines[1:], 2):
         row = _decoded(line, Correction, path, number)

@@ -251,7 +251,7 @@ class GroupTrack(Struct, frozen=True):
     members: list[int] = []
 
 
-class Sighting(Struct, frozen=True, array_like=True):
+class TrackSighting(Struct, frozen=True, array_like=True):
     """A target was seen in a frame, in a box."""
 
     frame: int
@@ -278,7 +278,7 @@ class Notice(Struct, frozen=True):
     rule: str
     evidence: dict[str, Any] = {}
     text: str = ""
-    sightings: list[Sighting] = []
+    sightings: list[TrackSighting] = []
     left_scene: bool = False
     since_frame: int | None = None
 

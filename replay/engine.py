@@ -240,7 +240,7 @@ class Prefetch:
 
 
 @dataclass(frozen=True)
-class Scene:
+class FrameResult:
     """One frame's whole result."""
 
     frame: Frame
@@ -285,7 +285,7 @@ class Engine:
         self._kept: dict[int, bytes] = {}
         self._paused = False
         self._steps: Generator[Step] | None = None
-        self.current: Scene | None = None
+        self.current: FrameResult | None = None
         self._begin(None)
 
     def _begin(self, checkpoint: Checkpoint | None) -> None:
@@ -302,7 +302,7 @@ class Engine:
         self._steps = forward.steps()
         self.current = None
 
-    def step(self) -> Scene | None:
+    def step(self) -> FrameResult | None:
         """The next frame's scene, None after the last."""
         taken = None if self._steps is None else next(self._steps, None)
         if taken is None:
@@ -317,7 +317,7 @@ class Engine:
                 frame.detections,
                 scene_changes=frame.changes,
             )
-        self.current = Scene(frame, taken.targets, annotation)
+        self.current = FrameResult(frame, taken.targets, annotation)
         if frame.index % self._keep_every == 0 and frame.index not in self._kept:
             self._keep(frame.index)
         return self.current
@@ -330,7 +330,7 @@ class Engine:
                 k: state for k, state in self._kept.items() if k % self._keep_every == 0
             }
 
-    def run(self, until_frame: int | None = None) -> Iterator[Scene]:
+    def run(self, until_frame: int | None = None) -> Iterator[FrameResult]:
         """Step on, to a frame (included) or to the end. Stop asking, or `pause`, to halt; ask
         again to go on.
         """
@@ -344,7 +344,7 @@ class Engine:
         """End a `run` after the frame that it is at, from whatever thread; `run` again goes on."""
         self._paused = True
 
-    def seek(self, where: int | float) -> Scene:
+    def seek(self, where: int | float) -> FrameResult:
         """Go somewhere, forwards or backwards; the scene is the same as if reached from 0.
 
         Args:

@@ -24,7 +24,7 @@ _MOST_STRETCH = 3.0
 _MOST_BOXES = 20_000
 
 
-class Ground:
+class GroundSlope:
     """What a recording's boxes tell of the ground.
 
     Attributes:
@@ -44,7 +44,7 @@ class Ground:
         return np.clip(seen, 1.0, _MOST_STRETCH)
 
 
-def ground_of(histories: Mapping[int, History], width: float | None = None) -> Ground:
+def ground_of(histories: Mapping[int, History], width: float | None = None) -> GroundSlope:
     """The ground under some targets.
 
     Args:
@@ -54,7 +54,7 @@ def ground_of(histories: Mapping[int, History], width: float | None = None) -> G
     sights = [histories[history].sights().boxes for history in sorted(histories)]
     boxes = np.concatenate(sights) if sights else np.zeros((0, 4))
     if len(boxes) < _LEAST_BOXES:
-        return Ground()
+        return GroundSlope()
     reach = float(np.max(boxes[:, 0] + boxes[:, 2])) if width is None else width
     boxes = boxes[:: 1 + len(boxes) // _MOST_BOXES]
     feet, heights = boxes[:, 1] + boxes[:, 3], boxes[:, 3]
@@ -63,8 +63,8 @@ def ground_of(histories: Mapping[int, History], width: float | None = None) -> G
     at = [float(np.median(feet[b])) for b in bins]
     tall = [float(np.median(heights[b])) for b in bins]
     if at[-1] - at[0] < _LEAST_SPREAD * float(np.median(heights)):
-        return Ground()
-    return Ground(max(0.0, _slope(at, tall)), reach)
+        return GroundSlope()
+    return GroundSlope(max(0.0, _slope(at, tall)), reach)
 
 
 def _slope(at: Sequence[float], tall: Sequence[float]) -> float:

@@ -29,7 +29,7 @@ from reasoning.questions.duckdb_tables import insert
 from reasoning.questions.ingest import file_digest, read_recordings
 from reasoning.questions.literals import Recordings, literal
 from reasoning.questions.macros import macro_statements
-from reasoning.questions.metres import Ground, make_metres
+from reasoning.questions.metres import GroundPlane, make_metres
 from reasoning.questions.schema import DRAWN, SURE, TABLES, create_statements, shown
 from recorders.closing import Closing
 from recorders.errors import RecordingError, SceneTraceError, UsageError
@@ -122,7 +122,7 @@ class Case(Closing):
         start_ns: int | Mapping[str, int] | None = None,
         looks: bool = False,
         choice: catalogue.Choice | None = None,
-        ground: Ground | None = None,
+        ground: GroundPlane | None = None,
     ) -> None:
         """Open and read the inputs.
 

@@ -30,7 +30,15 @@ from reasoning.encounters import (
 )
 from reasoning.geometry import Area
 from reasoning.questions.looks import Looks, look, sightings, usual_height
-from reasoning.questions.runs import Belief, Interval, Run, Runs, Seen, Sight, sight
+from reasoning.questions.runs import (
+    Belief,
+    HeldInterval,
+    Interval,
+    Runs,
+    SeenTarget,
+    Sight,
+    sight,
+)
 from reasoning.questions.schema import TABLES
 from reasoning.questions.standing import Steps, stays
 from recorders import channels
@@ -170,7 +178,7 @@ class _Boxes:
             joins=self.joins,
         )
 
-    def add(self, rank: int, frame: int, t: float, seen: Seen, told: Sight) -> None:
+    def add(self, rank: int, frame: int, t: float, seen: SeenTarget, told: Sight) -> None:
         self.ranks.append(rank)
         self.told.append(told.seen)
         self.frames.append(frame)
@@ -212,10 +220,10 @@ class _Camera:
         self._zones, self._bits, self._hidden = Runs(), Runs(), Runs()
         self._formed: dict[int, tuple[int, ...]] = {}
         self._ended: dict[int, list[tuple[int, str]]] = {}
-        self._group_rows: list[Run] = []
+        self._group_rows: list[HeldInterval] = []
         self._joint: dict[tuple[int, int], list[tuple[int, int]]] = {}
         self._boxes: dict[int, _Boxes] = {}
-        self._targets: dict[int, Seen] = {}
+        self._targets: dict[int, SeenTarget] = {}
         self._labels: dict[int, str] = {}
         self._regions: list[tuple[int, Regions]] = []
         self._t, self._frame = 0.0, -1
@@ -361,17 +369,17 @@ class _Camera:
     def _sight(self, ids: Sequence[int]) -> Sight:
         return sight(self._targets, ids)
 
-    def _end_presence(self, over: Sequence[Run]) -> None:
+    def _end_presence(self, over: Sequence[HeldInterval]) -> None:
         for run in over:
             self._add("presence", (run.key, *run.interval, *run.belief))
 
-    def _end_named(self, table: str, over: Sequence[Run]) -> None:
+    def _end_named(self, table: str, over: Sequence[HeldInterval]) -> None:
         """Intervals of a track and a name: a zone that it was in, a part of it that was hidden."""
         for key, _, interval, belief in over:
             track, name = _pair(key)
             self._add(table, (track, name, *interval, *belief))
 
-    def _end_bits(self, over: Sequence[Run]) -> None:
+    def _end_bits(self, over: Sequence[HeldInterval]) -> None:
         for key, partners, interval, belief in over:
             track, bit = _pair(key)
             self._add("bits", (track, bit, list(_ids(partners)), *interval, *belief))
@@ -386,7 +394,7 @@ class _Camera:
             self._relations.step(frame.index, t, now, lambda k, _: self._sight(_ids(k)))
         )
 
-    def _end_relations(self, over: Sequence[Run]) -> None:
+    def _end_relations(self, over: Sequence[HeldInterval]) -> None:
         for key, value, interval, belief in over:
             (a, b), (state, _) = _pair(key), _pair(value)
             self._add("relations", (a, b, state, *interval, *belief))
@@ -604,7 +612,7 @@ class _Camera:
         return encounter.seen_share, round(existence, 4), round(identity, 4), joins
 
 
-def _targets(tracks: Sequence[Track], events: Sequence[Event]) -> dict[int, Seen]:
+def _targets(tracks: Sequence[Track], events: Sequence[Event]) -> dict[int, SeenTarget]:
     """A frame's targets as they were seen, with the joins that were told in it."""
     joins: dict[int, tuple[int, ...]] = {}
     for event in events:
@@ -614,9 +622,9 @@ def _targets(tracks: Sequence[Track], events: Sequence[Event]) -> dict[int, Seen
     return {track.id: _seen(track, joins.get(track.id, ())) for track in tracks}
 
 
-def _seen(track: Track, joins: tuple[int, ...]) -> Seen:
+def _seen(track: Track, joins: tuple[int, ...]) -> SeenTarget:
     observed = track.observed and track.present
-    return Seen(track.box, observed, track.confidence, track.identity, joins)
+    return SeenTarget(track.box, observed, track.confidence, track.identity, joins)
 
 
 def _pair(value: Hashable) -> tuple[Any, Any]:

@@ -10,7 +10,7 @@ from reasoning.questions.literals import literal
 
 
 @dataclass(frozen=True)
-class Join:
+class IdentityJoin:
     """An event after which a track may be another.
 
     Attributes:
@@ -29,7 +29,7 @@ class Join:
 
 def joins_of(
     case: Case, recording: str, subjects: Sequence[int], until_frame: int
-) -> list[Join]:
+) -> list[IdentityJoin]:
     """The joins that the identities of tracks rest on up to a frame, in order."""
     if not subjects:
         return []
@@ -42,7 +42,7 @@ def joins_of(
     )
     # One join may be told by two events.
     found = {
-        (who[0], frame): Join(event, who[0], frame, t, text or rule)
+        (who[0], frame): IdentityJoin(event, who[0], frame, t, text or rule)
         for event, who, frame, t, text, rule in rows
         if who
     }

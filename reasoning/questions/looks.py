@@ -30,7 +30,7 @@ _THOUSAND = 1000
 
 
 @dataclass(frozen=True)
-class Sighting:
+class LookSighting:
     """Where a target was in one frame, and which boxes lay over its own."""
 
     frame: int
@@ -99,7 +99,7 @@ def sightings(
     seen: NDArray[np.bool_],
     others: Mapping[int, Sequence[tuple[int, Box]]],
     own: int,
-) -> list[Sighting]:
+) -> list[LookSighting]:
     """The frames that are worth looking at: seen, covered by nobody for the most part; of many,
     some at half seconds, spread evenly.
     """
@@ -110,7 +110,7 @@ def sightings(
             other for i, other in others.get(int(frames[k]), ()) if i != own and _meet(box, other)
         )  # fmt: skip
         if sum(_shared(box, other) for other in over) <= _COVERED * box[2] * box[3]:
-            found.append((k, Sighting(int(frames[k]), times_ns[k], box, over)))
+            found.append((k, LookSighting(int(frames[k]), times_ns[k], box, over)))
     on_grid = [
         s
         for k, s in found
@@ -133,20 +133,20 @@ def _shared(a: Box, b: Box) -> float:
 
 
 def look(
-    path: Path, camera: str, limits: Limits, wanted: Mapping[int, Sequence[Sighting]]
+    path: Path, camera: str, limits: Limits, wanted: Mapping[int, Sequence[LookSighting]]
 ) -> dict[int, Looks]:
     """Look at the pictures of a log; answers with the looks of those of whom enough was seen.
 
     Raises:
         RecordingError: the log is damaged.
     """
-    at: dict[int, list[tuple[int, Sighting]]] = {}
+    at: dict[int, list[tuple[int, LookSighting]]] = {}
     for track in sorted(wanted):
         for s in wanted[track]:
             at.setdefault(s.time_ns, []).append((track, s))
     if not at:
         return {}
-    seen: dict[int, list[tuple[Sighting, Counts, Counts]]] = {}
+    seen: dict[int, list[tuple[LookSighting, Counts, Counts]]] = {}
     last = max(at)
     with SceneLog(path, camera, limits) as scene:
         for frame in scene.frames(again=True):
@@ -159,12 +159,12 @@ def look(
     return {track: _looks(found) for track, found in sorted(seen.items())}
 
 
-def _looked(frame: Frame, s: Sighting) -> tuple[Counts, Counts] | None:
+def _looked(frame: Frame, s: LookSighting) -> tuple[Counts, Counts] | None:
     image = frame.image
     return None if image is None else body_shades(image, frame.mask, s.box, s.others)
 
 
-def _looks(found: Sequence[tuple[Sighting, Counts, Counts]]) -> Looks:
+def _looks(found: Sequence[tuple[LookSighting, Counts, Counts]]) -> Looks:
     best = max(found, key=lambda f: (f[0].box[2] * f[0].box[3], -f[0].frame))[0]
     upper = _mean([_share(counts) for _, counts, _ in found])
     lower = _mean([_share(counts) for _, _, counts in found])

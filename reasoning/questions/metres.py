@@ -35,7 +35,7 @@ _BINS = 12
 
 
 @dataclass(frozen=True)
-class Ground:
+class GroundPlane:
     """How pixels become metres.
 
     Attributes:
@@ -58,7 +58,7 @@ class Fit:
     share: float
 
 
-def read_points(path: Path) -> Ground:
+def read_points(path: Path) -> GroundPlane:
     """The points of a CSV with the columns x, y (pixels) and X, Y (metres), in any order.
 
     Raises:
@@ -92,7 +92,7 @@ def read_points(path: Path) -> Ground:
         raise UsageError(
             f"--homography {path}: {len(points)} points, at least 4 are wanted"
         )
-    return Ground(points=tuple(points))
+    return GroundPlane(points=tuple(points))
 
 
 def homography(points: Sequence[tuple[Point, Point]]) -> Fit:
@@ -189,7 +189,7 @@ def _middle(some: Sequence[tuple[float, float]]) -> tuple[float, float]:
     return some[len(some) // 2][0], heights[len(heights) // 2]
 
 
-def make_metres(con: duckdb.DuckDBPyConnection, ground: Ground | None) -> None:
+def make_metres(con: duckdb.DuckDBPyConnection, ground: GroundPlane | None) -> None:
     """Make the view ``metres``: where each present target stood on the ground, with its error.
 
     Raises:
@@ -209,7 +209,10 @@ def make_metres(con: duckdb.DuckDBPyConnection, ground: Ground | None) -> None:
 
 
 def _fit(
-    con: duckdb.DuckDBPyConnection, ground: Ground, recording: str, size: tuple[int, int]
+    con: duckdb.DuckDBPyConnection,
+    ground: GroundPlane,
+    recording: str,
+    size: tuple[int, int],
 ) -> Fit:
     if ground.height_m is None:
         return homography(ground.points)

@@ -28,7 +28,7 @@ class Sight(NamedTuple):
     joins: tuple[int, ...] = ()
 
 
-class Seen(NamedTuple):
+class SeenTarget(NamedTuple):
     """One target in one frame."""
 
     box: Box
@@ -38,7 +38,7 @@ class Seen(NamedTuple):
     joins: tuple[int, ...] = ()
 
 
-def sight(targets: Mapping[int, Seen], ids: Sequence[int]) -> Sight:
+def sight(targets: Mapping[int, SeenTarget], ids: Sequence[int]) -> Sight:
     """Some targets of a frame together.
 
     Who is not observed counts as seen where he lies wholly within another of them who is; of one
@@ -55,7 +55,9 @@ def sight(targets: Mapping[int, Seen], ids: Sequence[int]) -> Sight:
     return Sight(seen, min(s.existence for s in own), min(s.identity for s in own), joins)
 
 
-def _hidden(i: int, behind: Seen, targets: Mapping[int, Seen], ids: Sequence[int]) -> bool:
+def _hidden(
+    i: int, behind: SeenTarget, targets: Mapping[int, SeenTarget], ids: Sequence[int]
+) -> bool:
     others = targets if len(ids) == 1 else ids
     return any(
         targets[other].observed and hidden_by(behind.box, targets[other].box)
@@ -107,7 +109,7 @@ class _Open:
         return round(share, 4), round(mean, 4), round(self.identity, 4), self.joins
 
 
-class Run(NamedTuple):
+class HeldInterval(NamedTuple):
     """An interval that is over: what it is of, what held, when, and how sure it is."""
 
     key: Hashable
@@ -130,7 +132,7 @@ class Runs:
         t: float,
         now: Mapping[Hashable, Hashable],
         told: Callable[[Hashable, Hashable], Sight],
-    ) -> list[Run]:
+    ) -> list[HeldInterval]:
         """Take what holds in this frame (key to value) and how it was seen; the runs that are
         over.
         """
@@ -147,10 +149,10 @@ class Runs:
             held.add(told(key, value))
         return over
 
-    def _close(self, key: Hashable) -> Run:
+    def _close(self, key: Hashable) -> HeldInterval:
         run = self._open.pop(key)
-        return Run(key, run.value, run.interval, run.belief)
+        return HeldInterval(key, run.value, run.interval, run.belief)
 
-    def close(self) -> list[Run]:
+    def close(self) -> list[HeldInterval]:
         """All runs that are still open, as `step` gives them."""
         return [self._close(key) for key in list(self._open)]

@@ -21,7 +21,7 @@ LIVE_FLUSH_NS = 250_000_000
 """A live recording's frames are in the file so soon: who follows it waits for no more."""
 
 
-class Scene(Protocol):
+class CameraScene(Protocol):
     """One camera of a recording."""
 
     source: Source
@@ -53,7 +53,12 @@ class Logs:
     """
 
     def __init__(
-        self, out: Path, scenes: Mapping[str, Scene], options: RecordOptions, *, live: bool
+        self,
+        out: Path,
+        scenes: Mapping[str, CameraScene],
+        options: RecordOptions,
+        *,
+        live: bool,
     ) -> None:
         self._out = out
         self._scenes = scenes

@@ -50,7 +50,7 @@ class Member:
 
 
 @dataclass(eq=False)
-class Company:
+class FollowedBlob:
     """A blob as it is followed.
 
     Attributes:
@@ -63,7 +63,7 @@ class Company:
     box: Corners
     members: list[Member]
     age: int = 0
-    off: Company | None = None
+    off: FollowedBlob | None = None
 
     def seen(self, area: float) -> int:
         """How many of its members lie side by side in an area."""
@@ -80,7 +80,7 @@ class Companies:
 
     def __init__(self, fps: float) -> None:
         self._old = max(2, round(OLD_S * fps))
-        self._alive: list[Company] | None = None
+        self._alive: list[FollowedBlob] | None = None
 
     def bodies(
         self, blobs: Sequence[Blob], labels: Labels, areas: Sequence[float]
@@ -99,7 +99,7 @@ class Companies:
         ]
         if self._alive is None:
             self._alive = [
-                Company(box, _first(blob, labels, bodies_in(blob, area)), self._old)
+                FollowedBlob(box, _first(blob, labels, bodies_in(blob, area)), self._old)
                 for box, blob, area in zip(boxes, blobs, areas, strict=True)
             ]
         else:
@@ -117,7 +117,7 @@ class Companies:
             if into[k]:
                 company = self._met(into[k])
             else:
-                company = Company(box, [Member(float(blob.area), blob.ellipse)])
+                company = FollowedBlob(box, [Member(float(blob.area), blob.ellipse)])
                 company.off = max(part_of[k], key=lambda c: len(c.members), default=None)
             company.box = box
             self._grow(company, float(blob.area))
@@ -126,10 +126,10 @@ class Companies:
 
     def _came(
         self, boxes: Sequence[Corners]
-    ) -> tuple[list[list[Company]], list[list[Company]]]:
+    ) -> tuple[list[list[FollowedBlob]], list[list[FollowedBlob]]]:
         """For each box the companies that go on in it, and those that it came off."""
-        into: list[list[Company]] = [[] for _ in boxes]
-        part_of: list[list[Company]] = [[] for _ in boxes]
+        into: list[list[FollowedBlob]] = [[] for _ in boxes]
+        part_of: list[list[FollowedBlob]] = [[] for _ in boxes]
         others = np.array(boxes, np.float64).reshape(-1, 4)
         for company in (self._alive or ()) if boxes else ():
             shared, share = _shared(company.box, others)
@@ -138,7 +138,7 @@ class Companies:
                 (into if k == best else part_of)[k].append(company)
         return into, part_of
 
-    def _met(self, companies: list[Company]) -> Company:
+    def _met(self, companies: list[FollowedBlob]) -> FollowedBlob:
         """What several become that meet: the oldest one (the first of equals), with the others'
         members where they are old.
         """
@@ -149,7 +149,7 @@ class Companies:
                 one.members += [m for m in other.members if m.area >= least]
         return one
 
-    def _grow(self, company: Company, area: float) -> None:
+    def _grow(self, company: FollowedBlob, area: float) -> None:
         """A frame older; who has come off for long is not in the other one any more."""
         company.age += 1
         if len(company.members) == 1:
@@ -176,7 +176,7 @@ def _first(blob: Blob, labels: Labels, count: int) -> list[Member]:
 
 
 def _bodies_in(
-    company: Company, blob: Blob, labels: Labels, alike: bool
+    company: FollowedBlob, blob: Blob, labels: Labels, alike: bool
 ) -> list[TouchingBody]:
     """The bodies in a blob, whose members take their new places."""
     if not alike or company.seen(float(blob.area)) < 2:

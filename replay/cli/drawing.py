@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from reasoning.questions.drawn import Drawn
-    from reasoning.questions.metres import Ground
+    from reasoning.questions.metres import GroundPlane
     from replay.cases.case_file import CaseFile
 
 
@@ -52,13 +52,13 @@ def add_ground(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def ground_of(args: argparse.Namespace) -> Ground | None:
+def ground_of(args: argparse.Namespace) -> GroundPlane | None:
     """How pixels become metres, None where nothing says it.
 
     Raises:
         UsageError: the points cannot be read, or both are given.
     """
-    from reasoning.questions.metres import Ground, read_points
+    from reasoning.questions.metres import GroundPlane, read_points
     from recorders.errors import UsageError
 
     if args.homography is not None and args.height is not None:
@@ -69,7 +69,7 @@ def ground_of(args: argparse.Namespace) -> Ground | None:
         return None
     if not 0.01 <= args.height <= 100:
         raise UsageError(f"--height {args.height:g}: must be 0.01 to 100 m")
-    return Ground(height_m=args.height)
+    return GroundPlane(height_m=args.height)
 
 
 def drawn_of(args: argparse.Namespace, inputs: Sequence[str | Path] = ()) -> Drawn:

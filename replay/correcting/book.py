@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from recorders.annotated.provenance import CORRECTIONS
 from recorders.annotated.reader import AnnotatedLog
-from recorders.corrections import Corrections, Seen, parse_corrections
+from recorders.corrections import CorrectedSighting, Corrections, parse_corrections
 from recorders.messages import Box
 from replay.correcting.names import Names
 
@@ -26,10 +26,10 @@ class Presence:
         self.seen.append(seen)
         self.boxes.append(box)
 
-    def witness(self, track: int, at: int) -> Seen:
+    def witness(self, track: int, at: int) -> CorrectedSighting:
         """Where it was, as a correction records it."""
         x, y, w, h = (round(v, 1) for v in self.boxes[at])
-        return Seen(track, self.frames[at], x, y, w, h)
+        return CorrectedSighting(track, self.frames[at], x, y, w, h)
 
 
 @dataclass

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 
 from recorders.annotated.membership import rename_labels
-from recorders.corrections import Correction, Corrections, Seen
+from recorders.corrections import CorrectedSighting, Correction, Corrections
 from recorders.errors import SceneTraceError
 from recorders.messages import Box, GroupTrack, Notice, Target, Targets
-from replay.correcting.names import Names, Stretch
+from replay.correcting.names import NamedStretch, Names
 
 _TARGET = re.compile(r"(?<=[Tt]arget )\d{1,10}")
 _SAME_PLACE = 0.5
@@ -60,7 +60,7 @@ class Corrector:
         rows = corrections.in_force
         self._names = Names(rows)
         self._touched = self._names.touched
-        self._witnesses: dict[int, list[tuple[Correction, Names, Seen]]] = {}
+        self._witnesses: dict[int, list[tuple[Correction, Names, CorrectedSighting]]] = {}
         for k, row in enumerate(rows):
             before = Names(rows[:k])
             for seen in row.seen:
@@ -98,7 +98,9 @@ class Corrector:
         )
         return Corrected(targets, names, labels)
 
-    def _turned(self, target: Target, called: Stretch, known: Container[int]) -> Target:
+    def _turned(
+        self, target: Target, called: NamedStretch, known: Container[int]
+    ) -> Target:
         assert called.name is not None
         if called.name not in self._touched:
             return target

@@ -9,7 +9,7 @@ from recorders.corrections import (
     FORMAT,
     VERSION,
     Corrections,
-    Head,
+    CorrectionsHeader,
     begun,
     read_corrections,
 )
@@ -25,7 +25,9 @@ def opened(path: Path, log: AnnotatedLog) -> Corrections:
         UsageError: it is of another camera or tracker.
     """
     if not path.exists():
-        return begun(Head(FORMAT, VERSION, log.path.name, log.camera, log.tracker))
+        return begun(
+            CorrectionsHeader(FORMAT, VERSION, log.path.name, log.camera, log.tracker)
+        )
     found = read_corrections(path)
     theirs = found.head.camera, found.head.tracker
     if theirs != (log.camera, log.tracker):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from recorders.corrections import Correction
 
 
-class Stretch(NamedTuple):
+class NamedStretch(NamedTuple):
     """From a frame on a track is called ``name``, None: it is nobody; ``label``, where it was
     given one.
     """
@@ -31,19 +31,19 @@ class Names:
     """
 
     def __init__(self, rows: Iterable[Correction] = ()) -> None:
-        self._of: dict[int, list[Stretch]] = {}
+        self._of: dict[int, list[NamedStretch]] = {}
         for row in rows:
             self._take(row)
 
-    def at(self, track: int, frame: int) -> Stretch:
+    def at(self, track: int, frame: int) -> NamedStretch:
         """What a track is in a frame."""
         stretches = self._of.get(track)
         if stretches is None:
-            return Stretch(0, track)
+            return NamedStretch(0, track)
         return stretches[bisect_right(stretches, frame, key=lambda s: s.first) - 1]
 
     @property
-    def changed(self) -> dict[int, list[Stretch]]:
+    def changed(self) -> dict[int, list[NamedStretch]]:
         """The ids that are called otherwise in some frame, with all their stretches."""
         return {
             track: stretches
@@ -84,11 +84,11 @@ class Names:
     ) -> None:
         """From a frame to another (excluded) whoever is called so is called otherwise."""
         for name in names:
-            self._of.setdefault(name, [Stretch(0, name)])
+            self._of.setdefault(name, [NamedStretch(0, name)])
         for track, stretches in self._of.items():
             cut = _cut(_cut(stretches, start), end)
             made = [
-                Stretch(s.first, names[s.name], label or s.label)
+                NamedStretch(s.first, names[s.name], label or s.label)
                 if s.name in names and start <= s.first and (end is None or s.first < end)
                 else s
                 for s in cut
@@ -98,7 +98,7 @@ class Names:
             ]
 
 
-def _cut(stretches: list[Stretch], frame: int | None) -> list[Stretch]:
+def _cut(stretches: list[NamedStretch], frame: int | None) -> list[NamedStretch]:
     """The same with a stretch that begins at a frame."""
     if frame is None:
         return stretches

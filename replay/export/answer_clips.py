@@ -36,7 +36,7 @@ _COLUMNS = ("clip", "plain", "recording", "start_t", "end_t", "start_clock", "en
 
 
 @dataclass(frozen=True)
-class Scene:
+class ClipScene:
     """What a clip is to show.
 
     Attributes:
@@ -55,7 +55,7 @@ class Scene:
 
 def scenes_of(
     case: Case, columns: Sequence[str], rows: Sequence[Sequence[Any]]
-) -> list[Scene]:
+) -> list[ClipScene]:
     """What the rows of an answer show, each scene once, in their order.
 
     A row that names no target itself, as one of `count`, shows what its references name.
@@ -71,7 +71,7 @@ def scenes_of(
             "--clips: these rows do not say when they were; they need the columns recording"
             " and start_t, end_t (or t, or explain)"
         )
-    found: list[Scene] = []
+    found: list[ClipScene] = []
     for row in rows:
         told = dict(zip(names, row, strict=True))
         if span is not None and known:
@@ -83,13 +83,15 @@ def scenes_of(
     return list(dict.fromkeys(found))
 
 
-def _scene(told: Mapping[str, Any], times: Sequence[float], known: Sequence[str]) -> Scene:
+def _scene(
+    told: Mapping[str, Any], times: Sequence[float], known: Sequence[str]
+) -> ClipScene:
     subjects: list[int] = []
     for column in known:
         value = told[column]
         some = value if isinstance(value, list) else [value]
         subjects += [v for v in some if isinstance(v, int) and v not in subjects]
-    return Scene(
+    return ClipScene(
         told["recording"],
         min(times),
         max(times),
@@ -98,17 +100,17 @@ def _scene(told: Mapping[str, Any], times: Sequence[float], known: Sequence[str]
     )
 
 
-def _explained(case: Case, told: Mapping[str, Any]) -> list[Scene]:
+def _explained(case: Case, told: Mapping[str, Any]) -> list[ClipScene]:
     out = []
     for reference in str(told.get("explain") or "").split():
         e = explain(case, reference, told["recording"])
-        out.append(Scene(e.recording, e.start_t, e.end_t, tuple(e.subjects), reference))
+        out.append(ClipScene(e.recording, e.start_t, e.end_t, tuple(e.subjects), reference))
     return out
 
 
 def write_answer_clips(
     case: Case,
-    scenes: Sequence[Scene],
+    scenes: Sequence[ClipScene],
     out: Path,
     *,
     hide: bool = False,
@@ -168,7 +170,7 @@ def write_answer_clips(
 
 def _write(
     log: AnnotatedLog,
-    scenes: Sequence[tuple[int, Scene]],
+    scenes: Sequence[tuple[int, ClipScene]],
     folder: Path,
     left_out: list[str],
     how: tuple[bool, str],

@@ -49,7 +49,7 @@ class Shot:
 
 
 @dataclass(frozen=True)
-class Still:
+class ShotFile:
     """A picture to be written, as a Shot's; its suffix is chosen by what it holds.
 
     Attributes:
@@ -88,7 +88,7 @@ class Camera:
     def write(
         self,
         shots: Sequence[Shot],
-        stills: Sequence[Still] = (),
+        stills: Sequence[ShotFile] = (),
         progress: Callable[[str, int], None] | None = None,
     ) -> dict[Path, Path]:
         """Write them all; answers where each still is, with its suffix.
@@ -106,12 +106,12 @@ class Camera:
     def _pass(
         self,
         shots: Sequence[Shot],
-        stills: Sequence[Still],
+        stills: Sequence[ShotFile],
         placed: dict[Path, Path],
         progress: Callable[[str, int], None] | None,
         done: int,
     ) -> int:
-        at: dict[int, list[Still]] = {}
+        at: dict[int, list[ShotFile]] = {}
         for still in stills:
             at.setdefault(still.time_ns, []).append(still)
         spans = [(s.from_ns, s.to_ns) for s in shots] + [(t, t + 1) for t in at]
@@ -212,7 +212,7 @@ class _View:
             self._made[key] = image
         return self._made[key]
 
-    def save(self, still: Still) -> Path:
+    def save(self, still: ShotFile) -> Path:
         """Write a still; answers where."""
         suffix, data = ".png", b""
         if not (still.marked or self._camera.hides) and self._recorded is not None:

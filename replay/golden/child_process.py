@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from recorders import errors
-from replay.golden.job import Job, configured, imported
+from replay.golden.job import GoldenJob, configured, imported
 from replay.trackers.choice import choose
 
 _CLOCK = "the clock"
@@ -44,7 +44,7 @@ _FOREIGN = tuple(
 )
 
 
-class Watch:
+class ClockWatch:
     """Notes from where clocks and sources of chance are asked, through the interpreter's
     profiling hook.
     """
@@ -129,8 +129,8 @@ def main() -> int:
     """Replay once."""
     order = json.load(sys.stdin)
     tracker = choose(imported(order["tracker"]))
-    job = Job(Path(order["scene"]), tracker, configured(tracker, order["config"]))
-    watch = Watch()
+    job = GoldenJob(Path(order["scene"]), tracker, configured(tracker, order["config"]))
+    watch = ClockWatch()
     before = random.getstate(), str(np.random.get_state(legacy=False))  # noqa: NPY002
     if order["watched"]:
         sys.setprofile(watch)

@@ -16,7 +16,7 @@ from recorders.annotated.provenance import provenance_of
 from recorders.errors import SceneTraceError
 from recorders.log import LogReader
 from replay.compare.bytewise import compare_bytes
-from replay.golden.job import Job, hash_seed
+from replay.golden.job import GoldenJob, hash_seed
 
 _PLAIN = (
     bool,
@@ -37,7 +37,7 @@ _SEEDS_TRIED = 8
 Memory = dict[str, str]
 
 
-def shared_state(job: Job) -> Memory:
+def shared_state(job: GoldenJob) -> Memory:
     """What the tracker's class and module hold outside its instances, as text by name."""
     factory: Any = job.tracker.factory
     module = sys.modules.get(getattr(factory, "__module__", ""))
@@ -84,7 +84,7 @@ def first_difference(a: Path, b: Path) -> str:
 
 
 def same_process(
-    job: Job, folder: Path, first: Path, second: Path, before: Memory, after: Memory
+    job: GoldenJob, folder: Path, first: Path, second: Path, before: Memory, after: Memory
 ) -> str:
     """Two replays in one process differ."""
     head = (
@@ -115,7 +115,7 @@ def same_process(
 
 
 def other_process(
-    job: Job, folder: Path, here: Path, digests: Mapping[int, str], odd: int
+    job: GoldenJob, folder: Path, here: Path, digests: Mapping[int, str], odd: int
 ) -> str:
     """Two replays in one process agree, one in another process with another hash seed does not.
 
@@ -152,7 +152,9 @@ def seed_log(folder: Path, seed: int) -> Path:
     return folder / f"seed-{seed}.mcap"
 
 
-def _follows_the_seed(job: Job, folder: Path, digests: Mapping[int, str], odd: int) -> bool:
+def _follows_the_seed(
+    job: GoldenJob, folder: Path, digests: Mapping[int, str], odd: int
+) -> bool:
     """Whether processes differ by their hash seeds alone.
 
     A set of two has but two orders, and half of all seeds share one: so many are tried, this
@@ -172,7 +174,7 @@ def _follows_the_seed(job: Job, folder: Path, digests: Mapping[int, str], odd: i
     )
 
 
-def calendar(job: Job, asked: Mapping[str, int]) -> str:
+def calendar(job: GoldenJob, asked: Mapping[str, int]) -> str:
     """Replays agree today, and the tracker asks what day or second it is."""
     return (
         f"{job.name} asks the clock while it replays {job.scene.name}:"
@@ -181,7 +183,7 @@ def calendar(job: Job, asked: Mapping[str, int]) -> str:
     )
 
 
-def restored(job: Job, whole: Path, part: Path) -> str:
+def restored(job: GoldenJob, whole: Path, part: Path) -> str:
     """A replay from the middle, out of state() and restore(), goes another way."""
     return (
         f"{job.name}: a replay that starts from state() in the middle of {job.scene.name}"

@@ -27,7 +27,7 @@ Values = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
-class Job:
+class GoldenJob:
     """What is replayed: a scene, through a tracker, with a configuration."""
 
     scene: Path

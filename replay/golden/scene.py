@@ -22,7 +22,7 @@ from replay.compare import CompareOptions, Comparison, compare
 from replay.golden import diagnosis
 from replay.golden.file_names import golden_name
 from replay.golden.golden_file import write_story
-from replay.golden.job import Job, NotImportableError, Values, configured, hash_seed
+from replay.golden.job import GoldenJob, NotImportableError, Values, configured, hash_seed
 from replay.trackers.choice import DEFAULT_TRACKER, AnyTracker, choose
 
 _LINES = 30
@@ -118,7 +118,7 @@ class GoldenScene:
         if shared is not None:
             raise GoldenError(shared)
         chosen_tracker = choose(tracker)
-        job = Job(Path(log), chosen_tracker, configured(chosen_tracker, config))
+        job = GoldenJob(Path(log), chosen_tracker, configured(chosen_tracker, config))
         scratch = self._scratch / chosen
         scratch.mkdir()
         replayed = self._replayed(job, scratch, other_process, checkpoint)
@@ -149,7 +149,7 @@ class GoldenScene:
         return found
 
     def _replayed(
-        self, job: Job, scratch: Path, other_process: bool, checkpoint: bool
+        self, job: GoldenJob, scratch: Path, other_process: bool, checkpoint: bool
     ) -> Path:
         """Replay at least twice; the first one's log.
 
@@ -181,7 +181,7 @@ class GoldenScene:
         return first
 
     @staticmethod
-    def _elsewhere(job: Job, scratch: Path, here: Path, digest: str) -> None:
+    def _elsewhere(job: GoldenJob, scratch: Path, here: Path, digest: str) -> None:
         """Replay in other processes with other hash seeds, the first one watched.
 
         Raises:
@@ -210,7 +210,7 @@ class GoldenScene:
 
     @staticmethod
     def _differs(
-        job: Job, golden: Path, replayed: Path, found: Comparison, name: str
+        job: GoldenJob, golden: Path, replayed: Path, found: Comparison, name: str
     ) -> str:
         with LogReader(golden) as a, LogReader(replayed) as b:
             then, now = short_digests(

@@ -24,7 +24,7 @@ from recorders.pictures import encode_png
 from recorders.pieces import Span, cut
 from replay.export.answer_clips import source_of
 from replay.export.output import check_folder, whole_folder
-from replay.export.shots import Camera, Shot, Still
+from replay.export.shots import Camera, Shot, ShotFile
 from replay.report.evidence_page import Shown, page
 from replay.report.evidence_pdf import write_pdf
 from replay.report.joins import join_picture
@@ -171,10 +171,10 @@ def _film(
         for index in _telling(e, times):
             still = place / f"{name}_frame_{index:06d}"
             wanted[e.reference].append(still)
-            stills.append(Still(still, times[index], subjects, True))
+            stills.append(ShotFile(still, times[index], subjects, True))
             if log.has_pictures:
                 recorded = still.with_name(f"{still.name}_recorded")
-                stills.append(Still(recorded, times[index], subjects, False))
+                stills.append(ShotFile(recorded, times[index], subjects, False))
     placed = Camera(log, hide=o.hide, zone=o.zone).write(shots, stills)
     pieces = {} if o.hide else _pieces(log, found, part)
     shown = []

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from reasoning.questions.joins import Join
+from reasoning.questions.joins import IdentityJoin
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.messages import Box
 from recorders.pictures import Image
@@ -23,7 +23,7 @@ _LINE = 22
 _GAP = 8
 
 
-def join_picture(log: AnnotatedLog, join: Join) -> Image | None:
+def join_picture(log: AnnotatedLog, join: IdentityJoin) -> Image | None:
     """Two cut-outs of one height, (height, width, 3) BGR, each with what it is beneath; None
     without a sight on both sides, or without pictures.
     """
@@ -41,7 +41,7 @@ def join_picture(log: AnnotatedLog, join: Join) -> Image | None:
 
 
 def _sides(
-    log: AnnotatedLog, join: Join
+    log: AnnotatedLog, join: IdentityJoin
 ) -> tuple[tuple[AnnotatedFrame, Box], tuple[AnnotatedFrame, Box]] | None:
     before: tuple[AnnotatedFrame, Box] | None = None
     for frame, box in _sights(log, join.track):

@@ -26,7 +26,7 @@ from reasoning.regions import (
     SceneRegions,
     default_regions,
 )
-from recorders.messages import NO_BLOB, Box, Mode, Notice, Regions, Sighting
+from recorders.messages import NO_BLOB, Box, Mode, Notice, Regions, TrackSighting
 from replay.trackers.tracker import SceneInfo
 
 Floats = NDArray[np.float64]
@@ -405,6 +405,6 @@ class Life:
         self._next_id = state["next_id"]
 
 
-def sightings_of(rows: Sequence[Sequence[float]]) -> list[Sighting]:
+def sightings_of(rows: Sequence[Sequence[float]]) -> list[TrackSighting]:
     """[frame, x, y, w, h] as messages have it."""
-    return [Sighting(int(k), (x, y, w, h)) for k, x, y, w, h in rows]
+    return [TrackSighting(int(k), (x, y, w, h)) for k, x, y, w, h in rows]

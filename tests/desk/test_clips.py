@@ -18,7 +18,7 @@ from recorders.annotated.reader import AnnotatedLog
 from recorders.pictures import Image
 from recorders.scene import SceneLog
 from replay.cli import main
-from replay.export.shots import Camera, Shot, Still
+from replay.export.shots import Camera, Shot, ShotFile
 from replay.hiding import COVER, Bystanders
 
 Filmed = Callable[..., tuple[GeneratedScene, Path]]
@@ -104,8 +104,8 @@ def test_many_shots_are_what_each_is_alone(filmed: Filmed, tmp_path: Path) -> No
             ]  # fmt: skip
 
         together, alone = tmp_path / "together", tmp_path / "alone"
-        stills = [Still(together / "still", 40 * ns, frozenset({1}), True),
-                  Still(together / "bare", 40 * ns, frozenset({1}), False)]  # fmt: skip
+        stills = [ShotFile(together / "still", 40 * ns, frozenset({1}), True),
+                  ShotFile(together / "bare", 40 * ns, frozenset({1}), False)]  # fmt: skip
         placed = Camera(log).write(shots(together, list(range(len(spans)))), stills)
         Camera(log).write(shots(alone, [2]))
     for name in ("2-True.mp4", "2-False.mp4"):

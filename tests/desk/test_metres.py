@@ -12,7 +12,13 @@ import pytest
 from fixtures.scenes import GeneratedScene
 from fixtures.scripts import Script, walk
 from reasoning.questions import Case
-from reasoning.questions.metres import Ground, from_heights, homography, placed, read_points
+from reasoning.questions.metres import (
+    GroundPlane,
+    from_heights,
+    homography,
+    placed,
+    read_points,
+)
 from reasoning.questions.ready_questions import Options, question
 from recorders.errors import UsageError
 from recorders.pictures import decode_picture
@@ -71,7 +77,7 @@ def test_how_far_and_how_fast(filmed: Filmed) -> None:
     """Ten pixels a metre, flat: 320 pixels are 32 m."""
     scene, path = filmed("walks", WALKS)
     square = ((0.0, 0.0), (320.0, 0.0), (320.0, 240.0), (0.0, 240.0))
-    ground = Ground(points=tuple((p, (p[0] / 10, p[1] / 10)) for p in square))
+    ground = GroundPlane(points=tuple((p, (p[0] / 10, p[1] / 10)) for p in square))
     with Case([path], ground=ground) as case:
         rows = list(case.sql(question("moved").sql([], Options())).rows)
         names = case.sql(question("moved").sql([], Options())).columns

@@ -13,7 +13,7 @@ import numpy as np
 from reasoning.questions import Case
 from reasoning.questions.patterns import parse
 from recorders.annotated import checkpoint
-from recorders.corrections import Head, parse_corrections
+from recorders.corrections import CorrectionsHeader, parse_corrections
 from recorders.formats.opening import open_rows
 from recorders.log import LogReader
 from recorders.log.recovery import recover
@@ -145,7 +145,7 @@ def _checkpoint(log: Path) -> bytes:
 
 
 def _corrections() -> bytes:
-    head = Head("corrections", 1, "x.mcap", "camera", "events")
+    head = CorrectionsHeader("corrections", 1, "x.mcap", "camera", "events")
     return (
         msgspec.json.encode(head)
         + b'\n{"kind": "delete", "ids": [1], "by": "me", "why": "x"}\n'

@@ -51,7 +51,7 @@ MOST_DIFFERENCE = 24
 
 
 @dataclass(frozen=True)
-class Sight:
+class LandmarkSight:
     """How a picture shows a view under a shift.
 
     Attributes:
@@ -86,7 +86,7 @@ class Sight:
         return max(map(abs, self.drift)) <= DRIFT_PX
 
 
-NO_SIGHT = Sight(0.0, 0.0, (0.0, 0.0), np.zeros(0, bool))
+NO_SIGHT = LandmarkSight(0.0, 0.0, (0.0, 0.0), np.zeros(0, bool))
 
 
 class Landmarks:
@@ -151,7 +151,7 @@ class Landmarks:
         """Some of them; ``luma`` is the picture that they are of."""
         return Landmarks(luma, self.corners[kept])
 
-    def sight(self, luma: Image, shift: Shift, step: int = 1) -> Sight:
+    def sight(self, luma: Image, shift: Shift, step: int = 1) -> LandmarkSight:
         """How a picture shows them under a shift.
 
         Args:
@@ -161,7 +161,7 @@ class Landmarks:
         """
         index, inside, count = self._places(shift)
         if count < FEWEST:
-            return Sight(1.0, 0.0, (0.0, 0.0), np.zeros(len(self), bool))
+            return LandmarkSight(1.0, 0.0, (0.0, 0.0), np.zeros(len(self), bool))
         there = luma.ravel().take(index * step if step > 1 else index).astype(np.int32)
         total = _total(there)
         spread = SIDE * SIDE * _dot(there, there) - total * total
@@ -174,7 +174,7 @@ class Landmarks:
         if found >= FEWEST:
             drift, scatter = self._drift(there, total, spread, seen)
         score = float(np.maximum(alike, 0.0)[inside].sum())
-        return Sight(found / count, score, drift, seen, scatter)
+        return LandmarkSight(found / count, score, drift, seen, scatter)
 
     def _places(self, shift: Shift) -> tuple[Ints, NDArray[np.bool_], int]:
         """Where the landmarks' pixels lie under a shift, which landmarks lie in the picture, and
@@ -217,7 +217,7 @@ class Landmarks:
         distance = np.maximum(np.abs(dx - drift[0]), np.abs(dy - drift[1]))
         return drift, float(np.median(distance))
 
-    def search(self, luma: Image, around: Shift, reach: int) -> tuple[Shift, Sight]:
+    def search(self, luma: Image, around: Shift, reach: int) -> tuple[Shift, LandmarkSight]:
         """The shift under which they are seen best, within a reach of one; of equal ones the
         nearest.
         """
@@ -253,7 +253,7 @@ class Reference:
         """There are enough landmarks to know the view by."""
         return len(self._marks[0]) >= FEWEST
 
-    def sight(self, picture: Image, shift: Shift) -> Sight:
+    def sight(self, picture: Image, shift: Shift) -> LandmarkSight:
         """How a picture in Y, Cr, Cb, (H, W, 3) uint8, shows the view under a shift; not at all
         under one that is too large.
         """
@@ -271,13 +271,13 @@ class Reference:
         """
         return light_of(picture, self._picture).agreeing >= AGREES
 
-    def near(self, picture: Image, around: Shift) -> tuple[Shift, Sight]:
+    def near(self, picture: Image, around: Shift) -> tuple[Shift, LandmarkSight]:
         """The best shift within `NEAR` pixels of one."""
         luma = as_image(cv2.extractChannel(picture, 0))
         shift, sight = self._marks[0].search(luma, around, NEAR)
         return (shift, sight) if self.within(shift) else (around, NO_SIGHT)
 
-    def around(self, picture: Image, shift: Shift) -> tuple[Shift, Sight]:
+    def around(self, picture: Image, shift: Shift) -> tuple[Shift, LandmarkSight]:
         """The best shift within `NEAR` pixels of one in the smallest picture, then finer and
         finer.
         """
@@ -285,14 +285,14 @@ class Reference:
         scale = 1 << (len(levels) - 1)
         return self._finer(levels, (round(shift[0] / scale), round(shift[1] / scale)))
 
-    def anywhere(self, picture: Image) -> tuple[Shift, Sight]:
+    def anywhere(self, picture: Image) -> tuple[Shift, LandmarkSight]:
         """The best shift up to `MOST_SHIFT` of the picture: at large in the smallest picture, then
         finer and finer.
         """
         levels = _halved(as_image(cv2.extractChannel(picture, 0)))
         return self._finer(levels, _at_large(self._flat, _without_light(levels[-1])))
 
-    def _finer(self, levels: list[Image], shift: Shift) -> tuple[Shift, Sight]:
+    def _finer(self, levels: list[Image], shift: Shift) -> tuple[Shift, LandmarkSight]:
         sight = NO_SIGHT
         for k in range(len(levels) - 1, -1, -1):
             if len(self._marks[k]) >= FEWEST:

@@ -13,10 +13,10 @@ from recorders.pictures import Image
 from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
 from recorders.segmentation.change.landmarks import Reference, Shift, shifted
 from recorders.segmentation.change.views import (
-    Colours,
+    CameraPlace,
+    ColourMode,
     Division,
-    Place,
-    Seen,
+    ViewSeen,
     aligned,
     divide,
     find,
@@ -46,7 +46,7 @@ def without_grain(picture: Image) -> Image:
 
 
 @dataclass
-class Ground:
+class ViewBackground:
     """The background of one place, in colours or in grey.
 
     Attributes:
@@ -70,8 +70,8 @@ class Ground:
 class View:
     """A place as one picture shows it."""
 
-    place: Place
-    ground: Ground
+    place: CameraPlace
+    ground: ViewBackground
     shift: Shift = (0, 0)
 
     @property
@@ -119,9 +119,9 @@ class Scenery:
     def __init__(self, parameters: SegmentationParameters, fps: float) -> None:
         self._p = parameters
         self._fps = fps
-        self._grounds: dict[tuple[int, bool], Ground] = {}
+        self._grounds: dict[tuple[int, bool], ViewBackground] = {}
         self._division = Division()
-        self._watch = Watch([], fps, colours=Colours())
+        self._watch = Watch([], fps, colours=ColourMode())
         self._foreground = 0
         self._size = 1
         self.look = Look(None)
@@ -174,11 +174,11 @@ class Scenery:
             self._fps,
             division.flat,
             steady=steady,
-            colours=Colours(colours[0], division.colours) if any(colours) else None,
+            colours=ColourMode(colours[0], division.colours) if any(colours) else None,
         )
         return True
 
-    def _learnt(self, stack: list[Image]) -> Ground:
+    def _learnt(self, stack: list[Image]) -> ViewBackground:
         """A background; where noise alone decides what is foreground, that of pictures without
         their grain.
         """
@@ -186,9 +186,9 @@ class Scenery:
             stack, self._p.threshold_levels, self._p.spread_weight
         )
         if not background.noisy:
-            return Ground(background)
+            return ViewBackground(background)
         stack = [without_grain(picture) for picture in stack]
-        return Ground(
+        return ViewBackground(
             Background.learn(stack, self._p.threshold_levels, self._p.spread_weight),
             grainy=True,
         )
@@ -198,7 +198,7 @@ class Scenery:
         seen = self._division.seen[number]
         return None if seen.place is None else self._view(seen)
 
-    def _view(self, seen: Seen | Look) -> View | None:
+    def _view(self, seen: ViewSeen | Look) -> View | None:
         assert seen.place is not None
         ground = self._grounds.get((seen.place, seen.coloured))
         if ground is None:
@@ -258,7 +258,7 @@ class Scenery:
                 as_image(cv2.extractChannel(ground.background.colour, 0))
             )
 
-    def _begun(self, picture: Image, key: tuple[int, bool]) -> Ground:
+    def _begun(self, picture: Image, key: tuple[int, bool]) -> ViewBackground:
         """The ground of a view that nothing was learnt of: of the same place in colours, else
         whatever the picture shows.
         """
@@ -269,12 +269,14 @@ class Scenery:
         coloured = self._grounds.get((key[0], True))
         if coloured is not None:
             grey = coloured.background.in_grey()
-            return Ground(grey, coloured.grainy, past, borrowed=True)
-        return Ground(Background(picture, np.zeros(picture.shape[:2], np.uint8)), past=past)
+            return ViewBackground(grey, coloured.grainy, past, borrowed=True)
+        return ViewBackground(
+            Background(picture, np.zeros(picture.shape[:2], np.uint8)), past=past
+        )
 
 
 def _know_by(
-    place: Place, background: Background, shown: list[tuple[Image, Shift]]
+    place: CameraPlace, background: Background, shown: list[tuple[Image, Shift]]
 ) -> None:
     """Know a place by its background, and by the landmarks there that are mostly seen."""
     luma = as_image(cv2.extractChannel(background.colour, 0))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from recorders.pictures import Image
-from recorders.segmentation.change.landmarks import Reference, Shift, Sight, shifted
+from recorders.segmentation.change.landmarks import LandmarkSight, Reference, Shift, shifted
 from recorders.segmentation.change.light import coloured_share, light_of, one_colour_share
 from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
@@ -33,7 +33,7 @@ FEWEST_PICTURES = 5
 
 
 @dataclass
-class Place:
+class CameraPlace:
     """Where a camera looks.
 
     Attributes:
@@ -53,7 +53,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Seen:
+class ViewSeen:
     """What one picture shows.
 
     Attributes:
@@ -78,8 +78,8 @@ class Division:
         colours: the share of their cells that has colours, where there are some.
     """
 
-    places: list[Place] = field(default_factory=list)
-    seen: list[Seen] = field(default_factory=list)
+    places: list[CameraPlace] = field(default_factory=list)
+    seen: list[ViewSeen] = field(default_factory=list)
     flat: float = 0.0
     colours: float = 1.0
 
@@ -91,7 +91,7 @@ def one_colour_from(usual: float) -> float:
     return max(ONE_COLOUR, usual + MORE_OF_IT)
 
 
-class Colours:
+class ColourMode:
     """Whether pictures have colours, one after another, by the share of their cells that have.
 
     Attributes:
@@ -116,7 +116,7 @@ class Colours:
         return self.coloured
 
 
-def find(picture: Image, place: Place, shift: Shift) -> tuple[Shift, Sight]:
+def find(picture: Image, place: CameraPlace, shift: Shift) -> tuple[Shift, LandmarkSight]:
     """The shift under which a picture shows a place, looked for from the last one on."""
     reference = place.reference
     best = shift, reference.sight(picture, shift)
@@ -134,7 +134,7 @@ def find(picture: Image, place: Place, shift: Shift) -> tuple[Shift, Sight]:
     return best
 
 
-def shows(sight: Sight) -> bool:
+def shows(sight: LandmarkSight) -> bool:
     """Whether a picture shows a view, unmoved but for the shift."""
     return sight.share >= KNOWN_AGAIN and sight.even
 
@@ -144,32 +144,32 @@ def divide(pictures: list[Image]) -> Division:
     made = Division()
     shifts: list[Shift] = []
     last = 0
-    colours = Colours()
+    colours = ColourMode()
     flat = [one_colour_share(picture)[0] for picture in pictures]
     made.flat = sorted(flat)[len(flat) // 2]
     for picture, share in zip(pictures, flat, strict=True):
         if share >= one_colour_from(made.flat):
-            made.seen.append(Seen(None))
+            made.seen.append(ViewSeen(None))
             continue
         coloured = colours.step(coloured_share(picture))
         number = _known(picture, made.places, shifts, last)
         if number is None:
             reference = Reference(as_image(cv2.extractChannel(picture, 0)))
             if made.places and not reference.known:
-                made.seen.append(Seen(None, coloured=coloured))
+                made.seen.append(ViewSeen(None, coloured=coloured))
                 continue
             number = len(made.places)
-            made.places.append(Place(number, reference))
+            made.places.append(CameraPlace(number, reference))
             shifts.append((0, 0))
         last = number
-        made.seen.append(Seen(number, shifts[number], coloured))
+        made.seen.append(ViewSeen(number, shifts[number], coloured))
     made.seen = _at_rest(made.seen)
     made.colours = colours.usual
     return made
 
 
 def _known(
-    picture: Image, places: list[Place], shifts: list[Shift], last: int
+    picture: Image, places: list[CameraPlace], shifts: list[Shift], last: int
 ) -> int | None:
     """The number of the place that a picture shows; its shift goes into ``shifts``."""
     order = sorted(places, key=lambda place: (place.number != last, -place.number))
@@ -186,7 +186,7 @@ def _known(
     return next((p.number for p in order if p.reference.agrees(picture)), None)
 
 
-def _at_rest(seen: list[Seen]) -> list[Seen]:
+def _at_rest(seen: list[ViewSeen]) -> list[ViewSeen]:
     """The same with each place's most usual shift as its zero; of equal ones the first."""
     zero: dict[int | None, Shift] = {}
     for place in dict.fromkeys(s.place for s in seen):

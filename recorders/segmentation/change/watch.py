@@ -7,12 +7,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from recorders.pictures import Image
-from recorders.segmentation.change.landmarks import NEAR, NO_SIGHT, Reference, Shift, Sight
+from recorders.segmentation.change.landmarks import (
+    NEAR,
+    NO_SIGHT,
+    LandmarkSight,
+    Reference,
+    Shift,
+)
 from recorders.segmentation.change.light import coloured_share, one_colour_share
 from recorders.segmentation.change.views import (
     FEWEST_PICTURES,
-    Colours,
-    Place,
+    CameraPlace,
+    ColourMode,
     find,
     one_colour_from,
     shows,
@@ -67,19 +73,19 @@ class Watch:
 
     def __init__(
         self,
-        places: list[Place],
+        places: list[CameraPlace],
         fps: float,
         one_colour: float = 0.0,
         *,
         steady: bool = False,
-        colours: Colours | None = None,
+        colours: ColourMode | None = None,
     ) -> None:
         self.places = places
         self._fps = fps
         self._one_colour = one_colour_from(one_colour)
         self._last = Look(None)
         self._colours = colours
-        self._home: tuple[Place, Shift] | None = None
+        self._home: tuple[CameraPlace, Shift] | None = None
         self._frames = 0
         self._next_look = 0
         self._looked_at = -1
@@ -140,7 +146,9 @@ class Watch:
             return Look(place.number, shift, coloured, colours)
         return Look(None, (0, 0), coloured, colours, 0.0, "", share)
 
-    def _placed(self, picture: Image, last: Look) -> tuple[Place | None, Shift, Sight]:
+    def _placed(
+        self, picture: Image, last: Look
+    ) -> tuple[CameraPlace | None, Shift, LandmarkSight]:
         """The place that a picture shows, and its shift: the last one as long as it may be."""
         if self._home is None:
             return self._first(picture)
@@ -160,16 +168,16 @@ class Watch:
     def _next_number(self) -> int:
         return 1 + max((place.number for place in self.places), default=-1)
 
-    def _first(self, picture: Image) -> tuple[Place | None, Shift, Sight]:
+    def _first(self, picture: Image) -> tuple[CameraPlace | None, Shift, LandmarkSight]:
         found = self._anywhere(picture)
         if found[0] is not None:
             return found
         if self.places:
             # Pictures of it were seen, though this one shows it badly.
             return self.places[0], (0, 0), NO_SIGHT
-        return Place(0, _reference(picture)), (0, 0), NO_SIGHT
+        return CameraPlace(0, _reference(picture)), (0, 0), NO_SIGHT
 
-    def _anywhere(self, picture: Image) -> tuple[Place | None, Shift, Sight]:
+    def _anywhere(self, picture: Image) -> tuple[CameraPlace | None, Shift, LandmarkSight]:
         known = [place for place in self.places if place.reference.known]
         for search in (find_at_rest, find_anywhere):
             for place in known:
@@ -178,15 +186,19 @@ class Watch:
                     return place, shift, sight
         return None, (0, 0), NO_SIGHT
 
-    def _at_rest(self, picture: Image) -> tuple[Place | None, Shift, Sight]:
+    def _at_rest(self, picture: Image) -> tuple[CameraPlace | None, Shift, LandmarkSight]:
         """The place that a camera has come to rest on: a known one, or in the end a new one."""
         rest = self._rest
         if rest is not None and rest.reference.known:
-            shift, sight = find(picture, Place(-1, rest.reference), (0, 0))
+            shift, sight = find(picture, CameraPlace(-1, rest.reference), (0, 0))
             if shows(sight) and max(map(abs, shift)) <= NEAR:
                 rested = self._frames - rest.since
                 if rested >= max(FEWEST_PICTURES, REST_S * self._fps):
-                    return Place(self._next_number(), _reference(picture)), (0, 0), NO_SIGHT
+                    return (
+                        CameraPlace(self._next_number(), _reference(picture)),
+                        (0, 0),
+                        NO_SIGHT,
+                    )
                 if rested >= SEARCH_S * self._fps and not rest.searched:
                     rest.searched = True
                     return self._anywhere(picture)
@@ -210,11 +222,11 @@ def _reference(picture: Image) -> Reference:
     return Reference(as_image(cv2.extractChannel(picture, 0)))
 
 
-def find_at_rest(picture: Image, place: Place) -> tuple[Shift, Sight]:
+def find_at_rest(picture: Image, place: CameraPlace) -> tuple[Shift, LandmarkSight]:
     """Where a place lies if the picture shows it nearly unmoved."""
     return find(picture, place, (0, 0))
 
 
-def find_anywhere(picture: Image, place: Place) -> tuple[Shift, Sight]:
+def find_anywhere(picture: Image, place: CameraPlace) -> tuple[Shift, LandmarkSight]:
     """Where a place lies if the picture shows a part of it."""
     return place.reference.anywhere(picture)

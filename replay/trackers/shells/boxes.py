@@ -44,7 +44,7 @@ _STRANGER = 0.4
 """Distance of colours of two who have nothing to do with one another, usually."""
 
 
-class Looks:
+class BoxColours:
     """The colours of detections, looked at when somebody asks: of the ellipse within the box,
     where the body is.
     """
@@ -64,7 +64,9 @@ class Looks:
         return self._known[column]
 
 
-def match(bodies: Bodies, free: Free, looks: Looks, parameters: ShellsParameters) -> Pairs:
+def match(
+    bodies: Bodies, free: Free, looks: BoxColours, parameters: ShellsParameters
+) -> Pairs:
     """(row, detection) pairs: those in sight choose first, then the lost, last the tentative."""
     items = bodies.items
     followed = [
@@ -98,7 +100,7 @@ def _near(
     rows: Rows,
     boxes: Floats,
     columns: Rows,
-    looks: Looks,
+    looks: BoxColours,
     parameters: ShellsParameters,
 ) -> Pairs:
     """Pairs near the predictions, (index of row, index of box)."""
@@ -118,7 +120,7 @@ def _near(
 
 
 def _strange(
-    bodies: Bodies, rows: Rows, columns: Rows, allowed: NDArray[np.bool_], looks: Looks
+    bodies: Bodies, rows: Rows, columns: Rows, allowed: NDArray[np.bool_], looks: BoxColours
 ) -> Floats:
     """Hellinger distances of colours where pairs compete, 0 elsewhere: places decide where they
     can.
@@ -141,7 +143,7 @@ def learn(
     bodies: Bodies,
     taken: Mapping[int, int],
     free: Free,
-    looks: Looks,
+    looks: BoxColours,
     due: bool,
 ) -> None:
     """Learn from {detection: row}, where no other detection is near: how who was in sight moves,

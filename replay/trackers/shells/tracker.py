@@ -291,7 +291,7 @@ class ShellsTracker:
     def _follow_boxes(self, frame: Frame, free: Free, radii: Floats) -> dict[int, int]:
         """The same where boxes are all there is; {column: row}."""
         seeing = self._scene.has_images and self._p.box_colour > 0
-        looks = boxes.Looks(free.boxes, (lambda: frame.image) if seeing else None)
+        looks = boxes.BoxColours(free.boxes, (lambda: frame.image) if seeing else None)
         taken = {
             column: row for row, column in boxes.match(self._bodies, free, looks, self._p)
         }

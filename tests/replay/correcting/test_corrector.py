@@ -10,14 +10,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from recorders.corrections import Correction, Corrections, Head, begun, parse_corrections
+from recorders.corrections import (
+    Correction,
+    Corrections,
+    CorrectionsHeader,
+    begun,
+    parse_corrections,
+)
 from recorders.errors import SceneTraceError, SourceError, UsageError
 from recorders.messages import GroupTrack, Notice, Target, Targets
 from replay.correcting import Book, Corrector, Wish, add, take_back
 from replay.correcting.book import Presence
 from replay.correcting.names import Names
 
-HEAD = Head("corrections", 1, "a.mcap", "camera", "events")
+HEAD = CorrectionsHeader("corrections", 1, "a.mcap", "camera", "events")
 FRAMES = 30
 
 

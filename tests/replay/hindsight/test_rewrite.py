@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from recorders.messages import GroupTrack, Notice, Sighting, Target, Targets
+from recorders.messages import GroupTrack, Notice, Target, Targets, TrackSighting
 from recorders.parameters import Config, configure
 from recorders.scene import SceneInfo
 from replay.hindsight import SECTIONS, rewrite
@@ -142,7 +142,7 @@ def test_what_is_too_far_or_too_late_stays_apart() -> None:
 def test_births_are_back_dated_to_the_first_sighting() -> None:
     frames = _walk(40, range(0))
     frames = [Targets(t.frame, []) if t.frame < 5 else t for t in frames]
-    sightings = [Sighting(k, (50 + 5.0 * k, 200.0, 20.0, 40.0)) for k in range(2, 5)]
+    sightings = [TrackSighting(k, (50 + 5.0 * k, 200.0, 20.0, 40.0)) for k in range(2, 5)]
     confirmed = Notice("track_confirmed", [2], "rule", sightings=sightings)
     frames[5] = Targets(5, frames[5].targets, None, [confirmed])
     out = _run(frames)
@@ -466,7 +466,7 @@ def _passers_by(count: int) -> Iterable[Targets]:
     """One after the other crosses the picture, each for two seconds."""
     for k in range(count):
         for step in range(20):
-            sighted = [Sighting(20 * k, (50.0, 200.0, 20.0, 40.0))]
+            sighted = [TrackSighting(20 * k, (50.0, 200.0, 20.0, 40.0))]
             notices = (
                 [Notice("track_confirmed", [k + 1], "", sightings=sighted)]
                 if step == 3

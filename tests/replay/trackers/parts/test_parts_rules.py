@@ -9,15 +9,15 @@ from fixtures.logs import write_scene_log
 from fixtures.scenes import generate
 from recorders.messages import NO_BLOB
 from recorders.scene import SceneLog
-from replay.engine import Engine, Scene
+from replay.engine import Engine, FrameResult
 
 
-def played(path: Path) -> list[Scene]:
+def played(path: Path) -> list[FrameResult]:
     with SceneLog(path) as log:
         return list(Engine(log, "parts").run())
 
 
-def observed(scenes: list[Scene]) -> dict[int, list[int]]:
+def observed(scenes: list[FrameResult]) -> dict[int, list[int]]:
     """Frames in which each target was seen, by id."""
     seen: dict[int, list[int]] = {}
     for s in scenes:

@@ -12,17 +12,17 @@ from fixtures.logs import record_scene, write_scene_log
 from fixtures.scenes import GeneratedScene, generate
 from recorders.messages import NO_BLOB
 from recorders.scene import SceneLog
-from replay.engine import Engine, Scene
+from replay.engine import Engine, FrameResult
 from replay.trackers.life import TENTATIVE
 from replay.trackers.shells.objects import Body
 
 
-def played(path: Path) -> list[Scene]:
+def played(path: Path) -> list[FrameResult]:
     with SceneLog(path) as log:
         return list(Engine(log, "shells").run())
 
 
-def joint_frames(scenes: list[Scene], a: int, b: int) -> list[int]:
+def joint_frames(scenes: list[FrameResult], a: int, b: int) -> list[int]:
     return [
         s.frame.index
         for s in scenes
