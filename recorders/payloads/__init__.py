@@ -10,7 +10,7 @@ from recorders.payloads.pictures import (
     VideoPacket,
     read_picture,
 )
-from recorders.payloads.read import PayloadError, payload_kind
+from recorders.payloads.read import PayloadError, own_stamp_ns, payload_kind
 
 __all__ = [
     "DETECTIONS",
@@ -20,6 +20,7 @@ __all__ = [
     "RawPicture",
     "Still",
     "VideoPacket",
+    "own_stamp_ns",
     "payload_kind",
     "read_detections",
     "read_picture",

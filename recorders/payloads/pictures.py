@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -38,15 +39,28 @@ PICTURES = frozenset(
 """Kinds of channels that hold pictures, see `recorders.payloads.payload_kind`."""
 _DEPTH_HEAD_BYTES = 12
 _PNG = b"\x89PNG"
-CODECS = {
-    "h264": "h264", "avc": "h264", "x264": "h264", "h.264": "h264", "libx264": "h264",
-    "h264_nvenc": "h264", "h264_vaapi": "h264", "nvenc": "h264",
-    "h265": "hevc", "hevc": "hevc", "h.265": "hevc", "libx265": "hevc",
-    "hevc_nvenc": "hevc", "hevc_vaapi": "hevc",
-    "vp9": "vp9", "libvpx-vp9": "vp9", "av1": "av1", "libaom-av1": "av1", "libsvtav1": "av1",
-    "mjpeg": "mjpeg",
-}  # fmt: skip
-"""What a video's format is called in logs, and what FFmpeg calls its decoder."""
+_STILL = (b"\xff\xd8", _PNG)
+_CODECS = {
+    "h264": r"(lib)?(x|h\.?|open)264|avc",
+    "hevc": r"(lib)?(x|h\.?)265|hevc",
+    "vp9": r"(lib)?(vpx-)?vp9",
+    "vp8": r"(lib)?(vpx-)?vp8|libvpx",
+    "av1": r"(lib)?((svt|aom|dav1d|rav1e)-?)*av1|librav1e",
+    "mjpeg": r"mjpe?g",
+}
+_CODEC = re.compile(
+    "|".join(f"(?P<{codec}>{names})" for codec, names in _CODECS.items()), re.IGNORECASE
+)
+
+
+def codec_of(name: str) -> str | None:
+    """FFmpeg's decoder of what a log calls a video's format or its encoder; None of no video.
+
+    >>> [codec_of(n) for n in ("H.265", "h264_nvenc", "libx264rgb", "libsvtav1", "jpeg")]
+    ['hevc', 'h264', 'h264', 'av1', None]
+    """
+    match = _CODEC.match(name.strip())
+    return None if match is None else match.lastgroup
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,14 +144,18 @@ def read_picture(channel: ChannelInfo, data: bytes) -> Still | RawPicture | Vide
 def _compressed(
     kind: str, stamp: int, frame: str, written: str, data: bytes
 ) -> Still | VideoPacket:
+    codec = codec_of(written)
     if kind.endswith(("CompressedVideo", "FFMPEGPacket")):
-        name = written.split(";", maxsplit=1)[0].strip().lower()
-        codec = CODECS.get(name)
         if codec is None:
             raise PayloadError(
-                f"a video in the format {written[:40]!r}; known are h264, h265, vp9, av1"
+                f"a video in the format {written[:40]!r}; known are h264, h265, vp8, vp9, av1,"
+                " mjpeg"
             )
         return VideoPacket(stamp, frame, codec, data)
+    if codec is not None and codec != "mjpeg" and not data.startswith(_STILL):
+        return VideoPacket(
+            stamp, frame, codec, data
+        )  # a hardware encoder's, in pictures' type
     if "compresseddepth" in written.lower():
         if data[_DEPTH_HEAD_BYTES : _DEPTH_HEAD_BYTES + 4] != _PNG:
             raise PayloadError(f"distances in {written[:60]!r}; those in PNG can be read")
@@ -190,9 +208,12 @@ _PLANES = {
 }
 
 
+_DISTANCES = "32FC1"
+
+
 def is_deep(picture: RawPicture) -> bool:
     """Whether its pixels are of more than eight bits."""
-    return picture.encoding in _SIXTEEN_BITS
+    return picture.encoding in _SIXTEEN_BITS or picture.encoding == _DISTANCES
 
 
 def raw_pixels(
@@ -219,16 +240,14 @@ def raw_pixels(
         if not even:
             raise PayloadError(f"{picture.encoding} pictures of an odd size")
         return _PLANES[picture.encoding](rows)
-    if picture.encoding in _SIXTEEN_BITS:
-        channels, name = _SIXTEEN_BITS[picture.encoding]
-        order = ">u2" if picture.big else "<u2"
-        deep = _rows(picture, channels, order, picture.height)
-        eight = np.minimum(deep >> max(0, bits - 8), 255).astype(np.uint8)
+    if is_deep(picture):
+        _, name = _SIXTEEN_BITS.get(picture.encoding, (1, "8UC1"))
+        eight = np.minimum(_deep(picture) >> max(0, bits - 8), 255).astype(np.uint8)
         return _EIGHT_BITS[name][1](eight)
     if picture.encoding not in _EIGHT_BITS:
         raise PayloadError(
             f"pixels in {picture.encoding[:40]!r} cannot be shown; known are"
-            f" {', '.join([*_EIGHT_BITS, *_SIXTEEN_BITS, *_PLANES])}"
+            f" {', '.join([*_EIGHT_BITS, *_SIXTEEN_BITS, *_PLANES, _DISTANCES])}"
         )
     channels, convert = _EIGHT_BITS[picture.encoding]
     if channels == 2 and picture.width % 2:
@@ -238,9 +257,17 @@ def raw_pixels(
 
 def bits_used(picture: RawPicture) -> int:
     """How many bits the largest value of a picture of 16-bit pixels fills: 8 to 16, even."""
-    channels, _ = _SIXTEEN_BITS[picture.encoding]
-    deep = _rows(picture, channels, ">u2" if picture.big else "<u2", picture.height)
-    return even_bits(int(deep.max(initial=0)))
+    return even_bits(int(_deep(picture).max(initial=0)))
+
+
+def _deep(picture: RawPicture) -> Any:
+    """Values of 16 bits; distances, which are metres (REP 118), in millimetres."""
+    order = ">" if picture.big else "<"
+    if picture.encoding != _DISTANCES:
+        channels, _ = _SIXTEEN_BITS[picture.encoding]
+        return _rows(picture, channels, f"{order}u2", picture.height)
+    metres = np.nan_to_num(_rows(picture, 1, f"{order}f4", picture.height), posinf=0.0)
+    return np.clip(metres * 1000.0, 0, 65535).astype(np.uint16)
 
 
 def _rows(picture: RawPicture, channels: int, form: str, height: int) -> Any:

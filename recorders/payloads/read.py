@@ -20,9 +20,10 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError
 
 from recorders.errors import SceneTraceError
-from recorders.log.model import ChannelInfo
+from recorders.log.model import ChannelInfo, Message, Schema
 from recorders.loose_json import decode_loose
 from recorders.payloads import ros
+from recorders.payloads.ros_known import known_definition
 
 NANOS = 1_000_000_000
 _OURS = "scenetrace.Detections"
@@ -61,6 +62,21 @@ def _definitions(name: str, text: bytes) -> ros.Definitions:
     return ros.parse_definitions(name, text.decode("utf-8", "replace"))
 
 
+def _definition(schema: Schema) -> bytes:
+    """A ROS message's definition; that which is known where the log has none that can be read.
+
+    Raises:
+        PayloadError: none is known.
+    """
+    if schema.data and schema.encoding in ("ros2msg", "ros1msg"):
+        return schema.data
+    known = known_definition(schema.name).encode()
+    if not known:
+        lacking = "written in " + schema.encoding if schema.data else "not in the log"
+        raise PayloadError(f"its definition is {lacking}; ros2msg and ros1msg can be read")
+    return known
+
+
 def fields(channel: ChannelInfo, data: bytes) -> Any:
     """The payload's fields: a protobuf message, or a dictionary with the same or ROS' names.
 
@@ -75,12 +91,7 @@ def fields(channel: ChannelInfo, data: bytes) -> Any:
         if encoding == "json":
             return decode_loose(data)
         if encoding in ("cdr", "ros1") and channel.schema is not None:
-            if channel.schema.encoding not in ("ros2msg", "ros1msg"):
-                raise PayloadError(
-                    f"its definition is written in {channel.schema.encoding or 'no language'};"
-                    " ros2msg and ros1msg can be read"
-                )
-            definitions = _definitions(channel.schema.name, channel.schema.data)
+            definitions = _definitions(channel.schema.name, _definition(channel.schema))
             return ros.decode(channel.schema.name, definitions, data, encoding == "ros1")
     except (
         DecodeError,
@@ -152,6 +163,14 @@ def stamp_ns(found: Any) -> int:
         if isinstance(a, int) and isinstance(b, int):
             return max(0, a * NANOS + b)
     return 0
+
+
+def own_stamp_ns(message: Message) -> int:
+    """A message's own stamp, also of one whose picture cannot be read; 0 where it has none."""
+    try:
+        return stamp_ns(fields(message.channel, message.data))
+    except PayloadError:
+        return 0
 
 
 def _from_text(text: str) -> int:

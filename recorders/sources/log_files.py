@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import heapq
-import shutil
-import tempfile
 import weakref
 from collections.abc import Collection, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
 import msgspec
-import zstandard
 
-from recorders.errors import LimitError, RecordingError, SourceError
+from recorders.errors import LimitError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import Attachment, ChannelInfo, LogReader, Message
 from recorders.names import by_number
+from recorders.sources.unpacking import Unpacker, is_packed, unpacked_message
 
 _MOST_FILES = 4096
-_STEP = 1 << 20
 _MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -31,6 +29,7 @@ class LogFiles(Protocol):
         name: what it is, in words.
         channels: all of them, by topic.
         start_ns, end_ns: log times of the first and the last message, None without messages.
+        losses: what of it is known to be missing.
     """
 
     path: Path
@@ -38,6 +37,7 @@ class LogFiles(Protocol):
     channels: list[ChannelInfo]
     start_ns: int | None
     end_ns: int | None
+    losses: list[str]
 
     def messages(
         self, topics: Collection[str] | None = None, stored: bool = False
@@ -81,17 +81,18 @@ class McapFiles:
         self, path: Path, files: Sequence[Path], limits: Limits = DEFAULT_LIMITS
     ) -> None:
         self.path = path
+        self.losses: list[str] = []
         self._given = list(files)
         self._limits = limits
-        self._folders: list[str] = []
+        self._unpacker = Unpacker(limits)
         if len(files) > _MOST_FILES:
             raise LimitError(f"{len(files)} files, at most {_MOST_FILES} are read", path)
         self._readers: list[LogReader] = []
         # A source is dropped, not closed: its files are given back with it.
-        self._closing = weakref.finalize(self, _close_all, self._readers, self._folders)
+        self._closing = weakref.finalize(self, _close_all, self._readers, self._unpacker)
         try:
             for index, file in enumerate(files):
-                self._readers.append(LogReader(self._unpacked(file, index), limits))
+                self._readers.append(LogReader(self._unpacker.file(file, index), limits))
             self._packed = [_compresses_messages(reader) for reader in self._readers]
         except BaseException:
             self.close()
@@ -101,7 +102,7 @@ class McapFiles:
             for index, reader in enumerate(self._readers)
             for channel in reader.channels
         }
-        self.channels = _summed([found[key] for key in sorted(found)])
+        self.channels = summed([found[key] for key in sorted(found)])
         profiles = {reader.index.header.profile for reader in self._readers}
         self.name = "ROS 2 bag (MCAP)" if profiles == {"ros2"} else "MCAP log"
         starts = [
@@ -111,39 +112,14 @@ class McapFiles:
         self.start_ns = min(starts, default=None)
         self.end_ns = max(ends, default=None)
 
-    def _unpacked(self, path: Path, number: int) -> Path:
-        if path.suffix.lower() not in (".zstd", ".zst"):
-            return path
-        if not self._folders:
-            self._folders.append(tempfile.mkdtemp(prefix="scenetrace-"))
-        out = Path(self._folders[0]) / f"{number}-{path.with_suffix('').name}"
-        limit, size = self._limits.max_unpacked_bytes, 0
-        try:
-            with path.open("rb") as source, out.open("wb") as target:
-                unpacker = zstandard.ZstdDecompressor().stream_reader(
-                    source, read_across_frames=True
-                )
-                while piece := unpacker.read(_STEP):
-                    size += len(piece)
-                    if size > limit:
-                        raise LimitError(
-                            f"unpacks to over {limit} bytes (max_unpacked_bytes)", path
-                        )
-                    target.write(piece)
-        except zstandard.ZstdError as error:
-            raise SourceError(f"zstd cannot unpack it: {error}", path) from error
-        except OSError as error:
-            raise SourceError(f"cannot be unpacked: {error.strerror}", path) from error
-        return out
-
     def messages(
         self, topics: Collection[str] | None = None, stored: bool = False
     ) -> Iterator[Message]:
         """See `LogFiles`."""
         if stored:
-            for number, reader in enumerate(self._readers):
+            for reader in self._readers:
                 for one in reader.stored(topics):
-                    yield self._plain(number, one)
+                    yield self._plain(one)
             return
         # A file is begun when its turn comes: until then it stands for its first message.
         heap: list[tuple[int, int, Message | None]] = [
@@ -158,30 +134,19 @@ class McapFiles:
             if message is None:
                 running[number] = self._readers[number].messages(topics)
             else:
-                yield self._plain(number, message)
+                yield self._plain(message)
             following = next(running[number], None)
             if following is not None:
                 heapq.heappush(heap, (following.log_time_ns, number, following))
 
-    def _plain(self, number: int, message: Message) -> Message:
-        if not self._packed[number]:
+    def _plain(self, message: Message) -> Message:
+        # Neither CDR nor JSON begins as zstd does; of protobuf nobody can tell.
+        known = message.channel.message_encoding in ("cdr", "json")
+        if not known or not is_packed(message.data):
             return message
-        limit = self._limits.max_message_bytes
-        try:
-            data = zstandard.ZstdDecompressor().stream_reader(message.data).read(limit + 1)
-        except zstandard.ZstdError as error:
-            raise RecordingError(
-                f"the message at {message.log_time_ns} ns is no zstd: {error}",
-                self.path,
-                record=message.topic,
-            ) from error
-        if len(data) > limit:
-            raise LimitError(
-                f"the message at {message.log_time_ns} ns unpacks to over {limit} bytes"
-                " (max_message_bytes)",
-                self.path,
-                record=message.topic,
-            )
+        data = unpacked_message(
+            message.data, message.topic, message.log_time_ns, self.path, self._limits
+        )
         return msgspec.structs.replace(message, data=data)
 
     def attachments(self) -> Iterator[Attachment]:
@@ -211,11 +176,10 @@ class McapFiles:
         self._closing()
 
 
-def _close_all(readers: list[LogReader], folders: list[str]) -> None:
+def _close_all(readers: list[LogReader], unpacker: Unpacker) -> None:
     for reader in readers:
         reader.close()
-    for folder in folders:
-        shutil.rmtree(folder, ignore_errors=True)
+    unpacker.close()
 
 
 def _compresses_messages(reader: LogReader) -> bool:
@@ -226,7 +190,7 @@ def _compresses_messages(reader: LogReader) -> bool:
     )
 
 
-def _summed(channels: list[ChannelInfo]) -> list[ChannelInfo]:
+def summed(channels: list[ChannelInfo]) -> list[ChannelInfo]:
     """Channels of several files as one each: those that differ in nothing but id and count."""
     found: dict[str, ChannelInfo] = {}
     for channel in channels:
@@ -248,6 +212,53 @@ def _summed(channels: list[ChannelInfo]) -> list[ChannelInfo]:
             before.id,
         )
     return list(found.values())
+
+
+class SeveralLogs:
+    """Logs of different kinds as one recording, by log time; in the given order where times are
+    equal.
+    """
+
+    def __init__(self, parts: Sequence[LogFiles]) -> None:
+        self._parts = list(parts)
+        self.path = parts[0].path
+        self.name = " and ".join(dict.fromkeys(part.name for part in parts))
+        self.channels = summed([c for part in parts for c in part.channels])
+        self.losses = [loss for part in parts for loss in part.losses]
+        starts = [part.start_ns for part in parts if part.start_ns is not None]
+        ends = [part.end_ns for part in parts if part.end_ns is not None]
+        self.start_ns = min(starts, default=None)
+        self.end_ns = max(ends, default=None)
+
+    def messages(
+        self, topics: Collection[str] | None = None, stored: bool = False
+    ) -> Iterator[Message]:
+        """See `LogFiles`."""
+        streams = [part.messages(topics, stored) for part in self._parts]
+        if stored:
+            return chain.from_iterable(streams)
+        return heapq.merge(*streams, key=lambda message: message.log_time_ns)
+
+    def attachments(self) -> Iterator[Attachment]:
+        """See `LogFiles`."""
+        return chain.from_iterable(part.attachments() for part in self._parts)
+
+    def metadata(self) -> list[tuple[str, dict[str, str]]]:
+        """See `LogFiles`."""
+        return [entry for part in self._parts for entry in part.metadata()]
+
+    def again(self) -> SeveralLogs:
+        """See `LogFiles`."""
+        return SeveralLogs([part.again() for part in self._parts])
+
+    def files(self) -> list[Path]:
+        """See `LogFiles`."""
+        return [path for part in self._parts for path in part.files()]
+
+    def close(self) -> None:
+        """See `LogFiles`."""
+        for part in self._parts:
+            part.close()
 
 
 def is_mcap(path: Path) -> bool:

@@ -11,12 +11,26 @@ from recorders.errors import LimitError, RecordingError
 from recorders.left_out import LeftOut
 from recorders.limits import Limits
 from recorders.log import Message
-from recorders.payloads import PayloadError, RawPicture, Still, VideoPacket, read_picture
+from recorders.payloads import (
+    PayloadError,
+    RawPicture,
+    Still,
+    VideoPacket,
+    own_stamp_ns,
+    read_picture,
+)
 from recorders.payloads.pictures import bits_used, is_deep, raw_pixels
 from recorders.payloads.stream import VideoStream
-from recorders.pictures import Image, is_whole
+from recorders.pictures import Image, check_size, is_whole
+from recorders.sources.packet_times import Packet, PacketTimes
 from recorders.sources.source import PictureError
-from recorders.stills import StillHeader, decode_still, still_header, stored_values
+from recorders.stills import (
+    StillHeader,
+    decode_still,
+    still_header,
+    stored_values,
+    to_bgr,
+)
 from recorders.stills import bits_used as still_bits
 
 
@@ -45,6 +59,7 @@ class PictureReader:
 
     Attributes:
         bits: how many bits the values of pictures of more than eight fill, 0 until one is met.
+        clipped: how many pictures have values of more bits than that.
     """
 
     def __init__(self, path: Path, left_out: LeftOut, limits: Limits) -> None:
@@ -52,9 +67,11 @@ class PictureReader:
         self._left_out = left_out
         self._limits = limits
         self._video: VideoStream | None = None
-        self._packets: dict[int, tuple[Message, int]] = {}
+        self._times = PacketTimes()
+        self._number = 0
         self._count = 0
         self.bits = 0
+        self.clipped = 0
 
     def take(self, message: Message) -> list[Pictured]:
         """The pictures that this message completes; one that cannot be decoded is a picture
@@ -70,13 +87,15 @@ class PictureReader:
         except LimitError:
             raise
         except PayloadError as error:
-            return [self._lost(f"{error}", message)]
+            return [self._lost(f"{error}", message, own_stamp_ns(message))]
         except RecordingError as error:
-            return [self._lost(error.reason, message)]
+            return [self._lost(error.reason, message, own_stamp_ns(message))]
 
     def rest(self) -> list[Pictured]:
         """What a video's decoder still holds back."""
-        return [] if self._video is None else self._given(self._video.rest())
+        if self._video is None:
+            return []
+        return self._given(self._video.rest(), reorders=False, ended=True)
 
     def _lost(self, reason: str, message: Message, stamp_ns: int = 0) -> Pictured:
         where = f"{message.log_time_ns} ns on {message.topic} (picture {self._count})"
@@ -88,8 +107,6 @@ class PictureReader:
         header = still_header(found.data, self._path)
         if header.format in ("jpeg", "png") and not is_whole(found.data, header.format):
             raise RecordingError(f"a {header.format} picture that is cut off", self._path)
-        if header.bits > 8 and not self.bits:
-            self.bits = still_bits(stored_values(found.data, header, self._path))
         self._count += 1
         keep = header.as_is
         return Pictured(
@@ -103,9 +120,12 @@ class PictureReader:
 
     def _load_still(self, data: bytes, header: StillHeader, message: Message) -> Image:
         try:
-            return decode_still(
-                data, header, bits=self.bits or 16, path=self._path, limits=self._limits
-            )
+            if header.bits > 8:
+                check_size(header.width, header.height, self._path, self._limits)
+                values = stored_values(data, header, self._path)
+                self._fill(still_bits(values))
+                return to_bgr(values, header.orientation, self.bits)
+            return decode_still(data, header, path=self._path, limits=self._limits)
         except LimitError:
             raise
         except RecordingError as error:
@@ -114,45 +134,80 @@ class PictureReader:
             ) from error
 
     def _raw(self, message: Message, found: RawPicture) -> Pictured:
-        if is_deep(found) and not self.bits:
-            self.bits = bits_used(found)
+        if is_deep(found):
+            self._fill(bits_used(found))
         image = raw_pixels(found, self.bits or 16, self._limits)
         self._count += 1
         return Pictured(
             message, found.stamp_ns, (image.shape[1], image.shape[0]), lambda: image
         )
 
+    def _fill(self, bits: int) -> None:
+        self.bits = self.bits or bits
+        self.clipped += bits > self.bits
+
     def _packet(self, message: Message, found: VideoPacket) -> list[Pictured]:
+        before: list[Pictured] = []
         if self._video is None or self._video.codec != found.codec:
+            before = self.rest()
             self._video = VideoStream(found.codec, self._path, self._limits)
-        index = self._count
-        self._packets[index] = (message, found.stamp_ns)
+        video = self._video
+        if video.holds_no_picture(found.data):
+            video.decode(self._number, found.data)
+            return before
+        index = self._number
+        self._number += 1
+        self._times.put(index, Packet(message, found.stamp_ns))
         try:
-            given = self._video.decode(index, found.data)
+            pictures = video.decode(index, found.data)
         except LimitError:
             raise
         except RecordingError as error:
-            del self._packets[index]
-            return [self._lost(error.reason, message, found.stamp_ns)]
-        if not given and self._video.waits_for_key:
-            del self._packets[index]
-            reason = f"a packet of {found.codec} without a whole key frame before it"
-            return [self._lost(reason, message, found.stamp_ns)]
-        self._count += 1
-        return self._given(given)
+            self._times.lost(index, error.reason)
+            pictures = []
+        else:
+            if video.waits_for_key and index not in {number for number, _ in pictures}:
+                self._times.lost(index, _without_key(found.codec))
+        return before + self._given(pictures, video.reorders)
 
-    def _given(self, given: list[tuple[int, Image]]) -> list[Pictured]:
+    def _given(
+        self, pictures: list[tuple[int, Image]], reorders: bool, ended: bool = False
+    ) -> list[Pictured]:
+        for index, image in pictures:
+            self._times.picture(index, image)
         found = []
-        for index, image in given:
-            entry = self._packets.pop(index, None)
-            if entry is not None:
-                size = (image.shape[1], image.shape[0])
-                found.append(Pictured(entry[0], entry[1], size, partial(_same, image)))
-        # What came before and gave nothing never will: parameter sets sent apart.
-        newest = max((index for index, _ in given), default=-1)
-        for index in [packet for packet in self._packets if packet < newest - 64]:
-            del self._packets[index]
+        codec = "" if self._video is None else self._video.codec
+        for one in self._times.ready(reorders, ended):
+            (message, stamp), picture = one.packet, one.image
+            if picture is None:
+                reason = one.reason or f"a packet of {codec} that gives no picture"
+                found.append(self._lost(reason, message, stamp))
+                continue
+            self._count += 1
+            size = (picture.shape[1], picture.shape[0])
+            found.append(Pictured(message, stamp, size, partial(_same, picture)))
         return found
+
+
+def _without_key(codec: str) -> str:
+    return f"a packet of {codec} without a whole key frame before it"
+
+
+def bits_of(message: Message, path: Path, limits: Limits) -> int:
+    """How many bits the values of a picture of more than eight fill; 0 of any other."""
+    try:
+        found = read_picture(message.channel, message.data)
+        if isinstance(found, RawPicture) and is_deep(found):
+            check_size(found.width, found.height, path, limits)
+            return bits_used(found)
+        if isinstance(found, Still):
+            header = still_header(found.data, path)
+            if header.bits > 8:
+                check_size(header.width, header.height, path, limits)
+                return still_bits(stored_values(found.data, header, path))
+    except (PayloadError, RecordingError):
+        pass
+    return 0
 
 
 def _same(image: Image) -> Image:

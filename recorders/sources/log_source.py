@@ -25,12 +25,13 @@ from recorders.messages import Box, Detections
 from recorders.payloads import (
     Detected,
     PayloadError,
+    VideoPacket,
     read_detections,
     read_picture,
 )
 from recorders.pictures import Image, check_size
 from recorders.sources.log_files import LogFiles
-from recorders.sources.log_pictures import Pictured, PictureReader
+from recorders.sources.log_pictures import Pictured, PictureReader, bits_of
 from recorders.sources.pairing import Joined, Pairing
 from recorders.sources.source import (
     NANOS,
@@ -49,6 +50,7 @@ _SAMPLED = 64
 _TRIED = 1000
 _ASSUMED_NS = NANOS // 25
 _BURST = 10
+_TOLD_APART_NS = 1000
 
 
 @dataclass(frozen=True)
@@ -129,6 +131,7 @@ class LogSource:
         found = self._sampled(self.topics.detections)
         first = self._first_picture()
         self.stills = first is not None and first.encoded is not None
+        self._bits = self._bits_used()
         if first is not None:
             assert first.size is not None
             self.width, self.height = first.size
@@ -182,9 +185,24 @@ class LogSource:
         for message in islice(self._messages([self.topics.image]), _TRIED):
             for picture in reader.take(message):
                 if picture.load is not None:
-                    self._bits = reader.bits
                     return picture
         return next(iter(reader.rest()), None)
+
+    def _bits_used(self) -> int:
+        """How many bits the values of pictures of more than eight fill, by the first of them."""
+        if self.topics.image is None:
+            return 0
+        bits = 0
+        for message in islice(self._messages([self.topics.image]), _SAMPLED):
+            one = bits_of(message, self.path, self._limits)
+            bits = max(bits, one)
+            if not one:
+                break
+        if bits > 8:
+            self.notes.append(
+                f"values of more than eight bits fill {bits}: the upper 8 of those are kept"
+            )
+        return bits
 
     def _size_of_boxes(self, size: tuple[int, int] | None) -> tuple[int, int]:
         """What the boxes were made for, where there are no pictures."""
@@ -292,8 +310,8 @@ class LogSource:
             yield msgspec.structs.replace(message, log_time_ns=now)
 
     def _joined(self, pairing: Pairing) -> Iterator[tuple[int, Joined]]:
-        reader = PictureReader(self.path, self._left_out, self._limits)
-        reader.bits = getattr(self, "_bits", 0)
+        self._reader = reader = PictureReader(self.path, self._left_out, self._limits)
+        reader.bits = self._bits
         wanted = [
             topic
             for topic in (self.topics.image, self.topics.detections)
@@ -431,13 +449,18 @@ class LogSource:
         if self._rate is None:
             clock.joined += self._set_back
             self.notes += clock.notes()
-        self.losses += self._left_out.lines()
+        self.losses += [*self._log.losses, *self._left_out.lines()]
+        if self._reader.clipped:
+            self.losses.append(
+                f"{self._reader.clipped} pictures have values of more than {self._bits} bits:"
+                " what is brighter than those is white"
+            )
         if self._scaled:
             self.losses.append(
                 f"{self._scaled} pictures of another size were scaled to"
                 f" {self.width}x{self.height}"
             )
-        if pairing.largest_ns:
+        if pairing.largest_ns >= _TOLD_APART_NS:
             self.notes.append(
                 f"pictures and their detections are up to {pairing.largest_ns / 1e6:g} ms"
                 " apart"
@@ -460,16 +483,18 @@ class LogSource:
         if self.topics.image is None:
             return
         reader = PictureReader(self.path, LeftOut(), self._limits)
-        reader.bits = getattr(self, "_bits", 0)
+        reader.bits = self._bits
         among = max(1, self._expected() or self.frame_count or count)
         index = 0
+        stills: bool | None = None
         for message in self._messages([self.topics.image]):
             if message.log_time_ns > LAST_NS:
                 continue
+            stills = _stands_alone(message) if stills is None else stills
             wanted = spread(index, count, among)
             index += 1
             # A video has to be decoded as a whole; what stands alone only where it is wanted.
-            if not wanted and _stands_alone(message):
+            if not wanted and stills:
                 continue
             for picture in reader.take(message):
                 if wanted and picture.load is not None:
@@ -533,5 +558,7 @@ def _fitted(load: Callable[[], Image], size: tuple[int, int]) -> Image:
 
 
 def _stands_alone(message: Message) -> bool:
-    schema = message.channel.schema
-    return schema is None or not schema.name.endswith(("CompressedVideo", "FFMPEGPacket"))
+    try:
+        return not isinstance(read_picture(message.channel, message.data), VideoPacket)
+    except PayloadError:
+        return True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -12,13 +12,19 @@ from recorders.files import existing_file
 from recorders.formats.folders import box_files
 from recorders.formats.opening import OTHERS, TEXT, BoxOptions
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.sources.bags import BagFiles
+from recorders.sources.bags import METADATA, BagFiles, bag_files, is_bag, missing_files
 from recorders.sources.boxes import BoxSource
 from recorders.sources.caviar import CaviarSource
 from recorders.sources.images import ImageFolderSource, holds_pictures
 from recorders.sources.joined import JoinedVideos
 from recorders.sources.live import LiveSource, is_live
-from recorders.sources.log_files import LogFiles, McapFiles, is_mcap, mcap_files
+from recorders.sources.log_files import (
+    LogFiles,
+    McapFiles,
+    SeveralLogs,
+    is_mcap,
+    mcap_files,
+)
 from recorders.sources.log_source import LogOptions, LogSource
 from recorders.sources.plugin_source import plugin_source
 from recorders.sources.source import Source, parse_fps
@@ -28,7 +34,6 @@ from recorders.sources.with_detections import WithDetections
 from recorders.stills import SUFFIXES
 
 _PICTURES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".webp"})
-_BAGS = frozenset({".bag", ".db3"})
 Paths = str | Path | Sequence[str | Path]
 
 
@@ -209,35 +214,42 @@ def _paths(path: Paths) -> list[Path]:
 
 
 def open_log(paths: Sequence[Path], limits: Limits) -> LogFiles | None:
-    """The paths as one log; None where the first is none.
+    """The paths as one log: MCAP files, bags, folders of them; None where the first is none.
 
     Raises:
         UsageError: a log beside something else.
+        SourceError: a bag of which no file is there.
     """
-    first = paths[0]
-    if first.is_dir():
-        inside = mcap_files(first)
-        if inside:
-            return _alone(paths, lambda: McapFiles(first, inside, limits))
-        if (first / "metadata.yaml").exists() or any(first.glob("*.db3*")):
-            return _alone(paths, lambda: BagFiles(first, limits))
+    found = [_log_files(path) for path in paths]
+    if not found[0]:
         return None
-    if first.suffix.lower() in _BAGS or first.name.lower().endswith(".db3.zstd"):
-        return _alone(paths, lambda: BagFiles(first, limits))
-    if not is_mcap(first):
-        return None
-    for path in paths:
-        if not is_mcap(path):
-            raise UsageError(
-                f"{path} is no MCAP log, {first} is one: record each by itself"
-            )
-    return McapFiles(first, paths, limits)
+    for path, inside in zip(paths, found, strict=True):
+        if not inside:
+            raise UsageError(f"{path} is no log, {paths[0]} is one: record each by itself")
+    files = list(dict.fromkeys(file for inside in found for file in inside))
+    mcap = [file for file in files if not is_bag(file)]
+    bags = [file for file in files if is_bag(file)]
+    parts: list[LogFiles] = []
+    if mcap:
+        parts.append(McapFiles(paths[0], mcap, limits))
+    if bags:
+        parts.append(BagFiles(paths[0], bags, limits))
+    log = parts[0] if len(parts) == 1 else SeveralLogs(parts)
+    log.losses += [loss for path in paths for loss in missing_files(path)]
+    return log
 
 
-def _alone(paths: Sequence[Path], opened: Callable[[], LogFiles]) -> LogFiles:
-    if len(paths) > 1:
-        raise UsageError(f"{paths[0]} is a whole bag: record it by itself")
-    return opened()
+def _log_files(path: Path) -> list[Path]:
+    """The files of a log: one, or those of a folder; empty where it is none."""
+    if path.name == METADATA:
+        path = path.parent
+    if path.is_dir():
+        inside = mcap_files(path) + bag_files(path)
+        if not inside and (path / METADATA).is_file():
+            lines = missing_files(path) or [f"{METADATA} names no file that is there"]
+            raise SourceError(f"a bag without its files: {lines[0]}", path)
+        return inside
+    return [path] if is_bag(path) or is_mcap(path) else []
 
 
 def _holds_boxes(path: Path) -> bool:

@@ -335,12 +335,12 @@ def ends_at_interrupt(stop: Callable[[], None]) -> Iterator[None]:
     """Let Ctrl-C and SIGTERM end what is live: ``stop`` is called, what there is is finished; a
     second one interrupts at once.
     """
-    signals = (signal.SIGINT, signal.SIGTERM)
-    main = threading.current_thread() is threading.main_thread()
-    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in signals}
+    # What whoever started us has others look after stays theirs: `nohup ... &` ignores Ctrl-C.
+    before = {n: h for n, h in usual.items() if signal.getsignal(n) == h}
     first: float | None = None
 
     def note(number: int, frame: FrameType | None) -> None:
@@ -352,7 +352,7 @@ def ends_at_interrupt(stop: Callable[[], None]) -> Iterator[None]:
         elif now - first > _SAME_SIGNAL_S:
             signal.default_int_handler(number, frame)
 
-    for number in signals:
+    for number in before:
         signal.signal(number, note)
     try:
         yield

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from replay.cli.common import interrupts_at
+from replay.cli.common import ends_at_interrupt, interrupts_at
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals")
 
@@ -57,3 +57,14 @@ def test_other_threads_than_the_main_one_get_no_signals() -> None:
     thread.start()
     thread.join()
     assert found == [True]
+
+
+def test_a_service_that_ignores_interrupts_is_ended_by_sigterm() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    stopped: list[bool] = []
+    with ends_at_interrupt(lambda: stopped.append(True)):
+        signal.raise_signal(signal.SIGINT)
+        assert stopped == []
+        signal.raise_signal(signal.SIGTERM)
+    assert stopped == [True]
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL

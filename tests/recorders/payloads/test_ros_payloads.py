@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from recorders.log import ChannelInfo, Schema
 from recorders.payloads import PayloadError, RawPicture, read_picture
-from recorders.payloads.pictures import raw_pixels
+from recorders.payloads.pictures import bits_used, raw_pixels
 from recorders.payloads.ros import DefinitionError, decode, parse_definitions
 
 SEPARATOR = "=" * 80
@@ -95,7 +95,7 @@ def test_colours_are_not_exchanged() -> None:
     [
         ("bgr8", 6, bytes(11), "too few for 2 x 2 pixels"),
         ("bgr8", 2, bytes(99), "too few for 2 x 2 pixels"),
-        ("32FC1", 8, bytes(16), "pixels in '32FC1' cannot be shown"),
+        ("64FC1", 16, bytes(32), "pixels in '64FC1' cannot be shown"),
     ],
 )
 def test_what_is_no_picture_is_named(
@@ -137,3 +137,12 @@ def test_any_definition_is_read_or_refused(definition: str) -> None:
 def test_a_type_within_itself_ends() -> None:
     with pytest.raises(DefinitionError, match="nested over"):
         decode("a/B", parse_definitions("a/B", "B inner"), b"\0\1\0\0" + bytes(64))
+
+
+def test_distances_in_metres_are_shown_by_their_millimetres() -> None:
+    metres = np.array([[0.5, np.nan], [4.0, np.inf]], np.float32)
+    found = read_picture(CHANNEL, image("32FC1", 2, 2, 8, metres.tobytes()))
+    assert isinstance(found, RawPicture)
+    bits = bits_used(found)
+    assert bits == 12
+    assert raw_pixels(found, bits)[..., 0].tolist() == [[500 >> 4, 0], [4000 >> 4, 0]]
