@@ -530,6 +530,7 @@ class _Camera:
                     seen and seen.lower_colour,
                     usual_height(history.boxes, np.array(own.seen, np.bool_), size),
                     round(existence, 4),
+                    *_feet(own.boxes[-1]),
                 ),
             )
             if seen is not None:
@@ -635,3 +636,9 @@ def _pair(value: Hashable) -> tuple[Any, Any]:
 def _ids(value: Hashable) -> tuple[int, ...]:
     assert isinstance(value, tuple)
     return value
+
+
+def _feet(box: Box) -> tuple[float, float]:
+    """Where somebody stands: the middle of the box's lower side, pixels."""
+    x, y, w, h = box
+    return round(x + w / 2, 2), round(y + h, 2)

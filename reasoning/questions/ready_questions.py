@@ -139,12 +139,13 @@ def _contacts(words: Sequence[str], options: Options) -> Mapping[str, str]:
 QUESTIONS: Mapping[str, Question] = {
     x.name: x
     for x in (
-        Question("met", "A [B]", "whom A met (whose shells touched A's), when, and how long", sql.MET, _met,
+        Question("met", "A [B]", "whom A met or passed (whose shells touched A's), when, and how long", sql.MET, _met,
                  "target A's shell never touched such a shell; `timeline A` shows all there is of it", few_from=2),
         Question("together", "A B", "when A and B were socially together, in hindsight", sql.TOGETHER, _two,
                  "A and B were never near and slow against one another for long; `met A B` shows if they passed",
                  few_from=2),
-        Question("left-with", "A --within 5s", "who left with A, in contact until the first of them left (--gap 1s)",
+        Question("left-with", "A --within 5s",
+                 "who left with A: the same way, in contact until the first of them left (--gap 1s)",
                  sql.LEFT_WITH, _one,
                  "nobody left with target A: it left by itself, or (see `timeline A`) it was not seen to leave at all;"
                  " widen --within and --gap",

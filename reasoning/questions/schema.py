@@ -105,6 +105,8 @@ TABLES: Mapping[str, Columns] = {
         ("lower_colour", "VARCHAR"),
         ("height", "DOUBLE"),
         ("existence", "DOUBLE"),
+        ("last_x", "DOUBLE"),
+        ("last_y", "DOUBLE"),
     ),
     "looks": (
         ("recording", "VARCHAR"),
@@ -278,7 +280,7 @@ KEPT_APART: Mapping[str, tuple[str, ...]] = {
     **{t: tuple(name for name, _ in BELIEF) for t in ("relations", "groups", "events")},
     "tracks": ("seen", "identity"),
     "encounters": ("existence", "joins"),
-    "targets": ("existence",),
+    "targets": ("existence", "last_x", "last_y"),
 }
 """Columns that a contract table shows under its name with `SURE` alone."""
 
@@ -315,7 +317,8 @@ MEANING: Mapping[str, str] = {
     "events": "what happened, by which rule, with the measured values",
     "targets": (
         "one row per target: from when to when, which share of its frames it was seen in,"
-        " how sure it is that it exists and is one and the same"
+        " how sure it is that it exists and is one and the same; last_x, last_y:"
+        " where its feet were last, pixels"
     ),
     "looks": (
         "what each target looks like, from as many pictures as samples says: shares of shades"

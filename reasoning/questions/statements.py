@@ -51,13 +51,17 @@ FROM sure_encounters e LEFT JOIN encounter_evidence v USING (recording, a, b, st
 WHERE e.a = $a AND e.b = $b$only ORDER BY e.recording, e.start_frame
 """
 
-LEFT_WITH = """
--- with: in contact until at most $gap s before the first of them left; of several contacts the one that was seen best
+BESIDE = 2.0
+"""Who left within so many of their heights of one another left by the same way."""
+
+LEFT_WITH = f"""
+-- with: in contact until at most $gap s before the first of them left; of several contacts the one that was seen best;
+-- and gone the same way, within {BESIDE:g} of their heights of one another: who pass go opposite ways.
 -- leaving is the last exit; without one, the last sight of a track that was gone before the recording ended: then
 -- nobody saw it leave, and it is as good as unsure
 WITH departures AS (
   SELECT p.recording, p.track, p.end_frame AS frame, coalesce(x.t, p.end_t) AS t, x.event, p.existence, p.identity,
-    p.joins, if(x.event IS NULL, 0.4, 1.0) AS seen_leaving
+    p.joins, if(x.event IS NULL, 0.4, 1.0) AS seen_leaving, w.last_x, w.last_y, w.height
   FROM (SELECT recording, track, max(end_frame) AS end_frame, max(end_t) AS end_t,
           max(existence) AS existence, min(identity) AS identity,
           list_sort(list_distinct(flatten(list(joins)))) AS joins FROM presence
@@ -65,13 +69,16 @@ WITH departures AS (
   LEFT JOIN (SELECT recording, unnest(subjects) AS track, max(t) AS t, arg_max(event, t) AS event FROM sure_events
              WHERE kind = 'exited'$only GROUP BY recording, track) x USING (recording, track)
   JOIN recordings r ON r.recording = p.recording
+  LEFT JOIN sure_targets w ON w.recording = p.recording AND w.track = p.track
   WHERE x.event IS NOT NULL OR p.end_t < r.seconds),
 leaver AS (SELECT * FROM departures WHERE track = $a),
 both_left AS (
   SELECT d.recording, d.track AS other, d.t, d.frame, d.event, l.t AS first_t, least(l.t, d.t) AS until_t,
     least(l.existence, d.existence) AS existence, least(l.identity, d.identity) AS identity,
     least(l.seen_leaving, d.seen_leaving) AS seen_leaving,
-    list_sort(list_distinct(list_concat(l.joins, d.joins))) AS joins
+    list_sort(list_distinct(list_concat(l.joins, d.joins))) AS joins,
+    round(sqrt((l.last_x - d.last_x) ** 2 + (l.last_y - d.last_y) ** 2) / greatest(l.height, d.height), 2)
+      AS heights_apart
   FROM leaver l JOIN departures d ON d.recording = l.recording AND d.track <> l.track
     AND round(abs(d.t - l.t), 3) <= $within),
 contact AS (
@@ -85,16 +92,18 @@ contact AS (
     WHERE b = $a$only),
 last_contact AS (
   SELECT recording, other, max(c.end_t) AS end_t,
-    max({'seen': c.seen_share, 't': c.end_t, 'what': c.what, 'frame': c.start_frame}) AS which
+    max({{'seen': c.seen_share, 't': c.end_t, 'what': c.what, 'frame': c.start_frame}}) AS which
   FROM both_left g JOIN contact c USING (recording, other)
   WHERE c.start_t <= g.until_t AND round(g.until_t - c.end_t, 3) <= $gap GROUP BY recording, other)
 SELECT g.recording, $a AS track, g.other, g.first_t AS track_left_t, g.t AS other_left_t,
-  round(g.t - g.first_t, 3) AS seconds_after, c.end_t AS last_contact_t, c.which.seen AS seen_share, g.existence,
-  g.identity, least(c.which.seen, g.existence, g.identity, g.seen_leaving) AS certainty, g.joins,
-  concat_ws(' ', format('{}:{}-{}@{}', c.which.what, least($a, g.other), greatest($a, g.other),
+  round(g.t - g.first_t, 3) AS seconds_after, c.end_t AS last_contact_t, g.heights_apart,
+  c.which.seen AS seen_share, g.existence, g.identity,
+  least(c.which.seen, g.existence, g.identity, g.seen_leaving) AS certainty, g.joins,
+  concat_ws(' ', format('{{}}:{{}}-{{}}@{{}}', c.which.what, least($a, g.other), greatest($a, g.other),
     c.which.frame), if(g.event IS NULL,
-    format('track:{}@{}', g.other, g.frame), format('event:{}', g.event))) AS explain
+    format('track:{{}}@{{}}', g.other, g.frame), format('event:{{}}', g.event))) AS explain
 FROM both_left g JOIN last_contact c USING (recording, other)
+WHERE g.heights_apart IS NULL OR g.heights_apart <= {BESIDE:g}
 ORDER BY g.recording, abs(g.t - g.first_t), g.other
 """
 

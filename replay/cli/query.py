@@ -178,6 +178,7 @@ def run(args: argparse.Namespace) -> int:
     from reasoning.questions.clocks import starts, with_clocks
     from reasoning.questions.guard import guarded
     from reasoning.questions.name_checks import check_thresholds
+    from reasoning.questions.unsure import Unsure
     from replay.configuration import chosen_encounters, encounter_config
 
     if _listed(args):
@@ -220,7 +221,8 @@ def run(args: argparse.Namespace) -> int:
             if args.ask and args.ask[0] == "heatmap" and _is_picture(args.output):
                 return _heatmap(case, answer, args)
             count = _answer(scenes.of(answer), form, args)
-            unsure.add_contacts(case, args)
+            if args.ask:
+                unsure.add_contacts(case, args.ask[0], _options(args))
         if unsure.count:
             say(unsure.told())
         elif count == 0 and nothing:
@@ -293,46 +295,6 @@ def _heatmap(case: Case, answer: Answer, args: argparse.Namespace) -> int:
     most = draw_heatmap(case, answer.columns, rows, args.output, force=args.force)
     say(f"{args.output}: {len(rows)} squares, {most:.1f} s in the warmest")
     return Exit.DONE
-
-
-class Unsure:
-    """Leaves rows out of an answer that are less sure than wanted, and counts them."""
-
-    def __init__(self, least: float | None) -> None:
-        self.least = least
-        self.count = 0
-
-    def left_out_of(self, answer: Answer) -> Answer:
-        """The answer without them; rows are counted as they are read."""
-        if self.least is None or "certainty" not in answer.columns:
-            return answer
-        column = answer.columns.index("certainty")
-        return replace(answer, rows=self._sure(answer.rows, column, self.least))
-
-    def _sure(
-        self, rows: Iterator[tuple[Any, ...]], column: int, least: float
-    ) -> Iterator[tuple[Any, ...]]:
-        for row in rows:
-            if row[column] is not None and row[column] < least:
-                self.count += 1
-            else:
-                yield row
-
-    def add_contacts(self, case: Case, args: argparse.Namespace) -> None:
-        """Chains of contacts do not run over unsure ones, so these are counted by themselves."""
-        if self.least is None or args.ask[0] != "contacts":
-            return
-        from reasoning.questions.ready_questions import unsure_contacts_sql
-
-        self.count += case.rows(unsure_contacts_sql(_options(args)))[0][0]
-
-    def told(self) -> str:
-        """What was left out, in a line."""
-        rows = "1 row is" if self.count == 1 else f"{self.count} rows are"
-        return (
-            f"{rows} less sure than {self.least:g} and left out; --certainty 0 shows all,"
-            " with how sure each is"
-        )
 
 
 def _check_options(args: argparse.Namespace) -> None:
@@ -426,13 +388,9 @@ def _options(args: argparse.Namespace) -> Options:
 
 def _certainty(args: argparse.Namespace) -> float | None:
     """What a row must be, None where a question is asked however sure it is."""
-    from reasoning.questions.ready_questions import DEFAULT_CERTAINTY, question
+    from reasoning.questions.unsure import wanted_certainty
 
-    if args.certainty is None:
-        return DEFAULT_CERTAINTY if question(args.ask[0]).certain else None
-    if not 0 <= args.certainty <= 1:
-        raise UsageError(f"--certainty {args.certainty:g}: must be 0 to 1")
-    return float(args.certainty)
+    return wanted_certainty(args.ask[0], args.certainty, "--certainty")
 
 
 def _format(args: argparse.Namespace) -> str:

@@ -21,9 +21,11 @@ class Rows(Sequence[Row]):
     Attributes:
         columns: their names.
         types: their types in DuckDB's words.
+        left_out: how many rows of a ready question were less sure than wanted.
     """
 
     def __init__(self, answer: Answer) -> None:
+        self.left_out = 0
         self.columns = list(answer.columns)
         self.types = list(answer.types)
         self._rows = list(answer.rows)
@@ -119,6 +121,7 @@ def ask(
     gap: str | float | None = None,
     depth: int | None = None,
     by: str | None = None,
+    certainty: float | None = None,
     seconds: float = 60.0,
 ) -> Rows:
     """Ask a ready question: what ``scenetrace query --ask`` asks, options under the same names.
@@ -134,6 +137,8 @@ def ask(
         gap: gaps in a stay up to this are closed.
         depth: longest chain of contacts.
         by: what a contact is.
+        certainty: rows less sure than this are left out, and counted in `Rows.left_out`; 0.5 where
+            the question asks for that, as most do.
         seconds: time until it is interrupted.
 
     Raises:
@@ -141,7 +146,9 @@ def ask(
         QueryError, RecordingError: as `query`.
     """
     from reasoning.questions.name_checks import check_recording, check_words
+    from reasoning.questions.unsure import Unsure, wanted_certainty
 
+    unsure = Unsure(wanted_certainty(name, certainty, "certainty"))
     asked, texts = question(name), [str(word) for word in words]
     options = Options(
         recordings=only(recording),
@@ -151,12 +158,16 @@ def ask(
         gap_s=_seconds(gap),
         depth=depth,
         by=by,
+        certainty=unsure.least,
     )
     asked.sql(texts, options)  # says what is wrong with the words before anything is read
     with _Asked(inputs, seconds) as case:
         check_recording(case, recording)
         check_words(case, asked, texts, options)
-        return Rows(case.sql(asked.sql(texts, options)))
+        rows = Rows(unsure.left_out_of(case.sql(asked.sql(texts, options))))
+        unsure.add_contacts(case, name, options)
+    rows.left_out = unsure.count
+    return rows
 
 
 def _moment(when: str | float | None) -> Moment | None:

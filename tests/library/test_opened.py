@@ -154,6 +154,9 @@ def test_questions_are_answered_as_rows_arrow_and_pandas(folder: Path) -> None:
         met = log.ask("met", 1)
         assert "explain" in met.columns
         assert list(met) == list(scenetrace.ask(folder / "annotated.mcap", "met", 1))
+        sure, all_of_them = log.ask("met", 1, certainty=1.0), log.ask("met", 1, certainty=0)
+        assert sure.left_out == len(all_of_them) - len(sure)
+        assert all_of_them.left_out == 0 < sure.left_out
         assert len(log.ask("who-was-in", "scene", at=2.0)) == len(
             log.ask("who-was-in", "scene", at="frame:50")
         )

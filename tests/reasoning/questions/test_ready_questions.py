@@ -60,6 +60,29 @@ def test_left_with(case: Case) -> None:
     assert ask(case, "left-with", "1") == []
 
 
+@pytest.mark.parametrize(("step", "leave"), [(2.0, True), (-2.0, False)])
+def test_who_pass_and_leave_on_opposite_sides_do_not_leave_together(
+    tmp_path: Path,
+    story_type: type[Any],
+    write_story: Callable[..., Any],
+    step: float,
+    leave: bool,
+) -> None:
+    """Both go on from where they met: the second with the first, or the other way."""
+    places = {
+        1: (0, 30, (100.0, 50.0, 10.0, 20.0), (2.0, 0.0)),
+        2: (0, 32, (112.0, 50.0, 10.0, 20.0), (step, 0.0)),
+    }
+    story = story_type(
+        40, places,
+        relations=[(1, 2, "INTERACTION", 0, 24)],
+        events=[("exited", [1], 31, [], {}), ("exited", [2], 33, [], {})],
+    )  # fmt: skip
+    with Case([write_story(story, tmp_path / "passing.mcap")]) as c:
+        found = ask(c, "left-with", "1")
+    assert [r["other"] for r in found] == ([2] if leave else [])
+
+
 def test_who_was_in(case: Case) -> None:
     assert [
         r["track"] for r in ask(case, "who-was-in", "bench", at=moment("frame:170"))
@@ -343,7 +366,7 @@ def sevenths(
     frames after 1.
     """
     places = {
-        i: (20 if i == 2 else 0, 59, (200.0 * i, 9.0, 5.0, 9.0), (0.0, 0.0))
+        i: (20 if i == 2 else 0, 59, (200.0 + 9.0 * i, 9.0, 5.0, 9.0), (0.0, 0.0))
         for i in (1, 2, 3)
     }
     story = story_type(

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from reasoning.questions import Answer
+from reasoning.questions.unsure import Unsure
 from replay.cli import main
-from replay.cli.query import Unsure
 
 FOLDER = "FOLDER"
 
