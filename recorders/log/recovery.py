@@ -134,6 +134,8 @@ class _Recovery:
         self.by_definition: dict[str, int] = {}
         self.ends = self.joints = self.part_start = 0
         self.behind_end = False
+        self.end: RawRecord | None = None
+        self.has_bare_messages = False
         self.counted: int | None = None
 
     def run(self, start: int) -> None:
@@ -216,6 +218,8 @@ class _Recovery:
 
     def _keep(self, raw: RawRecord) -> None:
         if raw.opcode in _DATA and self.behind_end:
+            if self._is_of_summary(raw):
+                return
             # What was taken for the end was another record, damaged.
             self._lose(raw.offset, "DataEnd", "the data go on behind a damaged record")
             self.behind_end = False
@@ -234,6 +238,7 @@ class _Recovery:
         if raw.opcode == wire.CHUNK:
             self._chunk(raw)
         elif raw.opcode in (wire.SCHEMA, wire.CHANNEL, wire.MESSAGE):
+            self.has_bare_messages |= raw.opcode == wire.MESSAGE
             self._record(raw.opcode, self.file.content(raw), raw.offset)
         elif raw.opcode == wire.ATTACHMENT:
             found = read_attachment(self.file, raw)
@@ -255,7 +260,19 @@ class _Recovery:
             self.ends += 1
         elif raw.opcode == wire.DATA_END:
             self.behind_end = True
+            self.end = raw
             self._data_end(raw)
+
+    def _is_of_summary(self, raw: RawRecord) -> bool:
+        """Whether what looks like data behind the end is a record of the summary, damaged: the
+        end is proven by its CRC, or a message without a chunk, and so without a CRC, is the first
+        of its kind.
+        """
+        assert self.end is not None
+        if raw.opcode == wire.MESSAGE and not self.has_bare_messages:
+            return True
+        crc = self.file.parse(records.parse_data_end, self.end)
+        return crc != 0 and self.file.crc(self.part_start, self.end.offset) == crc
 
     def _chunk(self, raw: RawRecord) -> None:
         head = self.file.chunk_head(raw)

@@ -1,22 +1,39 @@
-"""Bytes flipped and lengths cut: an answer is the undamaged one, or an error."""
+"""Bytes flipped and lengths cut: an answer is the undamaged one, or an error; whatever chunk is
+whole is recovered, and what is lost is told.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import struct
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 from typing import Any
+
+from mcap.data_stream import ReadDataStream
+from mcap.records import Chunk, Message
+from mcap.stream_reader import breakup_chunk
 
 from reasoning.questions.ingest import read_recordings
 from recorders.errors import SceneTraceError
 from recorders.log import LogReader
 from recorders.log.recovery import recover
-from tests.faults.small import annotated
+from tests.faults.small import annotated, run, said
 from tests.faults.tally import Tally
 
 COMPRESSIONS = ("", "lz4", "zstd")
+FRAMES, CHUNK_NS = 4, 80_000_000
+AT_ONCE = ("events.confirm_s=0", "events.confirm_hits=1", "events.hindsight=false")
+"""So that there are tracks and events in four frames."""
+_CHUNK_OPCODE = 6
+_COMMANDS_EVERY = 101
+"""A prime: the places at which whole commands run differ from log to log."""
+
+Written = tuple[str, int, int, bytes]
+"""A message as it was written: topic, log time, sequence, data."""
 
 
 def answers(path: Path) -> str:
@@ -34,14 +51,68 @@ def answers(path: Path) -> str:
     return found.hexdigest()
 
 
-def whole_chunks(path: Path) -> set[tuple[str, int, int, bytes]]:
+def messages_of(path: Path) -> set[Written]:
     """The messages that can be read, each with its topic and times."""
     with LogReader(path) as log:
         return {(m.topic, m.log_time_ns, m.sequence, m.data) for m in log.messages()}
 
 
+@dataclass(frozen=True)
+class Sound:
+    """The undamaged log: its bytes, what it answers, what commands say, and its chunks, read by
+    the MCAP project's own library."""
+
+    data: bytes
+    answers: str
+    commands: list[tuple[int, str]]
+    messages: set[Written]
+    chunks: list[tuple[int, int, set[Written]]]
+    opcodes: list[int]
+
+
+def sound(path: Path) -> Sound:
+    """All that is compared with."""
+    data = path.read_bytes()
+    messages = messages_of(path)
+    topics = {}
+    with LogReader(path) as log:
+        topics = {channel.id: channel.topic for channel in log.channels}
+    chunks, opcodes, place = [], [], 8
+    while place < len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, place)
+        opcodes.append(place)
+        if opcode == _CHUNK_OPCODE:
+            with path.open("rb") as file:
+                file.seek(place + 9)
+                chunk = Chunk.read(ReadDataStream(file))
+            held = {
+                (topics[m.channel_id], m.log_time, m.sequence, m.data)
+                for m in breakup_chunk(chunk)
+                if isinstance(m, Message)
+            }
+            chunks.append((place, place + 9 + length, held))
+        place += 9 + length
+    assert messages == {m for _, _, held in chunks for m in held}
+    return Sound(data, answers(path), _commands(path), messages, chunks, opcodes)
+
+
+def _commands(path: Path) -> list[tuple[int, str]]:
+    """What whole commands answer of a log: exit code and stdout, or the file's text."""
+    out = path.with_name("out.txt")
+    told = [
+        said("query", str(path), "SELECT * FROM tracks ORDER BY ALL", "--format", "csv"),
+        said("query", str(path), "SELECT * FROM events ORDER BY ALL", "--json"),
+        said("verify", str(path)),
+    ]
+    code, _ = run("export", str(path), "--to", "mot", "-o", str(out), "--force")
+    told.append((code, out.read_text() if code == 0 else ""))
+    out.unlink(missing_ok=True)
+    return told
+
+
 def flips(long: bool, seed: int = 0) -> list[Tally]:
-    """Each byte of three logs (or some of them) with one bit turned over."""
+    """Each byte of three logs (or some of them) with one bit turned over, and each bit of the
+    bytes that say what a record is."""
     return [_each_log(name, long, seed, cuts=False) for name in COMPRESSIONS]
 
 
@@ -56,61 +127,82 @@ def _each_log(compression: str, long: bool, seed: int, *, cuts: bool) -> Tally:
     # Where files lie in memory, thousands of them cost little.
     with tempfile.TemporaryDirectory(dir=_memory()) as name:
         folder = Path(name)
-        log = annotated(folder, compression)
-        data, messages = log.read_bytes(), whole_chunks(log)
-        bad = folder / "bad.mcap"
-        bad.write_bytes(data)
-        right = answers(bad)  # which name the file
-        for place in _places(len(data), long, seed):
+        log = annotated(folder, compression, FRAMES, CHUNK_NS, AT_ONCE)
+        bad = folder / "bad.mcap"  # which name the rows bear
+        log.rename(bad)
+        right = sound(bad)
+        data = right.data
+        for number, (place, bit) in enumerate(_places(right, long, seed, cuts=cuts)):
             if cuts:
                 bad.write_bytes(data[:place])
+                spoilt = range(place, len(data))
             else:
-                byte = data[place] ^ (1 << place % 8)
+                byte = data[place] ^ (1 << bit)
                 bad.write_bytes(data[:place] + bytes([byte]) + data[place + 1 :])
-            _judge(tally, bad, right, messages, f"{what} at {place}")
+                spoilt = range(place, place + 1)
+            with_commands = number % (_COMMANDS_EVERY if long else 20) == 0
+            wrong = _judged(bad, right, spoilt, with_commands)
+            tally.tries += 1
+            if wrong is None:
+                tally.survived += 1
+            else:
+                kind, text = wrong
+                setattr(tally, kind, getattr(tally, kind) + 1)
+                tally.note(f"{tally.kind}: {what} at {place} (bit {bit}): {text}")
     return tally
 
 
-def _judge(
-    tally: Tally,
-    bad: Path,
-    right: str,
-    messages: set[tuple[str, int, int, bytes]],
-    where: str,
-) -> None:
-    tally.tries += 1
+def _judged(
+    bad: Path, right: Sound, spoilt: range, with_commands: bool
+) -> tuple[str, str] | None:
+    """What went wrong: which kind, and what; None if nothing did."""
     try:
-        same = answers(bad) == right
-    except SceneTraceError:
-        same = True
+        try:
+            if answers(bad) != right.answers:
+                return "silent", "another answer"
+        except SceneTraceError:
+            pass
+        if with_commands:
+            for told, expected in zip(_commands(bad), right.commands, strict=True):
+                if told[0] == 0 and told != expected:
+                    return "silent", f"another answer of a command: {told[1][:100]}"
+        return _recovered(bad, right, spoilt)
     except Exception as error:  # what is counted here
-        tally.foreign += 1
-        tally.note(f"{where}: {type(error).__name__}: {error}")
-        return
-    if not same:
-        tally.silent += 1
-        tally.note(f"{where}: another answer")
-        return
+        return "foreign", f"{type(error).__name__}: {error}"
+
+
+def _recovered(bad: Path, right: Sound, spoilt: range) -> tuple[str, str] | None:
     out = bad.with_name("recovered.mcap")
     try:
-        recover(bad, out, force=True)
-        if not whole_chunks(out) <= messages:
-            tally.silent += 1
-            tally.note(f"{where}: recovered what was never written")
-            return
-    except SceneTraceError:
-        pass
-    except Exception as error:
-        tally.foreign += 1
-        tally.note(f"{where}: recover: {type(error).__name__}: {error}")
-        return
-    tally.survived += 1
+        report = recover(bad, out, force=True)
+        kept = messages_of(out)
+    except SceneTraceError as error:
+        kept, report = set(), None
+        refused = str(error)
+    if not kept <= right.messages:
+        return "silent", "recovered what was never written"
+    if report is not None and kept != right.messages and report.is_complete:
+        return "silent", "recovered less, and said nothing of it"
+    for start, end, held in right.chunks:
+        whole = end <= spoilt.start or start >= spoilt.stop
+        if whole and not held <= kept:
+            why = f"only {len(kept)} messages" if report is not None else refused
+            return "lost", f"the whole chunk at byte {start} was not recovered: {why}"
+    return None
 
 
-def _places(size: int, long: bool, seed: int) -> Iterable[int]:
-    if long:
-        return range(size)
-    return sorted(Random(seed).sample(range(size), min(size, 60)))
+def _places(
+    right: Sound, long: bool, seed: int, *, cuts: bool
+) -> Iterator[tuple[int, int]]:
+    """Bytes and bits."""
+    size, rng = len(right.data), Random(seed)
+    for place in range(size) if long else sorted(rng.sample(range(size), 50)):
+        yield place, place % 8
+    opcodes = right.opcodes if long else rng.sample(right.opcodes, 2)
+    if not cuts:
+        for place in opcodes:
+            for bit in range(8):
+                yield place, bit
 
 
 def _memory() -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -22,7 +23,7 @@ def run(*words: str) -> tuple[int, str]:
 
 def boxes(path: Path, frames: int = 12) -> Path:
     """Detections of two people."""
-    step = max(1, 144 // frames)
+    step = max(1, min(12, 144 // frames))
     lines = [
         f"{frame},-1,{x + speed * frame},200,40,100,1,-1,-1,-1"
         for frame in range(1, frames + 1)
@@ -32,14 +33,24 @@ def boxes(path: Path, frames: int = 12) -> Path:
     return path
 
 
-def annotated(folder: Path, compression: str = "zstd", frames: int = 12) -> Path:
-    """An annotated log with this compression of its chunks."""
+def annotated(
+    folder: Path,
+    compression: str = "zstd",
+    frames: int = 12,
+    chunk_ns: int = 1_000_000_000,
+    settings: Sequence[str] = (),
+) -> Path:
+    """An annotated log with this compression of its chunks, each of which spans `chunk_ns`."""
     det, scene, made = folder / "det.txt", folder / "scene.mcap", folder / "made.mcap"
     boxes(det, frames)
     assert run("record", str(det), "-o", str(scene), *WORDS, "--force")[0] == 0
-    assert run("replay", str(scene), "-o", str(made), "--force")[0] == 0
+    words = [word for setting in settings for word in ("--set", setting)]
+    assert run("replay", str(scene), "-o", str(made), "--force", *words)[0] == 0
     out = folder / f"annotated-{compression or 'plain'}.mcap"
-    with LogReader(made) as log, LogWriter(out, compression=compression) as writer:
+    with (
+        LogReader(made) as log,
+        LogWriter(out, compression=compression, flush_interval_ns=chunk_ns) as writer,
+    ):
         channels = {
             channel.id: writer.channel(
                 channel.topic, channel.schema, channel.message_encoding, channel.metadata
@@ -61,3 +72,11 @@ def annotated(folder: Path, compression: str = "zstd", frames: int = 12) -> Path
         for name, values in log.metadata():
             writer.metadata(name, values)
     return out
+
+
+def said(*words: str) -> tuple[int, str]:
+    """A command's exit code and what it answered on stdout."""
+    answer = StringIO()
+    with redirect_stderr(StringIO()), redirect_stdout(answer):
+        code = main([str(word) for word in words])
+    return code, answer.getvalue()
