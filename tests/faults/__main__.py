@@ -1,7 +1,7 @@
 """The table of docs/reliability.md: `python tests/faults [KIND...] [--long] [--seed N]`.
 
 Kinds: flips, cuts, io, kills, fuzz, memory. Short by default, as the tests run them; `--long`
-takes every byte, every call, 100 kills of each command and 10^5 inputs of each target (hours).
+takes every byte, every call, 80 kills of each command and 10^5 inputs of each target (hours).
 Exit code 1 where something was lost, silent or foreign.
 """
 

@@ -1,9 +1,11 @@
-/* Lets the n-th call that writes below a folder fail; loaded before libc (LD_PRELOAD). */
+/* Lets the n-th call that touches a folder fail, or kills the process there; loaded before libc
+   (LD_PRELOAD). */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stdatomic.h>
 #include <stdio.h>
@@ -16,18 +18,24 @@
 static atomic_long calls;
 static long fail_at = -1, fail_times = 1;
 static int fail_error;
+static const char *struck;
 static char folder[PATH_MAX];
 
-/* Count from now on, and fail call `at` (from 1; 0: none) and those after it, `times` in all. */
+/* Count from now on, and fail call `at` (from 1; 0: none) and those after it, `times` in all; an
+   error below 0 is SIGKILL before the call. */
 void fail_arm(const char *below, long at, long times, int error) {
   strncpy(folder, below, sizeof folder - 1);
   fail_at = at;
   fail_times = times;
   fail_error = error;
+  struck = 0;
   atomic_store(&calls, 0);
 }
 
 long fail_count(void) { return atomic_load(&calls); }
+
+/* The first call that failed; empty if none did. */
+const char *fail_struck(void) { return struck ? struck : ""; }
 
 static int below(const char *path) {
   return path && folder[0] && strncmp(path, folder, strlen(folder)) == 0;
@@ -53,9 +61,11 @@ static int absolute_below(const char *path) {
   return below(full);
 }
 
-static int strikes(void) {
+static int strikes(const char *call) {
   long n = atomic_fetch_add(&calls, 1) + 1;
   if (fail_at > 0 && n >= fail_at && n < fail_at + fail_times) {
+    if (!struck) struck = call;
+    if (fail_error < 0) kill(getpid(), SIGKILL);
     errno = fail_error;
     return 1;
   }
@@ -68,7 +78,7 @@ static int strikes(void) {
 
 ssize_t write(int fd, const void *data, size_t size) {
   REAL(ssize_t, write, int, const void *, size_t);
-  if (fd > 2 && open_below(fd) && strikes()) {
+  if (fd > 2 && open_below(fd) && strikes(__func__)) {
     /* A disk that fills takes what still fits. */
     if (fail_error == ENOSPC && size > 1 && fail_times > 1 && atomic_load(&calls) == fail_at)
       return real(fd, data, size / 2);
@@ -79,42 +89,78 @@ ssize_t write(int fd, const void *data, size_t size) {
 
 ssize_t pwrite64(int fd, const void *data, size_t size, off64_t at) {
   REAL(ssize_t, pwrite64, int, const void *, size_t, off64_t);
-  if (open_below(fd) && strikes()) return -1;
+  if (open_below(fd) && strikes(__func__)) return -1;
   return real(fd, data, size, at);
 }
 
 ssize_t writev(int fd, const struct iovec *parts, int count) {
   REAL(ssize_t, writev, int, const struct iovec *, int);
-  if (open_below(fd) && strikes()) return -1;
+  if (open_below(fd) && strikes(__func__)) return -1;
   return real(fd, parts, count);
 }
 
 int fsync(int fd) {
   REAL(int, fsync, int);
-  if (open_below(fd) && strikes()) return -1;
+  if (open_below(fd) && strikes(__func__)) return -1;
+  return real(fd);
+}
+
+int fdatasync(int fd) {
+  REAL(int, fdatasync, int);
+  if (open_below(fd) && strikes(__func__)) return -1;
   return real(fd);
 }
 
 int ftruncate64(int fd, off64_t size) {
   REAL(int, ftruncate64, int, off64_t);
-  if (open_below(fd) && strikes()) return -1;
+  if (open_below(fd) && strikes(__func__)) return -1;
   return real(fd, size);
 }
 
 int rename(const char *from, const char *to) {
   REAL(int, rename, const char *, const char *);
-  if (absolute_below(to) && strikes()) return -1;
+  if (absolute_below(to) && strikes(__func__)) return -1;
   return real(from, to);
+}
+
+int link(const char *from, const char *to) {
+  REAL(int, link, const char *, const char *);
+  if (absolute_below(to) && strikes(__func__)) return -1;
+  return real(from, to);
+}
+
+int unlink(const char *path) {
+  REAL(int, unlink, const char *);
+  if (absolute_below(path) && strikes(__func__)) return -1;
+  return real(path);
+}
+
+int linkat(int from_at, const char *from, int to_at, const char *to, int flags) {
+  REAL(int, linkat, int, const char *, int, const char *, int);
+  if (absolute_below(to) && strikes(__func__)) return -1;
+  return real(from_at, from, to_at, to, flags);
+}
+
+int stat64(const char *path, struct stat64 *found) {
+  REAL(int, stat64, const char *, struct stat64 *);
+  if (absolute_below(path) && strikes(__func__)) return -1;
+  return real(path, found);
+}
+
+int fstat64(int fd, struct stat64 *found) {
+  REAL(int, fstat64, int, struct stat64 *);
+  if (fd > 2 && open_below(fd) && strikes(__func__)) return -1;
+  return real(fd, found);
 }
 
 int mkdir(const char *path, mode_t mode) {
   REAL(int, mkdir, const char *, mode_t);
-  if (absolute_below(path) && strikes()) return -1;
+  if (absolute_below(path) && strikes(__func__)) return -1;
   return real(path, mode);
 }
 
 static int opened(int (*real)(const char *, int, ...), const char *path, int flags, mode_t mode) {
-  if ((flags & (O_CREAT | O_WRONLY | O_RDWR)) && absolute_below(path) && strikes()) return -1;
+  if ((flags & (O_CREAT | O_WRONLY | O_RDWR)) && absolute_below(path) && strikes(__func__)) return -1;
   return real(path, flags, mode);
 }
 
@@ -139,7 +185,7 @@ int open(const char *path, int flags, ...) {
 int close(int fd) {
   REAL(int, close, int);
   int counts = fd > 2 && open_below(fd) && (fcntl(fd, F_GETFL) & O_ACCMODE) != O_RDONLY;
-  int bad = counts && strikes();
+  int bad = counts && strikes(__func__);
   int error = errno, done = real(fd);
   if (bad) {
     errno = error;

@@ -18,6 +18,8 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from select import select
+from signal import SIGKILL
 from typing import Any
 
 import msgspec
@@ -35,7 +37,12 @@ def compiler() -> str | None:
 
 def io_faults(long: bool, seed: int = 0) -> list[Tally]:
     """All commands that write, all their calls (or every few), with several errors."""
-    del seed
+    return served("tests.faults.io_faults:all_faults", long, seed, 0)
+
+
+def served(work: str, long: bool, seed: int, tries: int) -> list[Tally]:
+    """What `module:function` counts in a process of its own that has the library."""
+    module, function = work.split(":")
     with tempfile.TemporaryDirectory() as name:
         library = Path(name) / "fail.so"
         built = compiler()
@@ -44,13 +51,16 @@ def io_faults(long: bool, seed: int = 0) -> list[Tally]:
             [built, "-O2", "-shared", "-fPIC", "-o", library, HERE / "fail.c", "-ldl"],
             check=True,
         )
+        script = (
+            f"from {module} import {function} as work; from tests.faults.io_faults import tell;"
+            f" tell(work({long}, {seed}, {tries}))"
+        )
         done = subprocess.run(
-            [sys.executable, "-c", "from tests.faults.io_faults import serve; serve()"],
+            [sys.executable, "-c", script],
             env={
                 **os.environ,
                 "LD_PRELOAD": str(library),
                 "SCENETRACE_FAIL": str(library),
-                "SCENETRACE_LONG": "1" if long else "",
                 "PYTHONPATH": os.pathsep.join([str(HERE.parent.parent), *sys.path]),
             },
             stdout=subprocess.PIPE,
@@ -59,10 +69,16 @@ def io_faults(long: bool, seed: int = 0) -> list[Tally]:
     return msgspec.json.decode(done.stdout.splitlines()[-1], type=list[Tally])
 
 
+def tell(tallies: list[Tally]) -> None:
+    """Write the tallies to stdout, for `served`."""
+    sys.stdout.write(msgspec.json.encode([asdict(t) for t in tallies]).decode() + "\n")
+
+
 COMMANDS: dict[str, list[str]] = {
     "record": ["record", "../det.txt", "-o", "OUT.mcap", "--fps", "25", "--size", "640x480"],
     "replay": ["replay", "../scene.mcap", "-o", "OUT.mcap"],
     "index": ["index", "../made.mcap", "-o", "OUT.duckdb"],
+    "seal": ["seal", "../scene.mcap", "../made.mcap", "-o", "OUT.json"],
     "recover": ["recover", "../made.mcap", "-o", "OUT.mcap"],
     "cut": ["cut", "../made.mcap", "--from", "0.1", "--to", "0.3", "-o", "OUT.mcap"],
     "export mot": ["export", "../made.mcap", "--to", "mot", "-o", "OUT.txt"],
@@ -70,14 +86,16 @@ COMMANDS: dict[str, list[str]] = {
     "export csv": ["export", "../made.mcap", "--to", "csv", "-o", "OUT"],
     "query": ["query", "../made.mcap", "SELECT * FROM tracks", "--format", "csv", "-o", "OUT.csv"],
     "report": ["report", "../made.mcap", "-o", "OUT.html"],
-    "batch": ["batch", "../det.txt", "-o", "OUT", "--fps", "25", "--size", "640x480"],
+    "evidence": ["evidence", "../made.mcap", "--events", "1", "-o", "OUT"],
 }  # fmt: skip
-LASTING = frozenset({"index", "batch"})
+LASTING = frozenset({"index"})
 """Commands whose output is added to: what is whole of it may stay."""
+KEEPING = frozenset({"record"})
+"""Commands whose part file is for `recover`: it stays where they failed."""
 
 
-def serve() -> None:
-    """In the process that has the library: go through all of it, write the tallies."""
+def failing() -> Any:
+    """The library, in a process that `served` started."""
     library = ctypes.CDLL(os.environ["SCENETRACE_FAIL"])
     library.fail_arm.argtypes = [
         ctypes.c_char_p,
@@ -86,93 +104,117 @@ def serve() -> None:
         ctypes.c_int,
     ]
     library.fail_count.restype = ctypes.c_long
-    long = bool(os.environ["SCENETRACE_LONG"])
-    from tests.faults.small import annotated, run
+    library.fail_struck.restype = ctypes.c_char_p
+    return library
 
-    tallies = []
+
+def all_faults(long: bool, seed: int, tries: int) -> list[Tally]:
+    """Go through all of it, in the process that has the library."""
+    del seed, tries
+    from tests.faults.small import annotated
+
+    library = failing()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         annotated(folder)
-        for command, words in COMMANDS.items():
-            if command == "batch":
-                continue  # its workers are processes of their own: see `kills`
-            # Everything is loaded and every pool warm before the first try.
-            tallies.append(_command(command, words, folder, library, long, run))
-    sys.stdout.write(msgspec.json.encode([asdict(t) for t in tallies]).decode() + "\n")
+        # The first whole run loads everything and warms every pool before the first try.
+        return [
+            _command(command, words, folder, library, long)
+            for command, words in COMMANDS.items()
+        ]
 
 
 def _command(
-    command: str,
-    words: list[str],
-    folder: Path,
-    library: Any,
-    long: bool,
-    run: Callable[..., tuple[int, str]],
+    command: str, words: list[str], folder: Path, library: Any, long: bool
 ) -> Tally:
     tally = Tally(f"a failing call in `{command}`")
-    whole, count = _try(words, folder, library, run, 0, 0, 0)
-    assert whole.code == 0, (command, whole)
+    whole, count = _try(words, folder, library, 0, 0, 0)
+    assert whole.code in (0, 3), (command, whole)
     step = 1 if long else max(1, count // 3)
     for error in ERRORS if long else ERRORS[:1]:
         for at in range(1, count + 1, step):
             for times in (1, 1 << 30) if long else (1 << 30,):
-                done, _ = _try(words, folder, library, run, at, times, error)
+                done, _ = _try(words, folder, library, at, times, error)
                 tally.tries += 1
-                where = f"{errno.errorcode[error]} x {times} at call {at} of {count}"
-                _judge(tally, done, whole, where, command in LASTING)
+                where = f"{errno.errorcode[error]} x {times} at call {at} of {count} ({done.struck})"
+                _judge(tally, done, whole, where, command, once=times == 1)
     return tally
 
 
 class Tried(msgspec.Struct):
-    """How a try ended: exit code, stderr, files in the folder with their digests."""
+    """How a try ended: exit code, stderr, the call that failed, files in the folder with their
+    digests.
+    """
 
     code: int
     said: str
+    struck: str
     files: dict[str, str]
 
 
 def _try(
-    words: list[str],
-    folder: Path,
-    library: Any,
-    run: Callable[..., tuple[int, str]],
-    at: int,
-    times: int,
-    error: int,
+    words: list[str], folder: Path, library: Any, at: int, times: int, error: int
 ) -> tuple[Tried, int]:
+    from tests.faults.small import run
+
+    def work(place: Path) -> tuple[int, str, str, int]:
+        library.fail_arm(str(place).encode(), at, times, error)
+        try:
+            code, told = run(*words)
+            return code, told, library.fail_struck().decode(), library.fail_count()
+        finally:
+            library.fail_arm(b"", 0, 0, 0)
+
     with tempfile.TemporaryDirectory(dir=folder) as name:
         place = Path(name).resolve()
-        reading, writing = os.pipe()
-        child = os.fork()
-        if child == 0:
-            code, said, count = 70, "", 0
-            try:
-                os.chdir(place)
-                library.fail_arm(str(place).encode(), at, times, error)
-                code, said = run(*words)
-                count = library.fail_count()
-            except BaseException as raised:
-                said = f"{type(raised).__name__}: {raised}"
-            finally:
-                library.fail_arm(b"", 0, 0, 0)
-                os.write(writing, msgspec.json.encode((code, said, count)))
-                os._exit(0)
-        os.close(writing)
-        with os.fdopen(reading, "rb") as pipe:
-            told = pipe.read()
-        os.waitpid(child, 0)
-        code, said, count = msgspec.json.decode(told, type=tuple[int, str, int])
-        files = {
-            path.relative_to(place).as_posix(): hashlib.sha256(
-                path.read_bytes()
-            ).hexdigest()
-            for path in sorted(place.rglob("*"))
-            if path.is_file()
-        }
-    return Tried(code, said, files), count
+        answer, said = forked(place, work)
+        code, told, struck, count = answer or (70, said, "", 0)
+        return Tried(code, told, struck, files_of(place)), count
 
 
-def _judge(tally: Tally, done: Tried, whole: Tried, where: str, lasting: bool) -> None:
+def forked(
+    place: Path, work: Callable[[Path], Any], kill_after: float | None = None
+) -> tuple[Any, str]:
+    """What `work` answers in a process forked for it, working in `place`; None where it was
+    killed or raised, and then what it raised.
+    """
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        answer, said = None, ""
+        try:
+            os.chdir(place)
+            answer = work(place)
+        except BaseException as raised:
+            said = f"{type(raised).__name__}: {raised}"
+        finally:
+            os.write(writing, msgspec.json.encode((answer, said)))
+            os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading, "rb") as pipe:
+        if kill_after is not None and not select([pipe], [], [], kill_after)[0]:
+            os.kill(child, SIGKILL)
+        told = pipe.read()
+    os.waitpid(child, 0)
+    if not told:
+        return None, ""
+    answer, said = msgspec.json.decode(told)
+    return answer, said
+
+
+def files_of(place: Path) -> dict[str, str]:
+    """Every file below, with a digest of what is in it."""
+    return {
+        path.relative_to(place).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(place.rglob("*"))
+        if path.is_file()
+    }
+
+
+def _judge(
+    tally: Tally, done: Tried, whole: Tried, where: str, command: str, *, once: bool
+) -> None:
+    lasting = command in LASTING
     lines = [line for line in done.said.splitlines() if line.strip()]
     if done.code == 70 or "Traceback" in done.said:
         tally.foreign += 1
@@ -181,15 +223,17 @@ def _judge(tally: Tally, done: Tried, whole: Tried, where: str, lasting: bool) -
     # A database's bytes are not the same each time; that it opens is tested elsewhere.
     same = set(done.files) == set(whole.files) if lasting else done.files == whole.files
     if done.code in (0, 3):
-        if same:
+        if same or (done.struck == "unlink" and lines):
             tally.survived += 1
         else:
             tally.silent += 1
             tally.note(f"{tally.kind}: {where}: exit {done.code} with {sorted(done.files)}")
         return
     half = {name: d for name, d in done.files.items() if whole.files.get(name) != d}
-    parts = [name for name in half if name.endswith(".part")]
-    if half and not lasting and parts != list(half):
+    parts = [name for name in half if ".part" in name]
+    # Where nothing more can be written, nothing can be removed either.
+    excused = not once or done.struck == "unlink" or command in KEEPING
+    if half and not lasting and not (excused and parts == list(half)):
         tally.lost += 1
         tally.note(f"{tally.kind}: {where}: exit {done.code}, left {sorted(half)}")
     elif not lines:

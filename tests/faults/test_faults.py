@@ -38,7 +38,7 @@ def test_calls_that_fail_leave_nothing_half() -> None:
 @pytest.mark.slow
 @pytest.mark.long
 def test_killed_commands_leave_nothing_half() -> None:
-    check(kills(long=False, tries=1))
+    check(kills(long=False, tries=2))
 
 
 @pytest.mark.slow
