@@ -1,6 +1,7 @@
 """The table of docs/reliability.md: `python tests/faults [KIND...] [--long] [--seed N]`.
 
-Kinds: flips, cuts, io, kills, fuzz, memory. Short by default, as the tests run them; `--long`
+Kinds: flips, cuts, io, kills, fuzz, memory. Each is a row of the table on stdout, what it is made
+of on stderr. Short by default, as the tests run them; `--long`
 takes every byte, every call, 80 kills of each command and 10^5 inputs of each target (hours).
 Exit code 1 where something was lost, silent or foreign.
 """
@@ -11,15 +12,16 @@ import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from tests.faults.damage import cuts, flips
 from tests.faults.fuzz import fuzz
-from tests.faults.io_faults import io_faults
+from tests.faults.io_faults import COMMANDS, io_faults
 from tests.faults.kills import kills
 from tests.faults.memory import memory
-from tests.faults.tally import HEAD, Tally
+from tests.faults.tally import HEAD, Tally, summed
 
 KINDS: dict[str, Callable[..., list[Tally]]] = {
     "flips": flips,
@@ -28,6 +30,14 @@ KINDS: dict[str, Callable[..., list[Tally]]] = {
     "kills": kills,
     "fuzz": fuzz,
     "memory": memory,
+}
+NAMES = {
+    "flips": "bytes flipped, three logs (no compression, LZ4, Zstandard)",
+    "cuts": "lengths cut, three logs",
+    "io": f"calls that fail, {len(COMMANDS)} commands",
+    "kills": f"kill -9, {len(COMMANDS) + 1} commands",
+    "fuzz": "inputs changed at random",
+    "memory": "hostile files under 2 GiB and 60 s",
 }
 
 
@@ -40,6 +50,8 @@ def main() -> int:
     parser.add_argument(
         "--tries", type=int, help="inputs of each target, kills of each command"
     )
+    parser.add_argument("--seconds", type=float, help="so long for each target of fuzz")
+    parser.add_argument("--target", default="", help="targets whose name begins so")
     args = parser.parse_args()
     unknown = [kind for kind in args.kinds if kind not in KINDS]
     if unknown:
@@ -47,10 +59,14 @@ def main() -> int:
     print(HEAD, flush=True)
     wrong = []
     for kind in args.kinds or KINDS:
-        more = {"tries": args.tries} if args.tries and kind in ("fuzz", "kills") else {}
-        for tally in KINDS[kind](args.long, args.seed, **more):
-            print(tally.row(), flush=True)
+        more: dict[str, Any] = {"tries": args.tries} if kind in ("fuzz", "kills") else {}
+        if kind == "fuzz":
+            more |= {"seconds": args.seconds, "only": args.target}
+        tallies = KINDS[kind](args.long, args.seed, **more)
+        for tally in tallies:
+            print(tally.row(), file=sys.stderr, flush=True)
             wrong += tally.notes if not tally.clean else []
+        print(summed(NAMES[kind], tallies).row(), flush=True)
     for note in wrong:
         print(note[:400], file=sys.stderr)
     return 1 if wrong else 0

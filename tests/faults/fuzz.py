@@ -4,16 +4,20 @@ else.
 
 from __future__ import annotations
 
+import os
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
+from math import inf
 from pathlib import Path
 from random import Random
+from time import monotonic
 
 from recorders.errors import SceneTraceError
 from tests.faults.tally import Tally
 
 Target = Callable[[bytes, Path], object]
+_MOST_KEPT = 2000
 _TOKENS = (
     b"0", b"-1", b"1e999", b"nan", b"inf", b"18446744073709551616", b"-9223372036854775809",
     b"\x00", b"\xff\xfe", b"{", b"}", b"[", b"]", b'"', b",", b";", b"\n", b"\r\n", b"\\", b"'",
@@ -48,35 +52,77 @@ def changed(data: bytes, rng: Random) -> bytes:
     return bytes(out)
 
 
-def fuzz(long: bool, seed: int = 0, tries: int | None = None) -> list[Tally]:
-    """Every target, with its seeds changed."""
+def fuzz(
+    long: bool,
+    seed: int = 0,
+    tries: int | None = None,
+    seconds: float | None = None,
+    only: str = "",
+) -> list[Tally]:
+    """Every target (whose name begins so), with its seeds changed: so many inputs, or for so
+    long.
+    """
+    from tests.faults.more_targets import more_targets
     from tests.faults.targets import targets
 
     tallies = []
-    with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
+    place = "/dev/shm" if Path("/dev/shm").is_dir() else None
+    with tempfile.TemporaryDirectory(dir=place) as name, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         folder = Path(name)
-        for kind, (seeds, target) in targets(folder).items():
-            count = tries or (100_000 if long else 60)
-            tallies.append(_target(kind, seeds, target, folder, count, seed))
+        for kind, (seeds, target) in {**targets(folder), **more_targets(folder)}.items():
+            if kind.startswith(only):
+                count = tries or (100_000 if long else 40)
+                until = inf if seconds is None else monotonic() + seconds
+                tallies.append(_target(kind, seeds, target, folder, count, seed, until))
     return tallies
 
 
 def _target(
-    kind: str, seeds: Sequence[bytes], target: Target, folder: Path, count: int, seed: int
+    kind: str,
+    seeds: Sequence[bytes],
+    target: Target,
+    folder: Path,
+    count: int,
+    seed: int,
+    until: float,
 ) -> Tally:
+    """Guided by where an input was refused: one that comes to a new place is changed further."""
     tally = Tally(f"fuzz: {kind}")
     rng = Random(f"{kind} {seed}")
+    pool, places = list(seeds), set()
     for number in range(count):
-        data = changed(rng.choice(seeds), rng) if number >= len(seeds) else seeds[number]
+        if number % 64 == 0 and monotonic() > until:
+            break
+        fresh = rng.random() < 0.5  # what came to a new place lately, or any of all
+        data = rng.choice(pool[-20:] if fresh else pool)
+        data = changed(data, rng) if number >= len(seeds) else seeds[number]
         tally.tries += 1
         try:
             target(data, folder)
-        except SceneTraceError:
+        except SceneTraceError as error:
             tally.survived += 1
+            place = _place(error)
+            if place not in places and len(pool) < _MOST_KEPT:
+                places.add(place)
+                pool.append(data)
         except (Exception, RecursionError) as error:
             tally.foreign += 1
             tally.note(f"{tally.kind}: {type(error).__name__}: {error}: {data[:300]!r}")
+            keep = os.environ.get("SCENETRACE_CRASHES")
+            if keep and tally.foreign <= 20:
+                name = f"{kind.replace('/', '-')}-{seed}-{number}"
+                (Path(keep) / name).write_bytes(data)
         else:
             tally.survived += 1
     return tally
+
+
+def _place(error: BaseException) -> tuple[tuple[str, int], ...]:
+    """The lines through which an error came."""
+    found = []
+    trace = error.__traceback__
+    while trace is not None:
+        found.append((trace.tb_frame.f_code.co_filename, trace.tb_lineno))
+        trace = trace.tb_next
+    return tuple(found)

@@ -128,7 +128,7 @@ def _watch(newest: mmap) -> None:
         newest[:8] = struct.pack("<q", log_ns)
         write(self, channel, data, log_ns, *rest)
 
-    LogWriter.write = watched  # type: ignore[method-assign]
+    LogWriter.write = watched  # type: ignore[assignment, method-assign]
 
 
 def _half(place: Path, whole: dict[str, str]) -> str:

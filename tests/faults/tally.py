@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 
@@ -43,6 +44,18 @@ class Tally:
             f"| {self.kind} | {self.tries} | {self.survived} | {self.lost} | {self.silent} |"
             f" {self.foreign} |"
         )
+
+
+def summed(kind: str, tallies: Sequence[Tally]) -> Tally:
+    """All of them as one."""
+    return Tally(
+        kind,
+        sum(t.tries for t in tallies),
+        sum(t.survived for t in tallies),
+        sum(t.lost for t in tallies),
+        sum(t.silent for t in tallies),
+        sum(t.foreign for t in tallies),
+    )
 
 
 HEAD = "| kind | tries | survived | lost | silent | foreign exceptions |\n|---|---|---|---|---|---|"
