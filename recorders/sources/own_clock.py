@@ -10,10 +10,14 @@ from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 
+from recorders.log.wire import MAGIC
+
 _NAMED = re.compile(
     r"(?<!\d)((?:19|20)\d\d)[-_.]?([01]\d)[-_.]?([0-3]\d)[-_ T.]{0,3}([0-2]\d)[-_:.h]?([0-5]\d)"
     r"[-_:.m]?([0-5]\d)?(?!\d)"
 )
+
+_HEAD_BYTES = 4096
 
 
 def own_clock(path: Path) -> list[tuple[str, str]]:
@@ -36,8 +40,18 @@ def own_clock(path: Path) -> list[tuple[str, str]]:
     return found
 
 
+def _may_be_container(path: Path) -> bool:
+    """Not where a file is text or a log, for which the libraries of video need not be loaded."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError:
+        return False
+    return b"\0" in head and not head.startswith(MAGIC)
+
+
 def _created(path: Path) -> str:
-    if not path.is_file():
+    if not path.is_file() or not _may_be_container(path):
         return ""
     import av
 

@@ -27,20 +27,26 @@ from replay.batch.jobs import Job, Outcome, Status, digest_of, stamp_of
 COMMAND = "replay.cli:main"
 """What runs ``record`` and ``replay``: module and function, loaded in the nursery."""
 _LOADED = (
+    "av",
     "cv2",
     "duckdb",
     "networkx",
     "numpy",
     "reasoning.questions.catalogue",
+    "recorders.annotated.chain",
     "recorders.recording",
-    "recorders.sources",
+    "recorders.sources.opening",
+    "recorders.sources.own_clock",
+    "recorders.sources.with_detections",
     "recorders.vision",
     "replay.annotated_writer",
+    "replay.assignment",
     "replay.batch.steps",
     "replay.cli.record",
     "replay.cli.replay",
     "replay.configuration",
     "replay.run",
+    "replay.verification",
     "scipy.optimize",
 )
 _MAIN = "from replay.batch.nursery import serve; serve()"

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
+from replay.batch.jobs import Job, Outcome
+from replay.batch.nursery import Nursery
 
 WORDS = ["--fps", "25", "--size", "640x480"]
 
@@ -44,3 +47,39 @@ def digests(case: Path) -> dict[str, str]:
         for path in sorted(case.rglob("*"))
         if path.is_file() and path.name != ".lock"
     }
+
+
+class _Lent:
+    """A nursery that goes on after its batch."""
+
+    def __init__(self, free: list[Nursery]) -> None:
+        self._free = free
+        self._nursery: Nursery | None = free.pop() if free else Nursery()
+
+    def do(self, job: Job) -> Outcome:
+        assert self._nursery is not None
+        return self._nursery.do(job)
+
+    def close(self) -> None:
+        if self._nursery is not None:
+            self._free.append(self._nursery)
+        self._nursery = None
+
+
+@pytest.fixture(scope="session")
+def _free_nurseries() -> Iterator[list[Nursery]]:
+    free: list[Nursery] = []
+    yield free
+    for nursery in free:
+        nursery.close()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _lent_nurseries(_free_nurseries: list[Nursery]) -> Iterator[None]:
+    """Batches of one test after another use the same nurseries: each job is in a process of its
+    own all the same, and loading everything takes longer than these jobs. Commands that a test
+    starts as a process have their own.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("replay.batch.engines.Nursery", lambda: _Lent(_free_nurseries))
+        yield

@@ -18,6 +18,7 @@ HEAVY = frozenset(
     }
 )  # fmt: skip
 MAY_LOAD = {
+    "record": frozenset({"google"}),
     "replay": frozenset({"google", "networkx", "scipy"}),
     "info": frozenset({"rich"}),
     "query": frozenset({"duckdb", "google"}),
@@ -46,7 +47,8 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        ("replay", ["scene.mcap", "-o", "again.mcap"]),
+        ("record", ["det.txt", "-o", "again.mcap", "--fps", "25", "--size", "640x480"]),
+        ("replay", ["scene.mcap", "-o", "new.mcap"]),
         ("info", ["annotated.mcap"]),
         ("query", ["annotated.mcap", "SELECT 1"]),
     ],

@@ -4,39 +4,19 @@ from __future__ import annotations
 
 import os
 import resource
-import struct
 import subprocess
 import sys
 import tempfile
 import time
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 
 from tests.faults.tally import Tally
+from tests.lying_files import mcap_bomb, png
 
 _MAIN = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
 _MEMORY = 2 << 30
 _SECONDS = 60.0
-
-
-def _png(width: int, height: int) -> bytes:
-    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(data))
-            + kind
-            + data
-            + struct.pack(">I", zlib.crc32(kind + data))
-        )
-
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", head)
-        + chunk(b"IDAT", zlib.compress(b"\0" * 99))
-        + chunk(b"IEND", b"")
-    )
 
 
 def _xml_bomb() -> bytes:
@@ -44,26 +24,10 @@ def _xml_bomb() -> bytes:
     return f'<!DOCTYPE x [<!ENTITY a0 "ha">{levels}]><dataset>&a9;</dataset>'.encode()
 
 
-def _mcap_bomb() -> bytes:
-    import zstandard
-
-    packed = zstandard.ZstdCompressor().compress(b"\0" * (1 << 30))
-    fields = struct.pack("<QQQI", 0, 1, 1 << 30, 0) + struct.pack("<I", 4) + b"zstd"
-    fields += struct.pack("<Q", len(packed)) + packed
-    body = b"\x89MCAP0\r\n" + struct.pack("<BQ", 1, 8) + struct.pack("<II", 0, 0)
-    body += struct.pack("<BQ", 6, len(fields)) + fields
-    return (
-        body
-        + struct.pack("<BQI", 15, 4, 0)
-        + struct.pack("<BQQQI", 2, 20, 0, 0, 0)
-        + b"\x89MCAP0\r\n"
-    )
-
-
 HOSTILE: dict[str, tuple[str, Callable[[], bytes]]] = {
-    "a picture that claims 60000 x 60000": ("pictures/1.png", lambda: _png(60000, 60000)),
+    "a picture that claims 60000 x 60000": ("pictures/1.png", lambda: png(60000, 60000)),
     "entities of XML that multiply": ("bomb.xml", _xml_bomb),
-    "a chunk that unpacks to 1 GiB": ("bomb.mcap", _mcap_bomb),
+    "a chunk that unpacks to 1 GiB": ("bomb.mcap", lambda: mcap_bomb(1 << 30, 1 << 30)),
     "JSON, nested 10^5 deep": ("deep.json", lambda: b"[" * 100_000 + b"]" * 100_000),
     "a line of 200 MB": ("line.txt", lambda: b"1," * 100_000_000),
 }

@@ -13,12 +13,10 @@ import struct
 import subprocess
 import sys
 import time
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import zstandard
 
 from fixtures.logs import write_scene_log
 from fixtures.scenes import generate
@@ -28,6 +26,7 @@ from recorders.messages import NO_BLOB, Detections
 from recorders.pictures import encode_jpeg, encode_png
 from recorders.scene import SceneLog
 from replay.cli import main
+from tests.lying_files import mcap_bomb, png
 
 MAGIC = b"\x89MCAP0\r\n"
 PROGRAM = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
@@ -38,47 +37,6 @@ POSIX = pytest.mark.skipif(
 
 # -- building
 # ----------------------------------------------------------------------------------------------------------
-
-
-def png(width: int, height: int) -> bytes:
-    """A PNG of a few bytes that claims any size."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(data))
-            + kind
-            + data
-            + struct.pack(">I", zlib.crc32(kind + data))
-        )
-
-    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", head)
-        + chunk(b"IDAT", zlib.compress(b"\0" * 99))
-        + chunk(b"IEND", b"")
-    )
-
-
-def bomb() -> bytes:
-    """A log whose one chunk declares 100 bytes and unpacks to 64 MiB."""
-
-    def record(opcode: int, content: bytes) -> bytes:
-        return struct.pack("<BQ", opcode, len(content)) + content
-
-    def text(value: str) -> bytes:
-        return struct.pack("<I", len(value)) + value.encode()
-
-    packed = zstandard.ZstdCompressor().compress(bytes(64 << 20))
-    chunk = (
-        struct.pack("<QQQI", 0, 10, 100, 0)
-        + text("zstd")
-        + struct.pack("<Q", len(packed))
-        + packed
-    )
-    body = MAGIC + record(1, text("") + text("by hand")) + record(6, chunk)
-    body += record(15, struct.pack("<I", zlib.crc32(body)))
-    return body + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + MAGIC
 
 
 def records(data: bytes, opcode: int) -> list[tuple[int, int]]:
@@ -254,7 +212,9 @@ BAD_FILES: dict[str, Callable[[Path], object]] = {
     "a log cut in its first chunk": lambda path: path.write_bytes(
         Path("annotated.mcap").read_bytes()[:900]
     ),
-    "a chunk that unpacks to more than it declares": lambda path: path.write_bytes(bomb()),
+    "a chunk that unpacks to more than it declares": lambda path: path.write_bytes(
+        mcap_bomb(64 << 20, declared=100)
+    ),
 }
 
 

@@ -5,8 +5,6 @@ nothing it claims.
 from __future__ import annotations
 
 import contextlib
-import struct
-import zlib
 from pathlib import Path
 
 import av
@@ -19,6 +17,7 @@ from recorders.errors import LimitError, SceneTraceError, SourceError
 from recorders.limits import Limits
 from recorders.recording import RecordOptions, record
 from recorders.sources import open_source, read_regions
+from tests.lying_files import png
 
 HEAD = '<?xml version="1.0"?>'
 
@@ -39,26 +38,6 @@ def fails(path: Path, message: str, **arguments: object) -> SceneTraceError:
     assert "\n" not in str(e.value)
     assert path.name in str(e.value)
     return e.value
-
-
-def png(width: int, height: int) -> bytes:
-    """A PNG of a few bytes that claims any size."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(data))
-            + kind
-            + data
-            + struct.pack(">I", zlib.crc32(kind + data))
-        )
-
-    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", head)
-        + chunk(b"IDAT", zlib.compress(b"\0" * 99))
-        + chunk(b"IEND", b"")
-    )
 
 
 @pytest.mark.parametrize("name", ["none.avi", "none.txt", "none.xml", "none"])
