@@ -1,50 +1,21 @@
-"""Boxes in the files of annotation tools: COCO, CVAT, Label Studio, Frigate's events."""
+"""Boxes in JSON documents: COCO, Frigate's events, and what else tells itself by its names."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from recorders.errors import SourceError
 from recorders.formats.boxes import NOBODY, BoxRow
-from recorders.formats.columns import number, number_in
-from recorders.formats.readers import Bad, checked, read_json
+from recorders.formats.columns import number
+from recorders.formats.document import Document
+from recorders.formats.file_names import FrameNames
+from recorders.formats.label_studio import LabelStudio, is_label_studio
+from recorders.formats.readers import read_json
+from recorders.formats.run_lengths import box_of_runs
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.names import by_number
-
-
-class Document:
-    """A document that is read whole: what the classes here share."""
-
-    name = ""
-    first_frame: int | None = 0
-    is_certain = True
-
-    def __init__(self, path: Path, size: tuple[int, int] | None = None) -> None:
-        self.path = path
-        self.size: tuple[int, int] | None = None
-        self.notes: list[str] = []
-        self._picture = size
-        self._found: list[BoxRow] = []
-        self._bad: list[tuple[str, str]] = []
-
-    def _take(self, row: BoxRow, where: str) -> None:
-        kept = checked(
-            row, self.path, where, lambda what, why: self._bad.append((what, why))
-        )
-        if kept is not None:
-            self._found.append(kept)
-
-    def rows(self, bad: Bad) -> Iterator[BoxRow]:
-        """See `recorders.formats.readers.RowReader`."""
-        for what, where in self._bad:
-            bad(what, where)
-        yield from self._found
-
-    def files(self) -> list[Path]:
-        """See `recorders.formats.readers.RowReader`."""
-        return [self.path]
 
 
 class Coco(Document):
@@ -57,11 +28,15 @@ class Coco(Document):
         path: Path,
         document: Any,
         size: tuple[int, int] | None = None,
+        pictures: FrameNames | None = None,
     ) -> None:
         super().__init__(path, size)
+        self._names = pictures or FrameNames()
         if isinstance(document, list):
             entries, images, names = document, {}, {}
             self.is_certain = False
+            texts = [e.get("image_id") for e in entries if isinstance(e, dict)]
+            self._names.learn([text for text in texts if isinstance(text, str)])
         else:
             entries = _listed(document, "annotations", path)
             images = self._images(_listed(document, "images", path))
@@ -77,7 +52,7 @@ class Coco(Document):
                     self._bad.append(("a crowd, which is no single object", where))
                     continue
                 frame = one["image_id"]
-                frame = images[frame] if images else _frame_of(frame)
+                frame = images[frame] if images else self._frame_of(frame)
                 box = _box_of(one)
                 score = one.get("score", 1.0)
                 label = names.get(one.get("category_id"), one.get("category_id", ""))
@@ -89,10 +64,11 @@ class Coco(Document):
                     number(score, "score"),
                     str(label),
                 )
-            except (KeyError, TypeError, ValueError, AttributeError) as error:
-                self._bad.append(
-                    (f"an annotation that is none ({type(error).__name__})", where)
-                )
+            except KeyError as error:
+                self._bad.append((f"an annotation without {error.args[0]}", where))
+                continue
+            except (TypeError, ValueError, AttributeError) as error:
+                self._bad.append((f"an annotation that is none ({error})", where))
                 continue
             self._take(row, where)
         if not entries:
@@ -107,30 +83,32 @@ class Coco(Document):
             if isinstance(width, int) and isinstance(height, int) and width > 0 < height:
                 self.size = width, height
         files = {image["id"]: str(image.get("file_name", image["id"])) for image in named}
-        try:
-            numbers = {identity: number_in(file) for identity, file in files.items()}
-        except ValueError:
-            numbers = {}
+        self._names.learn(files.values())
+        numbers: dict[Any, int] = {}
+        for identity, file in files.items():
+            with suppress(ValueError):
+                numbers[identity] = self._names.frame(file)
         if files and len(set(numbers.values())) == len(files):
-            self.first_frame = min(1, *numbers.values())
+            self.first_frame = self._names.first_frame
             return numbers
         order = sorted(files, key=lambda identity: by_number(files[identity]))
         return {identity: place for place, identity in enumerate(order)}
 
+    def _frame_of(self, value: Any) -> int:
+        return value if isinstance(value, int) else self._names.frame(str(value))
+
 
 def _box_of(annotation: dict[str, Any]) -> tuple[float, float, float, float]:
-    """An annotation's box; that around its polygons where it has none of its own."""
-    if annotation.get("bbox") or not isinstance(annotation.get("segmentation"), list):
+    """An annotation's box; that around its polygons or its mask where it has none of its own."""
+    polygons = annotation.get("segmentation")
+    if annotation.get("bbox") or not polygons:
         x, y, w, h = (number(value, "bbox") for value in annotation["bbox"])
         return x, y, w, h
-    polygons = annotation["segmentation"]
+    if isinstance(polygons, dict):
+        return box_of_runs(polygons)
     xs = [number(value, "segmentation") for polygon in polygons for value in polygon[::2]]
     ys = [number(value, "segmentation") for polygon in polygons for value in polygon[1::2]]
     return min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys)
-
-
-def _frame_of(value: Any) -> int:
-    return value if isinstance(value, int) else number_in(str(value))
 
 
 def _listed(document: Any, name: str, path: Path) -> list[Any]:
@@ -138,107 +116,6 @@ def _listed(document: Any, name: str, path: Path) -> list[Any]:
     if not isinstance(found, list):
         raise SourceError(f"its {name} are no list", path)
     return found
-
-
-class LabelStudio(Document):
-    """Label Studio's JSON export: rectangles of pictures, or of videos with key frames between
-    which boxes move evenly.
-    """
-
-    name = "Label Studio JSON"
-    first_frame = None
-    is_certain = False
-
-    def __init__(
-        self, path: Path, document: list[Any], size: tuple[int, int] | None = None
-    ) -> None:
-        super().__init__(path, size)
-        for place, task in enumerate(document):
-            for one in task.get("annotations") or task.get("completions") or []:
-                for result in one.get("result") or []:
-                    try:
-                        self._result(task, place, result)
-                    except (KeyError, TypeError, ValueError, AttributeError) as error:
-                        self._bad.append(
-                            (
-                                f"a result that is none ({type(error).__name__})",
-                                f"task {place + 1}",
-                            )
-                        )
-
-    def _result(self, task: Any, place: int, result: Any) -> None:
-        value = result["value"]
-        labels = value.get("rectanglelabels") or value.get("labels") or [""]
-        if result.get("type") == "videorectangle":
-            size = self._size_of(result)
-            for frame, box in _between(value["sequence"], value.get("framesCount")):
-                self._take(
-                    BoxRow(frame, NOBODY, _percent(box, size), 1.0, str(labels[0])),
-                    f"task {place + 1}, frame {frame}",
-                )
-        elif "width" in value:
-            data = task.get("data") or {}
-            name = next((str(v) for v in data.values() if isinstance(v, str)), "")
-            try:
-                frame = number_in(name)
-            except ValueError:
-                frame = place
-            box = tuple(float(value[key]) for key in ("x", "y", "width", "height"))
-            self._take(
-                BoxRow(
-                    frame, NOBODY, _percent(box, self._size_of(result)), 1.0, str(labels[0])
-                ),
-                f"task {place + 1}",
-            )
-
-    def _size_of(self, result: Any) -> tuple[int, int]:
-        width, height = result.get("original_width"), result.get("original_height")
-        if isinstance(width, int) and isinstance(height, int):
-            self.size = width, height
-            return width, height
-        if self._picture is None:
-            raise SourceError(
-                "its boxes are shares of a picture whose size it does not say: say it with"
-                " --size",
-                self.path,
-            )
-        return self._picture
-
-
-def _percent(
-    box: tuple[float, ...], size: tuple[int, int]
-) -> tuple[float, float, float, float]:
-    x, y, w, h = box
-    return (
-        x * size[0] / 100,
-        y * size[1] / 100,
-        w * size[0] / 100,
-        h * size[1] / 100,
-    )
-
-
-def _between(sequence: list[Any], count: Any) -> Iterator[tuple[int, tuple[float, ...]]]:
-    """Frame and box of every frame in which the target is there, from its key frames."""
-    keys = sorted(sequence, key=lambda k: k["frame"])
-    for k, key in enumerate(keys):
-        box = tuple(float(key[name]) for name in ("x", "y", "width", "height"))
-        frame = int(key["frame"])
-        yield frame, box
-        if not key.get("enabled", True):
-            continue
-        if k + 1 < len(keys):
-            following = keys[k + 1]
-            end = int(following["frame"])
-            target = tuple(float(following[name]) for name in ("x", "y", "width", "height"))
-            for f in range(frame + 1, end):
-                share = (f - frame) / (end - frame)
-                yield (
-                    f,
-                    tuple(a + (b - a) * share for a, b in zip(box, target, strict=True)),
-                )
-        elif isinstance(count, int):
-            for f in range(frame + 1, count + 1):
-                yield f, box
 
 
 class Frigate(Document):
@@ -307,6 +184,7 @@ def document_of(
     size: tuple[int, int] | None,
     fps: float,
     limits: Limits = DEFAULT_LIMITS,
+    pictures: FrameNames | None = None,
 ) -> Document | None:
     """A JSON document by what is in it; None for a list of rows with named values.
 
@@ -315,7 +193,7 @@ def document_of(
     """
     found = read_json(path, limits)
     if isinstance(found, dict) and {"images", "annotations"} <= set(found):
-        return Coco(path, found, size)
+        return Coco(path, found, size, pictures)
     if not isinstance(found, list):
         what = (
             ", ".join(list(found)[:6]) if isinstance(found, dict) else type(found).__name__
@@ -329,9 +207,9 @@ def document_of(
         raise SourceError("no detections in this file", path)
     first = found[0] if isinstance(found[0], dict) else {}
     if "image_id" in first and "bbox" in first:
-        return Coco(path, found, size)
-    if "annotations" in first or "completions" in first:
-        return LabelStudio(path, found, size)
+        return Coco(path, found, size, pictures)
+    if is_label_studio(first):
+        return LabelStudio(path, found, size, pictures)
     if "after" in first or {"start_time", "label"} <= set(first):
         return Frigate(path, found, size, fps)
     return None

@@ -15,6 +15,7 @@ from typing import Any
 
 from recorders.errors import UsageError
 from recorders.formats.boxes import NOBODY, BoxRow
+from recorders.formats.file_names import FrameNames
 from recorders.messages import Box
 
 _ROLES: dict[str, tuple[str, ...]] = {
@@ -52,8 +53,8 @@ _NAMES |= {f"{role}n": f"{role}n" for role in _PLACES} | {
     "xywhn": "bboxn",
     "xyxyn": "cornersn",
 }
+_UNKNOWN = FrameNames()
 _SHAPES = (("x", "y", "w", "h"), ("x1", "y1", "x2", "y2"), ("cx", "cy", "w", "h"))
-_NUMBER = re.compile(r"\d+")
 
 
 @dataclass(frozen=True)
@@ -73,10 +74,7 @@ class Columns:
         Raises:
             ValueError: they give no frame, or no box.
         """
-        roles = [
-            _NAMES.get(name.strip().strip('"').lower().replace(" ", "_"), "")
-            for name in names
-        ]
+        roles = cls.roles_of(names)
         if "x1" not in roles and "left" in _plain(names) and "x2" in roles:
             roles = ["x1" if r == "x" else "y1" if r == "y" else r for r in roles]
         for index, role in enumerate(roles):
@@ -93,13 +91,25 @@ class Columns:
             )
         return cls(tuple(roles))
 
+    @staticmethod
+    def roles_of(names: Sequence[str]) -> list[str]:
+        """The role that each name alone stands for, empty where it is none."""
+        plain = (name.strip().strip('"').lower().replace(" ", "_") for name in names)
+        return [_NAMES.get(name, "") for name in plain]
+
     @property
     def is_relative(self) -> bool:
         """Whether boxes are shares of the picture."""
         return any(role.endswith("n") for role in self.roles if role)
 
-    def row(self, values: Sequence[Any], size: tuple[int, int] | None, line: int) -> BoxRow:
-        """A row's box; the frame is as the file counts it.
+    def row(
+        self,
+        values: Sequence[Any],
+        size: tuple[int, int] | None,
+        line: int,
+        names: FrameNames | None = None,
+    ) -> BoxRow:
+        """A row's box; the frame is as the file counts it, or as its picture's name says.
 
         Raises:
             ValueError: a value is missing, or no number.
@@ -107,7 +117,7 @@ class Columns:
         held = {
             role: value for role, value in zip(self.roles, values, strict=False) if role
         }
-        return row_of(held, size, line)
+        return row_of(held, size, line, names)
 
 
 def _plain(names: Sequence[str]) -> set[str]:
@@ -125,7 +135,12 @@ def _shape_of(roles: set[str]) -> tuple[str, ...] | None:
     return None
 
 
-def row_of(held: Mapping[str, Any], size: tuple[int, int] | None, line: int) -> BoxRow:
+def row_of(
+    held: Mapping[str, Any],
+    size: tuple[int, int] | None,
+    line: int,
+    names: FrameNames | None = None,
+) -> BoxRow:
     """The box in values by role.
 
     Raises:
@@ -134,7 +149,7 @@ def row_of(held: Mapping[str, Any], size: tuple[int, int] | None, line: int) -> 
     label = held.get("label")
     score = held.get("score")
     return BoxRow(
-        _frame(held),
+        _frame(held, names or _UNKNOWN),
         _identity(held.get("id")),
         box_of(held, size),
         1.0 if _empty(score) else number(score, "score"),
@@ -149,28 +164,14 @@ def _empty(value: Any) -> bool:
     return value is None or (isinstance(value, str) and not value.strip())
 
 
-def _frame(held: Mapping[str, Any]) -> int:
+def _frame(held: Mapping[str, Any], names: FrameNames) -> int:
     value = held.get("frame")
     if _empty(value):
-        return number_in(str(held.get("file", "")))
+        return names.frame(str(held.get("file", "")))
     found = number(value, "frame")
     if found != int(found) or found < 0:
         raise ValueError(f"frame {value}: frames are whole numbers from 0 or 1")
     return int(found)
-
-
-def number_in(name: str) -> int:
-    """The last number in a file's name without its suffix: ``video_12.jpg`` is frame 12.
-
-    Raises:
-        ValueError: there is none.
-    """
-    stem = name.replace("\\", "/").rsplit("/", 1)[-1]
-    stem = stem.rsplit(".", 1)[0] if "." in stem else stem
-    digits = _NUMBER.findall(stem)
-    if not digits:
-        raise ValueError(f"{name[:60]!r} holds no frame number")
-    return int(digits[-1])
 
 
 def _identity(value: Any) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,13 @@ from typing import Any
 from recorders.errors import LimitError, SourceError
 from recorders.files import open_to_read
 from recorders.formats.boxes import NOBODY, BoxRow
+from recorders.formats.file_names import FrameNames
 from recorders.formats.readers import Bad, checked
 
 _DEEPEST = 32
 _ONLY_LATER = ("image", "track")
+_SHAPES = frozenset({"box", "polygon", "ellipse", "mask"})
+_WITHOUT_BOX = frozenset({"points", "polyline", "skeleton", "cuboid"})
 
 
 class Cvat:
@@ -26,8 +30,16 @@ class Cvat:
     first_frame: int | None = 0
     is_certain = True
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, names: FrameNames | None = None) -> None:
         self.path = path
+        self._names = names or FrameNames()
+        if self._names.are_known:
+            self._names.learn(
+                name
+                for e in self._elements()
+                if (name := e.get("name")) and e.tag == "image"
+            )
+            self.first_frame = 1 if self._names.matched else 0
         self.size: tuple[int, int] | None = None
         self.notes: list[str] = []
 
@@ -74,10 +86,16 @@ class Cvat:
     def rows(self, bad: Bad) -> Iterator[BoxRow]:
         """See `recorders.formats.readers.RowReader`."""
         for element in self._elements():
-            for box in element.iter("box"):
-                if box.get("outside") == "1":
+            for shape in element:
+                if shape.tag in _WITHOUT_BOX:
+                    bad(f"a shape without a box ({shape.tag})", self.path.name)
+                if shape.tag not in _SHAPES or shape.get("outside") == "1":
                     continue
-                row = self._row(element, box)
+                try:
+                    row = self._row(element, shape)
+                except SourceError as error:
+                    bad(error.reason, self.path.name)
+                    continue
                 where = f"{self.path.name}, frame {row.frame}"
                 kept = checked(row, self.path, where, bad)
                 if kept is not None:
@@ -86,19 +104,59 @@ class Cvat:
     def _row(self, element: Any, box: Any) -> BoxRow:
         owner = box if element.tag == "track" else element
         try:
-            frame = int(owner.get("frame") or owner.get("id"))
-            left, top, right, bottom = (
-                float(box.get(name)) for name in ("xtl", "ytl", "xbr", "ybr")
-            )
+            frame = self._frame(owner)
+            left, top, right, bottom = _corners(box)
             identity = int(element.get("id")) if element.tag == "track" else NOBODY
         except (TypeError, ValueError) as error:
             raise SourceError(
-                f"a box of {element.tag} {element.get('id')} without frame or corners",
+                f"a shape of {element.tag} {element.get('id')} without frame or corners",
                 self.path,
             ) from error
         label = element.get("label") or box.get("label") or ""
         return BoxRow(frame, identity, (left, top, right - left, bottom - top), 1.0, label)
 
+    def _frame(self, owner: Any) -> int:
+        """The frame's number; that of the picture of an image's name, where these are known."""
+        if self._names.matched and owner.tag == "image":
+            return self._names.frame(owner.get("name") or "")
+        return int(owner.get("frame") or owner.get("id"))
+
     def files(self) -> list[Path]:
         """See `recorders.formats.readers.RowReader`."""
         return [self.path]
+
+
+def _corners(shape: Any) -> tuple[float, float, float, float]:
+    """The box around a shape: left, top, right, bottom.
+
+    Raises:
+        TypeError, ValueError: it lacks a value.
+    """
+    if shape.tag == "box":
+        left, top, right, bottom = (
+            float(shape.get(name)) for name in ("xtl", "ytl", "xbr", "ybr")
+        )
+        half = (right - left) / 2, (bottom - top) / 2
+        x, y = left + half[0], top + half[1]
+    elif shape.tag == "ellipse":
+        x, y, *half_ = (float(shape.get(name)) for name in ("cx", "cy", "rx", "ry"))
+        half = half_[0], half_[1]
+    elif shape.tag == "mask":
+        left, top, width, height = (
+            float(shape.get(name)) for name in ("left", "top", "width", "height")
+        )
+        return left, top, left + width, top + height
+    else:
+        points = [p.split(",") for p in shape.get("points").split(";")]
+        xs, ys = [float(p[0]) for p in points], [float(p[1]) for p in points]
+        return min(xs), min(ys), max(xs), max(ys)
+    turn = math.radians(float(shape.get("rotation") or 0))
+    if not turn:
+        return x - half[0], y - half[1], x + half[0], y + half[1]
+    cos, sin = abs(math.cos(turn)), abs(math.sin(turn))
+    if shape.tag == "ellipse":
+        across = math.hypot(half[0] * cos, half[1] * sin)
+        down = math.hypot(half[0] * sin, half[1] * cos)
+    else:
+        across, down = half[0] * cos + half[1] * sin, half[0] * sin + half[1] * cos
+    return x - across, y - down, x + across, y + down

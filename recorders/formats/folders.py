@@ -5,6 +5,7 @@ The last number in a file's name is the frame's.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,8 @@ from typing import Any
 from recorders.errors import SourceError
 from recorders.files import open_to_read
 from recorders.formats.boxes import NOBODY, BoxRow
-from recorders.formats.columns import is_number, number, number_in
+from recorders.formats.columns import is_number, number
+from recorders.formats.file_names import FrameNames
 from recorders.formats.readers import Bad, checked, read_json
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.names import by_number
@@ -20,6 +22,11 @@ from recorders.names import by_number
 _LARGEST_FILE = 1 << 24
 _SUFFIXES = (".txt", ".json", ".xml")
 _YOLO = range(5, 8)
+_TRACKED = 7
+_LISTED = re.compile(
+    r"^names:[ ]*(?:(\[[^\]]*\])|\n((?:(?:-|\d+:)[^\n]*(?:\n|$))+))", re.MULTILINE
+)
+_ITEM = re.compile(r"^(-|\d+:)")
 _KITTI_LEAST = 8
 _NAMES = ("classes.txt", "labels.txt", "obj.names", "predefined_classes.txt", "data.yaml")
 Rows = Iterator[tuple[tuple[float, float, float, float], float, str]]
@@ -32,6 +39,7 @@ class BoxFolder:
         path: the folder.
         size: the pictures' size, for boxes that are shares of it (YOLO).
         limits: what a file may take.
+        names: which picture a file belongs to.
 
     Raises:
         SourceError: no such files in it, or of no known kind.
@@ -44,21 +52,24 @@ class BoxFolder:
         path: Path,
         size: tuple[int, int] | None = None,
         limits: Limits = DEFAULT_LIMITS,
+        names: FrameNames | None = None,
     ) -> None:
         self.path = path
         self.size: tuple[int, int] | None = None
         self.notes: list[str] = []
+        self._names = names or FrameNames()
         self._picture = size
         self._limits = limits
-        found = box_files(path)
+        found = box_files(path, self._names.are_known)
         if not found:
             raise SourceError("no files of boxes (.txt, .json, .xml) in this folder", path)
         self._files = found
-        self.first_frame: int | None = min(1, *(number_in(p.name) for p in found))
+        self._names.learn(p.name for p in found)
+        self.first_frame = self._names.first_frame
         self._read, self.name = self._kind()
         self._classes = _class_names(path) if self.name.startswith("YOLO") else []
 
-    def _kind(self) -> tuple[Callable[[Path], Rows], str]:
+    def _kind(self) -> tuple[Callable[[Path, Bad], Rows], str]:
         suffix = self._files[0].suffix.lower()
         if suffix == ".json":
             return self._labelme, "LabelMe JSON"
@@ -70,7 +81,7 @@ class BoxFolder:
                 continue
             if not is_number(cells[0]) and len(cells) >= _KITTI_LEAST:
                 return self._kitti, "KITTI text"
-            if len(cells) in _YOLO and all(map(is_number, cells)):
+            if len(cells) >= _YOLO[0] and all(map(is_number, cells)):
                 if self._picture is None:
                     raise SourceError(
                         "YOLO's boxes are shares of a picture whose size is not known: say it"
@@ -87,51 +98,67 @@ class BoxFolder:
     def rows(self, bad: Bad) -> Iterator[BoxRow]:
         """See `recorders.formats.readers.RowReader`."""
         for path in self._files:
-            frame = number_in(path.name)
             try:
-                for box, score, label in self._read(path):
+                frame = self._names.frame(path.name)
+            except ValueError as error:
+                bad(f"a file of no picture ({error})", path.name)
+                continue
+            try:
+                for box, score, label in self._read(path, bad):
                     row = BoxRow(frame, NOBODY, box, score, label)
                     kept = checked(row, path, f"{path.name}", bad)
                     if kept is not None:
                         yield kept
+            except SourceError as error:
+                bad(f"a file that cannot be read ({error.reason})", path.name)
             except (ValueError, IndexError, KeyError, TypeError) as error:
-                raise SourceError(f"not {self.name}: {error}", path) from error
+                bad(f"a file that is no {self.name} ({error})", path.name)
 
     def files(self) -> list[Path]:
         """See `recorders.formats.readers.RowReader`."""
         return list(self._files)
 
-    def _yolo(self, path: Path) -> Rows:
+    def _yolo(self, path: Path, bad: Bad) -> Rows:
         assert self._picture is not None
         width, height = self._picture
-        for _, line in _lines(path):
-            name, cx, cy, w, h, *rest = line.split()
-            shares = [number(v, "box") for v in (cx, cy, w, h)]
-            if max(shares) > 2:
+        for line_number, line in _lines(path):
+            name, *cells = line.split()
+            try:
+                place = int(number(name, "class"))
+                values = [number(cell, "box") for cell in cells]
+                (x, y, across, down), score = _yolo_box(values)
+            except ValueError as error:
+                bad(f"a row that is none ({error})", f"{path.name}:{line_number}")
+                continue
+            if max(x, y, across, down) > 2:
                 raise ValueError(f"boxes in pixels ({line[:40]!r}), shares of 1 are wanted")
-            x, y, across, down = shares
             box = (
                 (x - across / 2) * width,
                 (y - down / 2) * height,
                 across * width,
                 down * height,
             )
-            place = int(number(name, "class"))
             label = self._classes[place] if 0 <= place < len(self._classes) else str(place)
-            yield box, number(rest[0], "score") if rest else 1.0, label
+            yield box, score, label
 
     @staticmethod
-    def _kitti(path: Path) -> Rows:
-        for _, line in _lines(path):
+    def _kitti(path: Path, bad: Bad) -> Rows:
+        for line_number, line in _lines(path):
             cells = line.split()
             # A tracker's dump has the identity behind the class.
             at = 5 if len(cells) in (17, 18) else 4
-            left, top, right, bottom = (number(cell, "box") for cell in cells[at : at + 4])
-            score = number(cells[-1], "score") if len(cells) in (16, 18) else 1.0
+            try:
+                left, top, right, bottom = (
+                    number(cell, "box") for cell in cells[at : at + 4]
+                )
+                score = number(cells[-1], "score") if len(cells) in (16, 18) else 1.0
+            except ValueError as error:
+                bad(f"a row that is none ({error})", f"{path.name}:{line_number}")
+                continue
             if cells[0] != "DontCare":
                 yield (left, top, right - left, bottom - top), score, cells[0]
 
-    def _labelme(self, path: Path) -> Rows:
+    def _labelme(self, path: Path, bad: Bad) -> Rows:
         document = read_json(path, self._limits)
         if isinstance(document.get("imageWidth"), int):
             self.size = document["imageWidth"], document["imageHeight"]
@@ -141,9 +168,11 @@ class BoxFolder:
             if shape.get("shape_type", "rectangle") in ("rectangle", "polygon") and xs:
                 box = (min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys))
                 yield box, 1.0, str(shape.get("label", ""))
+            else:
+                bad(f"a shape without a box ({shape['shape_type']})", path.name)
 
     @staticmethod
-    def _voc(path: Path) -> Rows:
+    def _voc(path: Path, bad: Bad) -> Rows:  # noqa: ARG004 (all kinds are called alike)
         for one in _parsed(path).iter("object"):
             box: Any = one.find("bndbox")
             left, top, right, bottom = (
@@ -152,16 +181,39 @@ class BoxFolder:
             yield (left, top, right - left, bottom - top), 1.0, one.findtext("name") or ""
 
 
-def box_files(folder: Path) -> list[Path]:
-    """The files of boxes in a folder, of the kind that most are of, by the numbers in their names."""
+def _yolo_box(values: list[float]) -> tuple[tuple[float, float, float, float], float]:
+    """Centre and size of a box, and its score, of what stands behind the class: a box, with a score,
+    an identity, or points of a body behind it; or the corners of a polygon or a turned box.
+
+    Raises:
+        ValueError: fewer than four numbers.
+    """
+    if len(values) < 4:
+        raise ValueError(f"{len(values)} numbers behind the class, 4 are wanted")
+    box = values[0], values[1], values[2], values[3]
+    rest = values[4:]
+    if len(values) < _TRACKED:
+        # A tracker writes the identity before the score, or alone.
+        scores = [value for value in rest if 0 <= value <= 1 and value != 0]
+        return box, scores[-1] if scores else 1.0
+    seen = rest[2::3]
+    body = len(rest) % 3 == 0 and all(value in (0, 1, 2) for value in seen)
+    if len(values) % 2 or body:
+        return box, 1.0
+    xs, ys = values[::2], values[1::2]
+    across, down = max(xs) - min(xs), max(ys) - min(ys)
+    return (min(xs) + across / 2, min(ys) + down / 2, across, down), 1.0
+
+
+def box_files(folder: Path, any_name: bool = False) -> list[Path]:
+    """The files of boxes in a folder, of the kind that most are of, by the numbers in their names;
+    those without one as well where pictures tell which they are.
+    """
     by_kind: dict[str, list[Path]] = {}
     for path in folder.iterdir():
         named = path.name.lower() in _NAMES or path.name.startswith(".")
-        if (
-            path.suffix.lower() in _SUFFIXES
-            and not named
-            and any(map(str.isdigit, path.stem))
-        ):
+        numbered = any_name or any(map(str.isdigit, path.stem))
+        if path.suffix.lower() in _SUFFIXES and not named and numbered:
             by_kind.setdefault(path.suffix.lower(), []).append(path)
     largest = max(sorted(by_kind.items()), key=lambda kind: len(kind[1]), default=("", []))[
         1
@@ -203,4 +255,16 @@ def _class_names(folder: Path) -> list[str]:
         for name in _NAMES[:4]:
             if (place / name).is_file():
                 return [line for _, line in _lines(place / name)]
+        if (place / _NAMES[4]).is_file():
+            return _names_in("\n".join(text for _, text in _lines(place / _NAMES[4])))
     return []
+
+
+def _names_in(text: str) -> list[str]:
+    """The classes that a YOLO data set's description lists."""
+    found = _LISTED.search(text)
+    if found is None:
+        return []
+    names = found[1].strip("[]").split(",") if found[1] else found[2].splitlines()
+    plain = (_ITEM.sub("", name.strip()).strip(" \"'") for name in names)
+    return [name for name in plain if name]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from recorders.files import existing_file, open_to_read
 from recorders.formats.annotations import document_of
 from recorders.formats.columns import Columns
 from recorders.formats.cvat import Cvat
+from recorders.formats.file_names import FrameNames
 from recorders.formats.folders import BoxFolder
 from recorders.formats.readers import RowReader
 from recorders.formats.text import Records, TextTable
@@ -28,11 +30,13 @@ class BoxOptions:
         columns: what a table's columns are; None: as its first line or MOTChallenge says.
         first_frame: what the file calls the first frame, 0 or 1; None: 0 where some frame is 0.
         fps: frames per second, for files that give times.
+        pictures: the number of each picture beside the file, from 1, by its name.
     """
 
     columns: Columns | None = None
     first_frame: int | None = None
     fps: float = 25.0
+    pictures: Mapping[str, int] | None = None
 
 
 def open_rows(
@@ -54,21 +58,22 @@ def open_rows(
         UsageError: it may be read in two ways.
     """
     options = options or BoxOptions()
+    names = FrameNames(options.pictures)
     if path.is_dir():
-        return BoxFolder(path, size, limits)
+        return BoxFolder(path, size, limits, names)
     existing_file(path)
     kind = path.suffix.lower()
     with open_to_read(path) as file:
         start = file.read(4096).removeprefix(b"\xef\xbb\xbf").lstrip()
     if start.startswith(b"PAR1"):
-        return Records(path, "parquet", options.columns, size, limits)
+        return Records(path, "parquet", options.columns, size, limits, names)
     if kind == ".xml" or start.startswith(b"<"):
         if b"<annotations" not in start:
             raise SourceError("XML, but neither CVAT's nor CAVIAR's", path)
-        return Cvat(path)
+        return Cvat(path, names)
     if kind in (".jsonl", ".ndjson") or (start.startswith(b"{") and kind != ".json"):
-        return Records(path, "lines", options.columns, size, limits)
+        return Records(path, "lines", options.columns, size, limits, names)
     if kind == ".json" or start[:1] in (b"[", b"{"):
-        found = document_of(path, size, options.fps, limits)
-        return found or Records(path, "list", options.columns, size, limits)
-    return TextTable(path, options.columns, size)
+        found = document_of(path, size, options.fps, limits, names)
+        return found or Records(path, "list", options.columns, size, limits, names)
+    return TextTable(path, options.columns, size, names)

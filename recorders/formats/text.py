@@ -5,8 +5,11 @@ names; and tables with names that are no text (JSON lines, JSON lists, Parquet).
 from __future__ import annotations
 
 import codecs
+import csv
 import io
+import re
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +19,7 @@ from recorders.errors import SourceError, UsageError
 from recorders.files import open_to_read
 from recorders.formats.boxes import BoxRow
 from recorders.formats.columns import Columns, is_number, number, row_of
+from recorders.formats.file_names import FrameNames
 from recorders.formats.readers import Bad, checked, read_json
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.loose_json import decode_loose
@@ -28,6 +32,18 @@ _KITTI = Columns(
 _LEAST_COLUMNS = 6
 _SAMPLED = 400
 _ASK_FROM = 8
+_LISTS = (
+    "detections",
+    "objects",
+    "boxes",
+    "predictions",
+    "annotations",
+    "results",
+    "tracks",
+)
+_BOXES = ("bbox", "box", "bounding_box", "boundingBox")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
+_SHARES = "shares of the picture"
 
 
 class TextTable:
@@ -41,6 +57,7 @@ class TextTable:
         path: the file.
         columns: what the columns are, where the caller says it.
         size: the picture's, for boxes that are shares of it.
+        names: which picture a name means.
 
     Raises:
         SourceError: no such text.
@@ -52,7 +69,9 @@ class TextTable:
         path: Path,
         columns: Columns | None = None,
         size: tuple[int, int] | None = None,
+        names: FrameNames | None = None,
     ) -> None:
+        self._names = names or FrameNames()
         self.first_frame: int | None = None
         self.is_certain = False
         self.path = path
@@ -62,9 +81,9 @@ class TextTable:
         self._encoding = _encoding_of(path)
         self._separator: str | None = None
         self._given = columns
-        self._columns = columns or _MOT
+        self.columns = columns or _MOT
         self._named = False
-        self._least = min(_LEAST_COLUMNS, len(self._columns.roles) - 1)
+        self._least = _least(self.columns)
         self._labelled = False
         self.name = "a table of boxes"
         self._look()
@@ -85,8 +104,9 @@ class TextTable:
             self._named = not any(is_number(name) for name in names)
         elif not any(map(is_number, names[:_LEAST_COLUMNS])) and len(names) > 1:
             self._take_names(names)
+            self._learn_names(first[1:])
         elif len(names) > 10 and not is_number(names[2]) and is_number(names[0]):
-            self._columns, self.name = _KITTI, "KITTI tracking text"
+            self.columns, self.name = _KITTI, "KITTI tracking text"
             self.first_frame, self.is_certain = 0, True
         else:
             self.name, self.is_certain = "MOTChallenge text", True
@@ -95,14 +115,24 @@ class TextTable:
     def _take_names(self, names: list[str]) -> None:
         self._named = True
         try:
-            self._columns = Columns.of(names)
+            self.columns = Columns.of(names)
         except ValueError as error:
             raise SourceError(
                 f"the columns {','.join(names)[:80]!r}: {error}", self.path, 1
             ) from error
         self.name = "a table with named columns"
-        if not {"x", "y", "w", "h"} <= set(self._columns.roles):
+        self._least = _least(self.columns)
+        if not {"x", "y", "w", "h"} <= set(self.columns.roles):
             self.first_frame = 0  # a program's own output counts from 0
+
+    def _learn_names(self, rows: list[list[str]]) -> None:
+        """Frames that are named by their pictures count as these do."""
+        roles = self.columns.roles
+        if "file" not in roles or "frame" in roles:
+            return
+        place = roles.index("file")
+        self._names.learn(cells[place] for cells in rows if len(cells) > place)
+        self.first_frame = self._names.first_frame
 
     def _check_mot(self, first: list[list[str]]) -> None:
         """Whether the columns can only be MOTChallenge's, and whether the eighth is a class."""
@@ -114,7 +144,7 @@ class TextTable:
             wanted = "frame,id,x,y,w,h and more"
             raise SourceError(
                 f"{max(widths)} columns, wanted {wanted}, separated by commas, semicolons,"
-                " blanks or tabs",
+                " blanks or tabs; --columns frame,x,y,w,h says what others are",
                 self.path,
                 1,
             )
@@ -183,11 +213,17 @@ class TextTable:
             )
 
     def _cells(self, text: str) -> list[str]:
+        if '"' in text and self._separator is not None:
+            return [
+                cell.strip() for cell in next(csv.reader([text], delimiter=self._separator))
+            ]
         if self._separator == ";":
             # Where commas do not separate, they are decimal points.
             return [cell.strip().replace(",", ".") for cell in text.rstrip(";").split(";")]
         if self._separator is None:
-            return text.split()
+            return [_pointed(cell) for cell in text.split()]
+        if self._separator == "\t":
+            return [_pointed(cell.strip()) for cell in text.split("\t")]
         cells = [cell.strip().strip('"') for cell in text.split(self._separator)]
         return (
             cells[:-1] if cells and not cells[-1] and len(cells) > _LEAST_COLUMNS else cells
@@ -229,10 +265,13 @@ class TextTable:
                 bad("a row that is cut short", where)
                 continue
             try:
-                row = self._columns.row(cells, self._picture, line)
+                row = self.columns.row(cells, self._picture, line, self._names)
             except ValueError as error:
-                raise SourceError(f"{error}: {text[:60]!r}", self.path, line) from error
-            if self._columns is _KITTI and row.label == "DontCare":
+                if _SHARES in str(error):
+                    raise SourceError(f"{error}: {text[:60]!r}", self.path, line) from error
+                bad(f"a row that is none ({error})", where)
+                continue
+            if self.columns is _KITTI and row.label == "DontCare":
                 continue  # a region that nobody labelled, no object
             if self._labelled and len(cells) > 7 and cells[7] not in ("", "-1"):
                 row = row._replace(label=cells[7])
@@ -247,6 +286,16 @@ class TextTable:
         return [self.path]
 
 
+def _least(columns: Columns) -> int:
+    """How many cells a row has at least: up to the last that a box and its frame need."""
+    needed = [
+        place
+        for place, role in enumerate(columns.roles)
+        if role and role not in ("score", "label", "id")
+    ]
+    return max(needed) + 1
+
+
 def _encoding_of(path: Path) -> str:
     with open_to_read(path) as file:
         start = file.read(4)
@@ -255,9 +304,18 @@ def _encoding_of(path: Path) -> str:
     return "utf-8-sig"
 
 
+def _pointed(cell: str) -> str:
+    """A number with a decimal point."""
+    return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell
+
+
 def _separator_of(text: str) -> str | None:
     if ";" in text:
         return ";"
+    for separator in ("\t", None):
+        cells = [_pointed(cell) for cell in text.split(separator)]
+        if "," in text and len(cells) >= _LEAST_COLUMNS and all(map(is_number, cells)):
+            return separator  # the commas are decimal points
     if "," in text:
         return ","
     return "\t" if "\t" in text else None
@@ -291,8 +349,10 @@ class Records:
         columns: Columns | None = None,
         size: tuple[int, int] | None = None,
         limits: Limits = DEFAULT_LIMITS,
+        names: FrameNames | None = None,
     ) -> None:
         self.path = path
+        self._pictures = names or FrameNames()
         self.name = {"lines": "JSON lines", "list": "a JSON list"}.get(kind, "Parquet")
         self.size: tuple[int, int] | None = None
         self.notes: list[str] = []
@@ -303,22 +363,33 @@ class Records:
         if first is None:
             raise SourceError("no detections in this file", path)
         self._names = list(first[1])
+        self._learn_names()
         if columns is not None and len(columns.roles) == len(self._names):
-            self._columns = columns
+            self.columns = columns
             return
         try:
-            self._columns = Columns.of(self._names)
+            self.columns = Columns.of(self._names)
         except ValueError as error:
             raise SourceError(
                 f"{error}; it holds {', '.join(self._names)[:80]}", path
             ) from error
+
+    def _learn_names(self) -> None:
+        """Frames that are named by their pictures count as these do."""
+        roles = Columns.roles_of(self._names)
+        if "file" not in roles or "frame" in roles:
+            return
+        key = self._names[roles.index("file")]
+        self._pictures.learn(str(o.get(key)) for _, o in islice(self._objects(), _SAMPLED))
+        self.first_frame = self._pictures.first_frame
 
     def _objects(self) -> Iterator[tuple[int, dict[str, Any]]]:
         found = {"lines": self._lines, "list": self._list}.get(self._kind, self._parquet)
         for line, one in found():
             if not isinstance(one, dict):
                 raise SourceError("a row that is no object", self.path, line)
-            yield line, one
+            for flat in _flattened(one):
+                yield line, flat
 
     def _lines(self) -> Iterator[tuple[int, Any]]:
         with open_to_read(self.path) as file:
@@ -358,16 +429,16 @@ class Records:
 
     def rows(self, bad: Bad) -> Iterator[BoxRow]:
         """See `recorders.formats.readers.RowReader`."""
-        roles = dict(zip(self._names, self._columns.roles, strict=True))
+        roles = dict(zip(self._names, self.columns.roles, strict=True))
         for line, one in self._objects():
             held = {roles[k]: value for k, value in one.items() if roles.get(k)}
             where = f"{self.path.name}:{line}"
             try:
-                row = row_of(held, self._picture, line)
+                row = row_of(held, self._picture, line, self._pictures)
             except ValueError as error:
-                if "not a number" not in str(error) and "lacks" not in str(error):
+                if _SHARES in str(error):
                     raise SourceError(str(error), self.path, line) from error
-                bad("a row without a number where one belongs", where)
+                bad(f"a row that is none ({error})", where)
                 continue
             kept = checked(row, self.path, where, bad)
             if kept is not None:
@@ -376,6 +447,20 @@ class Records:
     def files(self) -> list[Path]:
         """See `recorders.formats.readers.RowReader`."""
         return [self.path]
+
+
+def _flattened(one: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """An object for each box: a frame's list of them with what holds for all, and a box that is an
+    object itself, by its values.
+    """
+    inside = next((one[n] for n in _LISTS if isinstance(one.get(n), list)), None)
+    if inside is None or not all(isinstance(entry, dict) for entry in inside):
+        box = next((one[n] for n in _BOXES if isinstance(one.get(n), dict)), None)
+        yield one if box is None else {**one, **box}
+        return
+    shared = {n: v for n, v in one.items() if not isinstance(v, list | dict)}
+    for entry in inside:
+        yield from _flattened({**shared, **entry})
 
 
 __all__ = ["Records", "TextTable", "number"]

@@ -124,10 +124,19 @@ def _vision(found: Any) -> Detected:
         if not all(_is_number(v) for v in (x, y, w, h)):
             rows.left_out += 1
             continue
+        w, h = _upright(w, h, member(center, "theta"))
         # To a millionth of a pixel: a corner that was written as a decimal comes back as it was.
         corner = round(x - w / 2, _DECIMALS), round(y - h / 2, _DECIMALS)
         rows.add((*corner, w, h), score, label)
     return rows.done(stamp_ns(found))
+
+
+def _upright(w: float, h: float, theta: Any) -> tuple[float, float]:
+    """Width and height of the box around a box that is turned."""
+    if not _is_number(theta) or theta == 0:
+        return w, h
+    cos, sin = abs(math.cos(theta)), abs(math.sin(theta))
+    return w * cos + h * sin, w * sin + h * cos
 
 
 def _best(results: Any) -> tuple[float, str]:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from recorders.errors import LimitError, SourceError
+from recorders.errors import LimitError, SourceError, UsageError
 from recorders.files import sha256
 from recorders.formats import BoxRow
 from recorders.formats.opening import BoxOptions, open_rows
@@ -30,6 +30,7 @@ from recorders.sources.source import SourceFrame, detections_of, outside, rate_o
 
 _MOST_OUTSIDE = 0.25
 _SURE = 1.5
+_FEW = 8
 _LATE = 2
 """A first frame after this does not tell whether frames count from 0 or from 1."""
 _TABLES = ("MOTChallenge text",)
@@ -103,10 +104,27 @@ class BoxFile:
             raise SourceError(
                 "no detections in this file" + (f": {left}" if left else ""), path
             )
+        if options.columns is None:
+            self._check_shares()
         self.size = self._reader.size
         self._lowest = int(first)
         self.base = self._first_frame(options.first_frame, int(first), last, pictures)
         self.last_frame = max(1, last - self.base + 1)
+
+    def _check_shares(self) -> None:
+        """Boxes that are all smaller than a pixel are shares of the picture.
+
+        Raises:
+            UsageError: they are.
+        """
+        if self._count >= _FEW and max(self.right, self.bottom) <= _SURE:
+            shares = "all boxes lie between 0 and 1, as shares of the picture do"
+            if not hasattr(self._reader, "columns"):
+                raise SourceError(f"{shares}; {self.name} has pixels", self.path)
+            raise UsageError(
+                f"{self.path}: {shares}; say what they are with --columns, as frame,x1n,y1n,x2n,y2n or"
+                " frame,cxn,cyn,wn,hn (n: a share), or frame,x,y,w,h"
+            )
 
     def _first_frame(
         self, given: int | None, lowest: int, last: int, pictures: int | None

@@ -76,6 +76,7 @@ class ImageFolderSource:
 
     Attributes:
         numbers: of each picture from 1, where some between them are missing.
+        names: of the pictures' files.
 
     Raises:
         SourceError: no such folder, no picture in it, or none that can be read.
@@ -103,6 +104,7 @@ class ImageFolderSource:
         found = list(names) if names is not None else self._found()
         self._ordered = ordered(found, self.path)
         self._names = self._ordered.names
+        self.names = list(self._names)
         self._doubled = self._ordered.doubled
         header = self._first_header()
         self.width, self.height = header.width, header.height

@@ -229,7 +229,7 @@ class LogSource:
     def _decide_pairing(
         self, images: list[tuple[int, int]], found: list[tuple[int, int]]
     ) -> None:
-        stamps = {stamp for _, stamp in images if stamp}
+        stamps = {stamp for _, stamp in images if stamp} | self._later_stamps(images, found)
         matching = sum(stamp in stamps for _, stamp in found)
         distinct = len({s for _, s in found}) > 1 or len(found) == 1
         self._by_stamp = (
@@ -252,6 +252,25 @@ class LogSource:
             self.notes.append(
                 f"detections come with one picture in {self._every}: those pictures are the frames"
             )
+
+    def _later_stamps(
+        self, images: list[tuple[int, int]], found: list[tuple[int, int]]
+    ) -> set[int]:
+        """Stamps of later pictures, where the first detections belong to them: a detector may
+        have been started late.
+        """
+        first = min((stamp for _, stamp in found if stamp), default=0)
+        last = max((stamp for _, stamp in images), default=0)
+        if not first > last > 0 or self.topics.image is None:
+            return set()
+        late = max(stamp for _, stamp in found)
+        later: set[int] = set()
+        for message in islice(self._messages([self.topics.image]), _SAMPLED, _TRIED * 10):
+            stamp = self._stamp(message)
+            later.add(stamp)
+            if stamp > late:
+                break
+        return later - {0}
 
     def _warn_of_bursts(self, leading: list[tuple[int, int]]) -> None:
         """Times in bursts tell when messages arrived, not when pictures were taken."""

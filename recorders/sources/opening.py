@@ -151,6 +151,7 @@ def open_cameras(
     path: Paths,
     cameras: Mapping[str, str],
     *,
+    detections: Mapping[str, str] | None = None,
     fps: float | Fraction | str | None = None,
     size: tuple[int, int] | None = None,
     log: LogOptions | None = None,
@@ -158,8 +159,17 @@ def open_cameras(
 ) -> dict[str, Source]:
     """Several cameras of one log: a source for each name, of the topic that belongs to it.
 
-    Detections are those of a topic in the same namespace, where there is one; only the first
-    camera's source passes anything on.
+    Detections are those of the topic that is named, else of one in the same namespace, where there
+    is one; only the first camera's source passes anything on.
+
+    Args:
+        path: the log.
+        cameras: topics of pictures by the cameras' names.
+        detections: topics of detections by the cameras' names.
+        fps: as `open_source`.
+        size: as `open_source`.
+        log: as `open_source`.
+        limits: as `open_source`.
 
     Raises:
         As `open_source`; UsageError: it is no log.
@@ -173,30 +183,36 @@ def open_cameras(
             raise UsageError(
                 f"--camera {name}={topic}: {paths[0]} is no log; --camera NAME names the camera"
             )
+        near = _beside(files, topic)
+        named = (detections or {}).get(name, options.detections_topic)
+        taken = named or (near[0] if len(near) == 1 else None)
         chosen = replace(
             options,
             image_topic=topic,
-            detections_topic=options.detections_topic or _beside(files, topic),
-            exclude=[*options.exclude, *cameras.values()],
+            detections_topic=taken or "none",
+            exclude=[*options.exclude, *cameras.values(), *(detections or {}).values()],
         )
         rate = None if fps is None else parse_fps(fps)
-        found[name] = LogSource(files, chosen, rate, size, limits)
+        source = found[name] = LogSource(files, chosen, rate, size, limits)
+        if taken is None and (others := _of_detections(files)):
+            source.notes.append(
+                f"{name}: no detections are taken for {topic}: --detections-topic"
+                f" {name}=TOPIC takes one of {', '.join(others[:6])}"
+            )
     return found
 
 
-def _beside(files: LogFiles, topic: str) -> str:
-    """The topic of detections nearest to a topic of pictures: the one that shares its namespace."""
+def _of_detections(files: LogFiles) -> list[str]:
+    """The topics of detections."""
     from recorders.payloads import DETECTIONS, payload_kind
 
+    return [c.topic for c in files.channels if payload_kind(c) in DETECTIONS]
+
+
+def _beside(files: LogFiles, topic: str) -> list[str]:
+    """The topics of detections that share a topic's namespace."""
     space = topic.rsplit("/", 1)[0] + "/"
-    near = [
-        channel.topic
-        for channel in files.channels
-        if payload_kind(channel) in DETECTIONS
-        and channel.topic.startswith(space)
-        and space != "/"
-    ]
-    return near[0] if len(near) == 1 else "none"
+    return [t for t in _of_detections(files) if t.startswith(space) and space != "/"]
 
 
 def _paths(path: Paths) -> list[Path]:

@@ -48,7 +48,8 @@ class Pairing:
 
     Args:
         by_stamp: the messages' own stamps decide; else the times.
-        tolerance_ns: how far apart two that belong together may be.
+        tolerance_ns: how far apart two that belong together may be; by stamps, how long after its
+            picture a detection is waited for, where that is longer than `LATEST_NS`.
         clock: a message's time for pairing.
         limits: how much may wait.
 
@@ -68,6 +69,7 @@ class Pairing:
         self._by_stamp = by_stamp
         self._tolerance_ns = tolerance_ns
         self._clock = clock
+        self._longest = max(LATEST_NS, tolerance_ns) if by_stamp else tolerance_ns
         self._limits = limits
         self._pictures: deque[_WaitingPicture] = deque()
         self._detections: deque[_Found] = deque()
@@ -105,7 +107,7 @@ class Pairing:
         while self._pictures:
             first = self._pictures[0]
             match = self._match(first)
-            wait = LATEST_NS if self._by_stamp else self._tolerance_ns
+            wait = self._longest
             over = (
                 now is None
                 or now > first.log_ns + wait
@@ -129,7 +131,7 @@ class Pairing:
 
     def _forget(self, done: _WaitingPicture) -> None:
         """Detections before the next pictures' reach belong to none."""
-        wait = LATEST_NS if self._by_stamp else self._tolerance_ns
+        wait = self._longest
         while self._detections and (
             self._detections[0].message.log_time_ns < done.log_ns - wait
             or len(self._detections) > _MOST_WAITING

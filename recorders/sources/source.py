@@ -131,9 +131,11 @@ class NumberedSource(Protocol):
 
     Attributes:
         numbers: of each picture from 1, where some numbers between them are missing; else None.
+        names: of each picture's file.
     """
 
     numbers: list[int] | None
+    names: list[str]
 
     def time_ns(self, index: int) -> int:
         """When the picture of number ``index + 1`` was taken, since the first number."""

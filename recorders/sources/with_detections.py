@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from recorders.formats.opening import BoxOptions
@@ -18,6 +19,14 @@ from recorders.sources.source import (
     pairs_of,
     spread,
 )
+
+
+def _named(pictures: Source) -> dict[str, int] | None:
+    """The number of each picture, from 1, by its name."""
+    if not isinstance(pictures, NumberedSource):
+        return None
+    numbers = pictures.numbers or range(1, len(pictures.names) + 1)
+    return dict(zip(pictures.names, numbers, strict=True))
 
 
 class WithDetections:
@@ -51,6 +60,7 @@ class WithDetections:
     ) -> None:
         self._pictures = pictures
         made_for = size or (pictures.width, pictures.height)
+        options = replace(options or BoxOptions(), pictures=_named(pictures))
         self._file = BoxFile(detections, made_for, options, limits, pictures.frame_count)
         self.path = pictures.path
         self.name = f"{pictures.name} with {self._file.name}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -150,8 +150,9 @@ def _add_log_options(argument_parser: argparse.ArgumentParser) -> None:
         help="the topic of the pictures, or none; default: the only one, else they are listed",
     )  # fmt: skip
     logs.add_argument(
-        "--detections-topic", metavar="T",
-        help="the topic of the detections, or none; default: the only one, else they are listed",
+        "--detections-topic", action="append", metavar="[NAME=]T",
+        help="the topic of the detections, or none; default: the only one, else they are listed. Of"
+        " several cameras NAME=TOPIC, repeated; default: the one in the namespace of the pictures",
     )  # fmt: skip
     logs.add_argument(
         "--time", default="log", metavar="CLOCK",
@@ -197,10 +198,36 @@ def parse_cameras(words: Sequence[str] | None) -> tuple[str, dict[str, str]]:
         return "camera", {}
     topics = dict(word.split("=", 1) for word in words if "=" in word)
     if len(topics) != len(words) and len(words) > 1:
+        if all("=" in word for word in words):
+            raise UsageError("--camera: one name stands for two topics")
         raise UsageError(
             "--camera: several cameras need a topic each, as --camera left=/left/image"
         )
     return ("camera", topics) if topics else (words[0], {})
+
+
+def parse_detections(
+    words: Sequence[str] | None, cameras: Collection[str]
+) -> dict[str, str]:
+    """The topic of detections of each camera; that of all by the empty name.
+
+    Raises:
+        UsageError: a camera that is none, or one twice.
+    """
+    found: dict[str, str] = {}
+    for word in words or ():
+        name, _, topic = word.partition("=")
+        name, topic = (name, topic) if topic and not name.startswith("/") else ("", word)
+        if name and name not in cameras:
+            raise UsageError(
+                f"--detections-topic {word}: no --camera {name}=TOPIC is named"
+            )
+        if name in found:
+            raise UsageError(
+                "--detections-topic: one topic for each camera, as left=/left/found"
+            )
+        found[name] = topic
+    return found
 
 
 def _offer_clock(sources: Sequence[Path | str]) -> None:
@@ -249,6 +276,7 @@ def run(args: argparse.Namespace) -> int:
     if start_ns is not None and start_ns < 0:
         raise UsageError(f"--start {args.start}: times before 1970 cannot be recorded")
     camera, topics = parse_cameras(args.camera)
+    detections = parse_detections(args.detections_topic, topics)
     limits = common.parse_limits(args.limit)
     assignments = [*args.assignments]
     if args.min_score is not None:
@@ -258,7 +286,7 @@ def run(args: argparse.Namespace) -> int:
         raise OutputExistsError(args.output)
     log = LogOptions(
         args.image_topic,
-        args.detections_topic,
+        detections.get(""),
         args.time,
         None if args.tolerance is None else parse_tolerance(args.tolerance),
         None if args.topics is None else tuple(args.topics),
@@ -269,7 +297,13 @@ def run(args: argparse.Namespace) -> int:
     )
     if topics:
         sources = open_cameras(
-            args.source, topics, fps=args.fps, size=args.size, log=log, limits=limits
+            args.source,
+            topics,
+            detections=detections,
+            fps=args.fps,
+            size=args.size,
+            log=log,
+            limits=limits,
         )
     else:
         sources = {

@@ -106,9 +106,6 @@ def test_identities_do_not_reach_the_detections_even_by_their_order(tmp_path: Pa
 @pytest.mark.parametrize(
     ("row", "message"),
     [
-        ("1.5,-1,1,2,3,4,1", r"det\.txt:2: frame 1.5: frames are whole numbers from 0"),
-        ("1,-1,1,two,3,4,1", r"det\.txt:2: y 'two' is not a number"),
-        ("1,-1,1,1_0,3,4,1", r"det\.txt:2: y '1_0' is not a number"),
         (
             "1,-1,60,2,3,4,1",
             (
@@ -126,6 +123,20 @@ def test_what_is_wrong_is_named_with_its_line(
     path = text(tmp_path, "1,-1,1,2,3,4,1", row)
     with pytest.raises((SourceError, LimitError), match=message):
         open_source(path, fps=1, size=(50, 50))
+
+
+@pytest.mark.parametrize(
+    ("row", "told"),
+    [
+        ("1.5,-1,1,2,3,4,1", "frame 1.5: frames are whole numbers from 0 or 1"),
+        ("1,-1,1,two,3,4,1", "y 'two' is not a number"),
+        ("1,-1,1,1_0,3,4,1", "y '1_0' is not a number"),
+    ],
+)
+def test_a_row_that_is_none_is_left_out(tmp_path: Path, row: str, told: str) -> None:
+    source = open_source(text(tmp_path, "1,-1,1,2,3,4,1", row), fps=1, size=(50, 50))
+    assert len(detections(source)) == 1
+    assert source.losses == [f"a row that is none ({told}), at det.txt:2"]
 
 
 def test_blanks_and_tabs_part_the_cells_of_a_row_without_commas(tmp_path: Path) -> None:

@@ -1,0 +1,96 @@
+"""Which picture a file name means: the one of that name, else the one of that number."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import PurePosixPath
+
+_RUN = re.compile(r"\d+")
+_EXPORT = re.compile(r"(_(jpe?g|png|bmp|webp))?\.rf\.[0-9A-Za-z]+$")
+"""What Roboflow's exports put behind a name: ``walk_0012_jpg.rf.4f3a9c``."""
+_SUFFIX = re.compile(r"\.(jpe?g|png|bmp|webp|tiff?|txt|json|xml|gif|avif)$", re.IGNORECASE)
+
+
+def stem(name: str) -> str:
+    r"""A file's name without folders and suffixes.
+
+    >>> stem("C:\\walk\\0012.jpg"), stem("1750000000.04.txt"), stem("a_7_jpg.rf.4f3a9c.jpg")
+    ('0012', '1750000000.04', 'a_7')
+    """
+    last = PurePosixPath(name.replace("\\", "/")).name
+    return _EXPORT.sub("", _SUFFIX.sub("", last))
+
+
+class FrameNames:
+    """Frames by the names of their pictures.
+
+    Where the pictures are known and most names are theirs, a name stands for its picture alone.
+    Else the number in it counts: the last that is not the same in all.
+
+    Args:
+        pictures: the number of each picture, from 1, by its name; empty where they are not known.
+
+    Attributes:
+        first_frame: what the first frame is called; known once names were learnt.
+    """
+
+    def __init__(self, pictures: Mapping[str, int] | None = None) -> None:
+        self._pictures = {stem(name): n for name, n in (pictures or {}).items()}
+        self._matched = False
+        self._run = -1
+        self.first_frame: int | None = None
+
+    @property
+    def are_known(self) -> bool:
+        """Whether the pictures are known."""
+        return bool(self._pictures)
+
+    @property
+    def matched(self) -> bool:
+        """Whether names stand for the pictures of that name."""
+        return self._matched
+
+    def learn(self, names: Iterable[str]) -> None:
+        """Look at names, to know what is a frame in them."""
+        stems = list(dict.fromkeys(stem(name) for name in names))
+        known = sum(self._picture(one) is not None for one in stems)
+        self._matched = 2 * known > len(stems)
+        runs = [_RUN.findall(one) for one in stems]
+        same = len({_RUN.sub("#", one) for one in stems}) == 1
+        if same and len(stems) > 1:
+            changing = [
+                k
+                for k, values in enumerate(zip(*runs, strict=True))
+                if len(set(values)) > 1
+            ]
+            self._run = changing[-1] if changing else -1
+        if self._matched:
+            self.first_frame = 1
+            return
+        numbers = [int(found[self._run]) for found in runs if found]
+        self.first_frame = min([1, *numbers])
+
+    def _picture(self, one: str) -> int | None:
+        found = self._pictures.get(one)
+        if found is None and "-" in one:
+            # Label Studio puts a word of its own before the names of uploads.
+            found = self._pictures.get(one.split("-", 1)[1])
+        return found
+
+    def frame(self, name: str) -> int:
+        """The frame's number.
+
+        Raises:
+            ValueError: there is no such picture, or no number in the name.
+        """
+        one = stem(name)
+        if self._matched:
+            found = self._picture(one)
+            if found is None:
+                raise ValueError(f"{name[:60]!r} is none of the pictures")
+            return found
+        digits = _RUN.findall(one)
+        if not digits:
+            raise ValueError(f"{name[:60]!r} holds no frame number")
+        return int(digits[self._run])
