@@ -48,12 +48,13 @@ class Coco(Document):
         for index, one in enumerate(entries):
             where = f"{path.name}, annotation {index + 1}"
             try:
-                if one.get("iscrowd") == 1:
-                    self._bad.append(("a crowd, which is no single object", where))
-                    continue
                 frame = one["image_id"]
                 frame = images[frame] if images else self._frame_of(frame)
                 box = _box_of(one)
+                if one.get("iscrowd") == 1:
+                    self.ignored.append(BoxRow(frame, NOBODY, box))
+                    self._bad.append(("a crowd, which is no single object", where))
+                    continue
                 score = one.get("score", 1.0)
                 label = names.get(one.get("category_id"), one.get("category_id", ""))
                 identity = one.get("track_id", NOBODY)

@@ -32,6 +32,7 @@ class Cvat:
 
     def __init__(self, path: Path, names: FrameNames | None = None) -> None:
         self.path = path
+        self.ignored: list[BoxRow] = []
         self._names = names or FrameNames()
         if self._names.are_known:
             self._names.learn(

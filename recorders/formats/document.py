@@ -22,6 +22,7 @@ class Document:
         self.notes: list[str] = []
         self._picture = size
         self._found: list[BoxRow] = []
+        self.ignored: list[BoxRow] = []
         self._bad: list[tuple[str, str]] = []
 
     def _take(self, row: BoxRow, where: str) -> None:

@@ -57,6 +57,7 @@ class BoxFolder:
         self.path = path
         self.size: tuple[int, int] | None = None
         self.notes: list[str] = []
+        self.ignored: list[BoxRow] = []
         self._names = names or FrameNames()
         self._picture = size
         self._limits = limits

@@ -30,6 +30,7 @@ class RowReader(Protocol):
         first_frame: what the file calls the first frame: 0 or 1; None: 1, and 0 where a frame is
             0, as MOTChallenge's readers have it.
         is_certain: nobody needs to be told of that.
+        ignored: where nobody was labelled, as the last whole reading found it.
     """
 
     path: Path
@@ -38,6 +39,7 @@ class RowReader(Protocol):
     notes: list[str]
     first_frame: int | None
     is_certain: bool
+    ignored: list[BoxRow]
 
     def rows(self, bad: Bad) -> Iterator[BoxRow]:
         """The rows in the file's order, each with the frame's number as the file has it."""

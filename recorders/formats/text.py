@@ -72,6 +72,7 @@ class TextTable:
         names: FrameNames | None = None,
     ) -> None:
         self._names = names or FrameNames()
+        self.ignored: list[BoxRow] = []
         self.first_frame: int | None = None
         self.is_certain = False
         self.path = path
@@ -256,6 +257,7 @@ class TextTable:
     def rows(self, bad: Bad) -> Iterator[BoxRow]:
         """See `recorders.formats.readers.RowReader`."""
         texts = self._texts()
+        self.ignored.clear()
         if self._named:
             next(texts, None)
         for line, text in texts:
@@ -272,7 +274,8 @@ class TextTable:
                 bad(f"a row that is none ({error})", where)
                 continue
             if self.columns is _KITTI and row.label == "DontCare":
-                continue  # a region that nobody labelled, no object
+                self.ignored.append(row)  # a region that nobody labelled, no object
+                continue
             if self._labelled and len(cells) > 7 and cells[7] not in ("", "-1"):
                 row = row._replace(label=cells[7])
             if self._unsure:
@@ -353,6 +356,7 @@ class Records:
     ) -> None:
         self.path = path
         self._pictures = names or FrameNames()
+        self.ignored: list[BoxRow] = []
         self.name = {"lines": "JSON lines", "list": "a JSON list"}.get(kind, "Parquet")
         self.size: tuple[int, int] | None = None
         self.notes: list[str] = []

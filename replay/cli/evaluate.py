@@ -225,7 +225,8 @@ def _whole_truth(path: Path) -> MotTable:
     from replay.evaluate.truth import read_table
 
     table = read_table(path)
-    return table if table.classes is not None else read_truth(path)
+    judged_otherwise = table.classes is not None or table.regions is not None
+    return table if judged_otherwise else read_truth(path)
 
 
 def _prepared(truth: MotTable, table: MotTable) -> tuple[MotTable, MotTable]:
@@ -238,6 +239,11 @@ def _prepared(truth: MotTable, table: MotTable) -> tuple[MotTable, MotTable]:
             f"scenetrace: as MOTChallenge judges: {done.ignored} rows of the truth do not"
             " count (other classes, or marked so), and"
             f" {done.dropped} boxes of the result lay on distractors; --raw judges all\n"
+        )
+    if truth.regions is not None and done.dropped:
+        sys.stderr.write(
+            f"scenetrace: {done.dropped} boxes of the result lay where the truth says that"
+            " nobody was labelled (crowds, DontCare); --raw judges all\n"
         )
     if not len(done.truth):
         raise SceneTraceError("no row of the truth counts: --raw judges all")

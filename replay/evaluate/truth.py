@@ -39,6 +39,7 @@ class MotTable:
         boxes: (N, 4) float64: x, y, w, h in pixels.
         confidences: (N,) float64.
         classes: (N,) int64, MOTChallenge's, where the file has them.
+        regions: (M, 5) float64: frame, x, y, w, h of what nobody labelled, crowds and such.
     """
 
     frames: IntArray
@@ -46,6 +47,7 @@ class MotTable:
     boxes: FloatArray
     confidences: FloatArray
     classes: IntArray | None = None
+    regions: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -83,11 +85,16 @@ class MotTable:
             self.boxes[keep],
             self.confidences[keep],
             None if self.classes is None else self.classes[keep],
+            self.regions,
         )
 
     def scaled(self, sx: float, sy: float) -> MotTable:
         """The same boxes in a picture that is ``sx`` times as wide and ``sy`` times as high."""
-        return replace(self, boxes=self.boxes * np.array([sx, sy, sx, sy]))
+        factors = np.array([sx, sy, sx, sy])
+        regions = self.regions
+        if regions is not None:
+            regions = np.concatenate([regions[:, :1], regions[:, 1:] * factors], axis=1)
+        return replace(self, boxes=self.boxes * factors, regions=regions)
 
     def between(self, first: int, last: int) -> MotTable:
         """The rows of the frames first <= frame < last."""
@@ -148,9 +155,13 @@ def read_boxes(path: str | Path, size: tuple[int, int] | None = None) -> MotTabl
     lowest = min(row.frame for row in found)
     stated = 1 if reader.first_frame is None else reader.first_frame
     first = min(lowest, stated)
-    return MotTable.from_rows(
+    table = MotTable.from_rows(
         [(row.frame - first, row.identity, *row.box, row.score) for row in found]
     )
+    if not reader.ignored:
+        return table
+    regions = [(row.frame - first, *row.box) for row in reader.ignored]
+    return replace(table, regions=np.array(regions, np.float64))
 
 
 def _passed_by(what: str, where: str) -> None:
@@ -171,7 +182,14 @@ def read_table(path: str | Path, size: tuple[int, int] | None = None) -> MotTabl
         return read_boxes(path, size) if is_cvat else read_caviar(path)
     if Path(path).is_dir() or kind in (".json", ".jsonl", ".ndjson", ".parquet", ".csv"):
         return read_boxes(path, size)
-    return read_mot(path)
+    return read_boxes(path) if _is_kitti(Path(path)) else read_mot(path)
+
+
+def _is_kitti(path: Path) -> bool:
+    try:
+        return open_rows(path).name.startswith("KITTI")
+    except SceneTraceError:
+        return False  # its own reader says what is wrong
 
 
 def read_caviar(path: str | Path) -> MotTable:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -70,3 +71,43 @@ def test_tracks_with_frames_from_0(case: Case, capsys: pytest.CaptureFixture[str
     words = ["eval", str(tracks), "--truth", str(truth), "--json", "--size", "320x240"]
     assert main(words) == 0
     assert json.loads(capsys.readouterr().out)["MOTA"] == pytest.approx(100)
+
+
+@pytest.mark.parametrize("form", ["kitti", "coco"])
+def test_what_nobody_labelled_is_not_judged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], form: str
+) -> None:
+    here = [(10.0 + 5 * k, 20.0, 30.0, 60.0) for k in range(8)]
+    crowd = (180.0, 20.0, 100.0, 80.0)
+    inside = (200.0, 30.0, 20.0, 50.0)
+    lines = []
+    for k, box in enumerate(here):
+        for who, (x, y, w, h) in enumerate((box, inside), 1):
+            lines.append(f"{k + 1},{who},{x},{y},{w},{h},1,-1,-1,-1")
+    (tmp_path / "res.txt").write_text("\n".join(lines))
+    if form == "kitti":
+        truth = tmp_path / "gt.txt"
+        rows = []
+        for k, box in enumerate(here):
+            for name, who, (x, y, w, h) in (("Car", 3, box), ("DontCare", -1, crowd)):
+                corners = f"{x} {y} {x + w} {y + h}"
+                rows.append(f"{k} {who} {name} 0 0 -10 {corners} {' '.join(['-1'] * 7)}")
+        truth.write_text("\n".join(rows))
+    else:
+        truth = tmp_path / "gt.json"
+        images = [{"id": k, "file_name": f"{k}.jpg"} for k in range(len(here))]
+        entries: list[dict[str, Any]] = []
+        for k, box in enumerate(here):
+            entries.append({"image_id": k, "bbox": box, "track_id": 5})
+            entries.append({"image_id": k, "bbox": crowd, "iscrowd": 1})
+        truth.write_text(json.dumps({"images": images, "annotations": entries}))
+    words = ["eval", str(tmp_path / "res.txt"), "--truth", str(truth), "--json"]
+    assert main([*words, "--size", "320x240"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["MOTA"] == pytest.approx(100)
+    assert (
+        "8 boxes of the result lay where the truth says that nobody was labelled"
+        in said.err
+    )
+    assert main([*words, "--size", "320x240", "--raw"]) == 0
+    assert json.loads(capsys.readouterr().out)["MOTA"] == pytest.approx(0)
