@@ -198,6 +198,8 @@ class VideoStream:
         if self._low_delay:
             context.flags |= av.codec.context.Flags.low_delay
         context.options = {"max_pixels": str(self._limits.max_picture_pixels)}
+        if self.codec == "mjpeg":  # whose damage is painted over else
+            context.options |= {"err_detect": "explode"}
         return context
 
     def plain(self, data: bytes) -> bytes:

@@ -33,6 +33,7 @@ from recorders.stills import upright
 if TYPE_CHECKING:
     import av
 
+EXPLODE = {"err_detect": "explode"}
 _PROBED_PACKETS = 64
 _SLACK_S = 0.1
 
@@ -74,10 +75,13 @@ class VideoSource:
         self.notes: list[str] = []
         self.losses: list[str] = []
         self._limits = limits
+        self._strict = False
         with self._open() as container:
             found = containers.streams(container, path)
             self._others = "" if len(found) == 1 or stream is not None else _others(found)
             self._open_stream(container, fps)
+        with self._open() as container:
+            self._strict = _tells_damage(container, self._stream(container))
         self._look_at_first()
 
     def _open_stream(self, container: Any, fps: Fraction | None) -> None:
@@ -156,6 +160,8 @@ class VideoSource:
             raise SourceError("its video stream has a codec that is not known", self.path)
         stream.codec_context.thread_count = 1
         stream.codec_context.options = {"max_pixels": str(self._limits.max_picture_pixels)}
+        if self._strict:
+            stream.codec_context.options |= EXPLODE
         return stream
 
     def _decoded(
@@ -200,10 +206,13 @@ class VideoSource:
             base = self._stream(container).time_base
             to_bgr = FrameConverter()
             decoded = self._decoded(container, trouble)
-            stamped = ((_stamp_ns(frame.pts, base), frame) for frame in decoded)
-            for index, (now, frame) in enumerate(clock.times(stamped)):
+            stamped = (
+                (_stamp_ns(frame.pts, base), (frame, trouble.between)) for frame in decoded
+            )
+            for index, (now, (frame, lost)) in enumerate(clock.times(stamped)):
                 if self._rate is not None:
-                    now = self._rate.time_ns(index)  # noqa: PLW2901 (the rate's time instead)
+                    # A picture that cannot be decoded keeps its place.
+                    now = self._rate.time_ns(index + lost)  # noqa: PLW2901
                 if self._size_of(frame) != (self.width, self.height):
                     scaled += 1
                     first_scaled = first_scaled or _named(index, self._size_of(frame))
@@ -331,7 +340,11 @@ class VideoSource:
 
 
 class _Trouble:
-    """Counts what a video's decoding met: frames, damaged ones, packets that gave none."""
+    """Counts what a video's decoding met: frames, damaged ones, packets that gave none.
+
+    Attributes:
+        between: packets behind the first picture that gave none.
+    """
 
     _MOST = 10_000
 
@@ -340,6 +353,7 @@ class _Trouble:
         self._damaged = 0
         self._first_damaged = 0
         self._packets = 0
+        self.between = 0
         self._first: tuple[int, str] = (0, "")
         self._early = 0
         self.latest_ns = 0
@@ -361,6 +375,7 @@ class _Trouble:
         if not self._packets:
             self._first = (self.frames, reason)
         self._packets += 1
+        self.between += self.frames > 0
         return self._packets < self._MOST
 
     @property
@@ -398,6 +413,24 @@ class _Trouble:
                 f" {self._first_damaged}"
             )
         return found
+
+
+def _tells_damage(container: Any, stream: Any) -> bool:
+    """Whether the decoder may be told to refuse what is damaged: of MJPEG it paints over the rest
+    of a picture else; a camera whose every picture is a little off is left as it is.
+    """
+    import av
+
+    if stream.codec_context.name != "mjpeg":
+        return False
+    stream.codec_context.options |= EXPLODE
+    for packet in itertools.islice(container.demux(stream), _PROBED_PACKETS):
+        try:
+            if packet.decode():
+                return True
+        except (av.error.FFmpegError, ValueError):
+            continue
+    return False
 
 
 def _stamp_ns(pts: int | None, base: Fraction) -> int | None:
