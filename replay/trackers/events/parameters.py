@@ -8,13 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from recorders.parameters import Parameters, param
+from replay.trackers import common_parameters as common
 
 
 @dataclass(frozen=True)
 class EventsParameters(Parameters):
     """How low-level tracks are held, confirmed, lost and removed (EVENTS 2)."""
 
-    hindsight: bool = param(True, "join, fill and smooth the tracks after the forward pass")
+    hindsight: bool = common.hindsight(True)
     place_noise: float = param(
         0.1, "standard deviation of a measured centre", unit="sizes", low=0.001, high=10.0
     )
@@ -39,13 +40,7 @@ class EventsParameters(Parameters):
         low=0.0,
         high=1e3,
     )
-    body_spread: float = param(
-        0.12,
-        "standard deviation of bodies' sizes around the learnt model",
-        unit="heights",
-        low=0.001,
-        high=10.0,
-    )
+    body_spread: float = common.body_spread(0.12)
     lean_s: float = param(
         1.0,
         "the usual size counts as one measurement in this time",
@@ -79,41 +74,12 @@ class EventsParameters(Parameters):
     min_overlap: float = param(
         0.3, "least IoU of a detection with the predicted box", low=0.0, high=1.0
     )
-    confirm_s: float = param(
-        0.25,
-        "a tentative track of pixels is confirmed after this time; one of detections need not"
-        " wait",
-        unit="s",
-        low=0.0,
-        high=60.0,
-    )
-    confirm_hits: int = param(
-        3,
-        "a tentative track is confirmed after this many sightings",
-        unit="frames",
-        low=1,
-        high=1000,
-    )
-    tentative_s: float = param(
-        0.3, "a tentative track unseen for longer is dropped", unit="s", low=0.0, high=60.0
-    )
-    coast_s: float = param(
-        0.3, "an unseen target is held present for this time", unit="s", low=0.0, high=60.0
-    )
-    keep_s: float = param(
-        4.0,
-        "an unseen target may come back within this time",
-        unit="s",
-        low=0.0,
-        high=3600.0,
-    )
-    half_life_s: float = param(
-        0.5,
-        "an unseen target's confidence halves in this time",
-        unit="s",
-        low=0.001,
-        high=3600,
-    )
+    confirm_s: float = common.confirm_s(0.25, but="; one of detections alone need not wait")
+    confirm_hits: int = common.confirm_hits(3)
+    tentative_s: float = common.tentative_s(0.3)
+    coast_s: float = common.coast_s(0.3)
+    keep_s: float = common.keep_s(4.0)
+    half_life_s: float = common.half_life_s(0.5)
     size_tolerance: float = param(
         0.3,
         "a blob this much higher or lower than its target is not the target alone",
@@ -185,9 +151,7 @@ class EventsParameters(Parameters):
         low=0.0,
         high=1.0,
     )
-    hidden_patience: float = param(
-        3.0, "targets behind others are held so many times longer", low=1.0, high=100.0
-    )
+    hidden_patience: float = common.hidden_patience(3.0)
     hold_s: float = param(
         0.0,
         "targets whose blob came apart count as being in one blob for this long still (damps"

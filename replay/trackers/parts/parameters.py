@@ -7,13 +7,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from recorders.parameters import Parameters, param
+from replay.trackers import common_parameters as common
 
 
 @dataclass(frozen=True)
 class PartsParameters(Parameters):
     """Global and parts model, dynamical model, layered data association (PARTS 2 to 4)."""
 
-    hindsight: bool = param(True, "join, fill and smooth the tracks after the forward pass")
+    hindsight: bool = common.hindsight(True)
     init: str = param(
         "",
         "targets that are started by hand: frame:N:x,y,w,h, several parted by ';'. With"
@@ -196,36 +197,12 @@ class PartsParameters(Parameters):
         low=0,
         high=1e3,
     )
-    confirm_s: float = param(
-        0.25, "a new target is confirmed after this time", unit="s", low=0.0, high=60.0
-    )
-    confirm_hits: int = param(
-        3,
-        "a new target is confirmed after this many observations",
-        unit="frames",
-        low=1,
-        high=1000,
-    )
-    tentative_s: float = param(
-        0.3, "a new target unseen for longer is dropped", unit="s", low=0.0, high=60.0
-    )
-    coast_s: float = param(
-        0.5, "an unseen target is held present for this time", unit="s", low=0.0, high=60.0
-    )
-    keep_s: float = param(
-        2.0,
-        "an unseen target may come back within this time",
-        unit="s",
-        low=0.0,
-        high=3600.0,
-    )
-    half_life_s: float = param(
-        0.5,
-        "an unseen target's confidence halves in this time",
-        unit="s",
-        low=0.001,
-        high=3600,
-    )
+    confirm_s: float = common.confirm_s(0.25)
+    confirm_hits: int = common.confirm_hits(3)
+    tentative_s: float = common.tentative_s(0.3)
+    coast_s: float = common.coast_s(0.5)
+    keep_s: float = common.keep_s(2.0)
+    half_life_s: float = common.half_life_s(0.5)
     min_unexplained: float = param(
         0.5, "a detection with less foreground of its own starts nothing", low=0, high=1
     )
@@ -272,10 +249,4 @@ class PartsParameters(Parameters):
         low=0.0,
         high=1.0,
     )
-    body_spread: float = param(
-        0.12,
-        "standard deviation of bodies' sizes around the size model",
-        unit="heights",
-        low=0.001,
-        high=10.0,
-    )
+    body_spread: float = common.body_spread(0.12)

@@ -12,13 +12,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from recorders.parameters import Parameters, param
+from replay.trackers import common_parameters as common
 
 
 @dataclass(frozen=True)
 class ShellsParameters(Parameters):
     """Shells, pixel membership, position update and life of the objects (SHELLS 2.2 to 2.5)."""
 
-    hindsight: bool = param(True, "join, fill and smooth the tracks after the forward pass")
+    hindsight: bool = common.hindsight(True)
     membership: bool = param(True, "write each object's pixels to the membership channel")
     blend: float = param(
         0.8,
@@ -202,42 +203,16 @@ class ShellsParameters(Parameters):
         low=0.0,
         high=100.0,
     )
-    confirm_s: float = param(
-        0.25, "a new object is confirmed after this time", unit="s", low=0.0, high=60.0
-    )
-    confirm_hits: int = param(
-        3,
-        "a new object is confirmed after this many sightings",
-        unit="frames",
-        low=1,
-        high=1000,
-    )
-    tentative_s: float = param(
-        0.3, "a new object unseen for longer is dropped", unit="s", low=0.0, high=60.0
-    )
+    confirm_s: float = common.confirm_s(0.25)
+    confirm_hits: int = common.confirm_hits(3)
+    tentative_s: float = common.tentative_s(0.3)
     min_unexplained: float = param(
         0.5, "a detection with less foreground of its own is explained", low=0.0, high=1.0
     )
-    coast_s: float = param(
-        0.4, "an unseen object is held present for this time", unit="s", low=0.0, high=60.0
-    )
-    hidden_patience: float = param(
-        3.0, "occluded objects are held so many times longer", low=1.0, high=100.0
-    )
-    keep_s: float = param(
-        4.0,
-        "an unseen object may come back within this time",
-        unit="s",
-        low=0.0,
-        high=3600.0,
-    )
-    half_life_s: float = param(
-        0.5,
-        "an unseen object's confidence halves in this time",
-        unit="s",
-        low=0.001,
-        high=3600,
-    )
+    coast_s: float = common.coast_s(0.4)
+    hidden_patience: float = common.hidden_patience(3.0)
+    keep_s: float = common.keep_s(4.0)
+    half_life_s: float = common.half_life_s(0.5)
     recover: float = param(
         0.55,
         "largest colour distance (Hellinger) of an object that comes back",
@@ -251,10 +226,4 @@ class ShellsParameters(Parameters):
         low=0.0,
         high=100.0,
     )
-    body_spread: float = param(
-        0.12,
-        "standard deviation of bodies' sizes around the recording's model",
-        unit="heights",
-        low=0.001,
-        high=10.0,
-    )
+    body_spread: float = common.body_spread(0.12)
