@@ -126,6 +126,11 @@ class Frame:
         """The picture that belongs to this frame: its message, and what decodes it."""
         self._picture, self._load_image = message, load
 
+    @property
+    def has_picture(self) -> bool:
+        """Whether there is a picture, decoded or not."""
+        return self._load_image is not None
+
     @cached_property
     def stamp_ns(self) -> int:
         """When the picture says that it was taken, which is what viewers match drawings by; the

@@ -24,6 +24,7 @@ from recorders.log import LogReader, Message
 from recorders.messages import Event, Graph, Group, Regions, Relation, Track, Withheld
 from recorders.pictures import Image
 from recorders.scene import Frame, SceneLog
+from recorders.unreadable import Unreadable
 from recorders.vision import cv2
 
 SCENE = (
@@ -276,8 +277,27 @@ class AnnotatedLog(Closing):
             if scene.info.has_images:
                 yield (
                     frame.time_ns,
-                    partial(_loaded, frame, (scene.info.width, scene.info.height)),
+                    partial(self.picture_of, frame, frame.time_ns, frame.index),
                 )
+
+    def picture_of(self, frame: Frame | None, time_ns: int, index: int) -> Image:
+        """A frame's picture, or a plain ground; that the log has none of it is noted.
+
+        Args:
+            frame: what was recorded at that time, None where nothing was.
+            time_ns: the frame's log time.
+            index: the frame's number.
+        """
+        image = None if frame is None else frame.image
+        if image is not None:
+            return image
+        if frame is None or not frame.has_picture:
+            self._missing.note(time_ns, "no picture of a frame is in the log", index)
+        return without_picture(self.scene.info.width, self.scene.info.height)
+
+    @cached_property
+    def _missing(self) -> Unreadable:
+        return Unreadable(channels.topic(self.camera, "image"))
 
     @cached_property
     def scene(self) -> SceneLog:
@@ -297,11 +317,6 @@ class AnnotatedLog(Closing):
             if frame.membership is None
             else decode_labels(frame.membership, self.path, self.limits)
         )
-
-
-def _loaded(frame: Frame, size: tuple[int, int]) -> Image:
-    image = frame.image
-    return without_picture(*size) if image is None else image
 
 
 def without_picture(width: int, height: int) -> Image:

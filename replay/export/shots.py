@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from recorders.annotated.reader import SCENE, AnnotatedFrame, AnnotatedLog, without_picture
+from recorders.annotated.reader import SCENE, AnnotatedFrame, AnnotatedLog
 from recorders.channels import NANOS
 from recorders.errors import RecordingError, UsageError
 from recorders.payloads import PICTURES, payload_kind, read_picture
@@ -154,14 +154,12 @@ class Camera:
                 same = latest is not None and latest.time_ns == frame.time_ns
                 yield frame, latest if same else None
 
-    def picture(self, recorded: Frame | None) -> Image:
+    def picture(self, frame: AnnotatedFrame, recorded: Frame | None) -> Image:
         """The recorded picture, or a ground."""
-        if recorded is not None and recorded.image is not None:
-            return recorded.image
+        if self._log.has_pictures:
+            return self._log.picture_of(recorded, frame.time_ns, frame.index)
         size = self._log.size()
         assert size is not None
-        if self._log.has_pictures:
-            return without_picture(*size)
         return np.full((size[1], size[0], 3), GROUND, np.uint8)
 
     def hidden(
@@ -205,7 +203,7 @@ class _View:
         """As it shall be shown."""
         key = subjects if marked or self._camera.hides else frozenset(), marked
         if key not in self._made:
-            image = self._camera.picture(self._recorded)
+            image = self._camera.picture(self._frame, self._recorded)
             image = self._camera.hidden(image, self._recorded, subjects)
             if marked:
                 image = self._camera.marked(image, self._frame, subjects)

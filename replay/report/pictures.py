@@ -10,7 +10,7 @@ import numpy as np
 
 from reasoning.questions import Case
 from reasoning.questions.case import kind_of
-from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog, without_picture
+from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.errors import RecordingError, UsageError
 from recorders.pictures import Image
 from replay.draw import DrawOptions, draw_frame
@@ -106,12 +106,14 @@ def _picture(log: AnnotatedLog, frame: AnnotatedFrame) -> Image:
             raise RecordingError("holds neither pictures nor their size", log.path)
         return np.full((size[1], size[0], 3), _GROUND, np.uint8)
     scene = log.scene
+    at = None
     for recorded in scene.frames(frame.time_ns, frame.index):
         if recorded.time_ns > frame.time_ns:
             break
+        at = recorded
         if recorded.image is not None:
-            return recorded.image
-    return without_picture(scene.info.width, scene.info.height)
+            break
+    return log.picture_of(at, frame.time_ns, frame.index)
 
 
 def around(start: int, end: int, margin: int, last: int) -> list[int]:

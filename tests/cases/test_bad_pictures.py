@@ -151,3 +151,32 @@ def test_nan_in_a_logs_json_costs_its_box_alone(
     with SceneLog(out) as scene:
         counts = [len(frame.detections.boxes) for frame in scene.frames()]
     assert counts == [2] * BAD + [1] + [2] * (60 - BAD - 1)
+
+
+def test_a_frame_without_a_picture_is_named_by_what_shows_it(
+    case: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    base, missing = case("mcap/base"), tmp_path / "missing.mcap"
+    with base.open("rb") as old, missing.open("wb") as new:
+        writer = Writer(new)
+        writer.start()
+        ids: dict[str, int] = {}
+        for schema, channel, message in make_reader(old).iter_messages():
+            assert schema is not None
+            if channel.topic not in ids:
+                kept = writer.register_schema(schema.name, schema.encoding, schema.data)
+                ids[channel.topic] = writer.register_channel(
+                    channel.topic, channel.message_encoding, kept
+                )
+            if not (channel.topic.endswith("image") and message.sequence == 7):
+                time = message.log_time
+                writer.add_message(ids[channel.topic], time, message.data, time)
+        writer.finish()
+    annotated = tmp_path / "a.mcap"
+    assert main(["replay", str(missing), "-o", str(annotated)]) == 0
+    video = tmp_path / "a.mp4"
+    words = ["export", str(annotated), "--to", "video", "--until", "1", "-o", str(video)]
+    assert main(words) == 3
+    said = capsys.readouterr().err
+    assert "no picture of a frame is in the log, at 1750000000280000000 ns" in said
+    assert "(frame 7)" in said
