@@ -107,6 +107,7 @@ class Case(Closing):
     Attributes:
         inputs: what was opened.
         limits: what one query may take.
+        log_limits: bounds on what a log may make us allocate.
         drawn: the zones and lines that were drawn after the fact.
     """
 
@@ -157,6 +158,7 @@ class Case(Closing):
         self._uris = {Path(p): str(p) for p in inputs if is_uri(str(p))}
         self._choice = choice or catalogue.Choice()
         self.limits = limits or QueryLimits()
+        self.log_limits = log_limits
         self._brief = brief
         self.drawn = drawn or Drawn()
         self._start_ns = start_ns

@@ -7,6 +7,7 @@ monotonic clock by the first packet that had to be waited for (those before it l
 
 from __future__ import annotations
 
+import errno
 import re
 import time
 from collections import deque
@@ -115,7 +116,9 @@ def connect(address: str, limits: Limits, stream: int | None = None) -> Opened:
             options=options,
             timeout=None if pipe else (_TIMEOUT_S, _TIMEOUT_S),
         )
-    except (av.error.FFmpegError, ValueError) as error:
+    except (av.error.FFmpegError, ValueError, OSError) as error:
+        if device:
+            raise SourceError(_why_no_camera(error), shown) from error
         what = "no video that can be read" if pipe else "cannot be reached"
         raise SourceError(f"{what} ({reason_of(error)})", shown) from error
     try:
@@ -133,6 +136,27 @@ def connect(address: str, limits: Limits, stream: int | None = None) -> Opened:
     timed = container.format.name not in _WITHOUT_TIMES
     seconds = (container.duration or 0) / 1e6
     return Opened(container, chosen, codec, timed, pipe, seconds)
+
+
+def _why_no_camera(error: BaseException) -> str:
+    """Why a camera of this computer cannot be opened, and what to do."""
+    number = getattr(error, "errno", None)
+    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        there = sorted(str(path) for path in Path("/dev").glob("video*"))
+        named = f"there are {', '.join(there)}" if there else "this computer shows none"
+        return f"no such camera: {named} (`v4l2-ctl --list-devices` names them)"
+    if number in (errno.EACCES, errno.EPERM):
+        return (
+            "not allowed to open it: the group `video` is (`sudo usermod -aG video $USER`)"
+        )
+    if number == errno.EBUSY:
+        return "another program uses the camera: end that one first"
+    if number in (errno.ENOTTY, errno.EINVAL):
+        return (
+            "no camera that gives pictures: one camera has several numbers, of which only some"
+            " do (`v4l2-ctl --list-devices` names them)"
+        )
+    return f"the camera cannot be opened ({reason_of(error)})"
 
 
 def reason_of(error: BaseException) -> str:

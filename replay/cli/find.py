@@ -9,7 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
-from replay.cli.common import Commands, command, say, take_words_anywhere
+from replay.cli.common import (
+    Commands,
+    add_limits,
+    command,
+    parse_limits,
+    say,
+    take_words_anywhere,
+)
 from replay.cli.drawing import add_clock, start_of, without_cases
 from replay.cli.exit_codes import Exit
 
@@ -80,6 +87,7 @@ def add(commands: Commands) -> None:
     )
     parser.add_argument("--json", action="store_true", help="the same as --format json")
     add_clock(parser)
+    add_limits(parser)
     parser.set_defaults(run=run)
     take_words_anywhere(parser)
 
@@ -99,7 +107,9 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         check_sheet(args.output, force=args.force)
     start = start_of(args, args.inputs)
-    with Case(without_cases(args.inputs), looks=True, start_ns=start) as case:
+    limits = parse_limits(args.limit)
+    inputs = without_cases(args.inputs)
+    with Case(inputs, looks=True, start_ns=start, log_limits=limits) as case:
         check_recording(case, args.recording)
         wanted = _wanted(case, args)
         begun = starts(case)

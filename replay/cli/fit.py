@@ -67,6 +67,7 @@ def add(commands: common.Commands) -> None:
         help="histograms with the models (.png .pdf .svg)",
     )
     parser.add_argument("--force", action="store_true", help="overwrite existing outputs")
+    common.add_limits(parser)
     parser.set_defaults(run=run)
 
 
@@ -97,7 +98,9 @@ def run(args: argparse.Namespace) -> int:
             f"{len(args.truth)} --truth but {len(sizes)} --truth-size; give one for each,"
             " `same` for a scene's own size"
         )
-    samples = collect(list(zip(args.scenes, args.truth, strict=True)), sizes, args.camera)
+    pairs = list(zip(args.scenes, args.truth, strict=True))
+    limits = common.parse_limits(args.limit)
+    samples = collect(pairs, sizes, args.camera, limits)
     fitted = fit(samples)
     if fitted.accuracy is not None and fitted.accuracy <= fitted.chance:
         raise SceneTraceError(

@@ -54,6 +54,7 @@ def add(commands: common.Commands) -> None:
     parser.add_argument(
         "--force", action="store_true", help="overwrite an existing manifest"
     )
+    common.add_limits(parser)
     parser.set_defaults(run=run)
 
 
@@ -121,4 +122,5 @@ def _sealed(args: argparse.Namespace) -> Manifest:
         files += [file for file in named if file.exists()]
         note = note or ": ".join(t for t in (case.title, case.note) if t)
         examiner, date = examiner or case.examiner, date or case.day
-    return seal(files, args.output, note=note, examiner=examiner, date=date)
+    limits = common.parse_limits(args.limit)
+    return seal(files, args.output, note=note, examiner=examiner, date=date, limits=limits)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from recorders.errors import UsageError
-from replay.cli.common import Commands, add_camera, command, say
+from replay.cli.common import Commands, add_camera, add_limits, command, parse_limits, say
 from replay.cli.exit_codes import Exit
 
 
@@ -40,6 +40,7 @@ def add(commands: Commands) -> None:
         help="which recording of a case, where it has several",
     )
     add_camera(parser)
+    add_limits(parser)
     parser.set_defaults(run=run)
 
 
@@ -52,7 +53,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--port {args.port}: must be 0 to 65535")
     log, files, more = _inputs(args.log, args.recording)
     check_log(log)
-    with Desk(log, args.camera, **files, edit=args.edit, more=more) as desk:
+    limits = parse_limits(args.limit)
+    with Desk(log, args.camera, **files, edit=args.edit, more=more, limits=limits) as desk:
         try:
             server = DeskServer(desk, args.port)
         except OSError as error:

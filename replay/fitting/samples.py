@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders.errors import SceneTraceError
+from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.scene import Frame, SceneLog
 from replay.evaluate.truth import MotTable, fit_truth, read_truth
 from replay.sealing.manifest import file_digest
@@ -96,6 +97,7 @@ def collect(
     pairs: Sequence[tuple[Path, Path]],
     truth_sizes: Sequence[tuple[int, int] | None] | None = None,
     camera: str | None = None,
+    limits: Limits = DEFAULT_LIMITS,
 ) -> FeatureSamples:
     """Read annotated recordings.
 
@@ -104,6 +106,7 @@ def collect(
         truth_sizes: (width, height) of the picture that each truth was labelled in, None: its
             recording's.
         camera: which camera, where the logs have several.
+        limits: what a log may ask for.
 
     Raises:
         SceneTraceError: a recording has no pictures or masks, or no truth that can be used.
@@ -117,7 +120,7 @@ def collect(
     sizes = truth_sizes or [None] * len(pairs)
     for fold, ((scene, truth), size) in enumerate(zip(pairs, sizes, strict=True)):
         found: list[tuple[int, Ints, Ints]] = []
-        with SceneLog(scene, camera) as log:
+        with SceneLog(scene, camera, limits) as log:
             if not (log.info.has_images and log.info.has_masks):
                 raise SceneTraceError(
                     f"{scene}: no pictures or no foreground masks; the features are made of"

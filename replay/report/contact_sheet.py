@@ -12,6 +12,7 @@ import numpy as np
 
 from reasoning.questions import Case
 from recorders.errors import SceneTraceError
+from recorders.limits import Limits
 from recorders.pictures import Image, encode_jpeg
 from recorders.scene import SceneLog
 from recorders.vision import cv2
@@ -63,7 +64,7 @@ def crops(
             if w[0] == name
         }
         try:
-            found.update(_cut(Path(path), camera, mine))
+            found.update(_cut(Path(path), camera, mine, case.log_limits))
         except (SceneTraceError, OSError) as error:
             found.update(dict.fromkeys(mine, f"{name}: {error}"))
     for k, w in enumerate(wanted):
@@ -83,13 +84,16 @@ def _times(case: Case, wanted: set[tuple[str, int]]) -> dict[tuple[str, int], fl
 
 
 def _cut(
-    path: Path, camera: str, wanted: Mapping[int, tuple[int, Sequence[float]]]
+    path: Path,
+    camera: str,
+    wanted: Mapping[int, tuple[int, Sequence[float]]],
+    limits: Limits,
 ) -> dict[int, Crop]:
     at: dict[int, list[int]] = {}
     for k, (time_ns, _) in wanted.items():
         at.setdefault(time_ns, []).append(k)
     out: dict[int, Crop] = {}
-    with SceneLog(path, camera) as scene:
+    with SceneLog(path, camera, limits) as scene:
         for frame in scene.frames(min(at), again=True):
             for k in at.get(frame.time_ns, ()):
                 if frame.image is not None:

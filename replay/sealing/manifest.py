@@ -102,6 +102,7 @@ def seal(
     note: str = "",
     examiner: str = "",
     date: str = "",
+    limits: Limits = DEFAULT_LIMITS,
 ) -> Manifest:
     """The manifest of a case's files, to be written to ``out``; folders stand for all files in
     them.
@@ -116,6 +117,7 @@ def seal(
         note: a text that is sealed with the files.
         examiner: who seals it.
         date: when, as a text.
+        limits: what a log may ask for.
 
     Raises:
         UsageError: no files, one that is not there, or the manifest among them; a folder holds
@@ -132,7 +134,8 @@ def seal(
             raise UsageError(f"{file}: the manifest cannot seal itself")
     folder = out.parent.resolve()
     entries = {
-        _relative(file, folder): _entry(file, _relative(file, folder)) for file in files
+        _relative(file, folder): _entry(file, _relative(file, folder), limits)
+        for file in files
     }
     known = {digest for entry, digests in entries.values() for digest in digests}
     made = [
@@ -333,10 +336,10 @@ def _relative(path: Path, folder: Path) -> str:
     return Path(os.path.relpath(_own(path), folder)).as_posix()
 
 
-def _entry(file: Path, name: str) -> tuple[Entry, Sequence[str]]:
+def _entry(file: Path, name: str, limits: Limits) -> tuple[Entry, Sequence[str]]:
     """A file's entry, and the digests of the sources that it names."""
     size, digest = file_digest(file)
-    role, facts, sources = _log_facts(file, DEFAULT_LIMITS)
+    role, facts, sources = _log_facts(file, limits)
     return Entry(name, role, size, digest, facts), sources
 
 

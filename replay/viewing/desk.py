@@ -17,6 +17,7 @@ from recorders.annotated.reader import AnnotatedLog
 from recorders.closing import Closing
 from recorders.corrections import Corrections
 from recorders.errors import SceneTraceError, UsageError
+from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.pictures import encode_jpeg
 from recorders.scene import SceneLog
 from replay.cases.notes import Note, add_note, read_notes
@@ -40,6 +41,7 @@ class Desk(Closing):
         corrections, notes: files that are read, and written where ``edit`` is set.
         edit: whether notes and corrections may be added.
         more: what a case adds to the page's data.
+        limits: what the log may ask for.
 
     Raises:
         RecordingError: no annotated log, or a damaged one.
@@ -55,14 +57,15 @@ class Desk(Closing):
         notes: Path,
         edit: bool = False,
         more: dict[str, Any] | None = None,
+        limits: Limits = DEFAULT_LIMITS,
     ) -> None:
         self.path = path
         self.edit = edit
         self._corrections, self._notes = corrections, notes
         self._lock = threading.Lock()
         self._pictures: OrderedDict[int, bytes] = OrderedDict()
-        self._log = AnnotatedLog(path, camera)
-        self._case = Case([path])
+        self._log = AnnotatedLog(path, camera, limits)
+        self._case = Case([path], log_limits=limits)
         self._scene = (
             SceneLog(path, self._log.camera, self._log.limits)
             if self._log.has_pictures

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -296,3 +297,26 @@ def _wait_for(what: Any, seconds: float = 40) -> None:
     while not what():
         assert time.monotonic() < until, "waited too long"
         time.sleep(0.02)
+
+
+@pytest.mark.parametrize(
+    ("number", "told"),
+    [
+        (errno.ENOENT, "no such camera: "),
+        (errno.EACCES, "the group `video` is"),
+        (errno.EBUSY, "another program uses the camera"),
+        (errno.ENOTTY, "no camera that gives pictures"),
+        (errno.EIO, "the camera cannot be opened"),
+    ],
+)
+def test_a_camera_that_cannot_be_opened_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, number: int, told: str
+) -> None:
+    def refuse(*_: Any, **options: Any) -> None:
+        assert options["format"] == "v4l2"
+        raise OSError(number, os.strerror(number), "/dev/video7")
+
+    monkeypatch.setattr("av.open", refuse)
+    with pytest.raises(SourceError, match="/dev/video7: ") as failed:
+        open_source("/dev/video7")
+    assert told in str(failed.value)
