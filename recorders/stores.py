@@ -7,12 +7,14 @@ What is written appears whole or not at all, under its key.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import secrets
 import shutil
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -25,6 +27,7 @@ _WHOLE = frozenset({"s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory"})
 _PATIENCE_S = 120.0
 _LONGEST_WAIT_S = 15.0
 _PARTS = ".parts"
+_FETCHERS = 8
 
 
 def is_uri(word: str) -> bool:
@@ -36,8 +39,22 @@ def is_uri(word: str) -> bool:
     return re.match(r"[a-z][a-z0-9+.-]+://", word) is not None
 
 
+def load_package(uri: str) -> None:
+    """Import what opens a kind of store, so that processes forked from this one have it."""
+    try:
+        from fsspec import get_filesystem_class
+
+        get_filesystem_class(uri.partition("://")[0])
+    except (ImportError, ValueError):
+        return  # told when it is opened
+
+
 class StoreError(SceneTraceError):
     """A store cannot be read or written: which, which key, why."""
+
+
+class NoSuchKeyError(StoreError):
+    """A store has no such file."""
 
 
 class Store(Protocol):
@@ -87,11 +104,17 @@ class Store(Protocol):
 
 
 class FolderStore:
-    """A local (or mounted) folder."""
+    """A local (or mounted) folder.
+
+    Attributes:
+        folder: it.
+        parts: where work goes on that is not whole yet.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.uri = str(folder)
         self.folder = folder
+        self.parts = folder / _PARTS
 
     def exists(self, key: str) -> bool:
         """See `Store`."""
@@ -158,12 +181,13 @@ class FolderStore:
 
     def workplace(self) -> Path:
         """See `Store`."""
-        place = self.folder / _PARTS
         try:
-            place.mkdir(parents=True, exist_ok=True)
+            self.parts.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise StoreError(f"{place}: cannot be written: {error.strerror}") from error
-        return place
+            raise StoreError(
+                f"{self.parts}: cannot be written: {error.strerror}"
+            ) from error
+        return self.parts
 
 
 class RemoteStore:
@@ -260,11 +284,32 @@ class RemoteStore:
         self._patiently(key, gone)
 
     def stamp(self, key: str) -> str:
-        """What changes when the file does: its size, and its entity tag or time."""
-        facts = self._patiently(key, lambda: self._files.info(self._place(key)))
-        names = ("ETag", "etag", "md5Hash", "content_md5", "mtime", "LastModified")
-        told = next((facts[name] for name in names if facts.get(name)), "")
-        return f"{facts.get('size')} {told}"
+        """What changes when a file does: its size, and its entity tag or time; of all files where
+        the key is empty.
+        """
+        if key:
+            return _stamp(self._patiently(key, lambda: self._files.info(self._place(key))))
+        found = self._patiently("", lambda: self._files.find(self._root, detail=True))
+        lines = [f"{name} {_stamp(facts)}\n" for name, facts in sorted(found.items())]
+        return hashlib.sha256("".join(lines).encode()).hexdigest()[:32]
+
+    def fetch_all(self, folder: Path) -> None:
+        """Copy all files to a local folder, several at a time.
+
+        Raises:
+            StoreError: it cannot be read, or a file's name leads out of the folder.
+        """
+        keys = self.keys("")
+        if not keys:
+            raise NoSuchKeyError(f"{self.uri}/: there is no file in it")
+        outside = next((key for key in keys if ".." in key.split("/")), None)
+        if outside is not None:
+            raise StoreError(f"{self.uri}/{outside}: its name leads out of the folder")
+        for parent in {(folder / key).parent for key in keys}:
+            parent.mkdir(parents=True, exist_ok=True)
+        with ThreadPoolExecutor(_FETCHERS) as pool:
+            for _ in pool.map(lambda key: self.fetch(key, folder / key), keys):
+                pass
 
     def workplace(self) -> Path | None:
         """See `Store`."""
@@ -277,7 +322,7 @@ class RemoteStore:
             try:
                 return act()
             except FileNotFoundError as error:
-                raise StoreError(f"{self.uri}/{key}: there is no such file") from error
+                raise NoSuchKeyError(f"{self.uri}/{key}: there is no such file") from error
             except PermissionError as error:
                 raise StoreError(
                     f"{self.uri}/{key}: may not be touched: {error}"
@@ -291,6 +336,12 @@ class RemoteStore:
             time.sleep(wait)
             waited += wait
             wait = min(2 * wait, _LONGEST_WAIT_S)
+
+
+def _stamp(facts: Mapping[str, Any]) -> str:
+    names = ("ETag", "etag", "md5Hash", "content_md5", "mtime", "LastModified")
+    told = next((facts[name] for name in names if facts.get(name)), "")
+    return f"{facts.get('size')} {told}"
 
 
 def open_store(place: str | Path, patience_s: float = _PATIENCE_S) -> Store:

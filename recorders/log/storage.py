@@ -46,6 +46,18 @@ class RawRecord:
         return wire.opcode_name(self.opcode)
 
 
+def _of_a_folder(path: Path) -> str:
+    """Why a folder is no log, and what to do with it."""
+    logs = sorted((path / "annotated").glob("*.mcap"))
+    if not (path / "tables" / "recordings").is_dir():
+        return "this is a folder, not a log; `scenetrace record` reads the folder of a bag"
+    one = f"name one of its recordings, as {logs[0]}, or " if logs else ""
+    return (
+        f"this is a case of `scenetrace batch`, not a log: {one}ask all of them by"
+        f" `scenetrace query {path}`"
+    )
+
+
 class RecordFile(Closing):
     """A log file opened for reading.
 
@@ -59,11 +71,7 @@ class RecordFile(Closing):
         self.limits = limits
         try:
             if self.path.is_dir():
-                raise RecordingError(
-                    "this is a folder, not a log; `scenetrace record` reads the folder of"
-                    " a bag",
-                    self.path,
-                )
+                raise RecordingError(_of_a_folder(self.path), self.path)
             self._file = self.path.open("rb", buffering=_WINDOW)
             self.size = self._file.seek(0, 2)
         except FileNotFoundError as error:

@@ -70,7 +70,7 @@ def run_batch(
 
     Args:
         jobs: all with the same case.
-        engine: where they run.
+        engine: where they run; closed at the end, whatever happens.
         options: how.
         told: called after each outcome, with what there is so far.
 
@@ -85,24 +85,39 @@ def run_batch(
         summary = BatchSummary(total=len(jobs))
         waiting = deque(_left(jobs, store, options, summary))
         tell(summary, None)
-        tries: dict[str, int] = {}
-        while waiting or summary.running:
-            while waiting and summary.running < engine.room:
-                engine.submit(waiting.popleft())
-                summary.running += 1
-            for job, ended in engine.outcomes():
-                summary.running -= 1
-                name = f"{job.source} {job.configuration}"
-                tries[name] = tries.get(name, 0) + 1
-                if _tried_again(ended, tries[name], options):
-                    waiting.append(job)
-                    continue
-                outcome = _with_tries(ended, tries[name])
-                if outcome.status.state == "failed" and not outcome.known:
-                    _set_aside(store, outcome.status)
-                _count(outcome, summary)
-                tell(summary, outcome)
+        try:
+            _go_through(waiting, store, engine, options, summary, tell)
+        finally:
+            # Before another batch may take the case, and before it is tidied.
+            engine.close()
     return summary
+
+
+def _go_through(
+    waiting: deque[Job],
+    store: Store,
+    engine: JobEngine,
+    options: BatchOptions,
+    summary: BatchSummary,
+    tell: Told,
+) -> None:
+    tries: dict[str, int] = {}
+    while waiting or summary.running:
+        while waiting and summary.running < engine.room:
+            engine.submit(waiting.popleft())
+            summary.running += 1
+        for job, ended in engine.outcomes():
+            summary.running -= 1
+            name = f"{job.source} {job.configuration}"
+            tries[name] = tries.get(name, 0) + 1
+            if _tried_again(ended, tries[name], options):
+                waiting.append(job)
+                continue
+            outcome = _with_tries(ended, tries[name])
+            if outcome.status.state == "failed" and not outcome.known:
+                _set_aside(store, outcome.status)
+            _count(outcome, summary)
+            tell(summary, outcome)
 
 
 def _with_tries(outcome: Outcome, tries: int) -> Outcome:

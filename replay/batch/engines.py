@@ -150,6 +150,7 @@ class RayEngine:
         """See `JobEngine`."""
         for reference in self._running:
             self._ray.cancel(reference, force=True)
+        self._running.clear()
         self._ray.shutdown()
 
 

@@ -2,28 +2,17 @@
 
 from __future__ import annotations
 
-import glob
 import hashlib
-import shlex
+import socket
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
 import msgspec
 from msgspec import Struct
 
-from recorders.errors import SourceError, UsageError
+from recorders.errors import SourceError
 from recorders.files import sha256
 from recorders.stores import RemoteStore, is_uri, open_store
-
-PICTURES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff"})
-SOURCES = frozenset(
-    {
-        ".avi", ".mp4", ".mkv", ".mov", ".webm", ".mpg", ".mpeg", ".m4v", ".ts", ".h264", ".dav",
-        ".y4m", ".mcap", ".bag", ".db3", ".xml",
-    }
-)  # fmt: skip
-"""What a folder is searched for. Other kinds (tables of detections) are named themselves."""
-_BAG = "metadata.yaml"
 
 
 class Limit(Struct, frozen=True):
@@ -160,7 +149,7 @@ def source_digest(path: Path) -> str:
 def stamp_of(source: str) -> str:
     """Size and time of change (or entity tag) of a source; empty where they cannot be told."""
     if is_uri(source):
-        parent, _, name = source.rpartition("/")
+        parent, name = split_uri(source)
         store = open_store(parent)
         return store.stamp(name) if isinstance(store, RemoteStore) else ""
     path = Path(source)
@@ -175,116 +164,21 @@ def stamp_of(source: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def sources_of(words: Sequence[str]) -> list[tuple[str, list[str]]]:
-    """Sources, each once in the order of their names within a word, and options of their own.
-
-    A word is a file, a folder, a glob, ``@list.txt`` or a URI (of a file, a glob or, ending in
-    ``/``, a folder). A folder that holds pictures, or a bag, is one source; another is searched for
-    videos, logs, bags and folders of pictures. Each line of a list is a word, with options
-    behind it if it has its own: ``cam4/12.mp4 --camera cam4 --start 2026-01-31T12:00:00Z``.
-
-    Raises:
-        UsageError: a word names nothing.
+def work_of(process: int) -> str:
+    """How the folders begin in which a process works; processes of other machines may share their
+    place.
     """
-    found: dict[str, list[str]] = {}
-    for word in words:
-        for source, own in _expanded(word, []):
-            found.setdefault(source, own)
-    return list(found.items())
+    return f"job-{socket.gethostname()}-{process}-"
 
 
-def _expanded(word: str, own: list[str]) -> list[tuple[str, list[str]]]:
-    if word.startswith("@"):
-        return _listed(Path(word[1:]))
-    if is_uri(word):
-        return [(uri, own) for uri in _remote(word)]
-    path = Path(word)
-    if path.is_dir():
-        found = [(str(some.absolute()), own) for some in _below(path)]
-        if not found:
-            raise UsageError(
-                f"{word}: holds no video, log, bag or folder of pictures; name files of"
-                " other kinds themselves"
-            )
-        return found
-    if path.exists():
-        return [(str(path.absolute()), own)]
-    matches = sorted(glob.glob(word, recursive=True)) if glob.has_magic(word) else []  # noqa: PTH207
-    if not matches:
-        raise UsageError(f"{word}: no such file, folder or pattern that fits a file")
-    return [pair for match in matches for pair in _expanded(match, own)]
+def split_uri(source: str) -> tuple[str, str]:
+    """A URI's place and key in it; the key of a folder is empty.
 
-
-def _listed(path: Path) -> list[tuple[str, list[str]]]:
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(
-            f"@{path}: cannot be read as a list of sources: {error}"
-        ) from error
-    found = []
-    for number, line in enumerate(lines, 1):
-        try:
-            words = shlex.split(line, comments=True)
-        except ValueError as error:
-            raise UsageError(f"{path}:{number}: {error}") from error
-        if not words:
-            continue
-        name = words[0]
-        if not is_uri(name) and not Path(name).is_absolute():
-            name = str(path.parent / name)
-        try:
-            found += _expanded(name, words[1:])
-        except UsageError as error:
-            raise UsageError(f"{path}:{number}: {error.headline}") from error
-    return found
-
-
-def _below(folder: Path, above: frozenset[Path] = frozenset()) -> list[Path]:
-    """The sources in a folder; a link back to a folder above is not followed."""
-    here = folder.resolve()
-    if here in above:
-        return []
-    try:
-        held = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
-        kinds = {p: "" if p.is_dir() else p.suffix.lower() for p in held}
-    except OSError as error:
-        raise UsageError(f"{folder}: cannot be read: {error.strerror}") from error
-    if any(path.name == _BAG for path in held):
-        return [folder]
-    if not SOURCES & set(kinds.values()) and PICTURES & set(kinds.values()):
-        return [folder]
-    found = []
-    for path, kind in kinds.items():
-        if path.is_dir():
-            found += _below(path, above | {here})
-        elif kind in SOURCES:
-            found.append(path)
-    return found
-
-
-def _remote(uri: str) -> list[str]:
-    _, _, name = uri.rpartition("/")
-    if name and not glob.has_magic(uri):
-        return [uri]
-    base = uri
-    while glob.has_magic(base):
-        base = base.rpartition("/")[0]
-    base = base.rstrip("/")
-    keys = open_store(base).keys("")
-    wanted = uri[len(base) + 1 :]
-    found = [
-        f"{base}/{key}"
-        for key in keys
-        if (
-            PurePosixPath(key).match(wanted)
-            if wanted
-            else PurePosixPath(key).suffix.lower() in SOURCES
-        )
-    ]
-    if not found:
-        raise UsageError(f"{uri}: holds no video, log or bag")
-    return found
+    >>> split_uri("s3://unit/cam4/12.mp4"), split_uri("s3://unit/pictures/")
+    (('s3://unit/cam4', '12.mp4'), ('s3://unit/pictures', ''))
+    """
+    parent, _, name = source.rpartition("/")
+    return parent, name
 
 
 def filled(words: Sequence[str], source: str) -> list[str]:
@@ -295,7 +189,7 @@ def filled(words: Sequence[str], source: str) -> list[str]:
     ['--camera', 'cam4']
     """
     path = PurePosixPath(source.partition("://")[2] if is_uri(source) else source)
-    parent = source.rpartition("/")[0]
+    parent = source.rstrip("/").rpartition("/")[0]
     places = {
         "{stem}": path.stem,
         "{name}": path.name,

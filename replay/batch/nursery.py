@@ -12,17 +12,21 @@ import importlib
 import os
 import resource
 import select
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
 
 import msgspec
 
 from recorders.closing import Closing
-from recorders.stores import StoreError
-from replay.batch.jobs import Job, Outcome, Status, digest_of, stamp_of
+from recorders.stores import FolderStore, StoreError, is_uri, load_package
+from replay.batch.jobs import Job, Outcome, Status, digest_of, stamp_of, work_of
 
 COMMAND = "replay.cli:main"
 """What runs ``record`` and ``replay``: module and function, loaded in the nursery."""
@@ -30,11 +34,15 @@ _LOADED = (
     "av",
     "cv2",
     "duckdb",
+    "encodings.utf_8_sig",
     "networkx",
-    "numpy",
+    "numpy.ma",
     "reasoning.questions.catalogue",
     "recorders.annotated.chain",
+    "recorders.formats.folders",
+    "recorders.formats.readers",
     "recorders.recording",
+    "recorders.sources",
     "recorders.sources.opening",
     "recorders.sources.own_clock",
     "recorders.sources.with_detections",
@@ -47,10 +55,11 @@ _LOADED = (
     "replay.configuration",
     "replay.run",
     "replay.verification",
-    "scipy.optimize",
 )
 _MAIN = "from replay.batch.nursery import serve; serve()"
 _MIB = 1 << 20
+_LEAST_MIB = 64
+"""What any recording needs, above the libraries."""
 
 
 class Nursery(Closing):
@@ -123,16 +132,38 @@ def _stamp_of(source: str) -> str:
         return ""
 
 
-def serve() -> None:
-    """Read jobs, do them, write outcomes, until stdin ends."""
+def load() -> None:
+    """Import what a job needs, once for all of them."""
     from recorders import vision  # noqa: F401 - before OpenCV is loaded by anyone else
 
-    for name in _LOADED:
+    for name in (*_LOADED, COMMAND.partition(":")[0]):
         with suppress(ImportError):
             importlib.import_module(name)
+
+
+def serve() -> None:
+    """Read jobs, do them, write outcomes, until stdin ends."""
+    load()
     # Only the protocol goes to stdout, whatever a library prints.
     out = os.dup(1)
     os.dup2(2, 1)
+    # What a job leaves that is killed goes with its scratch folder.
+    with tempfile.TemporaryDirectory(
+        prefix="scenetrace-batch-", ignore_cleanup_errors=True
+    ) as scratch:
+        tempfile.tempdir = os.environ["TMPDIR"] = scratch
+        for job in _asked():
+            for place in filter(is_uri, (job.source, job.case)):
+                load_package(place)
+            outcome = _forked(job)
+            if outcome is None:
+                return
+            os.write(out, msgspec.json.encode(outcome) + b"\n")
+            _clear(Path(scratch))
+
+
+def _asked() -> Iterator[Job]:
+    """The jobs that come in on stdin."""
     buffer = b""
     while True:
         while b"\n" not in buffer:
@@ -141,11 +172,12 @@ def serve() -> None:
                 return
             buffer += read
         line, _, buffer = buffer.partition(b"\n")
-        job = msgspec.json.decode(line, type=Job)
-        outcome = _forked(job)
-        if outcome is None:
-            return
-        os.write(out, msgspec.json.encode(outcome) + b"\n")
+        yield msgspec.json.decode(line, type=Job)
+
+
+def _clear(folder: Path, pattern: str = "*") -> None:
+    for left in folder.glob(pattern):
+        shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink()
 
 
 def _forked(job: Job) -> Outcome | None:
@@ -176,9 +208,13 @@ def _forked(job: Job) -> Outcome | None:
     finally:
         os.close(reading)
         if not said or said[-1:] != b"\n":
-            with suppress(ProcessLookupError):
-                os.killpg(child, signal.SIGKILL)
+            # One that has no group of its own yet is ended by its number.
+            for kill in (os.killpg, os.kill):
+                with suppress(ProcessLookupError):
+                    kill(child, signal.SIGKILL)
         _, waited = os.waitpid(child, 0)
+        if not is_uri(job.case):
+            _clear(FolderStore(Path(job.case)).parts, f"{work_of(child)}*")
     if said[-1:] == b"\n":
         return msgspec.json.decode(said, type=Outcome)
     code = os.waitstatus_to_exitcode(waited)
@@ -203,18 +239,38 @@ def _child(job: Job, writing: int) -> None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         nothing = os.open(os.devnull, os.O_RDONLY)
         os.dup2(nothing, 0)
-        if job.limit.memory_mib:
-            most = job.limit.memory_mib * _MIB
-            _, hard = resource.getrlimit(resource.RLIMIT_AS)
-            if hard == resource.RLIM_INFINITY or most < hard:
-                resource.setrlimit(resource.RLIMIT_AS, (most, hard))
-        from replay.batch.steps import do
-
-        module, _, name = COMMAND.partition(":")
-        outcome = do(job, getattr(importlib.import_module(module), name))
+        too_little = _limit_memory(job.limit.memory_mib)
+        outcome = failed(job, too_little, again=False) if too_little else _done(job)
         said = msgspec.json.encode(outcome) + b"\n"
         while said:
             said = said[os.write(writing, said) :]
         code = 0
     finally:
         os._exit(code)
+
+
+def _done(job: Job) -> Outcome:
+    from replay.batch.steps import do
+
+    module, _, name = COMMAND.partition(":")
+    return do(job, getattr(importlib.import_module(module), name))
+
+
+def _limit_memory(most_mib: int) -> str:
+    """Bound this process; why not, where it has more already (a thread that starts without any
+    memory waits for ever).
+    """
+    if not most_mib:
+        return ""
+    with suppress(OSError):
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        here = pages * os.sysconf("SC_PAGE_SIZE") // _MIB
+        if here + _LEAST_MIB > most_mib:
+            return (
+                f"needs more than {most_mib} MiB of memory (--memory): the libraries alone"
+                f" take {here}"
+            )
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    if hard == resource.RLIM_INFINITY or most_mib * _MIB < hard:
+        resource.setrlimit(resource.RLIMIT_AS, (most_mib * _MIB, hard))
+    return ""

@@ -8,6 +8,7 @@ done twice by two workers leaves what one would have left.
 from __future__ import annotations
 
 import io
+import os
 import re
 import shutil
 import sys
@@ -19,16 +20,25 @@ from pathlib import Path
 
 import msgspec
 
-from recorders.errors import SceneTraceError
+from recorders.errors import SceneTraceError, SourceError
 from recorders.files import sha256
-from recorders.stores import Store, StoreError, is_uri, open_store
+from recorders.stores import (
+    NoSuchKeyError,
+    RemoteStore,
+    Store,
+    StoreError,
+    is_uri,
+    open_store,
+)
 from replay.batch.jobs import (
     Job,
     Outcome,
     Status,
     digest_of,
     source_digest,
+    split_uri,
     stamp_of,
+    work_of,
 )
 
 Command = Callable[[Sequence[str]], int]
@@ -94,22 +104,26 @@ class _Steps:
         self._stamp = ""
         self._said: list[str] = []
         self._left_out = False
+        self._place: Path | None = None
+        self._copy: Path | None = None
 
     def failed(self, error: SceneTraceError) -> Status:
         job = self.job
         return Status(
             "failed", self._digest, job.source, self._stamp, job.configuration,
-            reason=str(error).splitlines()[0], step=self._step, said=self._said,
+            reason=self._told(str(error).splitlines()[0]), step=self._step,
+            said=[self._told(line) for line in self._said],
         )  # fmt: skip
 
     def run(self) -> Status:
         job = self.job
         store = open_store(job.case)
         with tempfile.TemporaryDirectory(
-            prefix="job-", dir=store.workplace(), ignore_cleanup_errors=True
+            prefix=work_of(os.getpid()), dir=store.workplace(), ignore_cleanup_errors=True
         ) as folder:
             place = Path(folder)
-            source = self._fetched(place)
+            self._place = place
+            source = self._found(place / "source")
             self._digest = digest_of(source_digest(source), job.configuration)
             before = read_status(store, self._digest)
             if before is not None and (before.state == "done" or not job.again):
@@ -121,15 +135,24 @@ class _Steps:
             annotated = self._replayed(scene, place / "annotated" / f"{name}.mcap")
             return self._published(store, place, name, scene, annotated)
 
-    def _fetched(self, place: Path) -> Path:
+    def _found(self, place: Path) -> Path:
+        """The source here: itself, or a copy of a remote one."""
         source = self.job.source
-        self._stamp = stamp_of(source)
-        if not is_uri(source):
-            return Path(source)
-        parent, _, name = source.rpartition("/")
-        out = place / name
-        open_store(parent).fetch(name, out)
-        return out
+        try:
+            self._stamp = stamp_of(source)
+            if not is_uri(source):
+                return Path(source)
+            self._copy = _fetched(source, place)
+        except NoSuchKeyError as error:
+            hint = "" if source.endswith("/") else f"; a folder has a slash: {source}/"
+            raise SourceError(f"there is no such file{hint}", source) from error
+        return self._copy
+
+    def _told(self, line: str) -> str:
+        """A message without the temporary folder's name: the same job says the same."""
+        if self._copy is not None:
+            line = line.replace(str(self._copy), self.job.source)
+        return line if self._place is None else line.replace(f"{self._place}/", "")
 
     def _recorded(self, source: Path, scene: Path) -> Path:
         if _is_ours(source):
@@ -197,10 +220,24 @@ class _Steps:
             "done", self._digest, job.source, self._stamp, job.configuration,
             recordings=[facts.recording for _, facts in made], outputs=outputs,
             frames=sum(facts.frames for _, facts in made), left_out=self._left_out,
-            said=[_without(line, place) for line in self._said],
+            said=[self._told(line) for line in self._said],
         )  # fmt: skip
         store.write(status.key, msgspec.json.format(msgspec.json.encode(status)))
         return status
+
+
+def _fetched(source: str, place: Path) -> Path:
+    """A copy of a remote source, under its own name."""
+    parent, name = split_uri(source)
+    out = place / (name or parent.rpartition("/")[2])
+    place.mkdir()
+    store = open_store(parent)
+    if name:
+        store.fetch(name, out)
+    else:
+        assert isinstance(store, RemoteStore)
+        store.fetch_all(out)
+    return out
 
 
 def read_status(store: Store, digest: str) -> Status | None:
@@ -239,8 +276,3 @@ def _plain(source: str) -> str:
     stem = source.rstrip("/").rpartition("/")[2]
     stem = stem.rpartition(".")[0] or stem
     return re.sub(r"[^\w.-]+", "-", stem).strip("-.")[:80] or "recording"
-
-
-def _without(line: str, place: Path) -> str:
-    """A message without the temporary folder's name: the same job says the same."""
-    return line.replace(f"{place}/", "")

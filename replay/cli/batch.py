@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 from recorders.errors import UsageError
 from replay.cli import common
@@ -19,7 +19,7 @@ from replay.plurals import count_of
 
 if TYPE_CHECKING:
     from recorders.stores import Store
-    from replay.batch import BatchSummary, Job, Outcome, Status
+    from replay.batch import BatchSummary, Job, Outcome
     from replay.batch.engines import JobEngine
 
 DESCRIPTION = """Record, replay and tabulate many sources into a CASE: a folder or a URI (s3://, gs://, az://, hdfs://, sftp://).
@@ -178,7 +178,7 @@ def _status(store: Store, args: argparse.Namespace) -> int:
         f"{left_out if found['left_out'] else ''}), {found['failed']} set aside"
     )
     for one in found["failures"]:
-        print(common.printable(f"{one['source']}: {one['step']}: {one['reason']}"))
+        print(common.printable(_why(one["source"], one["step"], one["reason"])))
     return Exit.DONE
 
 
@@ -196,7 +196,9 @@ def _compact(store: Store) -> int:
 def _batch(args: argparse.Namespace) -> int:
     from replay.batch import BatchOptions, run_batch
 
-    jobs = jobs_of(args)
+    jobs, unread = jobs_of(args)
+    for line in unread:
+        common.say(f"scenetrace: left out: {line}")
     if args.retries < 0:
         raise UsageError(f"--retries {args.retries}: must be 0 or more")
     engine = _engine(args)
@@ -213,13 +215,13 @@ def _batch(args: argparse.Namespace) -> int:
             done = run_batch(jobs, engine, report, told)
     finally:
         engine.close()
-    return _summed_up(done, args, time.monotonic() - begun)
+    code = _summed_up(done, args, time.monotonic() - begun, len(unread))
+    return Exit.LEFT_OUT if unread and code == Exit.DONE else code
 
 
-def _why(status: Status) -> str:
-    named = status.reason.startswith(status.source)
-    where = status.step if named else f"{status.source}: {status.step}"
-    return f"{where}: {status.reason}"
+def _why(source: str, step: str, reason: str) -> str:
+    where = step if reason.startswith(source) else f"{source}: {step}"
+    return f"{where}: {reason}"
 
 
 def _tell(summary: BatchSummary, outcome: Outcome | None, args: argparse.Namespace) -> None:
@@ -240,10 +242,13 @@ def _tell(summary: BatchSummary, outcome: Outcome | None, args: argparse.Namespa
             facts |= {"step": status.step, "reason": status.reason}
         print(json.dumps(facts), flush=True)
     if status.state == "failed":
-        common.say(f"set aside ({summary.ended} of {summary.total}): {_why(status)}")
+        why = _why(status.source, status.step, status.reason)
+        common.say(f"set aside ({summary.ended} of {summary.total}): {why}")
 
 
-def _summed_up(done: BatchSummary, args: argparse.Namespace, seconds: float) -> int:
+def _summed_up(
+    done: BatchSummary, args: argparse.Namespace, seconds: float, unread: int
+) -> int:
     left_out = [status for status in done.done if status.left_out]
     rate = f"{done.frames / seconds:.0f} frames/s" if seconds > 0 else ""
     if args.json_lines or args.json:
@@ -254,6 +259,7 @@ def _summed_up(done: BatchSummary, args: argparse.Namespace, seconds: float) -> 
                     "known": done.known,
                     "failed": len(done.failed),
                     "left_out": len(left_out),
+                    "unread_folders": unread,
                     "frames": done.frames,
                     "seconds": round(seconds, 3),
                 }
@@ -289,8 +295,9 @@ def _engine(args: argparse.Namespace) -> JobEngine:
     return RayEngine(RayOptions(args.address, args.workers, wheel, ship), args.memory)
 
 
-def jobs_of(args: argparse.Namespace) -> list[Job]:
-    """The jobs that a command line means; what is wrong with its words is found here, once.
+def jobs_of(args: argparse.Namespace) -> tuple[list[Job], list[str]]:
+    """The jobs that a command line means, and a line for each folder that could not be searched;
+    what is wrong with its words is found here, once.
 
     Raises:
         UsageError: a word is wrong, or names nothing.
@@ -325,7 +332,8 @@ def jobs_of(args: argparse.Namespace) -> list[Job]:
     made = f"{version('scenetrace')} {tracker.version}"
     limit = Limit(args.memory, args.time_limit)
     jobs = []
-    for source, own in sources_of(args.sources):
+    sources, unread = sources_of(args.sources)
+    for source, own in sources:
         recording = filled([*record, *_checked(own, source)], source)
         configuration = _configuration(recording, replay, made)
         jobs.append(
@@ -340,14 +348,7 @@ def jobs_of(args: argparse.Namespace) -> list[Job]:
                 paths=paths,
             )
         )
-    return jobs
-
-
-class _Words(argparse.ArgumentParser):
-    """Tells of a wrong word instead of ending the process."""
-
-    def error(self, message: str) -> NoReturn:
-        raise UsageError(message)
+    return jobs, unread
 
 
 def _checked(own: list[str], source: str) -> list[str]:
@@ -356,11 +357,11 @@ def _checked(own: list[str], source: str) -> list[str]:
     Raises:
         UsageError: `record` has no such option, or not with such a value.
     """
-    from replay.cli import record
+    from replay.cli import Parser, record
 
     if not own:
         return own
-    parser = _Words(add_help=False)
+    parser = Parser(prog="scenetrace record", add_help=False)
     record.add_options(parser)
     common.add_configuration(parser)
     common.add_limits(parser)

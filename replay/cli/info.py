@@ -6,20 +6,23 @@ import argparse
 import json
 from dataclasses import asdict
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from replay.cli import common
+from msgspec import to_builtins
+
+from replay.cli import cases, common
 from replay.cli.exit_codes import Exit
 
 if TYPE_CHECKING:
     from recorders.log.info import LogInfo
     from recorders.quality import QualityMeasure
+    from recorders.stores import Store
 
 # Times before this are seconds from a recording's start, not dates.
 _FIRST_DATE_NS = 365 * 86_400 * common.NANOS
 _COLUMNS = 80
 _MOST_TOPIC, _LEAST_SCHEMA = 40, 20
+_MOST_CAMERAS = 10
 _OURS = ("scenetrace", "scenetrace.recording")
 
 
@@ -31,10 +34,16 @@ def add(commands: common.Commands) -> None:
         "what a log holds",
         "Print what a log holds: size, time, channels, attachments, and where a scene was"
         " recorded or replayed with\nscenetrace, everything that its result depends on:"
-        " tracker, configuration, package versions, digests.",
+        " tracker, configuration, package versions, digests.\nOf a CASE of `scenetrace"
+        " batch`: recordings, frames, cameras, days.",
         "scenetrace info annotated.mcap\nscenetrace info annotated.mcap --json",
     )
-    parser.add_argument("log", type=Path, metavar="LOG", help="any MCAP file")
+    parser.add_argument(
+        "log",
+        type=cases.log_or_case,
+        metavar="LOG|CASE",
+        help="any MCAP file; a case, as a folder or a URI",
+    )
     parser.add_argument("--json", action="store_true", help="as JSON")
     common.add_limits(parser)
     parser.set_defaults(run=run)
@@ -44,6 +53,9 @@ def run(args: argparse.Namespace) -> int:
     """Print it."""
     from recorders.log.info import inspect
 
+    case = cases.case_at(args.log)
+    if case is not None:
+        return _of_case(case, args.json)
     info = inspect(args.log, common.parse_limits(args.limit))
     quality = _quality(info)
     if args.json:
@@ -51,6 +63,31 @@ def run(args: argparse.Namespace) -> int:
     else:
         _print(info, quality)
     return Exit.DONE
+
+
+def _of_case(case: Store, as_json: bool) -> int:
+    from replay.batch.inspection import case_facts
+
+    facts = case_facts(case)
+    if as_json:
+        print(json.dumps(to_builtins(facts), indent=2, sort_keys=True))
+        return Exit.DONE
+    more = f" ({facts.left_out} with something left out)" if facts.left_out else ""
+    lines = [
+        f"{facts.case}: a case of `scenetrace batch`",
+        f"  recordings: {facts.recordings}{more}, {facts.frames} frames; {facts.set_aside} sources"
+        " set aside",
+        f"  cameras: {len(facts.cameras)}: {_some(facts.cameras)}",
+        f"  days: {' to '.join(dict.fromkeys(facts.days)) or 'none tells its day'}",
+        f"  compactions: {facts.compactions}",
+    ]
+    for line in lines:
+        print(common.printable(line))
+    return Exit.DONE
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:_MOST_CAMERAS]) + (" ..." if len(names) > _MOST_CAMERAS else "")
 
 
 def _quality(info: LogInfo) -> dict[str, list[QualityMeasure]] | None:

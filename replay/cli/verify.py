@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from recorders.errors import UsageError
-from replay.cli import common
+from replay.cli import cases, common
 from replay.cli.exit_codes import Exit
 from replay.plurals import count_of
 
@@ -33,7 +33,13 @@ def add(commands: common.Commands) -> None:
         "scenetrace verify annotated.mcap --quick\n"
         "scenetrace verify --manifest case.json --public-key lab.key.pub",
     )
-    parser.add_argument("annotated", type=Path, nargs="?", help="an annotated log")
+    parser.add_argument(
+        "annotated",
+        type=Path,
+        nargs="?",
+        metavar="ANNOTATED|CASE",
+        help="an annotated log, or a case's folder",
+    )
     parser.add_argument(
         "--scene",
         type=Path,
@@ -69,6 +75,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("nothing to verify: give an annotated log or --manifest FILE")
     if args.public_key is not None and args.manifest is None:
         raise UsageError("--public-key belongs to --manifest")
+    if args.annotated is not None and cases.case_at(args.annotated) is not None:
+        return _of_case(args)
     case = None if args.manifest is None else _manifest(args)
     log = None if args.annotated is None else _log(args)
     if args.json:
@@ -81,6 +89,22 @@ def run(args: argparse.Namespace) -> int:
             )
         )
     good = (case is None or case.intact) and (log is None or log.identical)
+    return Exit.DONE if good else Exit.DIFFERS
+
+
+def _of_case(args: argparse.Namespace) -> int:
+    """Each of a case's logs, the name of each before its verdict."""
+    if args.manifest is not None or args.scene is not None:
+        raise UsageError("--manifest and --scene go with one log, not with a case")
+    verdicts = {}
+    for path in cases.annotated_logs(args.annotated):
+        if not args.json:
+            print(common.printable(str(path)), end=": ", flush=True)
+        verdicts[str(path)] = _log(argparse.Namespace(**{**vars(args), "annotated": path}))
+    if args.json:
+        plain = {name: asdict(verdict) for name, verdict in verdicts.items()}
+        print(json.dumps(plain, indent=2))
+    good = all(verdict.identical for verdict in verdicts.values())
     return Exit.DONE if good else Exit.DIFFERS
 
 

@@ -9,14 +9,18 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from reasoning.questions import Case
 from reasoning.questions.catalogue import Choice
 from recorders.errors import RecordingError
-from replay.batch import sources_of
+from replay.batch import BatchSummary, sources_of
+from replay.batch.nursery import Nursery
 from replay.cli import main
 from tests.batch.conftest import WORDS, digests, three_sources, walk
 
@@ -77,7 +81,8 @@ def test_finished_work_is_not_done_twice(
     assert batch(several(sources), case, "--json-lines") == 0
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert lines[-1] | {"seconds": 0} == {
-        "done": 1, "known": 3, "failed": 0, "left_out": 0, "frames": 20, "seconds": 0,
+        "done": 1, "known": 3, "failed": 0, "left_out": 0, "unread_folders": 0, "frames": 20,
+        "seconds": 0,
     }  # fmt: skip
     assert times.items() <= {p: p.stat().st_mtime_ns for p in case.rglob("*.mcap")}.items()
 
@@ -146,7 +151,7 @@ def test_thumbnails_beside_videos_are_no_source(tmp_path: Path) -> None:
     (tmp_path / "pictures").mkdir()
     (tmp_path / "pictures" / "1.jpg").write_bytes(b"")
     (tmp_path / "again").symlink_to(tmp_path)
-    found = [Path(source).name for source, _ in sources_of([str(tmp_path)])]
+    found = [Path(source).name for source, _ in sources_of([str(tmp_path)]).found]
     assert found == ["a.mp4", "b.mp4", "pictures"]
 
 
@@ -211,6 +216,104 @@ def test_a_driver_that_is_killed_leaves_nothing_half(sources: Path, tmp_path: Pa
     }
     assert batch(several(sources), case) == 0
     assert digests(case) == right
+
+
+def test_one_that_is_interrupted_leaves_no_parts(
+    sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(summary: BatchSummary, *_: object) -> None:
+        if summary.running:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("replay.cli.batch._tell", interrupted)
+    # Those that are lent to tests go on after their batch.
+    monkeypatch.setattr("replay.batch.engines.Nursery", Nursery)
+    assert batch(several(sources), tmp_path / "case", "--workers", "2") == 1
+    monkeypatch.undo()
+    assert not (tmp_path / "case" / ".parts").exists()
+    assert batch(several(sources), tmp_path / "case", "--workers", "2") == 0
+
+
+def test_a_folder_that_may_not_be_read_is_left_out(
+    done_before: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    shut = tmp_path / "in" / "shut"
+    shut.mkdir(parents=True)
+    one = min((done_before / "case" / "scene").iterdir())
+    shutil.copy(one, tmp_path / "in" / one.name)
+    listed = Path.iterdir
+
+    def refused(folder: Path) -> Iterator[Path]:
+        if folder == shut:  # root may read everything
+            raise PermissionError(13, "Permission denied")
+        return listed(folder)
+
+    monkeypatch.setattr(Path, "iterdir", refused)
+    assert batch(tmp_path / "in", tmp_path / "case", "--json") == 3
+    told = capsys.readouterr()
+    assert f"left out: {shut}: cannot be read: Permission denied" in told.err
+    summary = json.loads(told.out)
+    assert (summary["done"], summary["unread_folders"]) == (1, 1)
+    assert batch(shut, tmp_path / "case") == 2
+    assert "Permission denied" in capsys.readouterr().err
+
+
+def test_a_case_where_a_log_is_expected(
+    case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["info", str(case), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["recordings"], found["frames"]) == (3, 60)
+    assert main(["verify", str(case), "--quick"]) == 0
+    assert capsys.readouterr().out.count("identical") == 3
+    assert main(["diff", str(case), str(case)]) == 1
+    assert "name one of its recordings" in capsys.readouterr().err
+    assert main(["doctor", str(tmp_path)]) == 1
+    assert "this is a folder, not a log" in capsys.readouterr().err
+
+
+def test_files_of_a_case_that_were_changed_are_named(
+    case: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["batch", "--compact", str(case)])
+    main(["batch", "--compact", str(case)])
+    assert main(["doctor", str(case)]) == 0
+    changed, gone = sorted((case / "annotated").iterdir())[:2]
+    with changed.open("ab") as file:
+        file.write(b"x")
+    gone.unlink()
+    capsys.readouterr()
+    assert main(["doctor", str(case), "--json"]) == 1
+    told = {one["key"]: one["reason"] for one in json.loads(capsys.readouterr().out)}
+    assert told == {
+        f"annotated/{changed.name}": "changed: another SHA-256",
+        f"annotated/{gone.name}": "missing",
+    }
+
+
+def test_a_remote_folder_of_pictures_is_a_source(tmp_path: Path) -> None:
+    pytest.importorskip("fsspec")
+    pictures = tmp_path / "in" / "cam4" / "pictures"
+    pictures.mkdir(parents=True)
+    for number in range(3):
+        picture = np.full((48, 64, 3), 40 * number, np.uint8)
+        cv2.imwrite(str(pictures / f"{number}.png"), picture)
+    words = ["--fps", "5", "--camera", "{folder}"]
+    for source, name in ((pictures, "a"), (f"file://{tmp_path}/in/", "b")):
+        assert main(["batch", str(source), "-o", str(tmp_path / name), *words]) == 0
+    remote, plain = (
+        {
+            key: value
+            for key, value in digests(tmp_path / name).items()
+            if "status" not in key
+        }
+        for name in ("b", "a")
+    )
+    assert remote == plain
+    assert any("camera=cam4" in key for key in remote)
 
 
 def test_one_batch_at_a_time(

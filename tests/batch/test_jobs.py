@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from recorders.errors import UsageError
-from replay.batch.jobs import Job, configuration_digest, filled, source_digest, sources_of
+from replay.batch.jobs import Job, configuration_digest, filled, source_digest
+from replay.batch.sources import sources_of
 from replay.cli import parser
 from replay.cli.batch import jobs_of
 from tests.batch.conftest import WORDS, walk
 
 
 def names(words: list[str]) -> list[str]:
-    return [Path(source).name for source, _ in sources_of(words)]
+    return [Path(source).name for source, _ in sources_of(words).found]
 
 
 def test_a_folder_is_searched_for_what_it_holds(tmp_path: Path) -> None:
@@ -37,7 +42,7 @@ def test_a_pattern_and_a_word_twice_give_each_source_once(tmp_path: Path) -> Non
 def test_a_list_has_options_of_its_own(tmp_path: Path) -> None:
     (tmp_path / "1.mp4").write_bytes(b"x")
     (tmp_path / "list.txt").write_text("# cameras\n1.mp4 --camera 'gate 4'\n\n")
-    assert sources_of([f"@{tmp_path / 'list.txt'}"]) == [
+    assert sources_of([f"@{tmp_path / 'list.txt'}"]).found == [
         (str(tmp_path / "1.mp4"), ["--camera", "gate 4"])
     ]
 
@@ -60,11 +65,66 @@ def test_a_word_that_names_nothing_is_wrong() -> None:
         sources_of(["/nowhere/*.mp4"])
 
 
+def test_a_remote_place_is_searched_as_a_folder_is(tmp_path: Path) -> None:
+    pytest.importorskip("fsspec")
+    for name in (
+        "a.mp4", "a.jpg", "cam1/b.mp4", "cam1/pictures/1.jpg", "cam1/pictures/more/2.jpg",
+        "bag/metadata.yaml", "bag/b.db3", "cam2/.hidden.mp4", "note.md",
+    ):  # fmt: skip
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(b"x")
+    place = f"file://{tmp_path}"
+
+    def found(pattern: str) -> list[str]:
+        return [
+            source.removeprefix(f"{place}/")
+            for source, _ in sources_of([f"{place}/{pattern}"]).found
+        ]
+
+    everything = ["a.mp4", "bag/", "cam1/b.mp4", "cam1/pictures/"]
+    assert found("") == everything
+    assert found("**/*.mp4") == ["a.mp4", "cam1/b.mp4"]
+    assert found("*.mp4") == ["a.mp4"]
+    assert found("cam*") == ["cam1/b.mp4", "cam1/pictures/"]
+    assert found("none.mp4") == ["none.mp4"]
+    with pytest.raises(UsageError, match="holds no video"):
+        found("cam2/")
+    here = [
+        Path(source).relative_to(tmp_path).as_posix()
+        for source, _ in sources_of([str(tmp_path)]).found
+    ]
+    assert here == [name.rstrip("/") for name in everything]
+
+
+def test_a_worker_has_everything_loaded(tmp_path: Path) -> None:
+    """What is not loaded before the fork is loaded anew for each recording."""
+    words = [str(walk(tmp_path / "w.txt", frames=3)), "-o", str(tmp_path / "case"), *WORDS]
+    (tmp_path / "job").write_bytes(msgspec.json.encode(jobs(words)[0]))
+    script = (
+        "import sys, msgspec, pathlib\n"
+        "from replay.batch import nursery, steps, jobs\n"
+        "nursery.load()\n"
+        "from replay.cli import main\n"
+        "before = set(sys.modules)\n"
+        f"job = msgspec.json.decode(pathlib.Path({str(tmp_path / 'job')!r}).read_bytes(), type=jobs.Job)\n"
+        "assert steps.do(job, main).status.state == 'done'\n"
+        "print(*sorted(set(sys.modules) - before))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    assert done.stdout.split() == []
+
+
 def test_marks_stand_for_the_source() -> None:
     words = ["--camera", "{folder}", "--detections", "{dir}/{stem}.txt", "{name}"]
     assert filled(words, "s3://unit/cam4/12.mp4") == [
         "--camera", "cam4", "--detections", "s3://unit/cam4/12.txt", "12.mp4",
     ]  # fmt: skip
+    assert filled(["{stem} of {folder}"], "s3://unit/cam4/pictures/") == [
+        "pictures of cam4"
+    ]
 
 
 def test_the_digest_of_a_folder_is_that_of_its_files(tmp_path: Path) -> None:
@@ -86,7 +146,7 @@ def test_words_and_version_make_the_configuration() -> None:
 
 
 def jobs(words: list[str]) -> list[Job]:
-    return jobs_of(parser("batch").parse_args(["batch", *words]))
+    return jobs_of(parser("batch").parse_args(["batch", *words]))[0]
 
 
 def test_options_of_record_and_replay_are_passed_on(tmp_path: Path) -> None:

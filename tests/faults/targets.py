@@ -22,7 +22,7 @@ from recorders.recording import SECTIONS
 from recorders.sources.caviar import CaviarSource
 from recorders.sources.regions import read_regions
 from recorders.stills import decode_still, still_header
-from replay.batch.jobs import sources_of
+from replay.batch.sources import sources_of
 from replay.sealing.manifest import read_manifest
 from tests.faults.fuzz import Target
 from tests.faults.small import annotated, run
