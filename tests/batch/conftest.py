@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -38,15 +37,6 @@ def three_sources(folder: Path) -> Path:
 def sources(tmp_path: Path) -> Path:
     """A folder with three of them, of two cameras."""
     return three_sources(tmp_path / "in")
-
-
-def digests(case: Path) -> dict[str, str]:
-    """Every file of a case and its SHA-256."""
-    return {
-        path.relative_to(case).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(case.rglob("*"))
-        if path.is_file() and path.name != ".lock"
-    }
 
 
 class _Lent:

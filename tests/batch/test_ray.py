@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from replay.cli import main
-from tests.batch.conftest import WORDS, digests
+from tests.batch.conftest import WORDS
+from tests.batch.files import digests
 
 ray: Any = pytest.importorskip("ray", reason="Ray is not installed")
 pytestmark = [

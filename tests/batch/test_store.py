@@ -9,7 +9,8 @@ import pytest
 
 from recorders.stores import open_store
 from replay.cli import main
-from tests.batch.conftest import WORDS, digests
+from tests.batch.conftest import WORDS
+from tests.batch.files import digests
 from tests.batch.s3 import bucket, s3_server
 
 for _needed in ("moto", "flask", "s3fs"):

@@ -25,7 +25,7 @@ from typing import Any
 import fleet_shows
 from fleet_catalogue import measure
 from fleet_simulator import Rates, catalogue_rates, status_rate, told
-from fleet_sources import SIZE, boxes_alone, mixed, real_video
+from fleet_sources import ROOT, SIZE, boxes_alone, mixed, real_video
 
 from reasoning.questions import Case, catalogue
 from reasoning.questions.schema import TABLES
@@ -166,7 +166,7 @@ def _parser() -> argparse.ArgumentParser:
         help=f"{', '.join(WHAT)}; or show, and then {', '.join(fleet_shows.SHOWS)} (default:"
         " all of them)",
     )
-    parser.add_argument("--count", type=int, help="recordings: 40, of show and engines 200")
+    parser.add_argument("--count", type=int, help="recordings: 40, of show 200")
     parser.add_argument(
         "--frames", type=int, help="frames of one that is generated: 250, of show 15"
     )
@@ -193,6 +193,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def main() -> int:
     """Run what was asked for."""
+    sys.path.insert(0, str(ROOT))  # the demonstrations share the S3 server of the tests
     parser = _parser()
     args = parser.parse_args()
     wanted = args.what or (["simulate"] if args.simulate else list(WHAT))

@@ -12,7 +12,6 @@ disturbed. A batch is a process of its own, as `scenetrace batch` is.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import signal
@@ -26,11 +25,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from fleet_meter import Meter
 from fleet_sources import ROOT, poison, write_list
-
-sys.path.insert(0, str(ROOT))
-
-from tests.batch.s3 import bucket, s3_server
 
 _BATCH = [
     sys.executable,
@@ -54,35 +50,9 @@ def _check(holds: bool, what: str) -> None:
 
 def digests(case: Path, *, statuses: bool = True) -> dict[str, str]:
     """Every file of a case and its SHA-256."""
-    return {
-        path.relative_to(case).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(case.rglob("*"))
-        if path.is_file()
-        and path.name != ".lock"
-        and ".parts" not in path.parts
-        and (statuses or path.parent.name != "status")
-    }
+    from tests.batch import files
 
-
-def tree_seconds() -> float:
-    """Processor time of this process and of all that it started, and so on, that live or were
-    waited for.
-    """
-    parents, used = {}, {}
-    tick = os.sysconf("SC_CLK_TCK")
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = stat.read_text().rpartition(")")[2].split()
-        except OSError:
-            continue  # it has just ended
-        number = int(stat.parent.name)
-        parents[number] = int(fields[1])
-        used[number] = sum(map(int, fields[11:15])) / tick
-    ours, new = set[int](), {os.getpid()}
-    while new:
-        ours |= new
-        new = {number for number, parent in parents.items() if parent in new}
-    return sum(used.get(number, 0.0) for number in ours)
+    return files.digests(case, statuses=statuses)
 
 
 def _ended(case: Path) -> int:
@@ -160,9 +130,10 @@ class Stage:
     def right(self) -> dict[str, str]:
         """What nothing disturbed."""
         case = self.folder / "right"
-        begun, before = time.monotonic(), tree_seconds()
-        code, summary = self.start(case, *self.local).finish()
-        self.used_s = tree_seconds() - before
+        begun = time.monotonic()
+        with Meter() as meter:
+            code, summary = self.start(case, *self.local).finish()
+        self.used_s = meter.seconds
         _check(code == 0, f"the undisturbed batch ended with {code}: {summary}")
         _check(summary["done"] == self.count, f"not all done: {summary}")
         found = digests(case)
@@ -204,14 +175,13 @@ def engines(stage: Stage) -> str:
     """Two nodes of a Ray cluster make what local processes make."""
     case = stage.folder / "engines"
     _ = stage.right
-    with _cluster() as (cluster, _):
-        before = tree_seconds()
+    with _cluster() as (cluster, _), Meter() as meter:
         code, summary = stage.start(case, *_ray_words(cluster)).finish()
-        used = tree_seconds() - before
     _check(code == 0, f"exit {code}: {summary}")
-    more = used / stage.used_s - 1
+    more = meter.seconds / stage.used_s - 1
     return (
-        f"{stage.same(case)}; {used:.1f} s of processor, {more:+.1%} over local processes"
+        f"{stage.same(case)}; {meter.seconds:.1f} s of processor, {more:+.1%} over local"
+        " processes"
     )
 
 
@@ -255,6 +225,8 @@ def _driver_killed(stage: Stage, case: Path, words: tuple[str, ...]) -> str:
 
 def store(stage: Stage) -> str:
     """Sources and case lie in an object store, which is cut off in the middle."""
+    from tests.batch.s3 import bucket, s3_server
+
     _ = stage.right
     case = f"s3://{_BUCKET}/case"
     with s3_server(stage.folder) as (proxy, environment):
