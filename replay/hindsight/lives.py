@@ -12,6 +12,7 @@ from recorders.scene import SceneInfo
 from replay.hindsight.doubles import Within
 from replay.hindsight.fragments import Fragment
 from replay.hindsight.joining import Join
+from replay.hindsight.left import BesideWhom
 from replay.hindsight.parameters import HindsightParameters
 from replay.hindsight.verdicts import (
     Doubt,
@@ -77,6 +78,7 @@ def lives_of(
     fragments: Mapping[int, Fragment],
     joins: Sequence[Join],
     within: Within,
+    beside: BesideWhom,
     p: HindsightParameters,
     scene: SceneInfo,
     times: Sequence[int],
@@ -85,16 +87,25 @@ def lives_of(
     fragment.
     """
     followed = {join.later: join for join in joins}
-    reasons: dict[int, str] = {}
-    told: dict[int, list[int]] = {}
-    whys: dict[int, tuple[dict[str, float], Whole]] = {}
-    for identity, chain in _chains(fragments, followed).items():
-        parts = [fragments[k] for k in chain]
-        why, known, reason = _judged(parts, p, scene, times)
-        if reason:
-            reasons.update((k, reason) for k in chain)
-        else:
-            told[identity], whys[identity] = chain, (why, known)
+    chains = _chains(fragments, followed)
+    judged = {
+        identity: _judged([fragments[k] for k in chain], p, scene, times)
+        for identity, chain in chains.items()
+    }
+    people = {k: chain for k, chain in chains.items() if not judged[k][2]}
+    told = {
+        k: chain
+        for k, chain in chains.items()
+        if k in people
+        or (
+            judged[k][1].still
+            and judged[k][1].seen >= p.min_support
+            and beside.left(chain, people)
+        )
+    }
+    reasons = {
+        f: judged[k][2] for k, chain in chains.items() if k not in told for f in chain
+    }
     for identity, (body, share) in within.doubles(told).items():
         reason = f"at one place with track {body} for {share:.2f} of its life: one body"
         reasons.update((k, reason) for k in told.pop(identity))
@@ -103,7 +114,7 @@ def lives_of(
         parts = [fragments[k] for k in chain]
         joined = [followed[k] for k in chain if k in followed]
         life = TrackLife(identity, parts, joined, parts[0].first.at, parts[-1].last.at)
-        life.why, known = whys[identity]
+        life.why, known, _ = judged[identity]
         life.odds, life.judged = known.odds, mean_odds(parts) is not None
         life.doubts = doubts(parts, joined, scene.has_images)
         for part in parts:

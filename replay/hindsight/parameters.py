@@ -53,8 +53,8 @@ class HindsightParameters(Parameters):
     )
     things: bool = param(
         False,
-        "of what is seen as pixels also what never goes anywhere is told: things that"
-        " somebody left, and whatever else stands there",
+        "of what is seen as pixels also what never goes anywhere is told, not only what"
+        " somebody left",
     )
     place_noise: float = param(
         0.10, "standard deviation of an observed centre", unit="sizes", low=0.001, high=10.0

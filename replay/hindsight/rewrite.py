@@ -27,6 +27,7 @@ from replay.hindsight.doubles import Within
 from replay.hindsight.exchanges import Exchange, exchanges_of, undone
 from replay.hindsight.fragments import gather
 from replay.hindsight.joining import join
+from replay.hindsight.left import BesideWhom
 from replay.hindsight.lives import TrackLife, lives_of
 from replay.hindsight.parameters import HindsightParameters
 from replay.hindsight.smoothing import filtered
@@ -82,13 +83,15 @@ def rewrite(
     p = config["hindsight"]
     assert isinstance(p, HindsightParameters)
     exchanges: list[Exchange] = []
-    within = Within()
-    fragments = gather(within.watch(_noting(targets(), exchanges)), times)
+    within, beside = Within(), BesideWhom(scene.frame_ns * 1e-9)
+    stream = _noting(targets(), exchanges)
+    fragments = gather(beside.watch(within.watch(stream)), times)
     if exchanges:
-        within = Within()
-        fragments = gather(within.watch(undone(targets(), exchanges)), times)
+        within, beside = Within(), BesideWhom(scene.frame_ns * 1e-9)
+        stream = undone(targets(), exchanges)
+        fragments = gather(beside.watch(within.watch(stream)), times)
     joins = join(fragments, p, apart)
-    lives, reasons = lives_of(fragments, joins, within, p, scene, times)
+    lives, reasons = lives_of(fragments, joins, within, beside, p, scene, times)
     del fragments  # and with them those of dropped paths
     if names is not None:
         names.update((live, lives[live].id) for live in sorted(lives))

@@ -87,6 +87,7 @@ class Whole:
         seen: the share of its frames in which it was observed.
         reach: how far it went at most, in sizes.
         odds: log-odds that it is somebody; None: nothing speaks of it.
+        still: it is hardly somebody because, seen as pixels, it never went anywhere.
     """
 
     seconds: float
@@ -95,6 +96,7 @@ class Whole:
     seen: float
     reach: float
     odds: float | None
+    still: bool
 
 
 def whole(
@@ -108,13 +110,15 @@ def whole(
     frames = sum(f.last.at - f.first.at + 1 for f in parts)
     seen, odds = sum(f.hits for f in parts) / frames, mean_odds(parts)
     far = reach(parts) if odds is None else wandering(parts)
+    still = False
     if odds is not None:
-        still = min(1.0, max(0.0, (AROUND - far) / ROAMING))
-        odds -= still * math.log(max(1.0, seconds / WAITS_S))
+        one_place = min(1.0, max(0.0, (AROUND - far) / ROAMING))
+        odds -= one_place * math.log(max(1.0, seconds / WAITS_S))
     elif has_masks:
         untold = from_start or (to_end and seconds < TELLS_S)
         odds = MOVING if untold else min(MOVING, max(-MOVING, GOING * (far - STAYED)))
-    return Whole(seconds, from_start, to_end, seen, far, odds)
+        still = parts[0].told and odds < 0
+    return Whole(seconds, from_start, to_end, seen, far, odds, still)
 
 
 def likelihood(odds: float) -> float:

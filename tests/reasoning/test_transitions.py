@@ -5,9 +5,10 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from reasoning.interactions import pair_bit
+from reasoning.interactions import InteractionBook, TargetRows, pair_bit
 from reasoning.transitions import (
     GROUPED,
     GROUPING,
@@ -76,6 +77,26 @@ def test_the_papers_examples() -> None:
     assert TABLE[GROUPING, GROUPED].verdict == "allowed"
     assert TABLE[GROUPED, SPLITTING].verdict == "allowed"
     assert TABLE[SPLITTING, 0].verdict == "allowed"
+
+
+def test_a_new_partner_is_no_transition() -> None:
+    """EVENTS 3.1: attributes may change without a state transition."""
+    book = InteractionBook()
+    for third in (90, 35):
+        boxes = np.array([[x, 0, 20, 20] for x in (0, 20, third)], np.float64)
+        rows = TargetRows(
+            [1, 2, 3],
+            boxes,
+            blobs=[1, 2, 3],
+            seen=[True] * 3,
+            present=[True] * 3,
+            newborn=[False] * 3,
+            of_split=[False] * 3,
+        )
+        book.step(0, 0, rows, None)
+        assert book.states[2] == GROUPING
+        assert book.partners(2, GROUPING) == ([1] if third == 90 else [1, 3])
+    assert TABLE[GROUPING, GROUPING].verdict == "stay"
 
 
 def test_codes_and_names() -> None:

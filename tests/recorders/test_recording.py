@@ -276,6 +276,19 @@ def test_regions_come_first(tmp_path: Path, folder: Path) -> None:
     assert all(f.regions is not None and f.regions.roi[0][0] == (10, 10) for f in frames)
 
 
+def test_regions_leave_the_masks_alone(tmp_path: Path, folder: Path) -> None:
+    """EVENTS 3.2: pixels are classified in the whole picture, whatever is of interest."""
+    regions = tmp_path / "regions.json"
+    regions.write_text('{"roi": [[10, 10], [40, 10], [40, 30], [10, 30]]}')
+    found = []
+    for name, chosen in (("with", regions), ("without", None)):
+        out = tmp_path / f"{name}.mcap"
+        record(open_source(folder, fps=8), out, RecordOptions(regions=chosen))
+        found.append([(f.mask.tobytes(), f.detections) for f in frames_of(out)])
+    assert found[0] == found[1]
+    assert any(detections.components for _, detections in found[0])
+
+
 def test_detections_alone(tmp_path: Path) -> None:
     det = tmp_path / "det.txt"
     det.write_text("1,-1,1,2,3,4,0.5\n3,-1,1,2,3,4,0.5\n")

@@ -45,7 +45,7 @@ def test_who_left_it_is_told_on_tracks(name: str, tmp_path: Path) -> None:
     scene, truth = generate(name), LEFT_THINGS[name]
     log = write_scene_log(scene, tmp_path / "scene.mcap", style="merged")
     out = tmp_path / "annotated.mcap"
-    config = replay_config("events", assignments=["hindsight.things=true"])
+    config = replay_config("events", assignments=[])
     replay(log, out, ReplayOptions(tracker="events", config=config, annotations_only=True))
     with Case([out]) as case:
         answer = case.sql(plan("leaving_object"))

@@ -27,7 +27,7 @@ SHIPPED: Mapping[str, Shipped] = {
     ),
     "leaving_object": Shipped(
         "a thing that stands still from its first sight, beside somebody who was there"
-        " before and goes away from it (replay with --set hindsight.things=true)",
+        " before and goes away from it",
         "still(thing) starts|equals present(thing)"
         " & present(owner) includes|overlaps|finished_by present(thing)"
         " started_by near(owner,thing)",
