@@ -113,13 +113,17 @@ def split(full: str) -> tuple[str, str]:
 def schema(name: str) -> Schema:
     """The schema of a channel (``video`` for an ``image`` channel that holds H.264)."""
     if name in PROTOBUF_CHANNELS:
-        kind = PROTOBUF_CHANNELS[name]
-        return Schema(kind.DESCRIPTOR.full_name, "protobuf", _descriptor_set(kind))
+        return protobuf_schema(PROTOBUF_CHANNELS[name])
     kind = JSON_CHANNELS[name]
     data = msgspec.json.encode(json_schemas.document(kind), order="deterministic")
     return Schema(
         _SCHEMA_NAMES.get(name, f"scenetrace.{kind.__name__}"), "jsonschema", data
     )
+
+
+def protobuf_schema(kind: Any) -> Schema:
+    """The schema of messages of a class that protobuf made."""
+    return Schema(kind.DESCRIPTOR.full_name, "protobuf", _descriptor_set(kind))
 
 
 def message_encoding(name: str) -> str:

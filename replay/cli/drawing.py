@@ -41,7 +41,7 @@ def add_clock(parser: argparse._ActionsContainer) -> None:
 
 def add_ground(parser: argparse.ArgumentParser) -> None:
     """Declare ``--homography`` and ``--height``."""
-    group = parser.add_argument_group("metres, for `moved`, `apart` and the table metres")
+    group = parser.add_argument_group("metres on the ground")
     group.add_argument(
         "--homography", type=Path, metavar="CSV",
         help="four points or more on the ground: columns x, y (pixels) and X, Y (metres)",

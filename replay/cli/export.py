@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from recorders.errors import UsageError
 from replay.cli import common
+from replay.cli.drawing import add_ground, ground_of
 from replay.cli.exit_codes import Exit
 from replay.plurals import count_of
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 FORMATS = (
     "mot", "csv", "parquet", "json", "graphml", "coco", "cvat", "srt", "video", "clips",
-    "layout", "ros2", "rrd",
+    "layout", "ros2", "rrd", "3d",
 )  # fmt: skip
 EXAMPLE = """\
 scenetrace export annotated.mcap --to mot -o result.txt
@@ -43,6 +44,7 @@ clips    a folder with such an MP4 for each stretch with events, and clips.csv
 layout   a layout for Lichtblick and Foxglove: pictures with the drawings, events, plots
 ros2     a bag folder: pictures, vision_msgs/Detection2DArray with ids, markers, events (rosbags)
 rrd      a Rerun recording: pictures, boxes, trails, edges, regions, events (rerun-sdk)
+3d       a log for 3D panels: where targets stood on the ground (--homography or --height)
 """
 
 
@@ -101,6 +103,7 @@ def add(commands: common.Commands) -> None:
         parser.add_argument(
             f"--no-{what}", action="store_true", help=f"video: draw no {what}"
         )
+    add_ground(parser)
     common.add_limits(parser)
     parser.set_defaults(run=run)
 
@@ -140,13 +143,22 @@ def run(args: argparse.Namespace) -> int:
     return Exit.LEFT_OUT if left_out else Exit.DONE
 
 
-_OTHERS = ("coco", "cvat", "srt", "layout")
+_OTHERS = ("coco", "cvat", "srt", "layout", "3d")
 
 
 def _other(args: argparse.Namespace, log: AnnotatedLog) -> str:
     from replay.export import write_coco, write_cvat, write_layout, write_srt
 
     out, force = args.output, args.force
+    if args.to == "3d":
+        from replay.export.scene3d import write_scene3d
+
+        ground = ground_of(args)
+        if ground is None:
+            raise UsageError(
+                "--to 3d needs metres: --homography points.csv, or --height 1.75 for a rough scale"
+            )
+        return count_of(write_scene3d(log, out, ground, force=force), "frame")
     if args.to == "srt":
         return count_of(write_srt(log, out, force=force), "event")
     if args.to == "layout":
