@@ -316,13 +316,18 @@ class SceneLog(Closing):
             yield self._time(message)
 
     def frames(
-        self, start_ns: int | None = None, first_index: int = 0, again: bool = False
+        self,
+        start_ns: int | None = None,
+        first_index: int = 0,
+        again: bool = False,
+        own: bool = False,
     ) -> Iterator[Frame]:
         """The frames in order; from ``start_ns`` on, the first one then counting as
         ``first_index``.
 
         ``again`` says that they have been read before: then detections are decoded and checked
-        when asked for.
+        when asked for. ``own`` reads the camera's own channels alone, where nobody wants the
+        others' messages a second time; `trailing` stays what it was.
 
         Messages of other channels travel with the first frame at or after their time. Those after
         the last frame are in no frame: see `trailing`.
@@ -330,7 +335,8 @@ class SceneLog(Closing):
         Raises:
             RecordingError: two frames at one time, or a damaged message.
         """
-        self.trailing = ()
+        if not own:
+            self.trailing = ()
         latched = (
             self._log.latched(self._topics["regions"], start_ns - 1)
             if start_ns is not None and self.regions is None
@@ -344,6 +350,8 @@ class SceneLog(Closing):
         changes: list[SceneChange] = []
         index = first_index
         topics = [c.topic for c in self.recorded]
+        if own:
+            topics = [topic for topic in topics if topic in self._topics.values()]
         for now, group in by_time(
             self._log.messages(topics, start_ns), self.limits, self.path
         ):
@@ -404,7 +412,8 @@ class SceneLog(Closing):
             pending, changes = [], []
             index += 1
         yield from waiting.rest()
-        self.trailing = tuple(pending)
+        if not own:
+            self.trailing = tuple(pending)
 
     def _check_order(self, order: FrameOrder, number: int, now: int) -> None:
         if order.interleaves(number):

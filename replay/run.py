@@ -348,7 +348,9 @@ class Run:
             names,
             [] if self._corrector is None else self._corrector.apart,
         )
-        frames = self.scene.frames(start_ns, first, again=True)
+        frames = self.scene.frames(
+            start_ns, first, again=True, own=self.options.annotations_only
+        )
         seen = islice(rewritten, first, None)
         with ThreadPoolExecutor(max_workers=1, thread_name_prefix="paint") as pool:
             # The first rewritten frame comes first: with it the names are known.
