@@ -8,6 +8,7 @@ from recorders.messages import NO_BLOB, Blob, Box, Detections, Ellipse
 from recorders.pictures import Image
 from recorders.segmentation.blobs import Labels, components, ellipse_of, numbered, outlines
 from recorders.segmentation.companies import Companies
+from recorders.segmentation.evidence import Foreground
 from recorders.segmentation.explain import Explainer, Floats
 from recorders.segmentation.pieces import bodies_of, without_thin
 from recorders.segmentation.sizes import MIN_BLOBS, SizeModel, learn, regrouped
@@ -83,6 +84,9 @@ class FoundBodies:
             )
         if self.model is not None and not self._holds(self.model):
             self.model = None
+        if self.model is not None and self.usual is not None:
+            learnt = self._sightings.learn(specks=self.beside_boxes, upright=self.model)
+            self.usual = learnt or self.usual
         self._explainer = (
             None if self.model is None else Explainer(self.model, self._width, self._height)
         )
@@ -133,14 +137,17 @@ class FoundBodies:
         """How many bodies were seen clean."""
         return self._sightings.count
 
-    def learn_usual_of(self, masks: list[tuple[Image, Image]], least: float) -> None:
+    def learn_usual_of(
+        self, pairs: list[tuple[Foreground, Foreground]], least: float
+    ) -> None:
         """The same of pairs of masks; what is thin against the bodies so learnt is taken off, and
         they are looked at again.
 
         Args:
-            masks: of two pictures each.
+            pairs: of two pictures each.
             least: a size that is only guessed counts from this area on, px^2.
         """
+        masks = [(now.mask, later.mask) for now, later in pairs]
         for now, later in masks:
             self.look_twice(now, later)
         self.learn_usual(least)
@@ -154,19 +161,25 @@ class FoundBodies:
         self.usual = self.usual or rough
 
     def found_in(
-        self, mask: Image, min_area: float, before: Image | None = None
+        self,
+        mask: Image,
+        min_area: float,
+        before: Image | None = None,
+        weak: Image | None = None,
     ) -> tuple[Image, Labels, list[Blob]]:
         """The components that may be bodies: whole ones, where it is known how large they are."""
         if self.usual is None:
             return components(mask, min_area, before)
         upright = self.model is not None or self.beside_boxes
-        return bodies_of(mask, self.usual, before, upright)
+        weak = None if self.guessed else weak
+        return bodies_of(mask, self.usual, before, upright, weak)
 
-    def measured_in(self, mask: Image, min_area: float) -> list[Blob]:
+    def measured_in(self, found: Foreground, min_area: float) -> list[Blob]:
         """The blobs that may be bodies as their sizes are learnt from: without thin parts."""
+        mask = found.mask
         if self.usual is not None:
             mask = without_thin(mask, self.usual)
-        return self.found_in(mask, min_area)[2]
+        return self.found_in(mask, min_area, None, found.weak)[2]
 
     def learn_when_due(self) -> None:
         """`learn` whenever the number of blobs has grown by half."""

@@ -4,6 +4,8 @@ weighted median.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from recorders.pictures import Image
@@ -13,6 +15,24 @@ from recorders.vision import cv2
 
 NEUTRAL = 128
 """Evidence for neither; above is for foreground."""
+
+
+@dataclass(frozen=True)
+class Foreground:
+    """What differs from the background.
+
+    Attributes:
+        mask: (H, W) uint8, 0 or 255.
+        weak: likewise, also where only `WEAK` of what it takes speaks for foreground: clothes like
+            the wall.
+    """
+
+    mask: Image
+    weak: Image
+
+
+WEAK = 2
+"""A pixel differs weakly by one in so many of the least difference that is foreground."""
 
 
 class Shadows:
@@ -73,6 +93,28 @@ def weighted_median(evidence: Image, window: int) -> Image:
         evidence: (H, W) uint8 around `NEUTRAL`.
         window: its side, px, odd.
     """
+    return _decided(_blurred(evidence, window))
+
+
+def foreground_of(evidence: Image, level: Image, window: int) -> Foreground:
+    """The same, and where the evidence is weak.
+
+    Args:
+        evidence: (H, W) uint8 around `NEUTRAL`.
+        level: (H, W) uint8, the least difference that is foreground, by pixel: what speaks against
+            it where nothing differs.
+        window: the window's side, px, odd.
+    """
+    blurred = _blurred(evidence, window)
+    given = as_image(cv2.add(blurred, level - level // WEAK))
+    return Foreground(_decided(blurred), _decided(given))
+
+
+def _blurred(evidence: Image, window: int) -> Image:
     if window > 1:
-        evidence = as_image(cv2.GaussianBlur(evidence, (window, window), 0))
-    return as_image(cv2.threshold(evidence, NEUTRAL, 255, cv2.THRESH_BINARY)[1])
+        return as_image(cv2.GaussianBlur(evidence, (window, window), 0))
+    return evidence
+
+
+def _decided(blurred: Image) -> Image:
+    return as_image(cv2.threshold(blurred, NEUTRAL, 255, cv2.THRESH_BINARY)[1])

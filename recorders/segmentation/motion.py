@@ -21,7 +21,13 @@ from recorders.segmentation.change.light import Light, light_of
 from recorders.segmentation.change.scenery import Scenery, View
 from recorders.segmentation.change.standstill import Standstill
 from recorders.segmentation.change.telling import Teller
-from recorders.segmentation.evidence import NEUTRAL, Shadows, weighted_median, window_of
+from recorders.segmentation.evidence import (
+    NEUTRAL,
+    Foreground,
+    Shadows,
+    foreground_of,
+    window_of,
+)
 from recorders.segmentation.parameters import SegmentationParameters
 from recorders.segmentation.quality import (
     changes_told,
@@ -97,7 +103,7 @@ class MotionSegmenter:
             view = self._scenery.of_sample(number)
             if view is not None:
                 after = view.found_again(later)
-                masks.append((self._mask(now, view)[0], self._mask(later, after)[0]))
+                masks.append((self._found(now, view)[0], self._found(later, after)[0]))
         self._bodies.learn_usual_of(masks, self._min_area)
         found = [self._bodies.measured_in(now, self._min_area) for now, _ in masks]
         for blobs in found:
@@ -106,16 +112,17 @@ class MotionSegmenter:
         self.quality = self._measured(masks, found)
 
     def _measured(
-        self, masks: list[tuple[Image, Image]], found: list[list[Blob]]
+        self, pairs: list[tuple[Foreground, Foreground]], found: list[list[Blob]]
     ) -> list[QualityMeasure]:
         """What the first reading says of the recording."""
-        areas = [int(np.count_nonzero(now)) for now, _ in masks]
+        masks = [now.mask for now, _ in pairs]
+        areas = [int(np.count_nonzero(mask)) for mask in masks]
         bodies = sum(map(len, found))
         explained = sum(blob.area for blobs in found for blob in blobs)
-        pieces = [pieces_of(now, explained / max(1, bodies)) for now, _ in masks]
+        pieces = [pieces_of(mask, explained / max(1, bodies)) for mask in masks]
         return [
             *measures(
-                sum(areas) / max(1, sum(now.size for now, _ in masks)),
+                sum(areas) / max(1, sum(mask.size for mask in masks)),
                 self._bodies.sightings,
                 self._bodies.usual is not None and not self._bodies.guessed,
                 self._bodies.model is not None,
@@ -152,11 +159,13 @@ class MotionSegmenter:
         """
         picture = as_image(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb))
         raw, view, light = self._seen(picture)
-        self._standstill.step(picture, bool(raw.any()))
+        self._standstill.step(picture, bool(raw.mask.any()))
         look, since = self._scenery.look, self._standstill.frames
         self._told = tuple(self._teller.step(index, look, light, since))
         self._tally.see(look, light, self._told)
-        mask, labels, blobs = self._bodies.found_in(raw, self._min_area, self._before)
+        mask, labels, blobs = self._bodies.found_in(
+            raw.mask, self._min_area, self._before, raw.weak
+        )
         self._before = mask
         self._steps += 1
         if view is not None and self._steps % self._follow_every == 0:
@@ -175,34 +184,38 @@ class MotionSegmenter:
 
         return mask, detect
 
-    def _seen(self, picture: Image) -> tuple[Image, View | None, Light]:
+    def _seen(self, picture: Image) -> tuple[Foreground, View | None, Light]:
         """A picture's foreground, the view that it shows, and its light; no foreground where it
         shows none that is known.
         """
         view = self._scenery.at(picture)
         if view is None:
-            return np.zeros(picture.shape[:2], np.uint8), None, Light(known=False)
-        mask, light = self._mask(picture, view)
-        if self._scenery.jumped(int(np.count_nonzero(mask))):
+            return _nothing(picture), None, Light(known=False)
+        found, light = self._found(picture, view)
+        if self._scenery.jumped(int(np.count_nonzero(found.mask))):
             again = self._scenery.at(picture, jumped=True)
             if again is None:
-                return np.zeros_like(mask), None, Light(known=False)
+                return _nothing(picture), None, Light(known=False)
             if again.ground is not view.ground or again.shift != view.shift:
                 view = again
-                mask, light = self._mask(picture, view)
-        return mask, view, light
+                found, light = self._found(picture, view)
+        return found, view, light
 
-    def _mask(self, picture: Image, view: View) -> tuple[Image, Light]:
+    def _found(self, picture: Image, view: View) -> tuple[Foreground, Light]:
         """The foreground of a picture that shows a view, in the picture's own place."""
         here = view.over_background(picture)
         light = light_of(here, view.background.colour)
-        mask = self._foreground(here, view.background, light, view.inexact)
-        return view.as_in_picture(mask), light
+        found = self._foreground(here, view.background, light, view.inexact)
+        if any(view.shift):
+            found = Foreground(
+                view.as_in_picture(found.mask), view.as_in_picture(found.weak)
+            )
+        return found, light
 
     def _foreground(
         self, picture: Image, background: Background, light: Light, inexact: bool
-    ) -> Image:
-        """The weighted median of the evidence, (H, W) uint8, 0 or 255.
+    ) -> Foreground:
+        """The weighted median of the evidence.
 
         Where picture and background lie over one another to a pixel at best, a pixel differs if it
         does from its neighbours as well: else every edge would.
@@ -223,4 +236,10 @@ class MotionSegmenter:
         level = light.level_under(background.level)
         evidence = cv2.min(difference, cv2.add(level, level))
         evidence = cv2.subtract(cv2.add(evidence, self._neutral), level)
-        return weighted_median(as_image(evidence), self._window)
+        return foreground_of(as_image(evidence), level, self._window)
+
+
+def _nothing(picture: Image) -> Foreground:
+    """No foreground in a picture."""
+    none = np.zeros(picture.shape[:2], np.uint8)
+    return Foreground(none, none)

@@ -39,6 +39,8 @@ LEAST = 0.4
 """A body has at least this share of the usual area,"""
 LEAST_GOING_ON = 0.1
 """or this one, where it mostly lies on foreground of the frame before: it steps behind a post."""
+REACHES = (0.6, 0.75)
+"""A body that is hardly seen has this share of the usual width and height."""
 MOST_PIECES = 64
 """Of more pieces in a frame the largest are kept."""
 SIZE_WEIGHT = 0.2
@@ -116,7 +118,11 @@ def _costs(box: Floats, usual: UsualSize) -> Floats:
 
 
 def bodies_of(
-    mask: Image, usual: UsualSize, before: Image | None, upright: bool = True
+    mask: Image,
+    usual: UsualSize,
+    before: Image | None,
+    upright: bool = True,
+    weak: Image | None = None,
 ) -> tuple[Image, Labels, list[Blob]]:
     """The bodies in a mask, each as one component: thin parts are taken off, pieces are tied
     together, what is too small is left out.
@@ -127,6 +133,7 @@ def bodies_of(
         before: the mask that this gave for the frame before.
         upright: bodies are upright people, whose limbs are a part of their size. Otherwise thin
             parts of bodies are taken off, too: tails, strands of shadow.
+        weak: as ``mask``, also where the evidence is weak: in clothes like the wall.
 
     Returns:
         Mask, labels and blobs, as `recorders.segmentation.blobs.components` gives them.
@@ -140,7 +147,10 @@ def bodies_of(
         if group.area < LEAST * least and not (
             goes_on and before is not None and _goes_on(own, before)
         ):
-            continue
+            faint = None if weak is None else _faint(group, usual, weak)
+            if faint is None:
+                continue
+            own = [faint]
         if not upright:
             own = _solid(own, THIN_PART * float(usual.at(np.array(group.box[3]))[0]))
         for part in own:
@@ -250,6 +260,20 @@ def _solid(parts: list[Part], thin: float) -> list[Part]:
             own = labels[y - top : y - top + h, x - left : x - left + w] == k + 1
             found.append(Part(own.view(np.uint8), part.x + x, part.y + y))
     return found or parts
+
+
+def _faint(group: PieceGroup, usual: UsualSize, weak: Image) -> Part | None:
+    """All that can be seen of a body in clothes like the wall: the weak evidence between pieces
+    that lie as far apart as a body reaches; None where they do not, or it is too little.
+    """
+    x1, y1, x2, y2 = group.box
+    w, h, area = (float(v) for v in usual.at(np.array(y2)))
+    if x2 - x1 < REACHES[0] * w or y2 - y1 < REACHES[1] * h:
+        return None
+    inside = weak[int(y1) : int(y2), int(x1) : int(x2)]
+    if np.count_nonzero(inside) < LEAST * area:
+        return None
+    return Part(as_image(cv2.min(inside, 1)), int(x1), int(y1))
 
 
 def _goes_on(parts: list[Part], before: Image) -> bool:

@@ -14,6 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from recorders.segmentation.sizes import SizeModel
+
 Floats = NDArray[np.float64]
 
 MOMENT_S = 0.12
@@ -41,6 +43,8 @@ quarter.
 """
 UPRIGHT = 0.8
 """Bodies are upright where this share of the area that was seen of them is higher than wide."""
+AS_HIGH = 1.5
+"""Who is upright is as high as those at his place, to this factor."""
 PLACES = 25
 NEARBY = 0.1
 """Sightings teach about places within this share of the picture's height, and less farther off."""
@@ -146,11 +150,15 @@ class Sightings:
         )
         return alone
 
-    def learn(self, *, specks: bool = False) -> UsualSize | None:
+    def learn(
+        self, *, specks: bool = False, upright: SizeModel | None = None
+    ) -> UsualSize | None:
         """The usual size, or None where too few were seen clean.
 
         Args:
             specks: specks (see `SPECK`) are pieces of bodies and count as others do.
+            upright: how high bodies are, where they are upright on a plane: who is lower or higher
+                is a head, legs, or several.
         """
         if not self._clean:
             return None
@@ -158,6 +166,9 @@ class Sightings:
         self._clean = [rows]
         if not specks:
             rows = rows[rows[:, 4] >= SPECK * self._common(rows[:, 1] + rows[:, 3])]
+        if upright is not None:
+            share = rows[:, 3] / upright.heights(rows[:, 1] + rows[:, 3])
+            rows = rows[(share >= 1 / AS_HIGH) & (share <= AS_HIGH)]
         if len(rows) < FEWEST or np.count_nonzero(rows[:, 5] == 1.0) < FEWEST_MOVING:
             return None
         feet = np.linspace(0.0, self.height, PLACES)

@@ -33,6 +33,10 @@ SPREAD = 0.85
 """and it is so in as many parts of the recording as if it came and went at random, or this share of
 them: those who pass or stay are there for a while, and then are not.
 """
+SCATTERED = 0.5
+"""What waves is seen here and there, nowhere whole: a window of which a share s differs counts s (1 - s),
+which is at least this share of all that differs in it. A body fills it or is not there.
+"""
 FINER = 20
 """Steps in which parts are counted."""
 LEAST = 0.01
@@ -100,20 +104,24 @@ def waving(stack: list[Image], colour: Image, level: Image) -> Waving | None:
         return None
     height = colour.shape[0]
     reach = max(2, round(REACH * height))
+    side = 2 * round(AROUND * height / 2) + 1
     low, high = _range(colour, reach)
+    crowded = np.zeros(level.shape, np.int64)
     differs, strange = np.zeros_like(level), np.zeros_like(level)
     parts, in_part = np.zeros_like(level), np.zeros_like(level)
     for k, picture in enumerate(stack):
         lit = shifted(picture, -light_shift(picture, colour))
         there = cv2.compare(weigh(as_image(cv2.absdiff(lit, colour))), level, cv2.CMP_GT)
         other = cv2.compare(outside(lit, low, high), level, cv2.CMP_GT)
-        differs += as_image(there) & np.uint8(1)
+        one = as_image(there) & np.uint8(1)
+        near = cv2.boxFilter(one, cv2.CV_32S, (side, side), normalize=False)
+        crowded += np.square(np.asarray(near, np.int64))
+        differs += one
         strange += as_image(other) & np.uint8(1)
-        in_part |= as_image(there) & np.uint8(1)
+        in_part |= one
         if (k + 1) * SEGMENTS // len(stack) != k * SEGMENTS // len(stack):
             parts += in_part
             in_part[:] = 0
-    side = 2 * round(AROUND * height / 2) + 1
 
     def summed(count: Image) -> NDArray[np.int64]:
         total = cv2.boxFilter(count, cv2.CV_32S, (side, side), normalize=False)
@@ -124,6 +132,7 @@ def waving(stack: list[Image], colour: Image, level: Image) -> Waving | None:
     found = often >= RESTLESS * len(stack) * side * side
     found &= odd <= STRANGE * often
     found &= FINER * seen >= SPREAD * expected
+    found &= crowded <= (1 - SCATTERED) * side * side * often
     there = components(found.view(np.uint8), LEAST * found.size)[0]
     left, top, w, h = (int(v) for v in cv2.boundingRect(there))
     if w == 0:
