@@ -30,6 +30,7 @@ from replay.hindsight.joining import join
 from replay.hindsight.left import BesideWhom
 from replay.hindsight.lives import TrackLife, lives_of
 from replay.hindsight.parameters import HindsightParameters
+from replay.hindsight.passing import Passing
 from replay.hindsight.smoothing import filtered
 from replay.hindsight.verdicts import withheld
 
@@ -120,6 +121,7 @@ class _Writer:
         self._p = p
         self._times = times
         self._has_masks = scene.has_masks
+        self._passing = Passing(seeing=scene.has_images)
         self._frame_s = max(scene.frame_ns * 1e-9, 1e-6)
         self._fill = max(1, math.floor(p.fill_s / self._frame_s + 1e-6))
         self._margin = self._fill + max(8, round(1.0 / self._frame_s))
@@ -156,7 +158,7 @@ class _Writer:
         living = self._living(block, end, {row.life.id for row in rows})
         for at in range(block, end):
             answer, forward = window[at - start], known[at - block]
-            out: list[Target] = []
+            here: list[tuple[TrackLife, Target]] = []
             doubted = [n for life in living for n in life.go_on(at)]
             for k, row in enumerate(rows):
                 if row.at[0] <= at <= row.at[-1] and not blurred[at - start, k]:
@@ -167,7 +169,9 @@ class _Writer:
                         x, y, w, h = seen.measured or seen.box
                         value = np.array([x + w / 2, y + h / 2, w, h])
                     target = _target(row, at, seen, value, rates[at - start, k])
-                    out.append(row.life.believed(target))
+                    here.append((row.life, target))
+            doubted += self._pass(here, at)
+            out = [life.believed(target) for life, target in here]
             out += self._unseen(living, at, forward, {t.id for t in out})
             out.sort(key=lambda t: t.id)
             yield Targets(
@@ -177,6 +181,20 @@ class _Writer:
                 self._notices(living, answer, at, out) + doubted,
                 withheld(answer, self._reasons),
             )
+
+    def _pass(self, here: list[tuple[TrackLife, Target]], at: int) -> list[Notice]:
+        """What passing one another leaves of identities, and what is to be told of it, by id."""
+        here.sort(key=lambda pair: pair[0].id)
+        now = self._times[at]
+        dt = (now - self._times[at - 1]) * 1e-9 if at else self._frame_s
+        found = self._passing.step([target for _, target in here], now, dt)
+        notices: list[Notice] = []
+        for life, _ in here:
+            if life.id in found:
+                same, notice = found[life.id]
+                life.identity *= same
+                notices += [] if notice is None else [notice]
+        return notices
 
     def _go_on(self, start: int, end: int) -> None:
         """Whoever begins within the window joins in, whoever ended before it and was said to have

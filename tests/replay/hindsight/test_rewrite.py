@@ -270,12 +270,31 @@ def test_an_identity_never_grows_surer_and_every_long_gap_is_told(gaps: list[int
     left = [t.identity for f in out for t in f.targets]
     assert left == sorted(left, reverse=True)
     assert left[0] == 1.0
-    told = [n for _, n in _notices(out, "identity")]
-    assert len(told) == len(gaps)
-    for notice, gap in zip(told, gaps, strict=True):
-        assert notice.evidence["gap_s"] == pytest.approx(0.1 * (gap + 1))
-        assert notice.evidence["same"] == pytest.approx(math.exp(-0.1 * (gap + 1) / 1.9))
-    assert left[-1] == pytest.approx(told[-1].evidence["identity"])
+    same = [math.exp(-((0.1 * (gap + 1) / 6.0) ** 1.5)) for gap in gaps]
+    assert left[-1] == pytest.approx(math.prod(same))
+    doubtful = [(p, 0.1 * (gap + 1)) for p, gap in zip(same, gaps, strict=True) if p < 0.9]
+    told = [n.evidence for _, n in _notices(out, "identity")]
+    assert [(e["same"], e["gap_s"]) for e in told] == [pytest.approx(d) for d in doubtful]
+
+
+@pytest.mark.parametrize(("frames", "told"), [(3, False), (10, True), (40, True)])
+def test_who_passes_at_one_place_may_have_been_exchanged(frames: int, told: bool) -> None:
+    """The second walks up to the first, stays at his place, and walks on."""
+    ways = [-40.0] * 10 + [5.0] * frames + [60.0] * 10
+    out = _run(
+        [
+            Targets(k, [_target(1, k, 200.0), _target(2, k, 200.0 + way)])
+            for k, way in enumerate(ways)
+        ]
+    )
+    left = {t.id: t.identity for t in out[-1].targets}
+    spent = math.exp(-min(0.1 * frames, 2.0) / 5.0)
+    assert left[1] == left[2] == pytest.approx(spent, rel=0.05)
+    assert all(t.identity == 1.0 for f in out[:8] for t in f.targets)
+    notices = [n for _, n in _notices(out, "identity")]
+    assert [(n.subjects, n.evidence["with"]) for n in notices] == (
+        [([1], [2]), ([2], [1])] if told else []
+    )
 
 
 @pytest.mark.parametrize(
