@@ -19,7 +19,7 @@ from reasoning.encounters.pair import Floats, History
 
 _BINS = 8
 _LEAST_BOXES = 50
-_LEAST_SPREAD = 0.5
+_LEAST_SPREAD = 0.3
 _MOST_STRETCH = 3.0
 _MOST_BOXES = 20_000
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, field
 from operator import itemgetter
 from pathlib import Path
@@ -28,6 +28,8 @@ from reasoning.encounters import (
     near,
     still,
 )
+from reasoning.encounters.ground import GroundSlope, ground_of
+from reasoning.encounters.nearness import nearest
 from reasoning.geometry import Area
 from reasoning.questions.looks import Looks, look, sightings, usual_height
 from reasoning.questions.runs import (
@@ -221,6 +223,7 @@ class _Camera:
         self._formed: dict[int, tuple[int, ...]] = {}
         self._ended: dict[int, list[tuple[int, str]]] = {}
         self._group_rows: list[HeldInterval] = []
+        self._related: list[Row] = []
         self._joint: dict[tuple[int, int], list[tuple[int, int]]] = {}
         self._boxes: dict[int, _Boxes] = {}
         self._targets: dict[int, SeenTarget] = {}
@@ -397,7 +400,7 @@ class _Camera:
     def _end_relations(self, over: Sequence[HeldInterval]) -> None:
         for key, value, interval, belief in over:
             (a, b), (state, _) = _pair(key), _pair(value)
-            self._add("relations", (a, b, state, *interval, *belief))
+            self._related.append((a, b, state, *interval, *belief))
             if state == "JOINT":
                 self._joint.setdefault((a, b), []).append(interval[:2])
 
@@ -498,6 +501,7 @@ class _Camera:
             self._add("encounter_parameters", (name, value))
         histories = {track: self._boxes[track].history() for track in sorted(self._boxes)}
         width = float(self._facts.width) or None
+        self._add_relations(histories, ground_of(histories, width))
         for encounter in find_encounters(
             histories, self._parameters, joint=self._joint, width=width
         ):
@@ -508,6 +512,16 @@ class _Camera:
                 self._add("still", (track, *astuple(stretch)))
         for a, b, stretch in near(histories, self._parameters):
             self._add("near", (a, b, *astuple(stretch)))
+
+    def _add_relations(self, histories: Mapping[int, History], ground: GroundSlope) -> None:
+        """The ground is known once all boxes are, and with it how near two came on it."""
+        for row in self._related:
+            a, b, _, first, last, *_ = row
+            away = None
+            if a in histories and b in histories:
+                away = nearest(histories[a], histories[b], first, last, ground)
+            self._add("relations", (*row, away))
+        self._related = []
 
     def _add_targets(self) -> None:
         looks = self._look() if self._looking else {}

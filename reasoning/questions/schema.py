@@ -59,6 +59,7 @@ TABLES: Mapping[str, Columns] = {
         ("state", "VARCHAR"),
         *SPAN,
         *BELIEF,
+        ("nearest", "DOUBLE"),
     ),
     "groups": (
         ("recording", "VARCHAR"),
@@ -277,7 +278,8 @@ SURE = "sure_"
 """What the views of contract tables with all their columns begin with."""
 
 KEPT_APART: Mapping[str, tuple[str, ...]] = {
-    **{t: tuple(name for name, _ in BELIEF) for t in ("relations", "groups", "events")},
+    **{t: tuple(name for name, _ in BELIEF) for t in ("groups", "events")},
+    "relations": (*(name for name, _ in BELIEF), "nearest"),
     "tracks": ("seen", "identity"),
     "encounters": ("existence", "joins"),
     "targets": ("existence", "last_x", "last_y"),
@@ -304,7 +306,8 @@ MEANING: Mapping[str, str] = {
         " present says whether the track is held to be in the picture (what MOT exports hold)"
     ),
     "relations": (
-        "one row per interval in which a and b (a < b) were in INTERACTION or JOINT"
+        "one row per interval in which a and b (a < b) were in INTERACTION or JOINT; nearest:"
+        " least distance on the ground, in body sizes"
     ),
     "groups": (
         "one row per group's life; ended_by is the kind of the event that ended it, NULL at"

@@ -15,13 +15,19 @@ OF_ALL = """round(sum(seen_share * (end_frame - start_frame + 1)) / sum(end_fram
 
 BELIEF = "seen_share, existence, identity, joins"
 
+REACH = 1.4
+"""Shells touch where two are nearer than so many body sizes; further apart on the ground they only
+do in the picture, and it is the less sure that they were near.
+"""
+NEAR = f"coalesce(least(1.0, ({REACH} / greatest(nearest, 0.01)) ** 2), 1.0)"
+
 MET = f"""
 -- intervals of A with one partner that follow one another without a gap are one meeting
 WITH mine AS (
-  SELECT recording, b AS other, state, start_frame, end_frame, start_t, end_t, {BELIEF}
+  SELECT recording, b AS other, state, start_frame, end_frame, start_t, end_t, {BELIEF}, nearest
   FROM sure_relations WHERE a = $a$b$only
   UNION ALL
-  SELECT recording, a, state, start_frame, end_frame, start_t, end_t, {BELIEF}
+  SELECT recording, a, state, start_frame, end_frame, start_t, end_t, {BELIEF}, nearest
   FROM sure_relations WHERE b = $a$a_too$only),
 marked AS (
   SELECT *, start_frame > 1 + coalesce(max(end_frame) OVER (
@@ -33,10 +39,11 @@ numbered AS (
 whole AS (
   SELECT recording, other, min(start_frame) AS first, max(end_frame) AS last, min(start_t) AS start_t,
     max(end_t) AS end_t, round(max(end_t) - min(start_t), 3) AS seconds,
-    round(coalesce(sum(end_t - start_t) FILTER (state = 'JOINT'), 0), 3) AS joint_s, {OF_ALL}
+    round(coalesce(sum(end_t - start_t) FILTER (state = 'JOINT'), 0), 3) AS joint_s, min(nearest) AS nearest, {OF_ALL}
   FROM numbered GROUP BY recording, other, meeting)
 SELECT recording, $a AS track, other, first AS start_frame, last AS end_frame, start_t, end_t, seconds, joint_s,
-  {SHOWN},
+  nearest, seen_share, existence, identity,
+  least(seen_share, existence, identity, round({NEAR}, 4)) AS certainty, joins,
   concat('relation:', least($a, other), '-', greatest($a, other), '@', first) AS explain
 FROM whole ORDER BY recording, first, other
 """
@@ -53,6 +60,8 @@ WHERE e.a = $a AND e.b = $b$only ORDER BY e.recording, e.start_frame
 
 BESIDE = 2.0
 """Who left within so many of their heights of one another left by the same way."""
+BESIDE_ONLY = 0.8
+"""Who left side by side, and was never otherwise together, left with somebody with so much."""
 
 LEFT_WITH = f"""
 -- with: in contact until at most $gap s before the first of them left; of several contacts the one that was seen best;
@@ -82,23 +91,24 @@ both_left AS (
   FROM leaver l JOIN departures d ON d.recording = l.recording AND d.track <> l.track
     AND round(abs(d.t - l.t), 3) <= $within),
 contact AS (
-  SELECT recording, b AS other, start_t, end_t, 'relation' AS what, start_frame, seen_share FROM sure_relations
+  SELECT recording, b AS other, start_t, end_t, 'relation' AS what, start_frame, seen_share,
+    {BESIDE_ONLY} * {NEAR} AS near FROM sure_relations WHERE a = $a$only
+  UNION ALL SELECT recording, a, start_t, end_t, 'relation', start_frame, seen_share,
+    {BESIDE_ONLY} * {NEAR} FROM sure_relations WHERE b = $a$only
+  UNION ALL SELECT recording, b, start_t, end_t, 'encounter', start_frame, seen_share, 1.0 FROM sure_encounters
     WHERE a = $a$only
-  UNION ALL SELECT recording, a, start_t, end_t, 'relation', start_frame, seen_share FROM sure_relations
-    WHERE b = $a$only
-  UNION ALL SELECT recording, b, start_t, end_t, 'encounter', start_frame, seen_share FROM sure_encounters
-    WHERE a = $a$only
-  UNION ALL SELECT recording, a, start_t, end_t, 'encounter', start_frame, seen_share FROM sure_encounters
+  UNION ALL SELECT recording, a, start_t, end_t, 'encounter', start_frame, seen_share, 1.0 FROM sure_encounters
     WHERE b = $a$only),
 last_contact AS (
   SELECT recording, other, max(c.end_t) AS end_t,
-    max({{'seen': c.seen_share, 't': c.end_t, 'what': c.what, 'frame': c.start_frame}}) AS which
+    max({{'seen': c.seen_share, 't': c.end_t, 'what': c.what, 'frame': c.start_frame}}) AS which,
+    round(max(c.near), 4) AS near
   FROM both_left g JOIN contact c USING (recording, other)
   WHERE c.start_t <= g.until_t AND round(g.until_t - c.end_t, 3) <= $gap GROUP BY recording, other)
 SELECT g.recording, $a AS track, g.other, g.first_t AS track_left_t, g.t AS other_left_t,
   round(g.t - g.first_t, 3) AS seconds_after, c.end_t AS last_contact_t, g.heights_apart,
   c.which.seen AS seen_share, g.existence, g.identity,
-  least(c.which.seen, g.existence, g.identity, g.seen_leaving) AS certainty, g.joins,
+  least(c.which.seen, g.existence, g.identity, g.seen_leaving, c.near) AS certainty, g.joins,
   concat_ws(' ', format('{{}}:{{}}-{{}}@{{}}', c.which.what, least($a, g.other), greatest($a, g.other),
     c.which.frame), if(g.event IS NULL,
     format('track:{{}}@{{}}', g.other, g.frame), format('event:{{}}', g.event))) AS explain
@@ -152,7 +162,8 @@ FROM hidden WHERE $whose$only ORDER BY recording, start_frame, track, part
 ENTERED_NEVER_LEFT = f"""
 -- who was there in the first frames did not come in; of who left and came in again the last time counts
 -- who was not there at first and is now came in, seen or not (out of a group, through a door; or was hidden at first,
--- so that is less sure): from the first sight
+-- so that is less sure): from the first sight; who comes up beside somebody who was there from the start was likelier
+-- behind him since then
 -- who is lost before the end without having been seen to leave may be gone all the same: unsure
 WITH told AS (
   SELECT recording, unnest(subjects) AS track, event, kind, frame, t FROM sure_events
@@ -168,16 +179,28 @@ stays AS (
     max(p.end_frame) AS last, max(p.end_t) AS last_t, {OF_ALL}
   FROM (FROM presence WHERE true$only) p LEFT JOIN gone g USING (recording, track)
   WHERE g.at IS NULL OR p.end_frame > g.at[1] GROUP BY ALL),
+first_ones AS (
+  SELECT p.recording, p.track FROM presence p JOIN recordings r USING (recording)
+  WHERE p.start_frame = r.first_frame),
+behind AS (
+  SELECT DISTINCT s.recording, s.track FROM stays s
+  JOIN (SELECT recording, a AS track, b AS other, start_frame FROM sure_relations WHERE true$only
+        UNION ALL SELECT recording, b, a, start_frame FROM sure_relations WHERE true$only) x
+    ON x.recording = s.recording AND x.track = s.track AND x.start_frame = s.first
+  JOIN first_ones f ON f.recording = x.recording AND f.track = x.other),
 stayed AS (
   SELECT s.recording, s.track, coalesce(e.frame, s.first) AS entered_frame, coalesce(e.t, s.first_t) AS entered_t,
-    s.last, s.last_t, s.last_t >= r.seconds AS there_at_the_end, e.event, s.seen_share, s.existence, s.identity, s.joins
-  FROM stays s LEFT JOIN entered e USING (recording, track) JOIN recordings r USING (recording)
+    s.last, s.last_t, s.last_t >= r.seconds AS there_at_the_end, e.event, s.seen_share, s.existence, s.identity,
+    s.joins, h.track IS NOT NULL AS was_behind
+  FROM stays s LEFT JOIN entered e USING (recording, track) LEFT JOIN behind h USING (recording, track)
+    JOIN recordings r USING (recording)
   WHERE (e.event IS NOT NULL AND (s.first > r.first_frame OR s.left_before))
     OR (e.event IS NULL AND s.first_t > $settled + coalesce((SELECT min(f.t) FROM frames f
       WHERE f.recording = s.recording AND f.frame = r.first_frame), 0)))
 SELECT recording, track, entered_frame, entered_t, last AS last_seen_frame, last_t AS last_seen_t, there_at_the_end,
   seen_share, existence, identity,
-  least(seen_share, existence, identity, if(there_at_the_end, 1.0, 0.4), if(event IS NULL, 0.6, 1.0)) AS certainty,
+  least(seen_share, existence, identity, if(there_at_the_end, 1.0, 0.4),
+    if(event IS NULL, if(was_behind, 0.4, 0.6), 1.0)) AS certainty,
   joins,
   concat_ws(' ', if(event IS NULL, format('track:{{}}@{{}}', track, entered_frame), format('event:{{}}', event)),
     format('track:{{}}@{{}}', track, last)) AS explain
@@ -227,7 +250,8 @@ BEFORE = f"""
 WITH event AS (
   SELECT recording, event, t, frame, unnest(subjects) AS subject FROM sure_events WHERE event = $event$only),
 pairs AS (
-  SELECT recording, a, b, state AS how, 'relation' AS what, start_frame, start_t, end_t, 1.0 AS confidence, {BELIEF}
+  SELECT recording, a, b, state AS how, 'relation' AS what, start_frame, start_t, end_t, {NEAR} AS confidence,
+    {BELIEF}
   FROM sure_relations
   WHERE end_t >= (SELECT min(t) - $within - 0.001 FROM event)$only
   UNION ALL
@@ -253,7 +277,7 @@ _SURE = " AND least(seen_share, existence, identity) >= $sure"
 
 BY_RELATIONS = f"""
 SELECT recording, a, b, start_t, end_t, start_frame::BIGINT * 4294967296 AS id, {_CONTACT}
-FROM sure_relations WHERE true{_SURE}$only"""
+FROM sure_relations WHERE true{_SURE} AND {NEAR} >= $sure$only"""
 
 BY_JOINT = BY_RELATIONS.replace("WHERE true", "WHERE state = 'JOINT'")
 

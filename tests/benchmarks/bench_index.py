@@ -131,6 +131,7 @@ def _fill(
     order: str = "",
 ) -> None:
     batch = max(1, 20_000_000 // n)
+    sure = f"{SURE}, 1" if table == "relations" else SURE
     for first in range(0, recordings, batch):
         count = min(batch, recordings - first) * n
         numbers = (
@@ -138,7 +139,7 @@ def _fill(
             f" range({count}) t(i)"
         )
         con.execute(
-            f"INSERT INTO {table} SELECT {_name('r')} AS recording, {columns}, {SURE} FROM (SELECT"
+            f"INSERT INTO {table} SELECT {_name('r')} AS recording, {columns}, {sure} FROM (SELECT"
             f" *, hash(i, 3) % {TARGETS} AS p, (hash(i, 3) % {TARGETS} + 1 + hash(i, 4) %"
             f" {TARGETS - 1}) % {TARGETS} AS q, {_span(n, length)} FROM ({numbers})){order}"
         )

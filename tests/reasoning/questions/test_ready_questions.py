@@ -60,6 +60,53 @@ def test_left_with(case: Case) -> None:
     assert ask(case, "left-with", "1") == []
 
 
+@pytest.mark.parametrize("deep", [False, True])
+def test_who_only_touch_in_the_picture_hardly_met(
+    tmp_path: Path,
+    story_type: type[Any],
+    write_story: Callable[..., Any],
+    deep: bool,
+) -> None:
+    """People are drawn smaller the higher up they stand; two of one row are near one another, two
+    who stand one above the other are not.
+    """
+    rows = {k: (100.0 + 40.0 * k, 40.0 + 30.0 * k) for k in range(8)}  # feet, height
+    places = {
+        k: (0, 60, (30.0 * k, foot - high, high / 2, high), (0.0, 0.0))
+        for k, (foot, high) in rows.items()
+    }
+    foot, high = rows[0 if deep else 2]
+    x = 60.0 if deep else 95.0
+    places[9] = (0, 60, (x, foot - high, high / 2, high), (0.0, 0.0))
+    story = story_type(61, places, relations=[(2, 9, "INTERACTION", 0, 60)])
+    with Case([write_story(story, tmp_path / "deep.mcap")]) as c:
+        (row,) = ask(c, "met", "2")
+    assert (row["certainty"] < 0.5) == deep, row
+
+
+@pytest.mark.parametrize("beside", [1, 2])
+def test_who_comes_up_beside_somebody_came_in_with_him_if_he_did(
+    tmp_path: Path,
+    story_type: type[Any],
+    write_story: Callable[..., Any],
+    beside: int,
+) -> None:
+    """The first was there from the start, the second came in; the third comes up beside one."""
+    places = {
+        1: (0, 99, (100.0, 50.0, 10.0, 20.0), (0.0, 0.0)),
+        2: (30, 99, (200.0, 50.0, 10.0, 20.0), (0.0, 0.0)),
+        3: (50, 99, (12.0 + 100.0 * beside, 50.0, 10.0, 20.0), (0.0, 0.0)),
+    }
+    story = story_type(
+        100, places,
+        relations=[(beside, 3, "JOINT", 50, 99)],
+        events=[("entered", [2], 31, [], {})],
+    )  # fmt: skip
+    with Case([write_story(story, tmp_path / "beside.mcap")]) as c:
+        sure = {r["track"]: r["certainty"] for r in ask(c, "entered-never-left")}
+    assert sure == {2: pytest.approx(0.9), 3: 0.4 if beside == 1 else 0.6}
+
+
 @pytest.mark.parametrize(("step", "leave"), [(2.0, True), (-2.0, False)])
 def test_who_pass_and_leave_on_opposite_sides_do_not_leave_together(
     tmp_path: Path,
