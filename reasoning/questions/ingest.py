@@ -200,6 +200,9 @@ class _Boxes:
         return mean, min(self.identity[span], default=0.0), joins
 
 
+_TELLS_S, _FIRST_S = 1.0, 2.0
+
+
 class _Camera:
     """Reads one camera of one log."""
 
@@ -545,6 +548,7 @@ class _Camera:
                     usual_height(history.boxes, np.array(own.seen, np.bool_), size),
                     round(existence, 4),
                     *_feet(own.boxes[-1]),
+                    _first_way(history),
                 ),
             )
             if seen is not None:
@@ -656,3 +660,15 @@ def _feet(box: Box) -> tuple[float, float]:
     """Where somebody stands: the middle of the box's lower side, pixels."""
     x, y, w, h = box
     return round(x + w / 2, 2), round(y + h, 2)
+
+
+def _first_way(history: History) -> float | None:
+    """How far a target's centre was from its first place at most, in its first two seconds and in
+    its own sizes; None where it was not there for a second.
+    """
+    since = history.times_s - history.times_s[0]
+    if since[-1] < _TELLS_S:
+        return None
+    x, y, w, h = history.boxes[since <= _FIRST_S].T
+    away = np.hypot(x + w / 2 - x[0] - w[0] / 2, y + h / 2 - y[0] - h[0] / 2)
+    return round(float((away / np.sqrt(np.maximum(w * h, 1.0))).max()), 2)

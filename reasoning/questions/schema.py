@@ -108,6 +108,7 @@ TABLES: Mapping[str, Columns] = {
         ("existence", "DOUBLE"),
         ("last_x", "DOUBLE"),
         ("last_y", "DOUBLE"),
+        ("first_way", "DOUBLE"),
     ),
     "looks": (
         ("recording", "VARCHAR"),
@@ -282,7 +283,7 @@ KEPT_APART: Mapping[str, tuple[str, ...]] = {
     "relations": (*(name for name, _ in BELIEF), "nearest"),
     "tracks": ("seen", "identity"),
     "encounters": ("existence", "joins"),
-    "targets": ("existence", "last_x", "last_y"),
+    "targets": ("existence", "last_x", "last_y", "first_way"),
 }
 """Columns that a contract table shows under its name with `SURE` alone."""
 
@@ -321,7 +322,8 @@ MEANING: Mapping[str, str] = {
     "targets": (
         "one row per target: from when to when, which share of its frames it was seen in,"
         " how sure it is that it exists and is one and the same; last_x, last_y:"
-        " where its feet were last, pixels"
+        " where its feet were last, pixels; first_way: how far it went in its first two seconds,"
+        " in its own sizes, NULL where it was not there for long enough to tell"
     ),
     "looks": (
         "what each target looks like, from as many pictures as samples says: shares of shades"

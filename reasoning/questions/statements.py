@@ -159,11 +159,14 @@ SELECT recording, track, part, start_frame, end_frame, start_t, end_t, round(end
 FROM hidden WHERE $whose$only ORDER BY recording, start_frame, track, part
 """
 
+CAME = 0.5
+"""Who comes in goes so many of his sizes in his first two seconds; who does not was standing there."""
+
 ENTERED_NEVER_LEFT = f"""
 -- who was there in the first frames did not come in; of who left and came in again the last time counts
 -- who was not there at first and is now came in, seen or not (out of a group, through a door; or was hidden at first,
 -- so that is less sure): from the first sight; who comes up beside somebody who was there from the start was likelier
--- behind him since then
+-- behind him since then; who does not move at first was standing there, found late
 -- who is lost before the end without having been seen to leave may be gone all the same: unsure
 WITH told AS (
   SELECT recording, unnest(subjects) AS track, event, kind, frame, t FROM sure_events
@@ -191,8 +194,9 @@ behind AS (
 stayed AS (
   SELECT s.recording, s.track, coalesce(e.frame, s.first) AS entered_frame, coalesce(e.t, s.first_t) AS entered_t,
     s.last, s.last_t, s.last_t >= r.seconds AS there_at_the_end, e.event, s.seen_share, s.existence, s.identity,
-    s.joins, h.track IS NOT NULL AS was_behind
+    s.joins, h.track IS NOT NULL AS was_behind, w.first_way < {CAME:g} AND NOT s.left_before AS stood
   FROM stays s LEFT JOIN entered e USING (recording, track) LEFT JOIN behind h USING (recording, track)
+    LEFT JOIN sure_targets w ON w.recording = s.recording AND w.track = s.track
     JOIN recordings r USING (recording)
   WHERE (e.event IS NOT NULL AND (s.first > r.first_frame OR s.left_before))
     OR (e.event IS NULL AND s.first_t > $settled + coalesce((SELECT min(f.t) FROM frames f
@@ -200,7 +204,7 @@ stayed AS (
 SELECT recording, track, entered_frame, entered_t, last AS last_seen_frame, last_t AS last_seen_t, there_at_the_end,
   seen_share, existence, identity,
   least(seen_share, existence, identity, if(there_at_the_end, 1.0, 0.4),
-    if(event IS NULL, if(was_behind, 0.4, 0.6), 1.0)) AS certainty,
+    if(event IS NULL, if(was_behind, 0.4, 0.6), 1.0), if(stood, 0.4, 1.0)) AS certainty,
   joins,
   concat_ws(' ', if(event IS NULL, format('track:{{}}@{{}}', track, entered_frame), format('event:{{}}', event)),
     format('track:{{}}@{{}}', track, last)) AS explain

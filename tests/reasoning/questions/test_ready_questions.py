@@ -84,6 +84,21 @@ def test_who_only_touch_in_the_picture_hardly_met(
     assert (row["certainty"] < 0.5) == deep, row
 
 
+@pytest.mark.parametrize(("step", "sure"), [(0.0, 0.4), (1.0, 0.9)])
+def test_who_is_found_standing_did_not_come_in_then(
+    tmp_path: Path,
+    story_type: type[Any],
+    write_story: Callable[..., Any],
+    step: float,
+    sure: float,
+) -> None:
+    places = {1: (30, 99, (100.0, 50.0, 10.0, 20.0), (step, 0.0))}
+    story = story_type(100, places, events=[("entered", [1], 31, [], {})])
+    with Case([write_story(story, tmp_path / "standing.mcap")]) as c:
+        (row,) = ask(c, "entered-never-left")
+    assert row["certainty"] == pytest.approx(sure)
+
+
 @pytest.mark.parametrize("beside", [1, 2])
 def test_who_comes_up_beside_somebody_came_in_with_him_if_he_did(
     tmp_path: Path,
@@ -94,8 +109,8 @@ def test_who_comes_up_beside_somebody_came_in_with_him_if_he_did(
     """The first was there from the start, the second came in; the third comes up beside one."""
     places = {
         1: (0, 99, (100.0, 50.0, 10.0, 20.0), (0.0, 0.0)),
-        2: (30, 99, (200.0, 50.0, 10.0, 20.0), (0.0, 0.0)),
-        3: (50, 99, (12.0 + 100.0 * beside, 50.0, 10.0, 20.0), (0.0, 0.0)),
+        2: (30, 99, (200.0, 50.0, 10.0, 20.0), (1.0, 0.0)),
+        3: (50, 99, (12.0 + 100.0 * beside, 50.0, 10.0, 20.0), (1.0, 0.0)),
     }
     story = story_type(
         100, places,
