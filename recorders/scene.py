@@ -335,8 +335,7 @@ class SceneLog(Closing):
         Raises:
             RecordingError: two frames at one time, or a damaged message.
         """
-        if not own:
-            self.trailing = ()
+        self.trailing = self.trailing if own else ()
         latched = (
             self._log.latched(self._topics["regions"], start_ns - 1)
             if start_ns is not None and self.regions is None
@@ -349,9 +348,8 @@ class SceneLog(Closing):
         pending: list[Message] = []
         changes: list[SceneChange] = []
         index = first_index
-        topics = [c.topic for c in self.recorded]
-        if own:
-            topics = [topic for topic in topics if topic in self._topics.values()]
+        known = self._topics.values()
+        topics = [c.topic for c in self.recorded if c.topic in known or not own]
         for now, group in by_time(
             self._log.messages(topics, start_ns), self.limits, self.path
         ):
@@ -412,8 +410,7 @@ class SceneLog(Closing):
             pending, changes = [], []
             index += 1
         yield from waiting.rest()
-        if not own:
-            self.trailing = tuple(pending)
+        self.trailing = self.trailing if own else tuple(pending)
 
     def _check_order(self, order: FrameOrder, number: int, now: int) -> None:
         if order.interleaves(number):

@@ -4,8 +4,8 @@
     {"roi": [[x, y], ...], "border": [[x, y], ...], "zones": {"door": [[x, y], ...]}}
 
 ``roi`` and ``border`` are one polygon or a list of them, in pixels of the recording; ``border``
-is the outer outline of the region of interest and its border together and may be left out (no
-border then), as may ``zones``.
+is the outer outline of the region of interest and its border together. Each may be left out: without
+``border`` there is none, without ``roi`` it is the recorded one, else the whole picture.
 """
 
 from __future__ import annotations
@@ -32,8 +32,11 @@ _LARGEST_FILE = 1 << 20
 _SMALLEST_AREA = 1e-6
 
 
-def read_regions(path: str | Path, width: int, height: int) -> Regions:
-    """The regions of a file for pictures of this size.
+def read_regions(
+    path: str | Path, width: int, height: int, recorded: Regions | None = None
+) -> Regions:
+    """The regions of a file for pictures of this size; ``recorded`` has the region of interest and
+    the border of a file that names zones alone.
 
     Raises:
         SourceError: not such a file: a polygon with under three vertices, without area, that
@@ -41,7 +44,7 @@ def read_regions(path: str | Path, width: int, height: int) -> Regions:
             region of interest; names which.
     """
     path = existing_file(Path(path))
-    return _Reader(path, width, height).read()
+    return _Reader(path, width, height, recorded).read()
 
 
 def checked(
@@ -73,8 +76,11 @@ def beyond(points: Polygon, size: tuple[int, int]) -> bool:
 
 
 class _Reader:
-    def __init__(self, path: Path, width: int, height: int) -> None:
+    def __init__(
+        self, path: Path, width: int, height: int, recorded: Regions | None
+    ) -> None:
         self._path = path
+        self._recorded = recorded
         self._size = width, height
 
     def _fail(self, reason: str) -> NoReturn:
@@ -87,15 +93,20 @@ class _Reader:
             data = json.loads(self._path.read_bytes(), object_pairs_hook=self._object)
         except (ValueError, RecursionError) as error:
             self._fail(f"not JSON: {error}")
-        if not isinstance(data, dict) or "roi" not in data:
-            self._fail(
-                'wanted an object with "roi": a polygon [[x, y], ...] or a list of polygons'
-            )
+        if not isinstance(data, dict) or not data:
+            self._fail('wanted an object with "roi", "border" or "zones"')
         unknown = sorted(set(data) - {"roi", "border", "zones"})
         if unknown:
             self._fail(f"unknown field {unknown[0]!r}; known are roi, border, zones")
-        roi = self._polygons(data["roi"], "roi")
-        border = self._polygons(data["border"], "border") if "border" in data else roi
+        width, height = self._size
+        whole: list[Polygon] = [[(0, 0), (width, 0), (width, height), (0, height)]]
+        roi, border = whole, whole
+        if "roi" in data:
+            roi = border = self._polygons(data["roi"], "roi")
+        elif self._recorded is not None:
+            roi, border = self._recorded.roi, self._recorded.border
+        if "border" in data:
+            border = self._polygons(data["border"], "border")
         for polygon in roi:
             if not any(_encloses(outer, polygon) for outer in border) and not (
                 _covers(border, polygon, self._size)

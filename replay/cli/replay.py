@@ -229,7 +229,12 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
         regions = (
             None
             if args.regions is None
-            else read_regions(args.regions, scene.info.width, scene.info.height)
+            else read_regions(
+                args.regions,
+                scene.info.width,
+                scene.info.height,
+                next((frame.regions for frame in scene.frames()), None),
+            )
         )
     options = ReplayOptions(
         tracker=tracker,

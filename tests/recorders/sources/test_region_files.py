@@ -81,8 +81,8 @@ BOW_TIE = [[10, 10], [50, 50], [50, 10], [10, 50]]
         ({"roi": 5}, r"roi must be a polygon \[\[x, y\], ...\] or a list of polygons"),
         ({"roi": []}, "roi must be a polygon"),
         ({"roi": [[], []]}, "a vertex must be"),
-        ({"border": SQUARE}, 'wanted an object with "roi"'),
-        ([], 'wanted an object with "roi"'),
+        ({}, 'wanted an object with "roi", "border" or "zones"'),
+        ([], 'wanted an object with "roi", "border" or "zones"'),
         ({"roi": SQUARE, "rio": 1}, "unknown field 'rio'"),
         ({"roi": SQUARE, "zones": [DOOR]}, "zones must be an object"),
         ({"roi": SQUARE, "zones": {" ": DOOR}}, "a zone without a name"),
@@ -140,3 +140,15 @@ def test_border_polygons_together_may_enclose_the_region_of_interest(
     path.write_text(json.dumps({"roi": roi, "border": halves}))
     with pytest.raises(SourceError, match="does not enclose"):
         read_regions(path, 100, 100)
+
+
+def test_zones_alone_keep_what_was_recorded(tmp_path: Path) -> None:
+    path = tmp_path / "regions.json"
+    path.write_text(json.dumps({"zones": {"door": SQUARE}}))
+    whole = read_regions(path, 100, 80)
+    assert whole.roi == whole.border == [[(0, 0), (100, 0), (100, 80), (0, 80)]]
+    assert [zone.name for zone in whole.zones] == ["door"]
+    path.write_text(json.dumps({"roi": SQUARE}))
+    recorded = read_regions(path, 100, 80)
+    path.write_text(json.dumps({"zones": {"door": SQUARE}}))
+    assert read_regions(path, 100, 80, recorded).roi == recorded.roi
