@@ -333,7 +333,7 @@ class Matching:
         )
         # A part that does not match is learnt too, slowly: nobody else is there whom it might
         # belong to.
-        least = np.maximum(scores, round(0.3 * FULL))
+        least = np.maximum(scores, round(self._p.learn_alone * FULL))
         self._targets.learn(
             rows, m, np.arange(len(rows)), least, np.ones(least.shape[:2], bool)
         )
@@ -416,7 +416,7 @@ class Matching:
             return
         taken = self._taken()
         if len(taken):
-            free = iou(found.candidates.boxes, taken).max(axis=1) < 0.6
+            free = iou(found.candidates.boxes, taken).max(axis=1) < self._p.taken
             if not free.any():
                 return
             found = found.kept(free)
@@ -545,7 +545,7 @@ class Matching:
         for row, (x, y, w, h), blob, mode, score in seen:
             item = targets.items[row]
             item.measured = (x, y, w, h)
-            value = 1.0 if score is None else min(1.0, score / FULL / 0.7)
+            value = 1.0 if score is None else min(1.0, score / FULL / self._p.sure_score)
             item.sighted(self._frame.time_ns, value, blob, mode)
             item.score = None if score is None else score / FULL
             if item.id == TENTATIVE:

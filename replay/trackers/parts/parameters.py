@@ -249,4 +249,27 @@ class PartsParameters(Parameters):
         low=0.0,
         high=1.0,
     )
+    nearby: float = param(
+        0.6,
+        "candidates within this of the best one are told apart by the head's image",
+        unit="target heights",
+        low=0.0,
+        high=10.0,
+        source='PARTS 4.1: "nearby"',
+    )
+    taken: float = param(
+        0.6,
+        "IoU with the box of who is placed from which on a candidate is no candidate",
+        low=0.05,
+        high=1.0,
+    )
+    learn_alone: float = param(
+        0.3,
+        "least score with which parts of a target alone in its blob are learnt",
+        low=0.0,
+        high=1.0,
+    )
+    sure_score: float = param(
+        0.7, "a match of this score or more is as sure as can be", low=0.01, high=1.0
+    )
     body_spread: float = common.body_spread(0.12)

@@ -4,8 +4,10 @@ tracked again or lost).
 A newcomer that has had enough support to become a target is compared, part by part, with the
 targets that are missing within its reach. What it looks like counts for less there than in
 matching from frame to frame, as the only other explanation is that one person vanished and
-another appeared beside him; but colours that are all different are another person's. (Ours: the
-paper follows targets that were started by hand, where nobody can be born.)
+another appeared beside him; but colours that are all different are another person's. Where targets
+are started by hand, who is followed aside is compared until `keep_s` after his birth, as the
+missing one's first likeness may be a poor one. (Ours: the paper follows targets that were started
+by hand, where nobody can be born.)
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from replay.trackers.life import TENTATIVE, Life
 from replay.trackers.parts.matching import Matching
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.scoring import FULL
-from replay.trackers.parts.targets import PartsTargets
+from replay.trackers.parts.targets import BYSTANDERS, PartsTargets
 
 Rows = NDArray[np.intp]
 
@@ -33,8 +35,14 @@ def returned(
         [k for k, t in enumerate(items) if t.id != TENTATIVE and not t.observed], np.intp
     )
     ripe = [k for k, t in enumerate(items) if life.is_ripe(t, now_ns)]
+    # Nothing was told of who is followed aside: he may turn out to be one of them for longer.
+    aside = [
+        k
+        for k, t in enumerate(items)
+        if t.id >= BYSTANDERS and t.observed and (now_ns - t.born_ns) * 1e-9 <= p.keep_s
+    ]
     gone: list[int] = []
-    for row in ripe:
+    for row in ripe + aside:
         if not len(missing):
             break
         near, away = _within_reach(matching, targets, missing, row, now_ns, p.occlusion)
