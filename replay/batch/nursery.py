@@ -8,6 +8,7 @@ stdin ends, whoever asked has gone, and it ends the job and itself.
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import resource
@@ -144,6 +145,9 @@ def load() -> None:
 def serve() -> None:
     """Read jobs, do them, write outcomes, until stdin ends."""
     load()
+    # What is loaded stays: no job has to look through it, nor to copy its pages for that.
+    gc.collect()
+    gc.freeze()
     # Only the protocol goes to stdout, whatever a library prints.
     out = os.dup(1)
     os.dup2(2, 1)

@@ -68,12 +68,15 @@ def overhead(count: int, frames: int, rounds: int) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         paths = boxes_alone(folder / "in", count, frames)
+        boxes_alone(folder / "one", 1, frames)
         ways: dict[str, Callable[[Path], None]] = {
             "bare": lambda out: bare(paths, out),
+            "batch of one": lambda out: batch(folder / "one", out, "--workers", "1"),
             "batch, 1 worker": lambda out: batch(folder / "in", out, "--workers", "1"),
             "batch, 2 workers": lambda out: batch(folder / "in", out, "--workers", "2"),
         }
-        bare(paths[:1], folder / "warm")  # what is imported once is not counted
+        with redirect_stderr(StringIO()), redirect_stdout(StringIO()):
+            bare(paths[:1], folder / "warm")  # what is imported once is not counted
         found: dict[str, list[tuple[float, float]]] = {way: [] for way in ways}
         for turn in range(rounds):
             for way, act in ways.items():
@@ -81,14 +84,27 @@ def overhead(count: int, frames: int, rounds: int) -> None:
                 found[way].append(timed(partial(act, out)))
                 shutil.rmtree(out)
     print(f"{count} recordings of {frames} frames, boxes alone; medians of {rounds}")
-    print(f"{'':18}{'clock s':>9}{'cpu s':>9}{'frames/s':>10}")
+    print(f"{'':18}{'clock s':>9}{'cpu s':>9}")
     for way, times in found.items():
         clock, used = (median(column) for column in zip(*times, strict=True))
-        print(f"{way:18}{clock:9.2f}{used:9.2f}{count * frames / clock:10.0f}")
+        print(f"{way:18}{clock:9.2f}{used:9.2f}")
     cpu = {way: median(used for _, used in times) for way, times in found.items()}
     clocks = {way: median(clock for clock, _ in times) for way, times in found.items()}
-    more = cpu["batch, 1 worker"] / cpu["bare"] - 1
-    print(f"batch over the bare commands, processor time: {more:+.1%}")
+    _compared(cpu, clocks, count)
+
+
+def _compared(cpu: dict[str, float], clocks: dict[str, float], count: int) -> None:
+    """What the times of `overhead` come to."""
+    one, all_of_them = cpu["batch of one"], cpu["batch, 1 worker"]
+    print(
+        f"batch over the bare commands, processor time: {all_of_them / cpu['bare'] - 1:+.1%}"
+    )
+    if count > 1:
+        each = (all_of_them - one) / (count - 1)
+        more = each / (cpu["bare"] / count) - 1
+        print(
+            f"  start-up aside: {more:+.1%}; start-up: {one - each:.2f} s for each worker, once"
+        )
     gain = clocks["batch, 1 worker"] / clocks["batch, 2 workers"]
     most = 2 * cpu["batch, 1 worker"] / cpu["batch, 2 workers"]
     print(f"two workers over one: {gain:.2f} x by the clock,")
