@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import msgspec
@@ -145,16 +145,16 @@ def load() -> None:
 def serve() -> None:
     """Read jobs, do them, write outcomes, until stdin ends."""
     load()
-    # What is loaded stays: no job has to look through it, nor to copy its pages for that.
-    gc.collect()
-    gc.freeze()
     # Only the protocol goes to stdout, whatever a library prints.
     out = os.dup(1)
     os.dup2(2, 1)
     # What a job leaves that is killed goes with its scratch folder.
-    with tempfile.TemporaryDirectory(
-        prefix="scenetrace-batch-", ignore_cleanup_errors=True
-    ) as scratch:
+    with (
+        _kept(),
+        tempfile.TemporaryDirectory(
+            prefix="scenetrace-batch-", ignore_cleanup_errors=True
+        ) as scratch,
+    ):
         tempfile.tempdir = os.environ["TMPDIR"] = scratch
         for job in _asked():
             for place in filter(is_uri, (job.source, job.case)):
@@ -164,6 +164,19 @@ def serve() -> None:
                 return
             os.write(out, msgspec.json.encode(outcome) + b"\n")
             _clear(Path(scratch))
+
+
+@contextmanager
+def _kept() -> Iterator[None]:
+    """What is loaded stays: no job has to look through it for garbage, nor to copy its pages for
+    that.
+    """
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()  # libraries take what is left at the end for lost
 
 
 def _asked() -> Iterator[Job]:
