@@ -13,6 +13,7 @@ from recorders.format_version import RECORDS
 
 QUALITY = "quality"
 """The fact in a log's metadata: a list of name, value, verdict."""
+PIECES = "pieces_per_body"
 GOOD, FAIR, POOR = "good", "fair", "poor"
 
 

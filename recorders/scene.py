@@ -30,6 +30,7 @@ from recorders.log.moments import by_time
 from recorders.masks import Labels, RecordedMask, label_blobs
 from recorders.messages import NO_BLOB, Detections, Regions, SceneChange
 from recorders.pictures import Image, decode_picture
+from recorders.quality import PIECES, recorded_quality
 from recorders.scene_pictures import (
     ScenePictures,
     check_group,
@@ -57,6 +58,7 @@ class SceneInfo:
         has_images: there are pictures; without, a tracker works on boxes alone.
         has_masks: there are foreground masks that say where bodies are (fused detections say it
             better).
+        pieces: regions of the mask for each body, as the recording measured it; 1 where it did not.
     """
 
     width: int
@@ -64,6 +66,7 @@ class SceneInfo:
     frame_ns: int
     has_images: bool
     has_masks: bool
+    pieces: float = 1.0
 
 
 class Frame:
@@ -308,7 +311,13 @@ class SceneLog(Closing):
             nominal_ns([t for t, _ in sample]) or channels.NANOS // 25,
             self._topics["image"] in present,
             self._topics["foreground"] in present and not first.fused,
+            self._pieces(),
         )
+
+    def _pieces(self) -> float:
+        """What the first reading measured, which stands in the log before its first frame."""
+        measured = recorded_quality(self._log.metadata(), self.path).get(self.camera, [])
+        return next((m.value for m in measured if m.name == PIECES), 1.0)
 
     def frame_times(self) -> Iterator[int]:
         """The frames' log times in ns, reading the detections' channel alone."""

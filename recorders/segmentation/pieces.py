@@ -273,7 +273,7 @@ def _faint(group: PieceGroup, usual: UsualSize, weak: Image) -> Part | None:
     inside = weak[int(y1) : int(y2), int(x1) : int(x2)]
     if np.count_nonzero(inside) < LEAST * area:
         return None
-    return Part(as_image(cv2.min(inside, 1)), int(x1), int(y1))
+    return Part((inside > 0).view(np.uint8), int(x1), int(y1))
 
 
 def _goes_on(parts: list[Part], before: Image) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from recorders.pictures import Image
-from recorders.quality import FAIR, GOOD, POOR, QualityMeasure, graded
+from recorders.quality import FAIR, GOOD, PIECES, POOR, QualityMeasure, graded
 from recorders.segmentation.tally import Tally
 from recorders.vision import cv2
 
@@ -15,7 +15,7 @@ MOST_FOREGROUND = 0.4
 """Where more of the picture than this is foreground, it is not bodies that change it."""
 LEAST_FOREGROUND = 0.001
 """Where less of it is, on the mean, too little moves to say that bodies are not found."""
-FOREGROUND, SIZES, PIECES = "foreground_share", "clean_sightings", "pieces_per_body"
+FOREGROUND, SIZES = "foreground_share", "clean_sightings"
 UNEXPLAINED = "unexplained_share"
 SAID = (FOREGROUND, SIZES, "unseen_share", PIECES, UNEXPLAINED, "flicker")
 """With a poor verdict on these most of what is found may be wrong, the first being the worst."""

@@ -20,6 +20,7 @@ from replay.hindsight.verdicts import (
     confidence,
     doubts,
     mean_odds,
+    moving_odds,
     told_doubt,
     whole,
     why_not,
@@ -152,7 +153,8 @@ def _judged(
     from_start, to_end = first.at == 0, last.at == len(times) - 1
     least = p.min_life_s * (_CUT_OFF if from_start or to_end else 1.0)
     asked = scene.has_masks and not p.things
-    life = whole(parts, seconds, from_start, to_end, asked)
+    moving = moving_odds(scene.pieces) if asked else None
+    life = whole(parts, seconds, from_start, to_end, moving)
     why = {
         "life_s": seconds,
         "life_s_at_least": least,

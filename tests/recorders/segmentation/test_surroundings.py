@@ -55,7 +55,8 @@ def test_bodies_are_found(name: str) -> None:
     hits = found = wanted = 0
     for index, picture in pictures.items():
         boxes = segmenter.segment(index, picture).detections.boxes
-        truth, unasked = [], []
+        truth: list[Box] = []
+        unasked: list[Box] = []
         for a in scene.truth.frames[index].actors:
             asked = a.in_picture > 0.4 * a.pixels and a.visibility > 0.3
             (truth if asked else unasked).append(a.box)

@@ -175,10 +175,25 @@ def test_a_short_path_is_held_back_with_the_reason_and_a_tiny_one_is_told() -> N
     assert not any(f.held_back for f in out)
 
 
-def _seen_as_pixels(frames: list[Targets]) -> list[Targets]:
-    scene = SceneInfo(640, 480, FRAME_NS, True, True)
+def _seen_as_pixels(frames: list[Targets], pieces: float = 1.0) -> list[Targets]:
+    scene = SceneInfo(640, 480, FRAME_NS, True, True, pieces)
     times = [k * FRAME_NS for k in range(len(frames))]
     return list(rewrite(lambda: iter(frames), scene, times, _config()))
+
+
+def test_masks_in_pieces_and_shared_regions_make_less_sure() -> None:
+    def frame(k: int) -> Targets:
+        one = _target(1, k, 50 + 5.0 * k)
+        return Targets(k, [replace(one, mode="appearance") if k >= 30 else one])
+
+    def told(pieces: float) -> tuple[float, float]:
+        out = _seen_as_pixels([frame(k) for k in range(60)], pieces)
+        return out[10].targets[0].confidence, out[50].targets[0].confidence
+
+    whole, broken, hopeless = told(1.0), told(4.0), told(1e6)
+    assert whole == pytest.approx((0.961, 0.832), abs=0.001)
+    assert broken == pytest.approx((0.890, 0.620), abs=0.001)
+    assert hopeless[0] > 0.5
 
 
 def test_what_comes_up_within_the_picture_and_stays_is_a_thing() -> None:
@@ -194,7 +209,7 @@ def test_what_comes_up_within_the_picture_and_stays_is_a_thing() -> None:
     told = {t.id: t.confidence for f in out for t in f.targets}
     # Who was there from the start, or came a second before the end, had no time to go anywhere.
     assert sorted(told) == [1, 2, 4]
-    assert list(told.values()) == pytest.approx([0.9] * 3, abs=0.01)
+    assert list(told.values()) == pytest.approx([0.96] * 3, abs=0.01)
     (reason,) = {w.reason for f in out for w in f.held_back}
     assert reason.startswith("unlikely: it went by 0.04 of its size at most: somebody with")
     assert sum(bool(f.held_back) for f in out) == 40
