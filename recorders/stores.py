@@ -222,7 +222,15 @@ class RemoteStore:
 
     def exists(self, key: str) -> bool:
         """See `Store`."""
-        return bool(self._patiently(key, lambda: self._files.isfile(self._place(key))))
+
+        def there() -> bool:
+            # fsspec's own `isfile` says no where the store cannot be reached, too.
+            try:
+                return bool(self._files.info(self._place(key))["type"] == "file")
+            except FileNotFoundError:
+                return False
+
+        return self._patiently(key, there)
 
     def keys(self, prefix: str) -> list[str]:
         """See `Store`."""
@@ -328,6 +336,8 @@ class RemoteStore:
                     f"{self.uri}/{key}: may not be touched: {error}"
                 ) from error
             except Exception as error:  # every kind of store has errors of its own
+                if "Credential" in type(error).__name__:
+                    raise StoreError(f"{self.uri}: {error}") from error
                 if waited >= self._patience_s:
                     text = (str(error) or type(error).__name__).splitlines()[0]
                     raise StoreError(

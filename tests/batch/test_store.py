@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from recorders.stores import open_store
+from replay.batch.nursery import Nursery
 from replay.cli import main
 from tests.batch.conftest import WORDS
 from tests.batch.files import digests
@@ -23,6 +24,8 @@ def test_a_store_that_is_cut_off_is_waited_for(
 ) -> None:
     pattern = "*/*.txt"
     assert main(["batch", str(sources / pattern), "-o", str(tmp_path / "a"), *WORDS]) == 0
+    # Those that are lent to tests know nothing of the environment that is set here.
+    monkeypatch.setattr("replay.batch.engines.Nursery", Nursery)
     with s3_server(tmp_path) as (door, environment):
         for name, value in environment.items():
             monkeypatch.setenv(name, value)
