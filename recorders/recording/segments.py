@@ -17,7 +17,7 @@ from recorders.recording.scene_writer import RecordSummary, SceneWriter
 from recorders.recording.stages import Encoded, segment_of
 from recorders.sources import Source
 
-LIVE_FLUSH_NS = 250_000_000
+LIVE_FLUSH_NS = 120_000_000
 """A live recording's frames are in the file so soon: who follows it waits for no more."""
 
 
