@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import pickle
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+
+from fixtures.scenes import GeneratedScene, generate
+from fixtures.targets import truth_targets
+from recorders.messages import Targets
 
 # A test may take longer on a busy machine without being wrong: no property test is timed.
 settings.register_profile(
@@ -28,6 +36,66 @@ def real_data() -> Path:
             f"real recordings are not at {folder}; set SCENETRACE_DATA to their folder"
         )
     return folder
+
+
+Play = tuple[GeneratedScene, list[Targets]]
+MadeOnce = Callable[[str, Callable[[Path], object]], Path]
+
+
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
+    """``made_once(name, fill)``: a folder of that name, which ``fill(folder)`` fills once for all
+    processes that run the tests. Nobody changes what is in it.
+    """
+    base = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        base = base.parent
+
+    def make(name: str, fill: Callable[[Path], object]) -> Path:
+        folder, done = base / f"once-{name}", base / f"once-{name}.done"
+        with _lock(base / f"once-{name}.lock"):
+            if not done.exists():
+                folder.mkdir()
+                try:
+                    fill(folder)
+                except BaseException:
+                    shutil.rmtree(folder)
+                    raise
+                done.touch()
+        return folder
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def play(made_once: MadeOnce) -> Callable[..., Play]:
+    """``play(name, seed=0)``: a scene and the answers of a tracker without a fault; of the crowd
+    the first 5 s. The same objects every time.
+    """
+
+    @cache
+    def played(name: str, seed: int = 0) -> Play:
+        scene = generate(name, seed, frames=125 if name == "crowd" else None)
+
+        def fill(folder: Path) -> None:
+            told = scene.truth, list(truth_targets(scene))
+            (folder / "truth").write_bytes(pickle.dumps(told))
+
+        made = made_once(f"{name}-{seed}", fill) / "truth"
+        scene.truth, targets = pickle.loads(made.read_bytes())
+        return scene, targets
+
+    return played
+
+
+@contextmanager
+def _lock(path: Path) -> Iterator[None]:
+    """Waits until no other process has it."""
+    import fcntl
+
+    with path.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def _constant_model(

@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fixtures.logs import export_images, export_video, write_regions, write_truth
+from fixtures.logs import export_video, write_regions, write_truth
 from fixtures.scenes import GeneratedScene, generate
+from recorders.pictures import encode_jpeg
 from replay.cli import main
 
 SIZE = (384, 288)
@@ -60,16 +61,16 @@ def done(*words: object) -> None:
     assert main([str(w) for w in words]) == 0, words
 
 
-@pytest.fixture(scope="session")
-def examples(
-    tmp_path_factory: pytest.TempPathFactory, constant_model: Callable[..., Path]
-) -> Path:
-    """The folder; copy it before changing it (fixture `folder`). Two frames a second, so that it
-    lasts a minute.
-    """
-    folder = tmp_path_factory.mktemp("examples")
+def _pictures(scene: GeneratedScene, folder: Path) -> None:
+    folder.mkdir()
+    for index, _, image in scene.frames():
+        (folder / f"{index + 1:06d}.jpg").write_bytes(encode_jpeg(image, 75))
+
+
+def _inputs(folder: Path, constant_model: Callable[..., Path]) -> None:
+    """What is recorded, and what goes with it. Two frames a second, so that it lasts a minute."""
     scene = generate("three_way_group", seed=1, size=SIZE, frames=FRAMES)
-    export_images(scene, folder / "img1")
+    _pictures(scene, folder / "img1")
     export_video(scene, folder / "video.avi")
     write_truth(scene, folder / "gt.txt", min_visible=0.3)
     (folder / "det.txt").write_text(_detections(scene))
@@ -83,85 +84,58 @@ def examples(
     regions = json.loads(write_regions(scene, folder / "regions.json").read_bytes())
     regions["zones"] = {"bench": regions["roi"][0]}
     (folder / "regions.json").write_text(json.dumps(regions))
-    words = (
-        "record",
-        folder / "img1",
-        "--fps",
-        2,
-        "--regions",
-        folder / "regions.json",
-        "--codec",
-        "jpeg",
-    )
-    done(*words, "-o", folder / "scene.mcap")
+
+
+def _scene_logs(folder: Path) -> None:
+    recorded = ("record", folder / "img1", "--fps", 2)
+    looked = ("--regions", folder / "regions.json", "--codec", "jpeg")
+    done(*recorded, *looked, "-o", folder / "scene.mcap")
     alone = ("--camera", "front", "--detect", "none")
-    done("record", folder / "img1", "--fps", 2, *alone, "-o", folder / "bag.mcap")
+    done(*recorded, *alone, "-o", folder / "bag.mcap")
     data = (folder / "scene.mcap").read_bytes()
     (folder / "scene.mcap.part").write_bytes(data[: len(data) // 2])
-    for name, change in (
-        ("annotated", 0.10),
-        ("before", 0.11),
-        ("after", 0.12),
-        ("monday", 0.13),
-        ("tuesday", 0.14),
-    ):
-        setting = ("--set", f"shell_model.k_s={change}")
-        done(
-            "replay",
-            folder / "scene.mcap",
-            "-o",
-            folder / f"{name}.mcap",
-            "--annotations-only",
-            *setting,
-        )
-    done(
-        "replay",
-        folder / "scene.mcap",
-        "-o",
-        folder / "annotated.mcap",
-        "--force",
-        "--checkpoint",
-        20,
-    )
-    done("export", folder / "annotated.mcap", "--to", "mot", "-o", folder / "result.txt")
-    done(
-        "index",
-        folder / "monday.mcap",
-        folder / "tuesday.mcap",
-        "-o",
-        folder / "case.duckdb",
-    )
-    done(
-        "query",
-        folder / "annotated.mcap",
-        "SELECT * FROM events",
-        "--format",
-        "csv",
-        "-o",
-        folder / "answers.csv",
-    )
-    for name in ("a", "b", "other"):
-        shutil.copy(folder / "scene.mcap", folder / f"{name}.mcap")
+    # Two recordings to fit features on (one may not be given twice), and one to score.
+    for name, until in (("a", 30), ("b", 20), ("other", 30)):
+        span = ("--from", 0, "--to", until, "-o", folder / f"{name}.mcap")
+        done("cut", folder / "scene.mcap", *span)
         shutil.copy(folder / "gt.txt", folder / f"{name}.txt")
-    # Two recordings to fit features on: one may not be given twice.
-    done(
-        "record",
-        folder / "img1",
-        "--fps",
-        2,
-        "--codec",
-        "png",
-        "-o",
-        folder / "b.mcap",
-        "--force",
-    )
-    if importlib.util.find_spec("cryptography"):
-        done("seal", "--new-key", folder / "lab.key")
-        sealed = [folder / name for name in ("scene.mcap", "annotated.mcap")]
-        done("seal", *sealed, "-o", folder / "case.json", "--key", folder / "lab.key")
+
+
+def _annotated_logs(folder: Path) -> None:
+    scene = folder / "scene.mcap"
+    for name, again, change in (("before", "monday", 0.11), ("after", "tuesday", 0.12)):
+        out = ("-o", folder / f"{name}.mcap", "--annotations-only")
+        done("replay", scene, *out, "--set", f"shell_model.k_s={change}")
+        shutil.copy(folder / f"{name}.mcap", folder / f"{again}.mcap")
+    done("replay", scene, "-o", folder / "annotated.mcap", "--checkpoint", 20)
     (folder / "recordings").mkdir()
     shutil.copy(folder / "before.mcap", folder / "recordings")
-    return folder
+
+
+def _made_of_them(folder: Path) -> None:
+    annotated = folder / "annotated.mcap"
+    done("export", annotated, "--to", "mot", "-o", folder / "result.txt")
+    days = [folder / "monday.mcap", folder / "tuesday.mcap"]
+    done("index", *days, "-o", folder / "case.duckdb")
+    rows = ("--format", "csv", "-o", folder / "answers.csv")
+    done("query", annotated, "SELECT * FROM events", *rows)
+    if importlib.util.find_spec("cryptography"):
+        done("seal", "--new-key", folder / "lab.key")
+        sealed = [folder / "scene.mcap", annotated]
+        done("seal", *sealed, "-o", folder / "case.json", "--key", folder / "lab.key")
+
+
+@pytest.fixture(scope="session")
+def examples(made_once: Callable[..., Path], constant_model: Callable[..., Path]) -> Path:
+    """The folder; copy it before changing it (fixture `folder`)."""
+
+    def fill(folder: Path) -> None:
+        _inputs(folder, constant_model)
+        _scene_logs(folder)
+        _annotated_logs(folder)
+        _made_of_them(folder)
+
+    return made_once("examples", fill)
 
 
 @pytest.fixture

@@ -8,10 +8,13 @@ import shlex
 import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from fixtures.scenes import generate
 from replay.cli import COMMANDS, main, parser
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -193,11 +196,21 @@ def test_the_overview_and_the_command_summarise_alike(name: str, line: str) -> N
     assert shown[name] == line
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    "size",
+    [
+        pytest.param({"size": (160, 120), "frames": 200}, id="small"),
+        pytest.param({}, id="whole", marks=[pytest.mark.slow, pytest.mark.long]),
+    ],
+)
 def test_the_demo_runs_every_command_that_it_prints(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    size: dict[str, Any],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("fixtures.scenes.generate", partial(generate, **size))
     (words,) = examples_in(command_parser("demo").epilog or "")
     assert main(words) == 0
     said = capsys.readouterr()
@@ -212,16 +225,24 @@ def test_the_demo_runs_every_command_that_it_prints(
     assert "exists already" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "words", [["--help"], *([name, "--help"] for name, _, _ in COMMANDS)], ids=" ".join
-)
-def test_help_loads_no_heavy_library(words: list[str]) -> None:
-    code = (
-        f"import sys\nfrom replay.cli import main\ntry:\n    main({words!r})\nexcept"
-        " SystemExit:\n    pass\nprint(sorted({'av', 'cv2', 'duckdb', 'google.protobuf',"
-        " 'networkx', 'numpy', 'scipy'} & sys.modules.keys()))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines()[-1] == "[]"
+_HELP_OF_ALL = """
+import sys
+from contextlib import redirect_stdout
+from io import StringIO
+from replay.cli import main
+
+heavy = {"av", "cv2", "duckdb", "google.protobuf", "networkx", "numpy", "scipy"}
+for name in sys.argv[1:]:
+    try:
+        with redirect_stdout(StringIO()) as said:
+            main([*filter(None, [name]), "--help"])
+    except SystemExit as end:
+        print(name, end.code, len(said.getvalue()) > 200, sorted(heavy & sys.modules.keys()))
+"""
+
+
+def test_help_loads_no_heavy_library() -> None:
+    names = ["", *NAMES]
+    command = [sys.executable, "-c", _HELP_OF_ALL, *names]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [f"{name} 0 True []" for name in names]

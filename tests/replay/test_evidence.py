@@ -4,7 +4,7 @@ its limit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,7 @@ import msgspec
 import pytest
 
 from fixtures.logs import write_scene_log
-from fixtures.scenes import SCRIPTS, generate
-from fixtures.targets import truth_targets
+from fixtures.scenes import SCRIPTS, GeneratedScene, generate
 from reasoning import events as tell
 from reasoning.interactions import InteractionParameters, PairChange
 from reasoning.questions.thresholds import event_measures
@@ -22,7 +21,7 @@ from reasoning.relations import RelationChange
 from reasoning.transitions import GROUPED, SPLITTING
 from recorders.evidence import EVIDENCE, unlike
 from recorders.log import LogReader
-from recorders.messages import EVENT_KINDS, Event
+from recorders.messages import EVENT_KINDS, Event, Targets
 from replay.annotated_writer import replay
 from replay.configuration import replay_config
 from replay.run import ReplayOptions
@@ -30,6 +29,7 @@ from replay.trackers.catalogue import TRACKERS
 
 PLAYS = ("three_way_group", "full_occlusion", "leave_and_come_back")
 FRAMES = 80
+Play = tuple[GeneratedScene, list[Targets]]
 
 
 @pytest.fixture(scope="module")
@@ -55,10 +55,9 @@ def _replayed(path: Path, tracker: str, hindsight: bool) -> Iterator[Event]:
                 yield msgspec.json.decode(message.data, type=Event)
 
 
-def _from_truth(name: str) -> Iterator[Event]:
-    scene = generate(name, 0, frames=125 if name == "crowd" else None)
+def _from_truth(scene: GeneratedScene, answers: Sequence[Targets]) -> Iterator[Event]:
     reasoner = Reasoner({}, scene.width, scene.height)
-    for targets in truth_targets(scene):
+    for targets in answers:
         yield from reasoner.step(
             targets.frame, scene.time_ns(targets.frame), targets, scene.truth.regions
         ).events
@@ -89,10 +88,10 @@ def test_of_every_tracker(logs: Any, tracker: str, hindsight: bool) -> None:
     assert {"track_confirmed", "mode_changed", "joined", "grouped"} <= kinds
 
 
-def test_of_the_reasoning_alone() -> None:
+def test_of_the_reasoning_alone(play: Callable[..., Play]) -> None:
     kinds = set()
     for name in SCRIPTS:
-        kinds |= _check(_from_truth(name))
+        kinds |= _check(_from_truth(*play(name)))
     told = set(EVENT_KINDS) - {
         "track_lost",
         "mode_changed",

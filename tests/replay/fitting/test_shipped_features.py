@@ -40,6 +40,7 @@ def test_a_fit_is_the_same_byte_for_byte(script: ModuleType, tmp_path: Path) -> 
 
 @pytest.mark.real
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_shipped_fit_is_made_again_byte_for_byte(
     script: ModuleType, tmp_path: Path
 ) -> None:
