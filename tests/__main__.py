@@ -1,15 +1,13 @@
-"""Everything that has to pass: lint, format, types, documents, tests. `python tests` runs it; words
-after it go to pytest.
+"""Everything that has to pass: lint, format, types, documents, tests.
 
-    python tests             all that there is to prove
-    python tests --all       that, and what is proved again on more scenes
-    python tests --fast      the inner loop: rules and single pieces, without whole replays,
-                             whole commands, other processes and real recordings
-    python tests --cov       branch coverage as well, which nearly doubles the time of the tests
+What stands behind the options, a file or an option of pytest, goes to pytest:
+`python tests --fast -k relations`, or `python tests --cov`, which measures branch coverage as well
+and nearly doubles the time.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
@@ -17,7 +15,6 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-FAST, ALL = "--fast", "--all"
 ROOMS = ["recorders", "reasoning", "replay", "fixtures", "scenetrace.py"]
 CHECKS = (
     # Every test that starts the program would compile it anew where Python may not write bytecode.
@@ -27,60 +24,63 @@ CHECKS = (
     ("types", ["mypy"]),
 )
 TESTS = ["pytest", "-n", "auto", "--dist", "worksteal", "-q"]
-WHOLE = (
-    *(
-        "batch",
-        "cases",
-        "cli",
-        "desk",
-        "events",
-        "faults",
-        "fixtures",
-        "golden",
-        "hostile",
-        "library",
-    ),
-    *("live", "property", "real", "reasoning/questions"),
-    *("recorders/sources", "recorders/test_pieces.py", "recorders/test_recording.py"),
-    *("recorders/test_recording_methods.py", "recorders/segmentation/test_motion.py"),
-    *(
-        "replay/cases",
-        "replay/compare",
-        "replay/correcting",
-        "replay/export",
-        "replay/fitting",
-    ),
-    *(
-        "replay/report",
-        "replay/sealing",
-        "replay/test_engine.py",
-        "replay/test_evidence.py",
-    ),
-    "recorders/segmentation/test_change.py",
-    "recorders/segmentation/test_surroundings.py",
-    *("replay/test_forgeries.py", "replay/test_pass_through.py", "replay/test_run.py"),
-    *("replay/test_record_command.py", "replay/test_verification.py"),
-    *("replay/trackers/test_trials.py", "replay/trackers/events/test_events_tracker.py"),
-    *("replay/trackers/parts/test_parts_tracking.py",),
-    *("replay/trackers/shells/test_shells_order.py",),
-    *("replay/trackers/shells/test_shells_tracker.py",),
-)
+WHOLE = {
+    ".": "batch cases cli desk events faults fixtures golden hostile library live property real",
+    "reasoning": "questions",
+    "recorders": "sources test_pieces.py test_recording.py test_recording_methods.py",
+    "recorders/segmentation": "test_change.py test_motion.py test_surroundings.py",
+    "replay": "cases compare correcting export fitting report sealing test_engine.py"
+    " test_evidence.py test_forgeries.py test_pass_through.py test_record_command.py"
+    " test_run.py test_verification.py",
+    "replay/trackers": "test_trials.py",
+    "replay/trackers/events": "test_events_tracker.py",
+    "replay/trackers/parts": "test_parts_tracking.py",
+    "replay/trackers/shells": "test_shells_order.py test_shells_tracker.py",
+}
 """Folders and files of tests, each of which records, replays or starts the whole program."""
-INNER = [
-    "-m",
-    "not slow and not real and not long",
-    *(f"--ignore=tests/{where}" for where in WHOLE),
-]
+INNER = ["-m", "not slow and not real and not long"]
+INNER += [f"--ignore=tests/{room}/{name}" for room in WHOLE for name in WHOLE[room].split()]
+TIMES = ["-p", "tests.processor_time"]
+
+
+def parser() -> argparse.ArgumentParser:
+    """The options."""
+    found = argparse.ArgumentParser(
+        prog="python tests",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    which = found.add_mutually_exclusive_group()
+    which.add_argument(
+        "--fast",
+        action="store_true",
+        help="the inner loop, about a minute: rules and single pieces, without whole replays,"
+        " whole commands, other processes, real recordings and documents",
+    )
+    which.add_argument(
+        "--all",
+        action="store_true",
+        help="also what shows on more scenes, trackers and kinds what a test beside it shows,"
+        " the whole demo, the shipped fit: some minutes more",
+    )
+    found.add_argument(
+        "--times",
+        action="store_true",
+        help="print the processor time of every file and of the dearest tests, with fixtures"
+        " and the processes that they start: what a clock shows depends on who else works",
+    )
+    return found
 
 
 def commands(words: list[str], site: str) -> list[tuple[str, list[str]]]:
     """Names and words of the checks, in the order in which they run."""
-    if FAST in words:
-        rest = [w for w in words if w != FAST]
+    args, rest = parser().parse_known_args(words)
+    rest = [*(TIMES if args.times else []), *rest]
+    if args.fast:
         return [*CHECKS, ("tests", [*TESTS, *INNER, *rest])]
-    chosen = [] if ALL in words else ["-m", "not long"]
-    rest = [w for w in words if w != ALL]
     documents = ["mkdocs", "build", "--strict", "--quiet", "--site-dir", site]
+    chosen = [] if args.all else ["-m", "not long"]
     return [*CHECKS, ("documents", documents), ("tests", [*TESTS, *chosen, *rest])]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import importlib.util
 import os
 import runpy
 import shutil
@@ -10,7 +11,10 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -35,6 +39,8 @@ def _run(script: Path, out: Path, *words: str) -> Path:
         return out
     argv, path, flag = sys.argv, list(sys.path), sys.dont_write_bytecode
     before = set(sys.modules)
+    shared = _shared(script.parent)
+    sys.modules.update(shared)
     sys.argv = [script.name, str(out), *words]
     sys.path.insert(0, str(script.parent))
     sys.dont_write_bytecode = True
@@ -53,6 +59,21 @@ def _run(script: Path, out: Path, *words: str) -> Path:
             if name in ("_lib", "scene", "v_codec"):
                 del sys.modules[name]
     return out
+
+
+@cache
+def _shared(folder: Path) -> dict[str, ModuleType]:
+    """What all scripts of logs share, loaded once: each draws the same sixty pictures."""
+    place = folder / "_lib.py"
+    if not place.exists():
+        return {}
+    spec = importlib.util.spec_from_file_location("_lib", place)
+    assert spec is not None
+    assert spec.loader is not None
+    library: Any = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(library)
+    library.jpeg = cache(library.jpeg)
+    return {"_lib": library}
 
 
 @pytest.fixture(scope="session")

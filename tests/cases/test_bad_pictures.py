@@ -71,11 +71,19 @@ def with_bad_picture(base: Path, out: Path, spoil: Callable[[bytes], bytes]) -> 
 @pytest.mark.parametrize(
     ("spoil", "told"),
     [
-        (garbled, "a damaged jpeg picture: premature end of data segment"),
-        (smaller, "a picture of 160x120, the detections say 320x240"),
-        (lambda _: b"", "a picture of 0 bytes"),
+        pytest.param(
+            garbled, "a damaged jpeg picture: premature end of data segment", id="garbled"
+        ),
+        pytest.param(
+            smaller,
+            "a picture of 160x120, the detections say 320x240",
+            id="of another size",
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            lambda _: b"", "a picture of 0 bytes", id="empty", marks=pytest.mark.long
+        ),
     ],
-    ids=["garbled", "of another size", "empty"],
 )
 def test_every_command_does_the_rest(
     case: Case,

@@ -19,6 +19,7 @@ from recorders.errors import RecordingError
 from recorders.log import LogReader, LogWriter
 from recorders.log.growing import GrowingLog
 from replay.annotated_writer import replay
+from replay.cli import main
 from replay.configuration import replay_config
 from replay.run import ReplayOptions
 
@@ -250,9 +251,11 @@ class TestFollowing:
         _, said = checking.communicate(timeout=60)
         assert checking.returncode == 0, said
 
-    def test_what_needs_the_whole_is_refused(self, tmp_path: Path) -> None:
+    def test_what_needs_the_whole_is_refused(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        out = str(tmp_path / "o.mcap")
         for words in (["--to", "5"], ["--checkpoint", "1"], ["--against", "x.mcap"]):
-            asked = cli("replay", "x.mcap", "--follow", "-o", tmp_path / "o.mcap", *words)
-            _, said = asked.communicate(timeout=60)
-            assert asked.returncode == 2
+            assert main(["replay", "x.mcap", "--follow", "-o", out, *words]) == 2
+            said = capsys.readouterr().err
             assert f"{words[0]} needs a recording that is complete" in said

@@ -47,6 +47,15 @@ def _end(server: subprocess.Popen[str]) -> None:
     server.stdout.close()
 
 
+def _wait_for_more(out: Path) -> None:
+    """Until two seconds of pictures or so have come."""
+    part, until = out.with_name(f"{out.name}.part"), time.monotonic() + 60
+    before = part.stat().st_size if part.exists() else 0
+    while not (part.exists() and part.stat().st_size > before + 100_000):
+        assert time.monotonic() < until, "nothing comes"
+        time.sleep(0.1)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(bool(_lacks()), reason=_lacks() or "-")
 def test_a_camera_that_goes_away_twice(tmp_path: Path, free_port: int) -> None:
@@ -59,11 +68,11 @@ def test_a_camera_that_goes_away_twice(tmp_path: Path, free_port: int) -> None:
         [sys.executable, "-c", MAIN, *words], stderr=subprocess.PIPE, text=True
     )
     for _ in range(2):
-        time.sleep(8)
+        _wait_for_more(out)
         _end(server)
         time.sleep(3)
         server = _serve(free_port, film)
-    time.sleep(10)
+    _wait_for_more(out)
     recording.send_signal(signal.SIGINT)
     _, said = recording.communicate(timeout=60)
     _end(server)

@@ -42,7 +42,13 @@ def hits_of(boxes: list[Box], truth: list[Box]) -> int:
     return hits
 
 
-@pytest.mark.parametrize("name", LEAST)
+LARGE = ("dark_windows", "glossy_mall", "near_and_far")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.long if name in LARGE else []) for name in LEAST],
+)
 def test_bodies_are_found(name: str) -> None:
     scene = surrounded(name, seed=1)
     every = scene.fps // 5
