@@ -212,15 +212,22 @@ FROM stayed ORDER BY recording, entered_frame, track
 """
 
 GROUPING_AND_SPLITTING = """
+-- who is grouped with somebody again within a second did not leave him: two who walk side by side come apart in the
+-- picture for moments
+WITH parted AS (
+  SELECT s.*, EXISTS (FROM bits x WHERE x.recording = s.recording AND x.track = s.track AND x.bit = 'grouped'
+    AND list_has_any(x.partners, s.partners) AND x.start_frame > s.start_frame AND x.start_t <= s.end_t + 1.0) AS again
+  FROM bits s WHERE bit = 'splitting'$only)
 SELECT g.recording, g.track, greatest(g.start_frame, s.start_frame) AS start_frame,
   least(g.end_frame, s.end_frame) AS end_frame, greatest(g.start_t, s.start_t) AS start_t,
   least(g.end_t, s.end_t) AS end_t, g.partners AS grouping_with, s.partners AS splitting_from,
   least(g.seen_share, s.seen_share) AS seen_share, least(g.existence, s.existence) AS existence,
   least(g.identity, s.identity) AS identity,
-  least(g.seen_share, s.seen_share, g.existence, s.existence, g.identity, s.identity) AS certainty,
+  least(g.seen_share, s.seen_share, g.existence, s.existence, g.identity, s.identity,
+    if(s.again, 0.4, 1.0)) AS certainty,
   list_sort(list_distinct(list_concat(g.joins, s.joins))) AS joins,
   format('track:{}@{}', g.track, greatest(g.start_frame, s.start_frame)) AS explain
-FROM (FROM bits WHERE bit = 'grouping'$only) g JOIN (FROM bits WHERE bit = 'splitting'$only) s
+FROM (FROM bits WHERE bit = 'grouping'$only) g JOIN parted s
   ON g.recording = s.recording AND g.track = s.track
   AND g.start_frame <= s.end_frame AND s.start_frame <= g.end_frame
 ORDER BY g.recording, start_frame, g.track
