@@ -102,13 +102,18 @@ def _webp_size(data: bytes) -> tuple[int, int]:
     return width & 0x3FFF, height & 0x3FFF
 
 
+_SHORT = 3
+
+
 def _tags(data: bytes, order: str, at: int) -> tuple[dict[int, int], int]:
     """The whole numbers of an image file directory, and where the next one is."""
     (count,) = struct.unpack_from(order + "H", data, at)
     found: dict[int, int] = {}
     for index in range(min(count, _MOST_TAGS)):
-        tag, kind, _, value = struct.unpack_from(order + "HHII", data, at + 2 + 12 * index)
-        if kind == 3:
+        tag, kind, many, value = struct.unpack_from(
+            order + "HHII", data, at + 2 + 12 * index
+        )
+        if kind == _SHORT and many * 2 <= 4:
             (value,) = struct.unpack_from(order + "H", data, at + 2 + 12 * index + 8)
         found[tag] = value
     (following,) = struct.unpack_from(order + "I", data, at + 2 + 12 * count)
@@ -128,7 +133,7 @@ def _tiff(data: bytes, path: str | Path) -> StillHeader:
         if pages > _MOST_PAGES:
             raise RecordingError(f"a TIFF of over {_MOST_PAGES} pages", path)
     bits = first.get(_TIFF_BITS, 8)
-    if bits > 64:  # several values: the number is where they lie
+    if bits > 64:  # three values or more: the number is where they lie
         (bits,) = struct.unpack_from(order + "H", data, bits)
     width, height = first.get(_TIFF_WIDTH, 0), first.get(_TIFF_HEIGHT, 0)
     return StillHeader("tiff", width, height, max(8, bits), pages=pages)

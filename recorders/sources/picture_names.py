@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from decimal import Decimal
+from itertools import pairwise
 from pathlib import Path
 
 from recorders.errors import UsageError
@@ -15,6 +17,11 @@ _DIGITS = re.compile(r"\d+")
 _DECIMAL = re.compile(r"(\D*?)(\d{9,10}\.\d+)")
 _EPOCHS = {13: 1_000_000, 16: 1_000, 19: 1}
 """Digits of an epoch time in milli-, micro- and nanoseconds, and the ns of its unit."""
+_DATE = re.compile(
+    r"(?<!\d)(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[T _-]?(\d\d)[-_:.h]?(\d\d)[-_:.m]?(\d\d)"
+    r"(?:[-_.,]?(\d{3}|\d{6}|\d{9}))?(?!\d)"
+)
+_LEAST_STEP_NS = 2_000_000
 _FROM_NS, _TO_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # the years 2000 to 2100
 _BEST = (".png", ".tif", ".tiff", ".bmp", ".webp", ".jpg", ".jpeg")
 
@@ -75,7 +82,10 @@ def _times(names: list[str]) -> list[int] | None:
         stem = Path(name).stem
         decimal = _DECIMAL.fullmatch(stem)
         digits = _DIGITS.findall(stem)
-        if decimal is not None:
+        dated = _dated(stem)
+        if dated is not None:
+            time = dated
+        elif decimal is not None:
             time = int(Decimal(decimal[2]) * 10**9)
         elif len(digits) == 1 and len(digits[0]) in _EPOCHS:
             time = int(digits[0]) * _EPOCHS[len(digits[0])]
@@ -84,12 +94,35 @@ def _times(names: list[str]) -> list[int] | None:
         if not _FROM_NS <= time < _TO_NS:
             return None
         found.append(time)
-    return found if len(set(found)) == len(found) and len(found) > 1 else None
+    if len(set(found)) != len(found) or len(found) < 2:
+        return None
+    order = sorted(found)
+    steps = sorted(b - a for a, b in pairwise(order))
+    # Behind a date three digits may as well count the pictures of a second.
+    return found if steps[len(steps) // 2] >= _LEAST_STEP_NS else None
+
+
+def _dated(stem: str) -> int | None:
+    """The time that a name tells as a date with a time of day (``20260131_120000_040``), in ns since
+    1970; names say no time zone, so it counts as UTC.
+    """
+    match = _DATE.search(stem)
+    if match is None:
+        return None
+    try:
+        moment = datetime(*map(int, match.groups()[:6]), tzinfo=UTC)  # type: ignore[misc,arg-type]
+    except ValueError:
+        return None
+    return int(moment.timestamp()) * 10**9 + int((match[7] or "0").ljust(9, "0"))
 
 
 def _number(name: str) -> int | None:
     digits = _DIGITS.findall(Path(name).stem)
     return int(digits[-1]) if digits else None
+
+
+def _glob(pattern: str) -> str:
+    return pattern if pattern.endswith("*") else f"{pattern}*"
 
 
 def _check_series(names: list[str], folder: Path) -> None:
@@ -104,11 +137,11 @@ def _check_series(names: list[str], folder: Path) -> None:
     if len(large) > 1 and max(counts.values()) > 1:
         patterns = [p.replace("#", "*") for p in sorted(large)]
         listed = ", ".join(
-            f"{folder}/{pattern}* ({len(large[pattern.replace('*', '#')])})"
+            f"{folder}/{_glob(pattern)} ({len(large[pattern.replace('*', '#')])})"
             for pattern in patterns
         )
         raise UsageError(
             f"{folder}: {len(large)} series of pictures with the same numbers: {listed};"
             " record each by itself, as: scenetrace record"
-            f" '{folder}/{patterns[0]}*' -o OUT"
+            f" '{folder}/{_glob(patterns[0])}' -o OUT"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -91,3 +92,35 @@ def test_several_series_are_asked_about_and_one_can_be_chosen(tmp_path: Path) ->
     with pytest.raises(UsageError, match="2 series of pictures with the same numbers"):
         open_source(tmp_path)
     assert len(list(open_source(tmp_path / "left_*").frames())) == 3
+
+
+@pytest.mark.parametrize(
+    ("names", "seconds"),
+    [
+        ([f"2026-01-31_12-00-{2 * k:02d}" for k in range(5)], [0.0, 2.0, 4.0, 6.0, 8.0]),
+        ([f"cam1_20260131T1200{5 * k:02d}" for k in range(3)], [0.0, 5.0, 10.0]),
+        ([f"IMG_20260131_120000_{40 * k:03d}" for k in range(4)], [0.0, 0.04, 0.08, 0.12]),
+        ([f"20260131_120000_{k:03d}" for k in range(4)], [0.0, 0.04, 0.08, 0.12]),
+        ([f"20269931_120000_{40 * k:03d}" for k in range(2)], [0.0, 0.04]),
+    ],
+    ids=["dashes", "compact", "milliseconds", "counter", "impossible"],
+)
+def test_dates_in_names_are_times(
+    tmp_path: Path, names: list[str], seconds: list[float]
+) -> None:
+    picture = cv2.imencode(".jpg", np.full((48, 64, 3), 90, np.uint8))[1].tobytes()
+    for name in names:
+        (tmp_path / f"{name}.jpg").write_bytes(picture)
+    source = open_source(tmp_path)
+    assert [frame.time_ns / 1e9 for frame in source.frames()] == seconds
+
+
+def test_a_large_tiff_of_colours_has_eight_bits(tmp_path: Path) -> None:
+    noise = np.random.default_rng(1).integers(0, 255, (160, 200, 3)).astype(np.uint8)
+    for k in range(2):
+        (tmp_path / f"{k}.tif").write_bytes(cv2.imencode(".tif", noise)[1].tobytes())
+    source = open_source(tmp_path, fps=25)
+    assert not any("bits" in note for note in source.notes)
+    for frame in source.frames():
+        assert frame.image is not None
+        assert (frame.image == noise).all()
