@@ -178,17 +178,25 @@ def test_one_that_takes_too_much_is_stopped(
     assert batch(sources / "cam0" / "w0.txt", tmp_path / "case", "--again") == 0
 
 
-def _wait_for_workers(case: Path) -> None:
-    """Until the workers have seen that nobody waits for them."""
-    end = time.monotonic() + 60
-    while time.monotonic() < end:
-        found = subprocess.run(
-            ["pgrep", "-f", "replay.batch.nursery"], capture_output=True, check=False
-        )
-        before = digests(case)
-        time.sleep(0.5)
-        if not found.stdout or before == digests(case):
-            return
+def _workers_of(driver: int) -> list[int]:
+    found = subprocess.run(["pgrep", "-P", str(driver)], capture_output=True, check=False)
+    return [int(number) for number in found.stdout.split()]
+
+
+def _wait_for_the_end_of(workers: list[int]) -> None:
+    """Until they have seen that nobody waits for them."""
+    end = time.monotonic() + 120
+    while running := [number for number in workers if _runs(number)]:
+        assert time.monotonic() < end, f"{running} go on"
+        time.sleep(0.05)
+
+
+def _runs(number: int) -> bool:
+    try:
+        state = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
 
 
 def test_a_driver_that_is_killed_leaves_nothing_half(sources: Path, tmp_path: Path) -> None:
@@ -204,9 +212,10 @@ def test_a_driver_that_is_killed_leaves_nothing_half(sources: Path, tmp_path: Pa
     end = time.monotonic() + 120
     while time.monotonic() < end and not list((case / "status").glob("*.json")):
         time.sleep(0.02)
+    workers = _workers_of(process.pid)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    _wait_for_workers(case)
+    _wait_for_the_end_of(workers)
     right = digests(whole)
     assert digests(case).items() <= right.items()
     assert batch(several(sources), case) == 0
