@@ -17,7 +17,11 @@ from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
 # What makes a benchmark short; one that is not here is short enough.
-QUICK = {"replay": ["--quick"], "record": ["--rounds", "1"]}
+QUICK = {
+    "replay": ["--quick"],
+    "record": ["--rounds", "1"],
+    "fleet": ["overhead", "simulate", "--count", "6", "--rounds", "1"],
+}
 
 
 def benchmarks() -> dict[str, tuple[Path, str]]:

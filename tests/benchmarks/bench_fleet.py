@@ -118,13 +118,20 @@ def engines(count: int, frames: int) -> None:
     except ImportError:
         print("Ray is not installed: skipped")
         return
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        made = boxes_alone(folder / "in", count, frames)
-        lines = [f"{path.relative_to(folder / 'in')} {' '.join(SIZE)}" for path in made]
-        stage = fleet_shows.Stage(folder, lines, 2)
-        print(f"{count} recordings of {frames} frames, boxes alone")
-        print(f"Ray cluster: {fleet_shows.engines(stage)}")
+    print(f"{count} recordings of {frames} frames, boxes alone; the first line: two")
+    used = []
+    for some in (2, count):
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            made = boxes_alone(folder / "in", some, frames)
+            lines = [f"{path.relative_to(folder / 'in')} {' '.join(SIZE)}" for path in made]
+            stage = fleet_shows.Stage(folder, lines, 2)
+            print(f"Ray cluster: {fleet_shows.engines(stage)}")
+            used.append((stage.used_s, stage.ray_s))
+    (local_two, ray_two), (local, fleet) = used
+    if count > 2:
+        more = (fleet - ray_two) / (local - local_two) - 1
+        print(f"start-up aside: {more:+.1%}; Ray's: {ray_two - local_two:.1f} s more, once")
 
 
 def catalogue_times(args: argparse.Namespace) -> None:

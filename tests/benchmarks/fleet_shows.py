@@ -88,6 +88,8 @@ class Stage:
         lines: of a list of all sources.
         workers: recordings at a time.
         cut_s: how long the store cannot be reached.
+        used_s: seconds of processor, of local processes.
+        ray_s: the same of a Ray cluster.
     """
 
     def __init__(
@@ -97,7 +99,7 @@ class Stage:
         self.lines = lines
         self.workers = workers
         self.cut_s = cut_s
-        self.used_s = 0.0
+        self.used_s = self.ray_s = 0.0
         self.all = write_list(folder / "in", self.lines, "all.txt")
 
     @property
@@ -178,6 +180,7 @@ def engines(stage: Stage) -> str:
     with _cluster() as (cluster, _), Meter() as meter:
         code, summary = stage.start(case, *_ray_words(cluster)).finish()
     _check(code == 0, f"exit {code}: {summary}")
+    stage.ray_s = meter.seconds
     more = meter.seconds / stage.used_s - 1
     return (
         f"{stage.same(case)}; {meter.seconds:.1f} s of processor, {more:+.1%} over local"
