@@ -14,7 +14,7 @@ from tests.batch.conftest import WORDS
 from tests.batch.files import digests
 from tests.batch.s3 import bucket, s3_server
 
-for _needed in ("moto", "flask", "s3fs"):
+for _needed in ("moto", "flask_cors", "s3fs"):
     pytest.importorskip(_needed, reason=f"{_needed} is not installed")
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,8 @@
     poison    five sources that no recording can be made of, among the others
 
 Every file is compared, by SHA-256, with that of a batch of local processes which nothing
-disturbed. A batch is a process of its own, as `scenetrace batch` is.
+disturbed. A batch is a process of its own, as `scenetrace batch` is. What needs Ray is skipped
+without it (pip install ray), and `store` without its server (pip install s3fs moto flask flask-cors).
 """
 
 from __future__ import annotations
@@ -228,6 +229,10 @@ def _driver_killed(stage: Stage, case: Path, words: tuple[str, ...]) -> str:
 
 def store(stage: Stage) -> str:
     """Sources and case lie in an object store, which is cut off in the middle."""
+    import flask_cors  # noqa: F401 - of the server
+    import moto  # noqa: F401
+    import s3fs  # noqa: F401
+
     from tests.batch.s3 import bucket, s3_server
 
     _ = stage.right
