@@ -227,6 +227,7 @@ class _Camera:
         self._ended: dict[int, list[tuple[int, str]]] = {}
         self._group_rows: list[HeldInterval] = []
         self._related: list[Row] = []
+        self._held_bits: list[Row] = []
         self._joint: dict[tuple[int, int], list[tuple[int, int]]] = {}
         self._boxes: dict[int, _Boxes] = {}
         self._targets: dict[int, SeenTarget] = {}
@@ -388,7 +389,7 @@ class _Camera:
     def _end_bits(self, over: Sequence[HeldInterval]) -> None:
         for key, partners, interval, belief in over:
             track, bit = _pair(key)
-            self._add("bits", (track, bit, list(_ids(partners)), *interval, *belief))
+            self._held_bits.append((track, bit, list(_ids(partners)), *interval, *belief))
 
     def _take_relations(self, frame: AnnotatedFrame, t: float) -> None:
         # A run is one interval of a state: the same state with a later `since` is a new interval.
@@ -517,14 +518,22 @@ class _Camera:
             self._add("near", (a, b, *astuple(stretch)))
 
     def _add_relations(self, histories: Mapping[int, History], ground: GroundSlope) -> None:
-        """The ground is known once all boxes are, and with it how near two came on it."""
+        """The ground is known once all boxes are, and with it how near people came on it."""
+
+        def away(a: int, b: int, first: int, last: int) -> float | None:
+            if a not in histories or b not in histories:
+                return None
+            return nearest(histories[a], histories[b], first, last, ground)
+
         for row in self._related:
             a, b, _, first, last, *_ = row
-            away = None
-            if a in histories and b in histories:
-                away = nearest(histories[a], histories[b], first, last, ground)
-            self._add("relations", (*row, away))
-        self._related = []
+            self._add("relations", (*row, away(a, b, first, last)))
+        for row in self._held_bits:
+            track, _, partners, first, last, *_ = row
+            found = [away(track, partner, first, last) for partner in partners]
+            known = [distance for distance in found if distance is not None]
+            self._add("bits", (*row, max(known, default=None)))
+        self._related, self._held_bits = [], []
 
     def _add_targets(self) -> None:
         looks = self._look() if self._looking else {}

@@ -159,6 +159,7 @@ TABLES: Mapping[str, Columns] = {
         ("partners", "INTEGER[]"),
         *SPAN,
         *BELIEF,
+        ("nearest", "DOUBLE"),
     ),
     "zones": (
         ("recording", "VARCHAR"),
@@ -338,7 +339,7 @@ MEANING: Mapping[str, str] = {
     "presence": "one row per unbroken time in which a track was present",
     "bits": (
         "one row per time in which a track was grouping, grouped or splitting with the same"
-        " partners"
+        " partners; nearest: least distance on the ground to the farthest of them, in body sizes"
     ),
     "zones": "one row per stay of a track in a named zone",
     "hidden": (

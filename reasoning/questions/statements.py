@@ -15,14 +15,14 @@ OF_ALL = """round(sum(seen_share * (end_frame - start_frame + 1)) / sum(end_fram
 
 BELIEF = "seen_share, existence, identity, joins"
 
-REACH = 1.4
-"""Shells touch where two are nearer than so many body sizes; further apart on the ground they only
-do in the picture, and it is the less sure that they were near.
+REACH = 1.2
+"""Shells touch where two are about so near, in body sizes; the further apart they are on the ground,
+the less sure it is that they were near: they may touch in the picture alone.
 """
 NEAR = f"coalesce(least(1.0, ({REACH} / greatest(nearest, 0.01)) ** 2), 1.0)"
 
 MET = f"""
--- intervals of A with one partner that follow one another without a gap are one meeting
+-- intervals of A with one partner that follow one another within a second are one meeting
 WITH mine AS (
   SELECT recording, b AS other, state, start_frame, end_frame, start_t, end_t, {BELIEF}, nearest
   FROM sure_relations WHERE a = $a$b$only
@@ -32,7 +32,9 @@ WITH mine AS (
 marked AS (
   SELECT *, start_frame > 1 + coalesce(max(end_frame) OVER (
     PARTITION BY recording, other ORDER BY start_frame, end_frame
-    ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING), -2) AS fresh FROM mine),
+    ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING), -2) AND round(start_t - coalesce(max(end_t) OVER (
+    PARTITION BY recording, other ORDER BY start_frame, end_frame
+    ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING), -1e9), 3) > 1.0 AS fresh FROM mine),
 numbered AS (
   SELECT *, sum(fresh::INTEGER) OVER (PARTITION BY recording, other ORDER BY start_frame, end_frame) AS meeting
   FROM marked),
@@ -211,7 +213,7 @@ SELECT recording, track, entered_frame, entered_t, last AS last_seen_frame, last
 FROM stayed ORDER BY recording, entered_frame, track
 """
 
-GROUPING_AND_SPLITTING = """
+GROUPING_AND_SPLITTING = f"""
 -- who is grouped with somebody again within a second did not leave him: two who walk side by side come apart in the
 -- picture for moments
 WITH parted AS (
@@ -224,10 +226,10 @@ SELECT g.recording, g.track, greatest(g.start_frame, s.start_frame) AS start_fra
   least(g.seen_share, s.seen_share) AS seen_share, least(g.existence, s.existence) AS existence,
   least(g.identity, s.identity) AS identity,
   least(g.seen_share, s.seen_share, g.existence, s.existence, g.identity, s.identity,
-    if(s.again, 0.4, 1.0)) AS certainty,
+    if(s.again, 0.4, 1.0), g.near) AS certainty,
   list_sort(list_distinct(list_concat(g.joins, s.joins))) AS joins,
-  format('track:{}@{}', g.track, greatest(g.start_frame, s.start_frame)) AS explain
-FROM (FROM bits WHERE bit = 'grouping'$only) g JOIN parted s
+  format('track:{{}}@{{}}', g.track, greatest(g.start_frame, s.start_frame)) AS explain
+FROM (SELECT *, round({NEAR}, 4) AS near FROM bits WHERE bit = 'grouping'$only) g JOIN parted s
   ON g.recording = s.recording AND g.track = s.track
   AND g.start_frame <= s.end_frame AND s.start_frame <= g.end_frame
 ORDER BY g.recording, start_frame, g.track

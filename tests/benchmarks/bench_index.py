@@ -131,7 +131,7 @@ def _fill(
     order: str = "",
 ) -> None:
     batch = max(1, 20_000_000 // n)
-    sure = f"{SURE}, 1" if table == "relations" else SURE
+    sure = f"{SURE}, 1" if table in ("relations", "bits") else SURE
     for first in range(0, recordings, batch):
         count = min(batch, recordings - first) * n
         numbers = (

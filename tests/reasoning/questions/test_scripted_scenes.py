@@ -7,7 +7,7 @@ of it.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
@@ -256,6 +256,16 @@ def take(told: Raw, message: object) -> None:
                 told.both[t.id, *partners].append(message.frame)
 
 
+def within_a_second(spans: Iterable[tuple[int, int]], fps: float) -> list[tuple[int, int]]:
+    """Spans of frames, those that follow one another within a second as one."""
+    merged: list[tuple[int, int]] = []
+    for start, end in spans:
+        if merged and round((start - merged[-1][1]) / fps, 3) <= 1.0:
+            start = merged.pop()[0]
+        merged.append((start, end))
+    return merged
+
+
 def test_met(asked: tuple[GeneratedScene, Case], raw: Raw) -> None:
     scene, case = asked
     for a in (x.id for x in scene.truth.actors):
@@ -263,7 +273,11 @@ def test_met(asked: tuple[GeneratedScene, Case], raw: Raw) -> None:
         for (one, two, _, _), n in raw.relations.items():
             if a in (one, two):
                 frames[one + two - a] += n
-        wanted = sorted((other, s, e) for other, n in frames.items() for s, e in runs(n))
+        wanted = sorted(
+            (other, s, e)
+            for other, n in frames.items()
+            for s, e in within_a_second(runs(n), scene.fps)
+        )
         rows = ask(case, "met", a)
         assert (
             sorted((r["other"], r["start_frame"], r["end_frame"]) for r in rows) == wanted
