@@ -261,8 +261,9 @@ def within_a_second(spans: Iterable[tuple[int, int]], fps: float) -> list[tuple[
     merged: list[tuple[int, int]] = []
     for start, end in spans:
         if merged and round((start - merged[-1][1]) / fps, 3) <= 1.0:
-            start = merged.pop()[0]
-        merged.append((start, end))
+            merged[-1] = merged[-1][0], end
+        else:
+            merged.append((start, end))
     return merged
 
 
