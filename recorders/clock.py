@@ -5,7 +5,7 @@ that increase.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import pairwise
+from itertools import groupby, pairwise
 from statistics import median_low
 from typing import Generic, TypeVar
 
@@ -51,7 +51,8 @@ class Clock(Generic[Item]):
       replaced by one frame time after the predecessor.
     - Where stamps go back by more than three frame times, a new segment begins: it follows its
       predecessor by one frame time, and keeps its own steps.
-    - Any other stamp that does not increase follows its predecessor by one frame time.
+    - Any other stamp that does not increase follows its predecessor by one frame time, or stands
+      halfway to its successor where that is nearer.
 
     Attributes:
         mended, joined, belied: how many of each.
@@ -62,6 +63,7 @@ class Clock(Generic[Item]):
         self._frame_ns = max(1, frame_ns)
         self._offset = 0
         self._last: int | None = None
+        self._stamped = 0
         self._count = 0
         self.mended = self.joined = self.belied = 0
         self.gaps = Gaps(frame_ns)
@@ -89,21 +91,29 @@ class Clock(Generic[Item]):
         last = self._last
         if last is None:
             self._offset = -(stamp or 0)
+            self._stamped = 0
             return 0
+        usual = last + self._frame_ns
         if stamp is None:
-            return last + self._frame_ns
+            self._stamped = usual
+            return usual
         time = stamp + self._offset
-        if following is not None and last < following + self._offset < time:
+        after = last if following is None else following + self._offset
+        if last < after < time:
             self.belied += 1
-            return min(last + self._frame_ns, (last + following + self._offset + 1) // 2)
+            self._stamped = min(usual, (last + after + 1) // 2)
+            return self._stamped
+        before, self._stamped = self._stamped, time
         if time > last:
             return time
-        if time < last - _RESTART_FRAMES * self._frame_ns:
+        # Frames of one time may have run ahead of it: only a stamp tells that it went back.
+        if time < before - _RESTART_FRAMES * self._frame_ns:
             self.joined += 1
-            self._offset += last + self._frame_ns - time
-        else:
-            self.mended += 1
-        return last + self._frame_ns
+            self._offset += usual - time
+            self._stamped = usual
+            return usual
+        self.mended += 1
+        return min(usual, (last + after + 1) // 2) if after > last else usual
 
     def notes(self, what: str = "frames") -> list[str]:
         """What was made of the stamps, one line each."""
@@ -128,14 +138,20 @@ class Clock(Generic[Item]):
 
 def nominal_ns(times: Sequence[int]) -> int | None:
     """The time between frames: the median step, or, where most come in bursts, the median of the
-    mean over some steps in a row. None where no two times differ.
+    mean over some steps in a row. Frames of one time, as of a clock that counts seconds, share the
+    step to the next. None where no two times differ.
 
     >>> nominal_ns([0, 40, 80, 120, 160]), nominal_ns([0, 1, 2, 3, 160, 161, 162, 163, 320, 321])
     (40, 40)
+    >>> nominal_ns([0, 0, 0, 0, 160, 160, 160, 160, 320])
+    40
     """
     steps = [max(0, b - a) for a, b in pairwise(times)]
     if not any(steps):
         return None
+    alike = median_low(len(list(run)) for _, run in groupby(times[:-1]))
+    if alike > 1:
+        return median_low(step for step in steps if step) // alike or 1
     width = min(_BURST_STEPS, len(steps))
     means = [
         sum(steps[index : index + width]) // width

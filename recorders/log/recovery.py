@@ -4,6 +4,7 @@ it said.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -135,6 +136,8 @@ class _Recovery:
         self.ends = self.joints = self.part_start = 0
         self.behind_end = False
         self.end: RawRecord | None = None
+        self.indexes: list[tuple[int, int]] = []
+        self.index_is_damaged = False
         self.has_bare_messages = False
         self.counted: int | None = None
 
@@ -215,8 +218,20 @@ class _Recovery:
             self.definitions.schema(schema, 0)
         for channel in sorted(summary.definitions.channels.values(), key=lambda c: c.id):
             self._channel(channel, 0)
+        footer = self.ending.footer
+        if footer is None or not footer.summary_crc:
+            return  # nothing proves where it places the chunks' indexes
+        for chunk in summary.chunks:
+            behind = chunk.offset + chunk.length
+            self.indexes.append((behind, behind + chunk.message_index_length))
+        self.indexes.sort()
 
     def _keep(self, raw: RawRecord) -> None:
+        if raw.opcode in (wire.MESSAGE, wire.METADATA) and self._is_of_index(raw):
+            note = "the message index is damaged here; it is made anew"
+            self.report.notes.append(Loss(raw.offset, "MessageIndex", note))
+            self.index_is_damaged = True
+            return
         if raw.opcode in _DATA and self.behind_end:
             if self._is_of_summary(raw):
                 return
@@ -263,12 +278,19 @@ class _Recovery:
             self.end = raw
             self._data_end(raw)
 
+    def _is_of_index(self, raw: RawRecord) -> bool:
+        """Whether the summary places a chunk's index where another record seems to be."""
+        place = bisect_right(self.indexes, (raw.offset, self.file.size)) - 1
+        return place >= 0 and raw.offset < self.indexes[place][1]
+
     def _is_of_summary(self, raw: RawRecord) -> bool:
-        """Whether what looks like data behind the end is a record of the summary, damaged: the
-        end is proven by its CRC, or a message without a chunk, and so without a CRC, is the first
-        of its kind.
+        """Whether what looks like data behind the end is a record of the summary, damaged. Chunks
+        and attachments have CRCs of their own; of the others, the end is proven by its CRC, or a
+        message without a chunk is the first of its kind.
         """
         assert self.end is not None
+        if raw.opcode not in (wire.MESSAGE, wire.METADATA):
+            return False
         if raw.opcode == wire.MESSAGE and not self.has_bare_messages:
             return True
         crc = self.file.parse(records.parse_data_end, self.end)
@@ -370,6 +392,7 @@ class _Recovery:
             crc
             and not self.proven
             and not self.report.losses
+            and not self.index_is_damaged
             and self.file.crc(self.part_start, raw.offset) != crc
         ):
             self._lose(
@@ -380,13 +403,15 @@ class _Recovery:
             )
 
     def _compare_counts(self) -> None:
-        expected = self.report.messages_expected
-        if expected is not None and expected != self.report.messages:
-            self._lose(
-                self.file.size,
-                "Statistics",
-                f"the file counted {expected} messages, {self.report.messages} are kept",
-            )
+        expected, kept = self.report.messages_expected, self.report.messages
+        if expected is None or expected == kept:
+            return
+        told = Loss(
+            self.file.size,
+            "Statistics",
+            f"the file counted {expected} messages, {kept} are kept",
+        )
+        (self.report.losses if expected > kept else self.report.notes).append(told)
 
 
 def _plain(error: RecordingError) -> str:

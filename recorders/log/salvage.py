@@ -22,6 +22,7 @@ _CHUNK_PATTERN = re.compile(
     rb"(?=\x06.{36}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd))", re.DOTALL
 )
 _MESSAGE_PATTERN = re.compile(rb"(?=[\x03\x04\x05\x09\x0c\x0f].{4}\x00{4})", re.DOTALL)
+_MAGIC_PATTERN = re.compile(re.escape(wire.MAGIC))
 _PLAUSIBLE = frozenset(range(wire.HEADER, wire.DATA_END + 1)) | frozenset(
     range(0x80, 0x100)
 )
@@ -136,7 +137,7 @@ def _ends_well(raw: RawRecord, ending: Ending, limit: int) -> bool:
     if raw.opcode == wire.DATA_END:
         return raw.length <= _LONGEST_DATA_END and (not ending.is_known or raw.end == limit)
     if raw.opcode == wire.FOOTER:
-        return raw.length == wire.FOOTER_BODY.size
+        return raw.length == wire.FOOTER_BODY.size and not ending.is_known
     return True
 
 
@@ -148,6 +149,8 @@ def _resume(
         return known[place]
     if known:
         return _search(file, position, limit, _MESSAGE_PATTERN, _is_data_end)
+    # Another log may begin there, behind what is left of this one.
+    limit = _search(file, position, limit, _MAGIC_PATTERN, _is_start)
     found = _search(file, position, limit, _CHUNK_PATTERN, _is_chunk)
     if found < limit or chunked:
         return found
@@ -170,6 +173,10 @@ def _search(
 def _is_magic(file: RecordFile, offset: int, limit: int) -> bool:
     size = len(wire.MAGIC)
     return offset + size <= limit and file.read(offset, size) == wire.MAGIC
+
+
+def _is_start(file: RecordFile, offset: int, limit: int) -> bool:
+    return _is_header(file, offset + len(wire.MAGIC), limit)
 
 
 def _is_header(file: RecordFile, offset: int, limit: int) -> bool:

@@ -495,7 +495,8 @@ class LogSource:
                 f" near, the first at {pairing.first_unpaired} ns (--tolerance)"
             )
         if not count:
-            raise SourceError("no frame of it can be recorded", self.path)
+            why = f": {self.losses[0]}" if self.losses else ""
+            raise SourceError(f"no frame of it can be recorded{why}", self.path)
 
     def sample(self, count: int) -> Iterator[Image]:
         """About ``count`` pictures spread over the recording."""

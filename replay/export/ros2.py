@@ -17,6 +17,7 @@ from msgspec import UNSET
 from recorders import channels
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.channels import NANOS
+from recorders.errors import SceneTraceError
 from recorders.messages import Track
 from replay.export.extras import needed
 from replay.export.output import whole_folder
@@ -25,6 +26,7 @@ from replay.palette import track_colour
 
 _METADATA = "metadata.yaml"
 _VERSION = 9
+_LAST_SECOND = 2**31 - 1
 _DEFINITIONS = {
     "vision_msgs/msg/Point2D": "float64 x\nfloat64 y",
     "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
@@ -63,7 +65,7 @@ def write_ros2(
 
     Raises:
         OutputExistsError: the folder holds something and ``force`` is not set.
-        SceneTraceError: ``rosbags`` is not installed.
+        SceneTraceError: ``rosbags`` is not installed, or a frame's time is beyond what ROS 2 counts.
     """
     rosbag2 = needed("rosbags.rosbag2", "rosbags", "ros", "--to ros2")
     typesys = needed("rosbags.typesys", "rosbags", "ros", "--to ros2")
@@ -132,6 +134,11 @@ class _Bag:
 
     def _time(self, time_ns: int) -> Any:
         seconds, nanos = divmod(time_ns, NANOS)
+        if seconds > _LAST_SECOND:
+            raise SceneTraceError(
+                f"a frame at {time_ns} ns: ROS 2 counts seconds in 32 bits, to"
+                f" {_LAST_SECOND} (in 2038)"
+            )
         return self._type("builtin_interfaces/Time")(sec=seconds, nanosec=nanos)
 
     def picture(self, picture: StoredPicture) -> None:

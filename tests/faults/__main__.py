@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from tests.faults.kills import kills
 from tests.faults.memory import memory
 from tests.faults.tally import HEAD, Tally, summed
 
-KINDS: dict[str, Callable[..., list[Tally]]] = {
+KINDS: dict[str, Callable[..., Iterable[Tally]]] = {
     "flips": flips,
     "cuts": cuts,
     "io": io_faults,
@@ -62,8 +62,9 @@ def main() -> int:
         more: dict[str, Any] = {"tries": args.tries} if kind in ("fuzz", "kills") else {}
         if kind == "fuzz":
             more |= {"seconds": args.seconds, "only": args.target}
-        tallies = KINDS[kind](args.long, args.seed, **more)
-        for tally in tallies:
+        tallies = []
+        for tally in KINDS[kind](args.long, args.seed, **more):
+            tallies.append(tally)
             print(tally.row(), file=sys.stderr, flush=True)
             wrong += tally.notes if not tally.clean else []
         print(summed(NAMES[kind], tallies).row(), flush=True)

@@ -7,11 +7,11 @@ from __future__ import annotations
 import os
 import tempfile
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from math import inf
 from pathlib import Path
 from random import Random
-from time import monotonic
+from time import process_time
 
 from recorders.errors import SceneTraceError
 from tests.faults.tally import Tally
@@ -58,14 +58,13 @@ def fuzz(
     tries: int | None = None,
     seconds: float | None = None,
     only: str = "",
-) -> list[Tally]:
+) -> Iterator[Tally]:
     """Every target (whose name begins so), with its seeds changed: so many inputs, or for so
     long.
     """
     from tests.faults.more_targets import more_targets
     from tests.faults.targets import targets
 
-    tallies = []
     place = "/dev/shm" if Path("/dev/shm").is_dir() else None
     with tempfile.TemporaryDirectory(dir=place) as name, warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -73,9 +72,8 @@ def fuzz(
         for kind, (seeds, target) in {**targets(folder), **more_targets(folder)}.items():
             if kind.startswith(only):
                 count = tries or (100_000 if long else 40)
-                until = inf if seconds is None else monotonic() + seconds
-                tallies.append(_target(kind, seeds, target, folder, count, seed, until))
-    return tallies
+                until = inf if seconds is None else process_time() + seconds
+                yield _target(kind, seeds, target, folder, count, seed, until)
 
 
 def _target(
@@ -92,7 +90,7 @@ def _target(
     rng = Random(f"{kind} {seed}")
     pool, places = list(seeds), set()
     for number in range(count):
-        if number % 64 == 0 and monotonic() > until:
+        if number % 64 == 0 and process_time() > until:
             break
         fresh = rng.random() < 0.5  # what came to a new place lately, or any of all
         data = rng.choice(pool[-20:] if fresh else pool)

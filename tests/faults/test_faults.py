@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import pytest
 
 from tests.faults.damage import cuts, flips
@@ -12,7 +14,8 @@ from tests.faults.memory import memory
 from tests.faults.tally import Tally
 
 
-def check(tallies: list[Tally]) -> None:
+def check(found: Iterable[Tally]) -> None:
+    tallies = list(found)
     assert tallies
     assert all(tally.tries for tally in tallies)
     assert [note for tally in tallies for note in tally.notes if not tally.clean] == []

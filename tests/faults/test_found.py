@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import struct
+from itertools import pairwise
 from pathlib import Path
 
+import pytest
+
+from recorders.clock import Clock, nominal_ns
 from recorders.log import LogReader, LogWriter, Schema
 from recorders.log.recovery import recover
 
 
-def records(data: bytes) -> list[tuple[int, int]]:
+def records(data: bytes | bytearray) -> list[tuple[int, int]]:
     """Opcode and place of each record of a log."""
     found, place = [], 8
     while place < len(data) - 8:
@@ -32,3 +36,79 @@ def test_a_record_of_the_summary_that_reads_as_a_message_is_none(tmp_path: Path)
     assert not report.is_complete
     with LogReader(tmp_path / "recovered.mcap") as log:
         assert [(m.log_time_ns, m.data) for m in log.messages()] == [(7, b"{}")]
+
+
+def counted(path: Path, numbers: range, *, checked: bool = True) -> bytes:
+    """A log of messages that hold these numbers; without the data section's CRC if not `checked`."""
+    with LogWriter(path) as log:
+        channel = log.channel("/camera/a", Schema("x.Y", "jsonschema", b"{}"), "json")
+        for number in numbers:
+            log.write(channel, b"%d" % number, number)
+    data = bytearray(path.read_bytes())
+    if not checked:
+        (place,) = [p for opcode, p in records(data) if opcode == 15]
+        data[place + 9 : place + 13] = bytes(4)
+    return bytes(data)
+
+
+def recovered(path: Path, data: bytes) -> list[int]:
+    path.write_bytes(data)
+    recover(path, path.with_name("recovered.mcap"), force=True)
+    with LogReader(path.with_name("recovered.mcap")) as log:
+        return [int(m.data) for m in log.messages()]
+
+
+@pytest.mark.parametrize("checked", [True, False])
+@pytest.mark.parametrize("between", [b"\n\n", b"\0" * 100, b"\x89MCAP"])
+def test_logs_joined_with_something_between_are_recovered(
+    tmp_path: Path, between: bytes, checked: bool
+) -> None:
+    path = tmp_path / "log.mcap"
+    first = counted(tmp_path / "a.mcap", range(5), checked=checked)
+    second = counted(tmp_path / "b.mcap", range(5, 9), checked=checked)
+    assert recovered(path, first + between + second) == list(range(9))
+    assert recovered(path, first[:-20] + second) == list(range(9))
+
+
+def test_a_header_that_reads_as_the_end_ends_nothing(tmp_path: Path) -> None:
+    data = bytearray(counted(tmp_path / "log.mcap", range(5)))
+    opcode, length = struct.unpack_from("<BQ", data, 8)
+    assert opcode == 1
+    # A header of a footer's length, as other writers' names of 12 letters make it.
+    other = struct.pack("<BQI", 1, 20, 0) + struct.pack("<I", 12) + b"somebody 1.0"
+    shifted = data[:8] + bytes([2]) + other[1:] + data[8 + 9 + length :]
+    assert recovered(tmp_path / "log.mcap", bytes(shifted)) == list(range(5))
+
+
+def test_a_log_that_counted_too_few_lost_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    data = bytearray(counted(path, range(5)))
+    (place,) = [p for opcode, p in records(data) if opcode == 11]
+    struct.pack_into("<Q", data, place + 9, 2)
+    (end,) = [p for opcode, p in records(data) if opcode == 2]
+    struct.pack_into("<I", data, end + 9 + 16, 0)
+    path.write_bytes(data)
+    report = recover(path, tmp_path / "recovered.mcap")
+    assert report.is_complete
+    assert report.messages == 5
+    assert "counted 2 messages" in report.notes[-1].reason
+
+
+@pytest.mark.parametrize("alike", [1, 2, 5, 25])
+def test_stamps_of_a_clock_that_counts_coarsely_keep_their_length(alike: int) -> None:
+    stamps = [frame // alike * alike * 40 for frame in range(200)]
+    frame_ns = nominal_ns(stamps)
+    assert frame_ns == 40
+    clock: Clock[None] = Clock(frame_ns)
+    times = [time for time, _ in clock.times((stamp, None) for stamp in stamps)]
+    assert all(a < b for a, b in pairwise(times))
+    assert abs(times[-1] - 199 * 40) <= 40
+    assert clock.joined == 0
+
+
+def test_an_index_that_reads_as_a_message_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    data = bytearray(counted(path, range(1)))
+    (place,) = [p for opcode, p in records(data) if opcode == 7]
+    data[place] = 5
+    assert recovered(path, bytes(data)) == [0]
