@@ -169,7 +169,7 @@ def _frame(held: Mapping[str, Any], names: FrameNames) -> int:
     if _empty(value):
         return names.frame(str(held.get("file", "")))
     found = number(value, "frame")
-    if found != int(found) or found < 0:
+    if not math.isfinite(found) or found != int(found) or found < 0:
         raise ValueError(f"frame {value}: frames are whole numbers from 0 or 1")
     return int(found)
 
@@ -180,9 +180,9 @@ def _identity(value: Any) -> int:
         return NOBODY
     try:
         found = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return NOBODY
-    return int(found) if found == int(found) and abs(found) < 2**53 else NOBODY
+    return int(found) if abs(found) < 2**53 and found == int(found) else NOBODY
 
 
 def number(value: Any, what: str) -> float:
@@ -200,7 +200,7 @@ def number(value: Any, what: str) -> float:
         value = text
     try:
         return float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{what} {str(value)[:40]!r} is not a number") from None
 
 

@@ -1,6 +1,6 @@
 """The table of docs/reliability.md: `python tests/faults [KIND...] [--long] [--seed N]`.
 
-Kinds: flips, cuts, io, kills, fuzz, memory. Each is a row of the table on stdout, what it is made
+Kinds: flips, cuts, io, kills, fuzz, memory, length. Each is a row of the table on stdout, what it is made
 of on stderr. Short by default, as the tests run them; `--long`
 takes every byte, every call, 80 kills of each command and 10^5 inputs of each target (hours).
 Exit code 1 where something was lost, silent or foreign.
@@ -20,6 +20,7 @@ from tests.faults.damage import cuts, flips
 from tests.faults.fuzz import fuzz
 from tests.faults.io_faults import COMMANDS, io_faults
 from tests.faults.kills import kills
+from tests.faults.length import length
 from tests.faults.memory import memory
 from tests.faults.tally import HEAD, Tally, summed
 
@@ -30,6 +31,7 @@ KINDS: dict[str, Callable[..., Iterable[Tally]]] = {
     "kills": kills,
     "fuzz": fuzz,
     "memory": memory,
+    "length": length,
 }
 NAMES = {
     "flips": "bytes flipped, three logs (no compression, LZ4, Zstandard)",
@@ -38,6 +40,7 @@ NAMES = {
     "kills": f"kill -9, {len(COMMANDS) + 1} commands",
     "fuzz": "inputs changed at random",
     "memory": "hostile files under 2 GiB and 60 s",
+    "length": "recordings of 1, 6 and 24 h: under 500 MB, time as their length",
 }
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from recorders.clock import Clock, nominal_ns
+from recorders.errors import SceneTraceError
+from recorders.formats.opening import open_rows
 from recorders.log import LogReader, LogWriter, Schema
 from recorders.log.recovery import recover
 
@@ -112,3 +115,23 @@ def test_an_index_that_reads_as_a_message_is_none(tmp_path: Path) -> None:
     (place,) = [p for opcode, p in records(data) if opcode == 7]
     data[place] = 5
     assert recovered(path, bytes(data)) == [0]
+
+
+@pytest.mark.parametrize("number", ["1e999", "-1e999", "nan", "9" * 400])
+@pytest.mark.parametrize("name", ["det.txt", "named.csv", "lines.jsonl"])
+def test_a_number_beyond_all_others_is_told_or_left_out(
+    tmp_path: Path, name: str, number: str
+) -> None:
+    path = tmp_path / name
+    for frame, identity in ((number, "1"), ("1", number)):
+        path.write_text(
+            {
+                "det.txt": f"1,1,10,20,30,40,1\n{frame},{identity},10,20,30,40,1\n",
+                "named.csv": f"frame,id,x,y,w,h\n1,1,1,2,3,4\n{frame},{identity},1,2,3,4\n",
+                "lines.jsonl": f'{{"frame": {frame}, "id": {identity}, "x": 1, "y": 2, "w": 3, "h": 4}}\n',
+            }[name]
+        )
+        with suppress(SceneTraceError):
+            assert all(
+                0 <= row.frame < 10**6 for row in open_rows(path).rows(lambda *_: None)
+            )
