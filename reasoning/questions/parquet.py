@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -26,7 +27,7 @@ def write_parquet(answer: Answer, out: Path, limits: QueryLimits) -> None:
     Raises:
         SceneTraceError: it cannot be written.
     """
-    part = out.with_name(f"{out.name}.part")
+    part = out.with_name(f".{out.name}.{secrets.token_hex(4)}.part")
     con = duckdb.connect(":memory:", config={"threads": str(limits.threads)})
     try:
         load_answer(con, answer)

@@ -54,6 +54,8 @@ class PartFile:
             | os.O_CREAT
             | getattr(os, "O_BINARY", 0)
             | getattr(os, "O_CLOEXEC", 0)
+            # Who may write into the folder must not choose by a link what is written over.
+            | getattr(os, "O_NOFOLLOW", 0)
         )
         try:
             descriptor = os.open(
@@ -87,6 +89,10 @@ class PartFile:
     def _failure(self, error: OSError) -> RecordingError:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             return RecordingError("the disk is full", self.path)
+        if error.errno == errno.ELOOP:
+            return RecordingError(
+                "cannot be written: it is a link to another file; remove it", self.part
+            )
         if error.errno == errno.ENOENT:
             return RecordingError(
                 f"cannot be written: there is no folder {self.path.parent}", self.path

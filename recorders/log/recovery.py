@@ -110,11 +110,24 @@ def _start(file: RecordFile, report: RecoveryReport) -> tuple[int, str]:
         raw = file.record_at(size)
         if raw.opcode != wire.HEADER:
             raise file.error("the header is damaged", size, "Header")
-        profile, _ = file.parse(records.parse_header, raw)
+        profile, library = file.parse(records.parse_header, raw)
     except RecordingError as error:
         report.losses.append(Loss(size, "Header", error.reason))
         return size, ""
+    end = size + len(records.encode_header(profile, library))
+    if end < raw.end and _stands_at(file, end):
+        report.losses.append(Loss(size, "Header", "its length is damaged"))
+        return end, profile
     return raw.end, profile
+
+
+def _stands_at(file: RecordFile, offset: int) -> bool:
+    """Whether a record of the data section begins there."""
+    try:
+        raw = file.record_at(offset)
+    except RecordingError:
+        return False
+    return raw.opcode in _DATA or raw.opcode in (wire.SCHEMA, wire.CHANNEL)
 
 
 class _Recovery:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import difflib
+import io
 import re
 import signal
 import sys
@@ -15,7 +16,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, ParamSpec, Protocol
+from typing import IO, TYPE_CHECKING, Any, ParamSpec, Protocol
 
 from recorders.errors import UsageError
 from recorders.limits import Limits
@@ -190,6 +191,20 @@ def printable(text: str) -> str:
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text
     )
+
+
+def shown() -> IO[str]:
+    """stdout; on a terminal, what would steer it is spelt out."""
+    return _Shown(sys.stdout) if sys.stdout.isatty() else sys.stdout
+
+
+class _Shown(io.TextIOBase):
+    def __init__(self, out: IO[str]) -> None:
+        self._out = out
+
+    def write(self, text: str, /) -> int:
+        lines = text.replace("\r\n", "\n").split("\n")
+        return self._out.write("\n".join(printable(line) for line in lines))
 
 
 def parse_time(text: str, scene: SceneLog) -> int:

@@ -215,12 +215,13 @@ def _print(info: LogInfo, quality: dict[str, list[QualityMeasure]] | None) -> No
     for attachment in info.attachments:
         print(
             common.printable(
-                f"attached  {attachment.name}, {attachment.size_bytes:,} bytes, {attachment.media_type}, at"
+                f"attached  {_shortened(attachment.name, _COLUMNS)}, {attachment.size_bytes:,} bytes,"
+                f" {_shortened(attachment.media_type, _COLUMNS)}, at"
                 f" {when(attachment.log_time_ns)}"
             )
         )
     for name, values in info.metadata:
-        print(f"metadata  {common.printable(name)}")
+        print(f"metadata  {common.printable(_shortened(name, _COLUMNS))}")
         for key, value in sorted(values.items()):
             if name in _OURS and key == "fact_digests":
                 continue  # a digest of each of the others: for `verify`, and in --json

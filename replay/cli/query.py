@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import re
 import sys
 import tempfile
@@ -21,6 +20,7 @@ from replay.cli.common import (
     command,
     parse_limits,
     say,
+    shown,
     take_words_anywhere,
 )
 from replay.cli.drawing import (
@@ -489,16 +489,11 @@ def _answer(answer: Answer, form: str, args: argparse.Namespace) -> int | None:
         _parquet(answer, args)
         return None
     if args.output is None:
-        return write(answer, form, sys.stdout)
-    part = args.output.with_name(f"{args.output.name}.part")
-    try:
-        with part.open("w", encoding="utf-8", newline="") as out:
-            count = write(answer, form, out)
-            out.flush()
-            os.fsync(out.fileno())
-        part.replace(args.output)
-    finally:
-        part.unlink(missing_ok=True)
+        return write(answer, form, shown() if form != "table" else sys.stdout)
+    from replay.export.output import whole_text
+
+    with whole_text(args.output, force=args.force) as out:
+        count = write(answer, form, out)
     say(f"{args.output}: {count} rows")
     return count
 

@@ -5,6 +5,7 @@ Both come back through ``record --detections``.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
@@ -23,6 +24,7 @@ from replay.export.tables import TableSpool
 
 PLAIN_LABEL = "object"
 _BLOCK = 10_000
+_NOT_OF_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def _label(track: Track) -> str:
@@ -120,7 +122,7 @@ def write_cvat(
     last = max((frame.index for frame in log.frames(("tracks",))), default=-1)
     boxes = 0
     with whole_file(out, force=force) as file, TableSpool(log.path, log.camera) as spool:
-        name = escape(log.path.stem)
+        name = escape(_of_xml(log.path.stem))
         file.write(
             '<?xml version="1.0" encoding="utf-8"?>\n<annotations>\n<version>1.1</version>\n'
             f"<meta><task><name>{name}</name><size>{last + 1}</size>"
@@ -131,7 +133,7 @@ def write_cvat(
         for track, found in groupby(rows, key=lambda row: row["track"]):
             own = list(found)
             label = own[-1]["label"] or PLAIN_LABEL
-            head = f'<track id="{track}" label={quoteattr(label)} source="auto">\n'
+            head = f'<track id="{track}" label={quoteattr(_of_xml(label))} source="auto">\n'
             lines = [_cvat_box(row, row["frame"], outside=False) for row in own]
             gaps = [
                 _cvat_box(a, a["frame"] + 1, outside=True)
@@ -143,6 +145,11 @@ def write_cvat(
             boxes += len(own)
         file.write(b"</annotations>\n")
     return boxes
+
+
+def _of_xml(text: str) -> str:
+    """A text without the characters that XML cannot hold."""
+    return _NOT_OF_XML.sub("\ufffd", text)
 
 
 def _by_track(spool: TableSpool) -> Iterator[dict[str, Any]]:

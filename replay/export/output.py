@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
 
 from recorders.errors import OutputExistsError, UsageError
 from recorders.log.output import PartFile
+
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
 
 FIGURES = (".png", ".pdf", ".svg")
 
@@ -67,6 +72,33 @@ def check_folder(path: Path, mark: str | None, *, force: bool) -> None:
 
 
 @contextmanager
+def whole_text(path: str | Path, *, force: bool) -> Iterator[TextIO]:
+    """`whole_file`, to be written as text: UTF-8, newlines as they are given."""
+    with (
+        whole_file(path, force=force) as file,
+        io.TextIOWrapper(
+            io.BufferedWriter(_Sink(file)), encoding="utf-8", newline=""
+        ) as text,
+    ):
+        yield text
+
+
+class _Sink(io.RawIOBase):
+    """A part file as a stream."""
+
+    def __init__(self, file: PartFile) -> None:
+        self._file = file
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Buffer, /) -> int:
+        view = memoryview(data)
+        self._file.write(view)
+        return view.nbytes
+
+
+@contextmanager
 def whole_folder(
     path: Path, mark: str | None, *, force: bool = False, stale: Iterable[str] = ()
 ) -> Iterator[Path]:
@@ -82,7 +114,7 @@ def whole_folder(
         stale: what of an older one goes when its successor comes, relative to ``path``.
 
     Raises:
-        OutputExistsError, UsageError: as `check_folder`.
+        OutputExistsError, UsageError: as `check_folder`; a folder in it is a link that leads out.
     """
     check_folder(path, mark, force=force)
     part = path.with_name(f"{path.name}.part")
@@ -103,8 +135,11 @@ def whole_folder(
 
 
 def _move_into(part: Path, path: Path) -> None:
+    root = path.resolve()
     for file in sorted(p for p in part.rglob("*") if p.is_file()):
         place = path / file.relative_to(part)
+        if not place.parent.resolve().is_relative_to(root):
+            raise UsageError(f"{place.parent}: leads out of {path}; remove it")
         place.parent.mkdir(parents=True, exist_ok=True)
         file.replace(place)
 

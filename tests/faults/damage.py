@@ -9,11 +9,13 @@ import struct
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 from time import monotonic
 from typing import Any
+from unittest.mock import patch
 
 from mcap.data_stream import ReadDataStream
 from mcap.records import Chunk, Message
@@ -129,8 +131,11 @@ def cuts(long: bool, seed: int = 0) -> Iterator[Tally]:
 def _each_log(compression: str, long: bool, seed: int, *, cuts: bool) -> Tally:
     what = "cut" if cuts else "byte flipped"
     tally = Tally(f"{what}, log of {compression or 'no compression'}")
-    # Where files lie in memory, thousands of them cost little.
-    with tempfile.TemporaryDirectory(dir=_memory()) as name:
+    # Where files lie in memory and nobody waits for a thread, thousands of them cost little.
+    with (
+        tempfile.TemporaryDirectory(dir=_memory()) as name,
+        patch("recorders.log.writer.ThreadPoolExecutor", _AtOnce),
+    ):
         folder = Path(name)
         log = annotated(folder, compression, FRAMES, CHUNK_NS, AT_ONCE, with_schemas=False)
         bad = folder / "bad.mcap"  # which name the rows bear
@@ -158,7 +163,23 @@ def _each_log(compression: str, long: bool, seed: int, *, cuts: bool) -> Tally:
                 kind, text = wrong
                 setattr(tally, kind, getattr(tally, kind) + 1)
                 tally.note(f"{tally.kind}: {what} at {place} (bit {bit}): {text}")
+                print(f"... {tally.notes[-1]}", file=sys.stderr, flush=True)
     return tally
+
+
+class _AtOnce(Executor):
+    """Does what it is given before it answers."""
+
+    def __init__(self, max_workers: int, thread_name_prefix: str) -> None:
+        del max_workers, thread_name_prefix
+
+    def submit(self, work: Any, /, *args: Any, **options: Any) -> Future[Any]:
+        done: Future[Any] = Future()
+        try:
+            done.set_result(work(*args, **options))
+        except Exception as error:
+            done.set_exception(error)
+        return done
 
 
 def _judged(

@@ -83,6 +83,12 @@ def test_a_header_that_reads_as_the_end_ends_nothing(tmp_path: Path) -> None:
     assert recovered(tmp_path / "log.mcap", bytes(shifted)) == list(range(5))
 
 
+def test_a_header_that_reaches_over_a_chunk_hides_nothing(tmp_path: Path) -> None:
+    data = bytearray(counted(tmp_path / "log.mcap", range(2000)))
+    data[10] ^= 1 << 2
+    assert recovered(tmp_path / "log.mcap", bytes(data)) == list(range(2000))
+
+
 def test_a_log_that_counted_too_few_lost_nothing(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     data = bytearray(counted(path, range(5)))
