@@ -195,7 +195,7 @@ def printable(text: str) -> str:
 
 def shown() -> IO[str]:
     """stdout; on a terminal, what would steer it is spelt out."""
-    return _Shown(sys.stdout) if sys.stdout.isatty() else sys.stdout
+    return cast("IO[str]", _Shown(sys.stdout)) if sys.stdout.isatty() else sys.stdout
 
 
 class _Shown(io.TextIOBase):
