@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
-from typing import IO, TYPE_CHECKING, Any, ParamSpec, Protocol
+from typing import IO, TYPE_CHECKING, Any, ParamSpec, Protocol, cast
 
 from recorders.errors import UsageError
 from recorders.limits import Limits
