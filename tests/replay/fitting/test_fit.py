@@ -69,7 +69,7 @@ def test_every_truth_has_the_size_that_it_was_labelled_in(
 @pytest.fixture(scope="module")
 def annotated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("fit")
-    scene = generate("demo", seed=1, size=(320, 240), frames=90)
+    scene = generate("demo", seed=1, size=(320, 240), frames=120)
     return write_scene_log(scene, folder / "scene.mcap"), write_truth(
         scene, folder / "gt.txt"
     )
