@@ -28,6 +28,11 @@ STEADY = 0.15
 """It keeps width and height within this factor's logarithm; its area within twice that."""
 SAME = 0.3
 """The same thing a moment later: the boxes' IoU."""
+LEAP = 2.0
+"""Or, small and fast, its like (to `GRAIN` px) no farther off than so many of its sizes, where a
+fifth of what stands alone has one: of specks of noise one in a hundred has.
+"""
+GRAIN, FOUND_AGAIN = 1.5, 5
 MOVED = 0.02
 """It moves if by this share of its size."""
 RESTING = 0.05
@@ -99,6 +104,8 @@ class Sightings:
     height: int
     _clean: list[Floats] = field(default_factory=list)
     _all: list[Floats] = field(default_factory=list)
+    _leaps: list[Floats] = field(default_factory=list)
+    _looked_for: int = 0
 
     def observe(self, now: Floats, later: Floats) -> None:
         """Take in the regions of two pictures, `MOMENT_S` apart.
@@ -116,6 +123,8 @@ class Sightings:
         if not len(found):
             return
         overlap = ious(found[:, :4], later[:, :4])
+        self._leaps.append(_found_again(found[overlap.max(axis=1) < SAME], later))
+        self._looked_for += len(found)
         same = later[overlap.argmax(axis=1)]
         factor = np.abs(np.log(same[:, 2:5] / found[:, 2:5]))
         steady = (overlap.max(axis=1) >= SAME) & (
@@ -164,6 +173,22 @@ class Sightings:
             return None
         rows = np.concatenate(self._clean)[-MOST:]
         self._clean = [rows]
+        return self._of(self._with_leaps(rows), specks, upright)
+
+    def _with_leaps(self, rows: Floats) -> Floats:
+        """Clean sightings, and those of what moved by more than itself where these are more, and
+        enough of what was looked for.
+        """
+        leaps = np.concatenate(self._leaps)[-MOST:]
+        self._leaps = [leaps]
+        known = np.concatenate([rows, leaps])
+        enough = FOUND_AGAIN * len(known) >= min(self._looked_for, MOST)
+        return known if enough and len(leaps) > len(rows) else rows
+
+    def _of(
+        self, rows: Floats, specks: bool, upright: SizeModel | None
+    ) -> UsualSize | None:
+        """The usual size of clean sightings (N, 6)."""
         if not specks:
             rows = rows[rows[:, 4] >= SPECK * self._common(rows[:, 1] + rows[:, 3])]
         if upright is not None:
@@ -201,6 +226,28 @@ class Sightings:
         off = (rows[:, 1] + rows[:, 3] - places[:, None]) / (NEARBY * self.height)
         near: Floats = 1.0 / (1.0 + np.abs(off) ** 3)
         return near
+
+
+def _found_again(found: Floats, later: Floats) -> Floats:
+    """Those regions (N, 5) that have their like nearby in the later picture, (M, 5), each one of
+    theirs: (K, 6) with weight 1.
+    """
+    size = np.sqrt(found[:, 2] * found[:, 3])
+    far = np.hypot(
+        *(
+            found[:, None, k]
+            + found[:, None, k + 2] / 2
+            - later[:, k]
+            - later[:, k + 2] / 2
+            for k in (0, 1)
+        )
+    )
+    off = np.abs(found[:, None, 2:4] - later[:, 2:4])
+    like = (off <= np.maximum(GRAIN, STEADY * found[:, None, 2:4])).all(axis=-1)
+    like &= far <= LEAP * size[:, None]
+    # One has one like, and is it to no other.
+    kept = (like.sum(axis=1) == 1) & (like[:, like.sum(axis=0) == 1].sum(axis=1) == 1)
+    return np.column_stack([found[kept], np.ones(int(kept.sum()))])
 
 
 def _sizes(rows: Floats, weights: Floats) -> Floats:

@@ -112,3 +112,32 @@ def test_of_few_samples_nothing_recurs() -> None:
     found, changed = recurring([picture] * (FEWEST - 1), picture)
     assert found is picture
     assert not changed.any()
+
+
+def test_small_ones_that_move_by_more_than_themselves_teach_their_size() -> None:
+    sightings = Sightings(1920, 1080)
+    for k in range(12):
+        now = np.array([(100 + 40 * k, 300, 9, 28, 160), (1500 - 30 * k, 420, 10, 27, 171)])
+        sightings.observe(now.astype(np.float64), now + np.array([14, 0, 1, -1, 5.0]))
+    usual = sightings.learn()
+    assert usual is not None
+    width, height, _ = usual.at(np.array(328.0))
+    assert (9, 27) <= (float(width), float(height)) <= (10, 28)
+
+
+def test_specks_of_noise_teach_no_size() -> None:
+    rng, sightings = np.random.default_rng(3), Sightings(640, 480)
+    for _ in range(60):
+        now, later = (
+            np.column_stack(
+                [
+                    rng.uniform(5, 600, 40),
+                    rng.uniform(5, 450, 40),
+                    *rng.integers(2, 6, (2, 40)),
+                    rng.integers(4, 20, 40),
+                ]
+            )
+            for _ in range(2)
+        )
+        sightings.observe(now, later)
+    assert sightings.learn() is None
