@@ -26,8 +26,8 @@ class Names:
     >>> split = Correction(2, "split", [3, 7], "Jo", "no, another", frame=87)
     >>> Names([merge]).at(7, 90).name, Names([merge]).at(7, 80).name
     (3, 7)
-    >>> Names([merge, split]).changed
-    {3: [Stretch(first=0, name=3, label=''), Stretch(first=87, name=7, label='')]}
+    >>> [(s.first, s.name) for s in Names([merge, split]).changed[3]]
+    [(0, 3), (87, 7)]
     """
 
     def __init__(self, rows: Iterable[Correction] = ()) -> None:

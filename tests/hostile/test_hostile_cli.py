@@ -478,7 +478,7 @@ def test_record_of_a_picture_that_claims_30000_x_30000(folder: Path, fails: Fail
             "a box without width or height, at det.txt:1",
         ),
         ("1,-1,500,5,20,50,1", "det.txt:1: detections beyond the picture: "),
-        ("one,-1,5,5,20,50,1", "det.txt:1: "),
+        ("one,-1,5,5,20,50,1", "(frame 'one' is not a number), at det.txt:1"),
         ("1,-1,5", "det.txt:1: "),
         ("", "det.txt: "),
     ],
