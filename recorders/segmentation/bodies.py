@@ -84,9 +84,9 @@ class FoundBodies:
             )
         if self.model is not None and not self._holds(self.model):
             self.model = None
-        if self.model is not None and self.usual is not None:
-            learnt = self._sightings.learn(specks=self.beside_boxes, upright=self.model)
-            self.usual = learnt or self.usual
+        # Beside a detector's boxes the pieces are wanted as they are: the boxes tell whole bodies.
+        if self.model is not None and self.usual is not None and not self.beside_boxes:
+            self.usual = self._sightings.learn(upright=self.model) or self.usual
         self._explainer = (
             None if self.model is None else Explainer(self.model, self._width, self._height)
         )
@@ -171,7 +171,7 @@ class FoundBodies:
         if self.usual is None:
             return components(mask, min_area, before)
         upright = self.model is not None or self.beside_boxes
-        weak = None if self.guessed else weak
+        weak = None if self.guessed or self.beside_boxes else weak
         return bodies_of(mask, self.usual, before, upright, weak)
 
     def measured_in(self, found: Foreground, min_area: float) -> list[Blob]:

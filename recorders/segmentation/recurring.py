@@ -26,8 +26,8 @@ MOST_IN_DOUBT = 0.3
 """Where more of the picture than this is in doubt, it is not bodies that change it."""
 WEAK_MARGIN = -0.1
 """Beside such pixels it gives way to one that recurs nearly as well: all visitors' hair is dark."""
-MOSTLY = 0.5
-"""It is so in a region of which this share are such pixels: a person who stands there covers it.
+ENOUGH = 0.1
+"""It is so in a region of which at least this share are such pixels: who stands there covers it.
 Where animals come and go a few of them are scattered over a region that is none.
 """
 CANDIDATES, SEGMENTS = 12, 12
@@ -106,10 +106,10 @@ def shifted(picture: Image, shift: int) -> Image:
 
 
 def _beside(weak: Image, strong: Image) -> Bools:
-    """The regions of ``weak`` pixels of which `MOSTLY` are ``strong``, (H, W)."""
+    """The regions of ``weak`` pixels of which `ENOUGH` are ``strong``, (H, W)."""
     count, labels = cv2.connectedComponents(weak, connectivity=8)
     of_strong = np.bincount(labels[strong > 0], minlength=count)
-    held = of_strong >= MOSTLY * np.bincount(labels.ravel(), minlength=count)
+    held = of_strong >= ENOUGH * np.bincount(labels.ravel(), minlength=count)
     held[0] = False
     there: Bools = held[labels]
     return there
