@@ -205,8 +205,12 @@ def _alone(store: Store) -> Iterator[None]:
                 f"{store.uri}: another batch is at it; `scenetrace batch --status {store.uri}`"
                 " shows how far"
             ) from error
+        # Workers of a driver that was killed may be taking away the same at this moment.
         for left in place.iterdir():
-            shutil.rmtree(left) if left.is_dir() else left.unlink()
+            if left.is_dir():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                left.unlink(missing_ok=True)
         try:
             yield
         finally:

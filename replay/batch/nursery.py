@@ -194,7 +194,9 @@ def _asked() -> Iterator[Job]:
 
 def _clear(folder: Path, pattern: str = "*") -> None:
     for left in folder.glob(pattern):
-        shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink()
+        shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink(
+            missing_ok=True
+        )
 
 
 def _forked(job: Job) -> Outcome | None:
