@@ -359,7 +359,7 @@ def load(made: dict[str, History]) -> duckdb.DuckDBPyConnection:
                 con,
                 "relations",
                 [
-                    (name, *p, state.upper(), s, e, s / FPS, e / FPS, *SURE)
+                    (name, *p, state.upper(), s, e, s / FPS, e / FPS, *SURE, 0.0)
                     for p, s, e in history[state]
                 ],
             )
