@@ -33,7 +33,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reasoning.encounters.ground import ground_of
+from reasoning.encounters.ground import GroundSlope, ground_of
 from reasoning.encounters.pair import (
     Floats,
     History,
@@ -107,7 +107,7 @@ def find_encounters(
     *,
     joint: Mapping[tuple[int, int], Sequence[Span]] | None = None,
     live: bool = False,
-    width: float | None = None,
+    ground: GroundSlope | None = None,
 ) -> list[Encounter]:
     """All encounters of a recording, by start frame, then a, then b.
 
@@ -116,11 +116,11 @@ def find_encounters(
         parameters: thresholds.
         joint: closed frame intervals in which a pair (a < b) was JOINT, for the contact phases.
         live: use only the past at each moment, and do not back-date the onset.
-        width: the picture's, pixels; None: as far as the boxes reach.
+        ground: of the recording; None: as the targets' boxes tell.
     """
     p = parameters or EncounterParameters()
     found: list[Encounter] = []
-    stretch = None if live else ground_of(histories, width).stretch
+    stretch = None if live else (ground or ground_of(histories)).stretch
     for a, b in side_by_side(histories):
         stretches = pairs(histories[a], histories[b], p.window_s, p.gap_s, live, stretch)
         touching = (joint or {}).get((a, b), ())

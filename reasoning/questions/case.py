@@ -641,7 +641,7 @@ def _cache() -> Path:
 
 
 def _quoted(path: Path) -> str:
-    return "'" + str(path).replace("'", "''") + "'"
+    return literal(str(path))
 
 
 def _first_line(error: Exception) -> str:

@@ -29,6 +29,7 @@ from msgspec import Struct
 from reasoning.encounters import EncounterParameters
 from reasoning.questions.duckdb_tables import insert, reason
 from reasoning.questions.ingest import RecordingFacts, read_recordings
+from reasoning.questions.literals import literal
 from reasoning.questions.schema import TABLES, create_statements
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
@@ -64,6 +65,14 @@ class Snapshot(Struct, frozen=True):
     number: int = 0
     whole: dict[str, list[str]] = {}
     replaced: list[str] = []
+
+    def inside(self) -> set[str]:
+        """The places of the recordings' own files that compacted ones stand for."""
+        return {
+            f"{place.rpartition('/')[0]}/{digest}"
+            for place, digests in self.whole.items()
+            for digest in digests
+        }
 
 
 @dataclass(frozen=True, order=True)
@@ -209,7 +218,7 @@ def write_tables(
                 out.parent.mkdir(parents=True, exist_ok=True)
                 con.execute(
                     f"COPY (SELECT * FROM {table} WHERE recording = $name)"
-                    f" TO {quoted(str(out))} (FORMAT parquet, COMPRESSION zstd)",
+                    f" TO {literal(str(out))} (FORMAT parquet, COMPRESSION zstd)",
                     {"name": facts.recording},
                 )
             pieces.append((piece, facts))
@@ -283,11 +292,7 @@ def pieces(
     """
     chosen = choice or Choice()
     held = held or snapshot(store)
-    inside = {
-        f"{place.rpartition('/')[0]}/{digest}"
-        for place, digests in held.whole.items()
-        for digest in digests
-    }
+    inside = held.inside()
     found = []
     for key in store.keys(_prefix(chosen)):
         piece = piece_of(key)
@@ -365,8 +370,3 @@ def _fetch(store: Store, root: Path, key: str) -> None:
         part.replace(out)
     finally:
         part.unlink(missing_ok=True)
-
-
-def quoted(path: str) -> str:
-    """A path as a string of SQL."""
-    return "'" + path.replace("'", "''") + "'"

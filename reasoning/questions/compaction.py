@@ -20,11 +20,11 @@ from reasoning.questions.catalogue import (
     local_tables,
     piece_of,
     pieces,
-    quoted,
     snapshot,
     tables_in_order,
 )
 from reasoning.questions.duckdb_tables import reason
+from reasoning.questions.literals import literal
 from reasoning.questions.schema import TABLES
 from recorders.errors import SceneTraceError
 from recorders.stores import Store
@@ -103,11 +103,11 @@ def _merge(store: Store, some: Sequence[Piece], made: Piece) -> None:
         con = duckdb.connect(":memory:", config={"threads": "1"})
         try:
             for table in tables_in_order():
-                files = ", ".join(quoted(str(local / p.key(table))) for p in some)
+                files = ", ".join(literal(str(local / p.key(table))) for p in some)
                 out = Path(folder) / f"{table}.parquet"
                 con.execute(
                     f"COPY (SELECT * FROM read_parquet([{files}], hive_partitioning = false))"
-                    f" TO {quoted(str(out))} (FORMAT parquet, COMPRESSION zstd)"
+                    f" TO {literal(str(out))} (FORMAT parquet, COMPRESSION zstd)"
                 )
                 store.put(out, made.key(table))
         except duckdb.Error as error:

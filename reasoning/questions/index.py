@@ -29,6 +29,7 @@ from reasoning.questions.case import (
 )
 from reasoning.questions.duckdb_tables import insert, reason
 from reasoning.questions.ingest import RecordingFacts, file_digest, read_recordings
+from reasoning.questions.literals import literal
 from reasoning.questions.schema import TABLES, create_statements
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
@@ -277,9 +278,9 @@ class _Parquet(_Target):
         beside = self._folder / f".{name}"
         beside.mkdir()
         for table in TABLES:
-            file = str(beside / f"{table}.parquet").replace("'", "''")
+            file = literal(str(beside / f"{table}.parquet"))
             try:
-                self._con.execute(f"COPY {table} TO '{file}' (FORMAT parquet)")
+                self._con.execute(f"COPY {table} TO {file} (FORMAT parquet)")
                 self._con.execute(f"TRUNCATE {table}")
             except duckdb.Error as error:
                 shutil.rmtree(beside, ignore_errors=True)

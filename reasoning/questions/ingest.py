@@ -505,9 +505,10 @@ class _Camera:
             self._add("encounter_parameters", (name, value))
         histories = {track: self._boxes[track].history() for track in sorted(self._boxes)}
         width = float(self._facts.width) or None
-        self._add_relations(histories, ground_of(histories, width))
+        ground = ground_of(histories, width)
+        self._add_relations(histories, ground)
         for encounter in find_encounters(
-            histories, self._parameters, joint=self._joint, width=width
+            histories, self._parameters, joint=self._joint, ground=ground
         ):
             self._add_encounter(encounter)
         self._add_targets()

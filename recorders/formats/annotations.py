@@ -16,6 +16,7 @@ from recorders.formats.readers import read_json
 from recorders.formats.run_lengths import box_of_runs
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.names import by_number
+from recorders.upright import box_around
 
 
 class Coco(Document):
@@ -109,7 +110,7 @@ def _box_of(annotation: dict[str, Any]) -> tuple[float, float, float, float]:
         return box_of_runs(polygons)
     xs = [number(value, "segmentation") for polygon in polygons for value in polygon[::2]]
     ys = [number(value, "segmentation") for polygon in polygons for value in polygon[1::2]]
-    return min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys)
+    return box_around(xs, ys)
 
 
 def _listed(document: Any, name: str, path: Path) -> list[Any]:

@@ -12,6 +12,7 @@ from recorders.files import open_to_read
 from recorders.formats.boxes import NOBODY, BoxRow
 from recorders.formats.file_names import FrameNames
 from recorders.formats.readers import Bad, checked
+from recorders.upright import extent_of_box, extent_of_ellipse
 
 _DEEPEST = 32
 _ONLY_LATER = ("image", "track")
@@ -152,12 +153,6 @@ def _corners(shape: Any) -> tuple[float, float, float, float]:
         xs, ys = [float(p[0]) for p in points], [float(p[1]) for p in points]
         return min(xs), min(ys), max(xs), max(ys)
     turn = math.radians(float(shape.get("rotation") or 0))
-    if not turn:
-        return x - half[0], y - half[1], x + half[0], y + half[1]
-    cos, sin = abs(math.cos(turn)), abs(math.sin(turn))
-    if shape.tag == "ellipse":
-        across = math.hypot(half[0] * cos, half[1] * sin)
-        down = math.hypot(half[0] * sin, half[1] * cos)
-    else:
-        across, down = half[0] * cos + half[1] * sin, half[0] * sin + half[1] * cos
+    extent = extent_of_ellipse if shape.tag == "ellipse" else extent_of_box
+    across, down = extent(*half, turn) if turn else half
     return x - across, y - down, x + across, y + down

@@ -18,6 +18,7 @@ from recorders.formats.file_names import FrameNames
 from recorders.formats.readers import Bad, checked, read_json
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.names import by_number
+from recorders.upright import box_around
 
 _LARGEST_FILE = 1 << 24
 _SUFFIXES = (".txt", ".json", ".xml")
@@ -167,7 +168,7 @@ class BoxFolder:
             xs = [number(p[0], "point") for p in shape["points"]]
             ys = [number(p[1], "point") for p in shape["points"]]
             if shape.get("shape_type", "rectangle") in ("rectangle", "polygon") and xs:
-                box = (min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys))
+                box = box_around(xs, ys)
                 yield box, 1.0, str(shape.get("label", ""))
             else:
                 bad(f"a shape without a box ({shape['shape_type']})", path.name)
@@ -201,9 +202,8 @@ def _yolo_box(values: list[float]) -> tuple[tuple[float, float, float, float], f
     body = len(rest) % 3 == 0 and all(value in (0, 1, 2) for value in seen)
     if len(values) % 2 or body:
         return box, 1.0
-    xs, ys = values[::2], values[1::2]
-    across, down = max(xs) - min(xs), max(ys) - min(ys)
-    return (min(xs) + across / 2, min(ys) + down / 2, across, down), 1.0
+    left, top, across, down = box_around(values[::2], values[1::2])
+    return (left + across / 2, top + down / 2, across, down), 1.0
 
 
 def box_files(folder: Path, any_name: bool = False) -> list[Path]:

@@ -12,6 +12,7 @@ from recorders.formats.boxes import NOBODY, BoxRow
 from recorders.formats.columns import number
 from recorders.formats.document import Document
 from recorders.formats.file_names import FrameNames
+from recorders.upright import box_around, extent_of_ellipse
 
 _LISTS = ("annotations", "completions")
 _BOXED = (
@@ -183,14 +184,12 @@ def _ellipse(
     """Two corners around an ellipse of percents, turned around its centre."""
     width, height = size
     x, y, a, b = x * width / 100, y * height / 100, a * width / 100, b * height / 100
-    cos, sin = math.cos(math.radians(turn)), math.sin(math.radians(turn))
-    across, down = math.hypot(a * cos, b * sin), math.hypot(a * sin, b * cos)
+    across, down = extent_of_ellipse(a, b, math.radians(turn))
     return [(x - across, y - down), (x + across, y + down)]
 
 
 def _box(corners: Corners) -> tuple[float, float, float, float]:
-    xs, ys = [x for x, _ in corners], [y for _, y in corners]
-    return min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys)
+    return box_around([x for x, _ in corners], [y for _, y in corners])
 
 
 def _between(sequence: list[Any], count: Any) -> Iterator[tuple[int, tuple[float, ...]]]:

@@ -10,6 +10,7 @@ from recorders.log.model import ChannelInfo
 from recorders.message_checks import LARGEST
 from recorders.messages import Box
 from recorders.payloads.read import PayloadError, fields, member, payload_kind, stamp_ns
+from recorders.upright import extent_of_box
 
 DETECTIONS = frozenset(
     {
@@ -135,8 +136,7 @@ def _upright(w: float, h: float, theta: Any) -> tuple[float, float]:
     """Width and height of the box around a box that is turned."""
     if not _is_number(theta) or theta == 0:
         return w, h
-    cos, sin = abs(math.cos(theta)), abs(math.sin(theta))
-    return w * cos + h * sin, w * sin + h * cos
+    return extent_of_box(w, h, theta)
 
 
 def _best(results: Any) -> tuple[float, str]:

@@ -19,6 +19,7 @@ from recorders.errors import SceneTraceError, UsageError
 from recorders.stores import FolderStore, Store, StoreError, open_store
 from replay.batch.engines import JobEngine
 from replay.batch.jobs import Job, Outcome, Status, stamp_of
+from replay.batch.scratch import clear
 
 
 @dataclass(frozen=True)
@@ -206,11 +207,7 @@ def _alone(store: Store) -> Iterator[None]:
                 " shows how far"
             ) from error
         # Workers of a driver that was killed may be taking away the same at this moment.
-        for left in place.iterdir():
-            if left.is_dir():
-                shutil.rmtree(left, ignore_errors=True)
-            else:
-                left.unlink(missing_ok=True)
+        clear(place)
         try:
             yield
         finally:

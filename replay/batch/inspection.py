@@ -86,11 +86,7 @@ def faults(store: Store) -> Iterator[Fault]:
     """
     _check_begun(store)
     held = catalogue.snapshot(store)
-    replaced = {
-        f"{place.rpartition('/')[0]}/{digest}"
-        for place, digests in held.whole.items()
-        for digest in digests
-    }
+    replaced = held.inside()
     for status in statuses(store):
         if status.state != "done":
             continue

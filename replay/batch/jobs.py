@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import socket
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
@@ -162,13 +161,6 @@ def stamp_of(source: str) -> str:
         return ""
     text = "".join(f"{name} {f.st_size} {f.st_mtime_ns}\n" for name, f in facts)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
-
-
-def work_of(process: int) -> str:
-    """How the folders begin in which a process works; processes of other machines may share their
-    place.
-    """
-    return f"job-{socket.gethostname()}-{process}-"
 
 
 def split_uri(source: str) -> tuple[str, str]:

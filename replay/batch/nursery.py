@@ -13,7 +13,6 @@ import importlib
 import os
 import resource
 import select
-import shutil
 import signal
 import subprocess
 import sys
@@ -27,7 +26,8 @@ import msgspec
 
 from recorders.closing import Closing
 from recorders.stores import FolderStore, StoreError, is_uri, load_package
-from replay.batch.jobs import Job, Outcome, Status, digest_of, stamp_of, work_of
+from replay.batch.jobs import Job, Outcome, Status, digest_of, stamp_of
+from replay.batch.scratch import clear, work_of
 
 COMMAND = "replay.cli:main"
 """What runs ``record`` and ``replay``: module and function, loaded in the nursery."""
@@ -163,7 +163,7 @@ def serve() -> None:
             if outcome is None:
                 return
             os.write(out, msgspec.json.encode(outcome) + b"\n")
-            _clear(Path(scratch))
+            clear(Path(scratch))
 
 
 @contextmanager
@@ -190,13 +190,6 @@ def _asked() -> Iterator[Job]:
             buffer += read
         line, _, buffer = buffer.partition(b"\n")
         yield msgspec.json.decode(line, type=Job)
-
-
-def _clear(folder: Path, pattern: str = "*") -> None:
-    for left in folder.glob(pattern):
-        shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink(
-            missing_ok=True
-        )
 
 
 def _forked(job: Job) -> Outcome | None:
@@ -233,7 +226,7 @@ def _forked(job: Job) -> Outcome | None:
                     kill(child, signal.SIGKILL)
         _, waited = os.waitpid(child, 0)
         if not is_uri(job.case):
-            _clear(FolderStore(Path(job.case)).parts, f"{work_of(child)}*")
+            clear(FolderStore(Path(job.case)).parts, f"{work_of(child)}*")
     if said[-1:] == b"\n":
         return msgspec.json.decode(said, type=Outcome)
     code = os.waitstatus_to_exitcode(waited)

@@ -38,8 +38,8 @@ from replay.batch.jobs import (
     source_digest,
     split_uri,
     stamp_of,
-    work_of,
 )
+from replay.batch.scratch import work_of
 
 Command = Callable[[Sequence[str]], int]
 _DONE, _LEFT_OUT = 0, 3

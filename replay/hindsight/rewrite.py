@@ -25,7 +25,7 @@ from recorders.parameters import Config
 from recorders.scene import SceneInfo
 from replay.hindsight.doubles import Within
 from replay.hindsight.exchanges import Exchange, exchanges_of, undone
-from replay.hindsight.fragments import gather
+from replay.hindsight.fragments import Fragment, gather
 from replay.hindsight.joining import join
 from replay.hindsight.left import BesideWhom
 from replay.hindsight.lives import TrackLife, lives_of
@@ -84,13 +84,14 @@ def rewrite(
     p = config["hindsight"]
     assert isinstance(p, HindsightParameters)
     exchanges: list[Exchange] = []
-    within, beside = Within(), BesideWhom(scene.frame_ns * 1e-9)
-    stream = _noting(targets(), exchanges)
-    fragments = gather(beside.watch(within.watch(stream)), times)
-    if exchanges:
+
+    def read(stream: Iterable[Targets]) -> tuple[dict[int, Fragment], Within, BesideWhom]:
         within, beside = Within(), BesideWhom(scene.frame_ns * 1e-9)
-        stream = undone(targets(), exchanges)
-        fragments = gather(beside.watch(within.watch(stream)), times)
+        return gather(beside.watch(within.watch(stream)), times), within, beside
+
+    fragments, within, beside = read(_noting(targets(), exchanges))
+    if exchanges:
+        fragments, within, beside = read(undone(targets(), exchanges))
     joins = join(fragments, p, apart)
     lives, reasons = lives_of(fragments, joins, within, beside, p, scene, times)
     del fragments  # and with them those of dropped paths

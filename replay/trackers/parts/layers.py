@@ -267,13 +267,14 @@ class Association:
             first = near[int(np.argmax(value[t, near]))]
             box = boxes[best[t, first]]
             away = np.abs(boxes[best[t, near], :2] - box[:2]).max(axis=1)
-            near = near[away <= self._p.nearby * box[3]]
+            close = away <= self._p.nearby * box[3]
+            near, away = near[close], away[close]
             if len(near) < 2:
                 continue
             refined = self._refine(
                 int(rows[t]),
                 box,
-                float(away[away <= self._p.nearby * box[3]].max()) + 0.1 * float(box[3]),
+                float(away.max()) + 0.1 * float(box[3]),
             )
             if refined is None:
                 continue
