@@ -24,9 +24,12 @@ def nearest(
     Returns:
         None where both are there in none of the frames.
     """
-    _, i, j = np.intersect1d(a.frames, b.frames, assume_unique=True, return_indices=True)
-    here = (a.frames[i] >= first) & (a.frames[i] <= last)
-    one, two = a.boxes[i[here]], b.boxes[j[here]]
+    mine = slice(*np.searchsorted(a.frames, (first, last + 1)))
+    others = slice(*np.searchsorted(b.frames, (first, last + 1)))
+    _, i, j = np.intersect1d(
+        a.frames[mine], b.frames[others], assume_unique=True, return_indices=True
+    )
+    one, two = a.boxes[mine][i], b.boxes[others][j]
     if not len(one):
         return None
     size = (np.hypot(one[:, 2], one[:, 3]) + np.hypot(two[:, 2], two[:, 3])) / 2
