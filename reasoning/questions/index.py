@@ -9,6 +9,7 @@ the rest.
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -33,6 +34,7 @@ from reasoning.questions.literals import literal
 from reasoning.questions.schema import TABLES, create_statements
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.log.output import lock_folder, take_name
 
 PART_RECORDINGS = 32
 Told = Callable[[str, int], None]
@@ -72,15 +74,9 @@ def build_index(
     Raises:
         RecordingError, SceneTraceError: a log or the index cannot be read or written.
     """
-    was_there = out.exists()
-    try:
-        target: _DuckDB | _Parquet = (
-            _DuckDB(out) if out.suffix in (".duckdb", ".db") else _Parquet(out)
-        )
-    except BaseException:
-        if not was_there:
-            _remove(out)
-        raise
+    target: _DuckDB | _Parquet = (
+        _DuckDB(out) if out.suffix in (".duckdb", ".db") else _Parquet(out)
+    )
     added: list[RecordingFacts] = []
     known: list[Path] = []
     failed: list[tuple[Path, str]] = []
@@ -103,17 +99,7 @@ def build_index(
         target.finish()
     finally:
         target.close()
-        if not was_there and target.is_empty():
-            _remove(out)  # nothing went in: leave nothing that looks like an index
     return IndexSummary(added, known, failed)
-
-
-def _remove(out: Path) -> None:
-    if out.is_dir():
-        shutil.rmtree(out)
-        return
-    for path in (out, out.with_name(f"{out.name}.wal")):
-        path.unlink(missing_ok=True)
 
 
 class _Target:
@@ -162,31 +148,25 @@ class _Target:
 
 
 class _DuckDB(_Target):
-    """One database file; one transaction per log."""
+    """One database file; one transaction per log.
+
+    A new one gets its tables beside and then its name, unless another process was faster: the
+    name never stands for anything but a whole index, which DuckDB's lock keeps to one writer.
+    """
 
     def __init__(self, path: Path) -> None:
-        if path.exists() and not path.stat().st_size:
-            path.unlink()  # interrupted before its first byte
-        if path.exists() and kind_of(path) != "index":
+        self._made = _make_database(path)
+        if kind_of(path) != "index":
             raise RecordingError("exists and is no index", path)
         try:
-            self._con = duckdb.connect(
-                str(path), config={**locked_down(QueryLimits()), "temp_directory": ""}
-            )
+            self._con = _connect(path)
             tables = {
                 r[0]
                 for r in self._con.execute(
                     "SELECT table_name FROM duckdb_tables()"
                 ).fetchall()
             }
-            if not tables:
-                self._con.execute(
-                    "BEGIN TRANSACTION"
-                )  # all of them or none, whenever it is interrupted
-                for statement in create_statements():
-                    self._con.execute(statement)
-                self._con.execute("COMMIT")
-            elif not set(TABLES) <= tables:
+            if not set(TABLES) <= tables:
                 self._con.close()
                 raise RecordingError("a database, but no index of scenetrace", path)
             rows = self._con.execute("SELECT digest, recording FROM recordings").fetchall()
@@ -207,16 +187,51 @@ class _DuckDB(_Target):
                 f"cannot be written: {reason(error)}", self._path
             ) from error
 
-    def is_empty(self) -> bool:
-        """Whether no recording is in it."""
-        return not self.digests
-
     def close(self) -> None:
+        """Let go of it; one that was made here and got nothing goes, while nobody else has it."""
+        if self._made and not self.digests:
+            for path in (self._path, self._path.with_name(f"{self._path.name}.wal")):
+                path.unlink(missing_ok=True)
         self._con.close()
 
 
+def _connect(path: Path) -> duckdb.DuckDBPyConnection:
+    return duckdb.connect(
+        str(path), config={**locked_down(QueryLimits()), "temp_directory": ""}
+    )
+
+
+def _make_database(path: Path) -> bool:
+    """Make an index without recordings where nothing is, or an empty file; whether it was
+    made.
+    """
+    is_empty = path.is_file() and not path.stat().st_size
+    if path.exists() and not is_empty:
+        return False
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with _connect(beside) as con:
+            for statement in create_statements():
+                con.execute(statement)
+        if is_empty:
+            beside.replace(path)
+        else:
+            take_name(beside, path)
+    except FileExistsError:
+        return False  # another process was faster
+    except (duckdb.Error, OSError) as error:
+        why = reason(error) if isinstance(error, duckdb.Error) else error.strerror
+        raise RecordingError(f"cannot be opened for writing: {why}", path) from error
+    finally:
+        for left in (beside, beside.with_name(f"{beside.name}.wal")):
+            left.unlink(missing_ok=True)
+    return True
+
+
 class _Parquet(_Target):
-    """A folder of parts, each a folder with one Parquet file per table."""
+    """A folder of parts, each a folder with one Parquet file per table; locked while it is added
+    to.
+    """
 
     def __init__(self, folder: Path) -> None:
         if folder.exists() and not folder.is_dir():
@@ -237,7 +252,16 @@ class _Parquet(_Target):
                 f"{folder}: holds {strangers[0]!r}, which is no part of an index; give an"
                 " own folder"
             )
+        self._made = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
+        self._lock = lock_folder(folder)
+        try:
+            self._open(folder)
+        except BaseException:
+            self._let_go()
+            raise
+
+    def _open(self, folder: Path) -> None:
         for leftover in folder.glob(f".{PART_PREFIX}*"):
             shutil.rmtree(leftover)
         self._folder = folder
@@ -295,9 +319,13 @@ class _Parquet(_Target):
         if self._waiting:
             self._write()
 
-    def is_empty(self) -> bool:
-        """Whether no part is written."""
-        return not parquet_parts(self._folder)
-
     def close(self) -> None:
+        """Let go of it; one that was made here and got nothing goes."""
+        if self._made and not parquet_parts(self._folder):
+            shutil.rmtree(self._folder)
         self._con.close()
+        self._let_go()
+
+    def _let_go(self) -> None:
+        if self._lock is not None:
+            os.close(self._lock)

@@ -65,16 +65,9 @@ class PartFile:
             raise self._occupied() from error
         except OSError as error:
             raise self._failure(error) from error
-        if fcntl is not None:
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                os.close(descriptor)
-                raise RecordingError(
-                    "another process is writing it now", self.part
-                ) from error
-            except OSError:
-                pass  # a file system without locks
+        if not lock(descriptor):
+            os.close(descriptor)
+            raise RecordingError("another process is writing it now", self.part)
         os.ftruncate(descriptor, 0)
         return descriptor
 
@@ -134,17 +127,9 @@ class PartFile:
             self.part.replace(self.path)
             return
         try:
-            os.link(
-                self.part, self.path
-            )  # unlike a rename, this fails where the name exists
+            take_name(self.part, self.path)
         except FileExistsError as error:
             raise OutputExistsError(self.path) from error
-        except OSError:  # a file system without hard links
-            if _exists(self.path):
-                raise OutputExistsError(self.path) from None
-            self.part.replace(self.path)
-        else:
-            self.part.unlink()
 
     def _sync_folder(self) -> None:
         if not hasattr(os, "O_DIRECTORY"):
@@ -168,6 +153,57 @@ class PartFile:
         descriptor, self._descriptor = self._descriptor, None
         if descriptor is not None:
             os.close(descriptor)
+
+
+def take_name(part: Path, path: Path) -> None:
+    """Give ``part`` the name ``path``, unless something has it.
+
+    Raises:
+        FileExistsError: something has it.
+        OSError: it cannot be renamed.
+    """
+    try:
+        os.link(part, path)  # unlike a rename, this fails where the name exists
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links
+        if _exists(path):
+            raise FileExistsError(path) from None
+        part.replace(path)
+    else:
+        part.unlink()
+
+
+def lock_folder(folder: Path) -> int | None:
+    """Lock a folder for this process alone until the descriptor is closed.
+
+    Returns:
+        The descriptor; None where the system cannot open folders.
+
+    Raises:
+        RecordingError: another process has it.
+    """
+    if not hasattr(os, "O_DIRECTORY"):
+        return None
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    if not lock(descriptor):
+        os.close(descriptor)
+        raise RecordingError("another process adds to it now; try again later", folder)
+    return descriptor
+
+
+def lock(descriptor: int) -> bool:
+    """Lock an open file or folder for this process alone; false where another one has it. Where
+    the system or the file system knows no locks, true.
+    """
+    if fcntl is not None:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        except OSError:
+            pass
+    return True
 
 
 def _exists(path: Path) -> bool:

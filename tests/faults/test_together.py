@@ -7,10 +7,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
+from reasoning.questions import Case
+from reasoning.questions.index import build_index
 from recorders.log import LogReader, LogWriter
 from tests.faults.small import WORDS, annotated, boxes, run
 
@@ -35,16 +38,37 @@ def test_two_writers_of_one_output(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["det.txt", "out.mcap"]
 
 
-def test_two_writers_of_one_index_both_go_in(tmp_path: Path) -> None:
-    log, index = annotated(tmp_path), tmp_path / "case.duckdb"
-    both = [started("index", str(log), "-o", str(index)) for _ in range(2)]
-    said = [process.communicate()[1] for process in both]
-    codes = sorted(process.returncode for process in both)
-    # The second waits for nobody: it says who holds the file, or finds the recording there.
+@pytest.mark.parametrize("name", ["case.duckdb", "case"])
+@pytest.mark.parametrize("later_s", [0.0, 0.1, 0.2])
+def test_two_writers_of_one_index(tmp_path: Path, name: str, later_s: float) -> None:
+    log, index = annotated(tmp_path), tmp_path / name
+    first = started("index", str(log), "-o", str(index))
+    time.sleep(later_s)
+    second = started("index", str(log), "-o", str(index))
+    said = [process.communicate()[1] for process in (first, second)]
+    codes = sorted(process.returncode for process in (first, second))
+    # The second waits for nobody: it says who holds it, or finds the recording there.
     assert codes in ([0, 0], [0, 1]), said
     assert "Traceback" not in "".join(said)
-    code, _ = run("query", str(index), "SELECT count(*) FROM recordings", "--json")
-    assert code == 0
+    with Case([index]) as case:
+        assert len(list(case.sql("SELECT * FROM recordings").rows)) == 1
+    assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
+
+
+def test_who_cannot_open_an_index_leaves_it_to_whom_it_belongs(tmp_path: Path) -> None:
+    log, index = annotated(tmp_path), tmp_path / "case.duckdb"
+    asked: list[int] = []
+
+    def ask(stage: str, done: int) -> None:
+        other = started("index", str(log), "-o", str(index))
+        other.communicate()
+        asked.append(other.returncode)
+
+    done = build_index([log], index, progress=ask)
+    assert len(done.added) == 1
+    assert asked == [1]
+    with Case([index]) as case:
+        assert len(list(case.sql("SELECT * FROM recordings").rows)) == 1
 
 
 def test_a_log_that_is_deleted_while_it_is_read(tmp_path: Path) -> None:
