@@ -208,6 +208,8 @@ def _make_database(path: Path) -> bool:
     is_empty = path.is_file() and not path.stat().st_size
     if path.exists() and not is_empty:
         return False
+    if not path.parent.is_dir():
+        raise RecordingError(f"cannot be written: there is no folder {path.parent}", path)
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         with _connect(beside) as con:
