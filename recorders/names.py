@@ -5,7 +5,19 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+_MOST_DIGITS = 18
 _DIGITS = re.compile(r"(\d+)")
+
+
+def whole(text: str) -> int | None:
+    """The number of 1 to 18 digits that a text is, None for any other text: ``int`` takes signs,
+    blanks, ``_`` and other scripts, and raises on thousands of digits.
+
+    >>> whole("042"), whole("-1"), whole("\u00b2"), whole("9" * 5000)
+    (42, None, None, None)
+    """
+    digits = text.isascii() and text.isdigit() and len(text) <= _MOST_DIGITS
+    return int(text) if digits else None
 
 
 def by_number(name: str) -> tuple[list[tuple[int, str]], str]:

@@ -181,7 +181,7 @@ def _read_toml(file: str | Path) -> dict[str, Any]:
             return tomllib.load(f)
     except OSError as error:
         raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # whatever tomllib makes of it
         raise ConfigError(f"{file}: not TOML: {error}") from error
 
 

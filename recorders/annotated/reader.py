@@ -22,6 +22,7 @@ from recorders.errors import LimitError, RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
 from recorders.messages import Event, Graph, Group, Regions, Relation, Track, Withheld
+from recorders.names import whole
 from recorders.pictures import Image
 from recorders.scene import Frame, SceneLog
 from recorders.unreadable import Unreadable
@@ -167,8 +168,9 @@ class AnnotatedLog(Closing):
         """(width, height) of the picture, None if the log does not say (it was written with
         annotations alone).
         """
-        if self.facts.get("width", "").isdigit() and self.facts.get("height", "").isdigit():
-            return int(self.facts["width"]), int(self.facts["height"])
+        width, height = (whole(self.facts.get(name, "")) for name in ("width", "height"))
+        if width is not None and height is not None:
+            return width, height
         for name in ("detections", "regions"):
             for message in islice(
                 self._log.messages([channels.topic(self.camera, name)]), 1

@@ -142,7 +142,14 @@ def parse_names(text: str) -> list[str]:
             by_number = {index: str(v) for index, v in enumerate(found)}
         else:
             return []
-    except (ValueError, SyntaxError, MemoryError, RecursionError, TypeError):
+    except (
+        ValueError,
+        SyntaxError,
+        MemoryError,
+        RecursionError,
+        TypeError,
+        OverflowError,
+    ):
         return []
     if not by_number or min(by_number) < 0 or max(by_number) >= MOST_CLASSES:
         return []

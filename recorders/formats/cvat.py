@@ -12,6 +12,7 @@ from recorders.files import open_to_read
 from recorders.formats.boxes import NOBODY, BoxRow
 from recorders.formats.file_names import FrameNames
 from recorders.formats.readers import Bad, checked
+from recorders.names import whole
 from recorders.upright import extent_of_box, extent_of_ellipse
 
 _DEEPEST = 32
@@ -82,8 +83,9 @@ class Cvat:
 
     def _take_size(self, element: Any) -> None:
         width, height = element.findtext("width"), element.findtext("height")
-        if width and height and width.isdigit() and height.isdigit():
-            self.size = int(width), int(height)
+        size = whole(width or ""), whole(height or "")
+        if size[0] and size[1]:
+            self.size = size[0], size[1]
 
     def rows(self, bad: Bad) -> Iterator[BoxRow]:
         """See `recorders.formats.readers.RowReader`."""

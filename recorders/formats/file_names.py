@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterable, Mapping
 from pathlib import PurePosixPath
 
+from recorders.names import whole
+
 _RUN = re.compile(r"\d+")
 _EXPORT = re.compile(r"(_(jpe?g|png|bmp|webp))?\.rf\.[0-9A-Za-z]+$")
 """What Roboflow's exports put behind a name: ``walk_0012_jpg.rf.4f3a9c``."""
@@ -68,8 +70,8 @@ class FrameNames:
         if self._matched:
             self.first_frame = 1
             return
-        numbers = [int(found[self._run]) for found in runs if found]
-        self.first_frame = min([1, *numbers])
+        numbers = [whole(found[self._run]) for found in runs if found]
+        self.first_frame = min([1, *(number for number in numbers if number is not None)])
 
     def _picture(self, one: str) -> int | None:
         found = self._pictures.get(one)
@@ -91,6 +93,7 @@ class FrameNames:
                 raise ValueError(f"{name[:60]!r} is none of the pictures")
             return found
         digits = _RUN.findall(one)
-        if not digits:
+        number = whole(digits[self._run]) if digits else None
+        if number is None:
             raise ValueError(f"{name[:60]!r} holds no frame number")
-        return int(digits[self._run])
+        return number

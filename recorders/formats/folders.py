@@ -21,6 +21,7 @@ from recorders.names import by_number
 from recorders.upright import box_around
 
 _LARGEST_FILE = 1 << 24
+_NOT_SUCH = (ValueError, IndexError, KeyError, TypeError, AttributeError, OverflowError)
 _SUFFIXES = (".txt", ".json", ".xml")
 _YOLO = range(5, 8)
 _TRACKED = 7
@@ -113,7 +114,7 @@ class BoxFolder:
                         yield kept
             except SourceError as error:
                 bad(f"a file that cannot be read ({error.reason})", path.name)
-            except (ValueError, IndexError, KeyError, TypeError) as error:
+            except _NOT_SUCH as error:
                 bad(f"a file that is no {self.name} ({error})", path.name)
 
     def files(self) -> list[Path]:
@@ -129,7 +130,7 @@ class BoxFolder:
                 place = int(number(name, "class"))
                 values = [number(cell, "box") for cell in cells]
                 (x, y, across, down), score = _yolo_box(values)
-            except ValueError as error:
+            except (ValueError, OverflowError) as error:
                 bad(f"a row that is none ({error})", f"{path.name}:{line_number}")
                 continue
             if max(x, y, across, down) > 2:
@@ -162,8 +163,11 @@ class BoxFolder:
 
     def _labelme(self, path: Path, bad: Bad) -> Rows:
         document = read_json(path, self._limits)
-        if isinstance(document.get("imageWidth"), int):
-            self.size = document["imageWidth"], document["imageHeight"]
+        if not isinstance(document, dict):
+            raise SourceError("its JSON is no object", path)
+        size = document.get("imageWidth"), document.get("imageHeight")
+        if isinstance(size[0], int) and isinstance(size[1], int):
+            self.size = size[0], size[1]
         for shape in document["shapes"]:
             xs = [number(p[0], "point") for p in shape["points"]]
             ys = [number(p[1], "point") for p in shape["points"]]

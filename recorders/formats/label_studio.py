@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from recorders.errors import SourceError
+from recorders.errors import LimitError, SourceError
 from recorders.formats.boxes import NOBODY, BoxRow
 from recorders.formats.columns import number
 from recorders.formats.document import Document
@@ -77,7 +77,7 @@ class LabelStudio(Document):
             self._result(task, place, result)
         except KeyError as error:
             self._bad.append((f"a result without {error.args[0]}", where))
-        except (TypeError, ValueError, AttributeError) as error:
+        except (TypeError, ValueError, AttributeError, OverflowError) as error:
             self._bad.append((f"a result that is none ({error})", where))
 
     def _result(self, task: Any, place: int, result: Any) -> None:
@@ -90,6 +90,8 @@ class LabelStudio(Document):
         if "sequence" in value:
             size = self._size_of(result)
             for frame, box in _between(value["sequence"], value.get("framesCount")):
+                if len(self._found) >= _MOST_BOXES:
+                    raise LimitError(f"over {_MOST_BOXES} boxes in its videos", self.path)
                 row = BoxRow(frame, NOBODY, _box(_rectangle(box, 0.0, size)), score, label)
                 self._take(row, f"task {place + 1}, frame {frame}")
             return
@@ -138,6 +140,8 @@ class LabelStudio(Document):
         return self._picture
 
 
+_MOST_BOXES = 2_000_000
+"""Between key frames: a few words of a file claim any number of them."""
 _VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg")
 
 

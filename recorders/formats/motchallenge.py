@@ -19,6 +19,7 @@ from pathlib import Path
 from recorders.errors import LimitError, SourceError
 from recorders.files import open_to_read
 from recorders.formats.boxes import MAX_FRAMES, BoxRow, check_box
+from recorders.names import whole
 
 _COLUMNS = range(6, 11)
 _WITH_CLASS = 9
@@ -148,7 +149,7 @@ class MotReader:
 def _class_of(cells: list[str]) -> str:
     """The class of a row of nine columns, as MOT16 and later have them; empty where there is none."""
     cell = cells[7].strip() if len(cells) == _WITH_CLASS else ""
-    return cell if cell.isascii() and cell.isdigit() and int(cell) > 0 else ""
+    return cell if whole(cell) else ""
 
 
 def counts_from(path: Path) -> int:

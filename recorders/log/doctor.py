@@ -13,8 +13,9 @@ from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import records, wire
 from recorders.log.blocks import walk_records
 from recorders.log.layout import Definitions, Summary
+from recorders.log.mending import Mended
 from recorders.log.reader import read_attachment
-from recorders.log.salvage import Damage, Joint, read_ending, walk
+from recorders.log.salvage import Damage, Ending, Joint, read_ending, walk
 from recorders.log.storage import RawRecord, RecordFile
 from recorders.log.writer import LIBRARY
 
@@ -105,21 +106,11 @@ class _Examination:
             self.chunks = {entry.offset: entry for entry in ending.summary.chunks}
         ended = False
         for found in walk(self.file, start, ending):
-            if isinstance(found, Joint):
-                self._join(found)
+            raw = self._told(found, ended, ending)
+            if raw is None:
                 continue
-            if isinstance(found, Damage):
-                if ended and ending.problem is not None and found.end >= self.file.size:
-                    continue  # the rest of a damaged summary, which was told
-                self.damaged = True
-                self._error(
-                    found.offset,
-                    "data section",
-                    f"{found.end - found.offset} bytes: {found.reason}",
-                )
-                continue
-            ended = ended or found.opcode == wire.DATA_END
-            self._guarded(found)
+            ended = ended or raw.opcode == wire.DATA_END
+            self._guarded(raw)
         self._settle_index(None)
         if not ended:
             self._error(self.file.size, "DataEnd", "the data section has no DataEnd record")
@@ -136,6 +127,28 @@ class _Examination:
             and ending.footer.summary_start
         ):
             self._summary(ending.summary, ending.footer)
+
+    def _told(
+        self, found: RawRecord | Damage | Joint | Mended, ended: bool, ending: Ending
+    ) -> RawRecord | None:
+        """The record to look at, after what the walk says of it was told."""
+        if isinstance(found, RawRecord):
+            return found
+        if isinstance(found, Joint):
+            self._join(found)
+            return None
+        if isinstance(found, Mended):
+            self._error(found.raw.offset, "Chunk", found.reason)
+            return found.raw
+        # The rest of a damaged summary was told already.
+        if not (ended and ending.problem is not None and found.end >= self.file.size):
+            self.damaged = True
+            self._error(
+                found.offset,
+                "data section",
+                f"{found.end - found.offset} bytes: {found.reason}",
+            )
+        return None
 
     def _error(self, offset: int, record: str, text: str) -> None:
         self._add(Finding("error", offset, record, text))

@@ -13,6 +13,7 @@ from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import records, wire
 from recorders.log.blocks import walk_records
 from recorders.log.layout import Definitions
+from recorders.log.mending import Mended
 from recorders.log.model import Schema
 from recorders.log.reader import read_attachment
 from recorders.log.salvage import Damage, Ending, Joint, read_ending, walk
@@ -171,6 +172,9 @@ class _Recovery:
                 )
                 self._lose(found.offset, "data section", _plain_text(what))
                 continue
+            if isinstance(found, Mended):
+                self.report.notes.append(Loss(found.raw.offset, "Chunk", found.reason))
+                found = found.raw  # noqa: PLW2901
             try:
                 self._keep(found)
             except RecordingError as error:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from recorders.errors import RecordingError
 from recorders.log import records, wire
 from recorders.log.layout import Summary, read_footer, read_summary
+from recorders.log.mending import ChunkMender, Mended
 from recorders.log.storage import RawRecord, RecordFile
 
 _OVERLAP = 64
@@ -63,6 +64,12 @@ class Ending:
         """Whether a summary says where the data end."""
         return self.summary is not None and bool(self.footer and self.footer.summary_start)
 
+    def chunk_offsets(self) -> frozenset[int] | None:
+        """Where the summary places chunks; None where there is no whole summary."""
+        if self.summary is None or not self.is_known:
+            return None
+        return frozenset(entry.offset for entry in self.summary.chunks)
+
     def known_offsets(self) -> list[int]:
         """Where records stand, according to the summary."""
         if self.summary is None:
@@ -89,7 +96,7 @@ def read_ending(file: RecordFile) -> Ending:
 
 def walk(
     file: RecordFile, start: int, ending: Ending
-) -> Iterator[RawRecord | Damage | Joint]:
+) -> Iterator[RawRecord | Damage | Joint | Mended]:
     """The records of the data section from ``start`` to its DataEnd, and the damage between them.
 
     Where no whole summary says that the data end there, a DataEnd may be a damaged record of
@@ -98,8 +105,9 @@ def walk(
 
     After a place where no record can be made out, it goes on at the next record that the summary
     places, or else at the next bytes that look like a chunk, or, in a file without chunks, like a
-    chain of records.
+    chain of records. A chunk whose opcode or length alone is damaged is found by its head.
     """
+    mender = ChunkMender(file, ending.chunk_offsets())
     known = ending.known_offsets()
     position, limit, chunked = start, ending.data_limit, False
     while position < limit:
@@ -108,6 +116,11 @@ def walk(
             position += len(wire.MAGIC)
             if position < limit and _is_header(file, position, limit):
                 yield Joint(position - len(wire.MAGIC))
+            continue
+        mended = mender.mended(position, limit)
+        if mended is not None:
+            yield mended
+            position, chunked = mended.raw.end, True
             continue
         try:
             raw = file.record_at(position, limit)

@@ -129,7 +129,7 @@ def binary(value: Any) -> bytes:
     if isinstance(value, str):
         try:
             return base64.b64decode(value, validate=True)
-        except binascii.Error as error:
+        except (binascii.Error, ValueError) as error:
             raise PayloadError(f"its data is no base64: {error}") from error
     if isinstance(value, list):
         try:

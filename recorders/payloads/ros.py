@@ -15,6 +15,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from recorders.names import whole
+
 Value = Any
 Definitions = Mapping[str, "tuple[Field, ...]"]
 
@@ -101,7 +103,8 @@ def _fields(owner: str, text: str) -> tuple[Field, ...]:
         count = None
         if array is not None:
             inside = array[1:-1]
-            count = int(inside) if inside.isdigit() else -1
+            found_count = whole(inside)
+            count = -1 if found_count is None else found_count
         found.append(Field(match["name"], _kind(match["type"], owner), count))
         if len(found) > _MOST_FIELDS:
             raise DefinitionError(f"{owner} has over {_MOST_FIELDS} fields")

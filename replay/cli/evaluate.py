@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from recorders.errors import OutputExistsError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
+from recorders.names import whole
 from replay.cli.common import (
     Commands,
     add_camera,
@@ -134,12 +135,8 @@ def add(commands: Commands) -> None:
 def span(text: str) -> tuple[int, int | None]:
     """First and last frame (excluded) of ``100:200``, ``100:`` or ``:200``."""
     first, colon, last = text.partition(":")
-    if (
-        not colon
-        or not text.isascii()
-        or not all(x == "" or x.isdigit() for x in (first, last))
-    ):
-        raise argparse.ArgumentTypeError(f"{text!r}: must be FIRST:LAST, like 0:300")
+    if not colon or not all(end == "" or whole(end) is not None for end in (first, last)):
+        raise argparse.ArgumentTypeError(f"{text[:60]!r}: must be FIRST:LAST, like 0:300")
     return int(first or 0), int(last) if last else None
 
 

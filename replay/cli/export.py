@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from recorders.errors import UsageError
+from recorders.names import whole
 from replay.cli import common
 from replay.cli.drawing import add_ground, ground_of
 from replay.cli.exit_codes import Exit
@@ -110,9 +111,10 @@ def add(commands: common.Commands) -> None:
 
 def ids(text: str) -> frozenset[int]:
     """Track ids of ``3,7``."""
-    if not all(x.strip().isdigit() for x in text.split(",")):
-        raise argparse.ArgumentTypeError(f"{text!r}: must be track ids, like 3,7")
-    return frozenset(int(x) for x in text.split(","))
+    numbers = [whole(part.strip()) for part in text.split(",")]
+    if None in numbers:
+        raise argparse.ArgumentTypeError(f"{text[:60]!r}: must be track ids, like 3,7")
+    return frozenset(number for number in numbers if number is not None)
 
 
 def run(args: argparse.Namespace) -> int:

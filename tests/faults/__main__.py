@@ -3,6 +3,8 @@
 Kinds: flips, cuts, io, kills, fuzz, memory, length. Each is a row of the table on stdout, what it is made
 of on stderr. Short by default, as the tests run them; `--long`
 takes every byte, every call, 80 kills of each command and 10^5 inputs of each target (hours).
+`--kept FILE` keeps what was counted, so that a long run may be made in pieces: what has a seed
+adds up, other rows are replaced, and the table is of all that was kept.
 Exit code 1 where something was lost, silent or foreign.
 """
 
@@ -14,6 +16,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from tests.faults.damage import cuts, flips
@@ -22,7 +26,7 @@ from tests.faults.io_faults import COMMANDS, io_faults
 from tests.faults.kills import kills
 from tests.faults.length import length
 from tests.faults.memory import memory
-from tests.faults.tally import HEAD, Tally, summed
+from tests.faults.tally import HEAD, Tally, added, summed
 
 KINDS: dict[str, Callable[..., Iterable[Tally]]] = {
     "flips": flips,
@@ -44,6 +48,12 @@ NAMES = {
 }
 
 
+SEEDED = ("fuzz", "kills")
+
+Kept = dict[str, dict[str, Tally]]
+"""By kind and row."""
+
+
 def main() -> int:
     """Run what was asked for, print the table and what went wrong."""
     parser = argparse.ArgumentParser(prog="tests/faults", description=__doc__)
@@ -55,22 +65,32 @@ def main() -> int:
     )
     parser.add_argument("--seconds", type=float, help="so long for each target of fuzz")
     parser.add_argument("--target", default="", help="targets whose name begins so")
+    parser.add_argument("--kept", type=Path, metavar="FILE", help="what was counted so far")
     args = parser.parse_args()
     unknown = [kind for kind in args.kinds if kind not in KINDS]
     if unknown:
         parser.error(f"no kind {unknown[0]!r}; there are {', '.join(KINDS)}")
-    print(HEAD, flush=True)
+    kept: Kept = {}
+    if args.kept is not None and args.kept.exists():
+        kept = msgspec.json.decode(args.kept.read_bytes(), type=Kept)
     wrong = []
     for kind in args.kinds or KINDS:
-        more: dict[str, Any] = {"tries": args.tries} if kind in ("fuzz", "kills") else {}
+        more: dict[str, Any] = {"tries": args.tries} if kind in SEEDED else {}
         if kind == "fuzz":
             more |= {"seconds": args.seconds, "only": args.target}
-        tallies = []
+        rows = kept.setdefault(kind, {})
         for tally in KINDS[kind](args.long, args.seed, **more):
-            tallies.append(tally)
+            rows[tally.kind] = (
+                added(rows.get(tally.kind), tally) if kind in SEEDED else tally
+            )
             print(tally.row(), file=sys.stderr, flush=True)
             wrong += tally.notes if not tally.clean else []
-        print(summed(NAMES[kind], tallies).row(), flush=True)
+            if args.kept is not None:
+                args.kept.write_bytes(msgspec.json.encode(kept))
+    print(HEAD)
+    for kind in KINDS:
+        if kind in kept:
+            print(summed(NAMES[kind], list(kept[kind].values())).row())
     for note in wrong:
         print(note[:400], file=sys.stderr)
     return 1 if wrong else 0

@@ -13,6 +13,8 @@ from pathlib import Path
 from random import Random
 from time import process_time
 
+import cv2
+
 from recorders.errors import SceneTraceError
 from tests.faults.tally import Tally
 
@@ -21,7 +23,8 @@ _MOST_KEPT = 2000
 _TOKENS = (
     b"0", b"-1", b"1e999", b"nan", b"inf", b"18446744073709551616", b"-9223372036854775809",
     b"\x00", b"\xff\xfe", b"{", b"}", b"[", b"]", b'"', b",", b";", b"\n", b"\r\n", b"\\", b"'",
-    b"<", b"/>", b"<!DOCTYPE", b"&", b"%s", b"../", b"null", b"true", b"\xf0\x9f\x98\x80", b"--",
+    b"<", b"/>", b"<!DOCTYPE", b"&", b"%s", b"../", b"null", b"true", b"\xc2\xb2",
+    b"9" * 4400, b"\xf0\x9f\x98\x80", b"--",
 )  # fmt: skip
 
 
@@ -65,6 +68,7 @@ def fuzz(
     from tests.faults.more_targets import more_targets
     from tests.faults.targets import targets
 
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     place = "/dev/shm" if Path("/dev/shm").is_dir() else None
     with tempfile.TemporaryDirectory(dir=place) as name, warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -40,11 +40,11 @@ def annotated(
     chunk_ns: int = 1_000_000_000,
     settings: Sequence[str] = (),
     *,
-    with_schemas: bool = True,
+    bare: bool = False,
 ) -> Path:
     """An annotated log with this compression of its chunks, each of which spans `chunk_ns`.
 
-    Without the text of its schemas it is half as large, and read alike.
+    Bare, without the text of its schemas, it is half as large, and read alike.
     """
     det, scene, made = folder / "det.txt", folder / "scene.mcap", folder / "made.mcap"
     boxes(det, frames)
@@ -59,7 +59,7 @@ def annotated(
         channels = {
             channel.id: writer.channel(
                 channel.topic,
-                channel.schema if with_schemas else _named(channel.schema),
+                _named(channel.schema) if bare else channel.schema,
                 channel.message_encoding,
                 channel.metadata,
             )

@@ -58,4 +58,13 @@ def summed(kind: str, tallies: Sequence[Tally]) -> Tally:
     )
 
 
+def added(before: Tally | None, now: Tally) -> Tally:
+    """Two runs of one row."""
+    if before is None:
+        return now
+    both = summed(now.kind, [before, now])
+    both.notes = (before.notes + now.notes)[:20]
+    return both
+
+
 HEAD = "| kind | tries | survived | lost | silent | foreign exceptions |\n|---|---|---|---|---|---|"

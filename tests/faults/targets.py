@@ -212,6 +212,8 @@ def _correction(data: bytes, folder: Path) -> None:
 
 
 def _sources(data: bytes, folder: Path) -> None:
+    if b"/" in data or b".." in data:
+        return  # another folder of this machine, or another machine
     path = folder / "list.txt"
     path.write_bytes(data)
     sources_of([f"@{path}"])

@@ -31,6 +31,7 @@ from reasoning.questions.literals import duration
 from reasoning.questions.macros import ALLEN
 from reasoning.questions.patterns.atoms import ATOMS, NAMES, ArgumentKind
 from recorders.errors import UsageError
+from recorders.names import whole
 
 MAX_LENGTH = 2_000
 MAX_ITEMS = 24
@@ -337,11 +338,7 @@ class _Parser:
         self._take()
         at = self._now.position
         token = self._take()
-        if (
-            token.kind != "number"
-            or not token.value.isdigit()
-            or not 1 <= int(token.value) <= MAX_REPEAT
-        ):
+        if token.kind != "number" or not 1 <= (whole(token.value) or 0) <= MAX_REPEAT:
             self._fail(f"how many in a row, 1 to {MAX_REPEAT}, is wanted", at)
         open_ended = self._is(",")
         if open_ended:

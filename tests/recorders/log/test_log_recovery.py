@@ -7,6 +7,7 @@ import struct
 import zlib
 from pathlib import Path
 from random import Random
+from time import process_time
 
 import mcap.writer
 import pytest
@@ -98,15 +99,49 @@ def test_a_damaged_chunk_is_left_out_and_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("with_summary", [True, False])
-def test_a_damaged_length_loses_one_chunk_only(tmp_path: Path, with_summary: bool) -> None:
+def test_a_damaged_head_loses_one_chunk_only(tmp_path: Path, with_summary: bool) -> None:
     whole = bytearray(make(tmp_path / "log.mcap"))
     with LogReader(tmp_path / "log.mcap") as log:
         block, end = log.index.blocks[4], log.index.data_end.offset
+    whole[block.offset] ^= 0xF0
     whole[block.offset + 4] ^= 0xFF
     (tmp_path / "bad.mcap").write_bytes(whole if with_summary else whole[:end])
     report = recover(tmp_path / "bad.mcap", tmp_path / "out.mcap")
     assert report.messages == 600 - 25
     assert any(loss.offset == block.offset for loss in report.losses)
+
+
+@pytest.mark.parametrize("with_summary", [True, False])
+@pytest.mark.parametrize("place", range(9))
+@pytest.mark.parametrize("bit", range(8))
+def test_a_chunk_with_a_damaged_opcode_or_length_is_kept(
+    tmp_path: Path, with_summary: bool, place: int, bit: int
+) -> None:
+    whole = bytearray(make(tmp_path / "log.mcap"))
+    with LogReader(tmp_path / "log.mcap") as log:
+        block, end = log.index.blocks[4], log.index.data_end.offset
+    whole[block.offset + place] ^= 1 << bit
+    (tmp_path / "bad.mcap").write_bytes(whole if with_summary else whole[:end])
+    report = recover(tmp_path / "bad.mcap", tmp_path / "out.mcap")
+    assert report.messages == 600
+    assert any("which is damaged" in note.reason for note in report.notes)
+    assert any("which is damaged" in f.text for f in examine(tmp_path / "bad.mcap"))
+
+
+def test_heads_of_chunks_without_end_are_not_unpacked_again_and_again(
+    tmp_path: Path,
+) -> None:
+    many, body = 1000, 20_000_000
+    # Each says, with a wrong length of its record, that its data end where a record begins.
+    packed = many * 49 + body
+    head = struct.pack("<BQQQQIIQ", 6, 1, 0, 0, packed, 1, 0, packed)
+    tail = struct.pack("<BQ", 7, len(head) - 9) + bytes(len(head) - 9)
+    data = b"\x89MCAP0\r\n" + struct.pack("<BQII", 1, 8, 0, 0)
+    path = tmp_path / "log.mcap"
+    path.write_bytes(data + head * many + bytes(body) + tail * many)
+    begun = process_time()
+    recover(path, tmp_path / "out.mcap")
+    assert process_time() - begun < 10
 
 
 def test_a_first_chunk_lost_does_not_lose_the_channels(tmp_path: Path) -> None:
