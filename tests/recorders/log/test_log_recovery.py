@@ -134,7 +134,7 @@ def test_heads_of_chunks_without_end_are_not_unpacked_again_and_again(
     many, body = 1000, 20_000_000
     # Each says, with a wrong length of its record, that its data end where a record begins.
     packed = many * 49 + body
-    head = struct.pack("<BQQQQIIQ", 6, 1, 0, 0, packed, 1, 0, packed)
+    head = struct.pack("<BQQQQIIQ", 6, 40, 0, 0, packed, 1, 0, packed)
     tail = struct.pack("<BQ", 7, len(head) - 9) + bytes(len(head) - 9)
     data = b"\x89MCAP0\r\n" + struct.pack("<BQII", 1, 8, 0, 0)
     path = tmp_path / "log.mcap"
