@@ -131,7 +131,7 @@ def test_a_chunk_with_a_damaged_opcode_or_length_is_kept(
 def test_heads_of_chunks_without_end_are_not_unpacked_again_and_again(
     tmp_path: Path,
 ) -> None:
-    many, body = 1000, 20_000_000
+    many, body = 1000, 40_000_000
     # Each says, with a wrong length of its record, that its data end where a record begins.
     packed = many * 49 + body
     head = struct.pack("<BQQQQIIQ", 6, 40, 0, 0, packed, 1, 0, packed)
@@ -141,7 +141,7 @@ def test_heads_of_chunks_without_end_are_not_unpacked_again_and_again(
     path.write_bytes(data + head * many + bytes(body) + tail * many)
     begun = process_time()
     recover(path, tmp_path / "out.mcap")
-    assert process_time() - begun < 10
+    assert process_time() - begun < 4
 
 
 def test_a_first_chunk_lost_does_not_lose_the_channels(tmp_path: Path) -> None:
