@@ -161,9 +161,10 @@ class SceneRegions:
             return LOW_CONFIDENCE
         return None
 
-    def area_cover(self, boxes: Floats) -> list[int]:
+    def area_cover(self, boxes: Boxes) -> list[int]:
         """How each of boxes (N, 4) lies in ROI and border together."""
-        return self._area.covers(boxes.tolist())
+        plain = boxes.tolist() if isinstance(boxes, np.ndarray) else boxes
+        return self._area.covers(plain)
 
     def places(self, boxes: Boxes) -> Places:
         """Where boxes (N, 4) lie."""

@@ -114,6 +114,8 @@ class Frame:
         """Have picture and mask decoded by an executor, as far as they were asked for in the
         frame ``like``.
         """
+        if self._load_image is None and self._load_mask is None:
+            return
         for name, wanted in (("_load_image", "image"), ("_load_mask", "mask")):
             load = getattr(self, name)
             if (

@@ -162,9 +162,12 @@ class Forward:
         # Who waits for the next frames of a log that grows would be behind by as many.
         with Prefetch(1 if self.scene.grows else AHEAD) as prefetch:
             for frame, hashed in prefetch.ahead(self.scene.frames(start, self.next_index)):
-                where = f"frame {frame.index}: "
-                with code_of(self._choice, where), continuing(self._resumed):
+                try:
                     answer = self.tracker.step(frame)
+                except Exception:
+                    where = f"frame {frame.index}: "
+                    with code_of(self._choice, where), continuing(self._resumed):
+                        raise
                 check_targets(answer, frame.index)
                 recorded = hashed()
                 self.input_link = digest.chain_link(self.input_link, recorded)

@@ -56,7 +56,7 @@ _LENGTHS = tuple(_varint(index) for index in range(1024))
 
 def _framed(tag: bytes, body: bytes) -> bytes:
     size = len(body)
-    return tag + (_LENGTHS[size] if size < len(_LENGTHS) else _varint(size)) + body
+    return tag + (_LENGTHS[size] if size < 1024 else _varint(size)) + body
 
 
 def _double(tag: int, value: float) -> bytes:
@@ -104,11 +104,13 @@ def label(track: Track) -> str:
 
     Splitting comes before grouped and grouping, these before how it is held.
     """
-    states = ("splitting", "grouped", "grouping")
-    state = next((name for name in states if getattr(track, name)), "")
-    if not state and track.mode != "motion":
-        state = track.mode
-    return f"{track.id} {state}".rstrip()
+    if track.splitting:
+        return f"{track.id} splitting"
+    if track.grouped:
+        return f"{track.id} grouped"
+    if track.grouping:
+        return f"{track.id} grouping"
+    return str(track.id) if track.mode == "motion" else f"{track.id} {track.mode}"
 
 
 class _Pen:
@@ -118,9 +120,11 @@ class _Pen:
 
     def __init__(self, width: int, height: int, time_ns: int) -> None:
         self._width, self._height = width, height
-        self._stamp = _timestamp(_ITEM_TIMESTAMP, time_ns)
+        self._font = _FONT * height
+        stamp = self._stamp = _timestamp(_ITEM_TIMESTAMP, time_ns)
         self._styles = _styles(height)
         self._labels: dict[int, list[tuple[float, float, float]]] = {}
+        self._loop, self._lines = stamp + _LOOP, stamp + _LINES
 
     def polyline(
         self, kind: bytes, places: Iterable[tuple[float, float]], style: bytes
@@ -142,7 +146,7 @@ class _Pen:
             points = _FOUR_POINTS.pack(
                 c, x, 0x11, y, c, right, 0x11, y, c, right, 0x11, bottom, c, x, 0x11, bottom
             )
-            return _framed(_POINTS, self._stamp + _LOOP + points + style)
+            return _framed(_POINTS, self._loop + points + style)
         corners = ((x, y), (right, y), (right, bottom), (x, bottom))
         return self.polyline(_LOOP, corners, style)
 
@@ -161,7 +165,7 @@ class _Pen:
         if all(start) and all(end):
             (x1, y1), (x2, y2) = start, end
             points = _TWO_POINTS.pack(_CORNER, x1, 0x11, y1, _CORNER, x2, 0x11, y2)
-            return _framed(_POINTS, self._stamp + _LINES + points + style)
+            return _framed(_POINTS, self._lines + points + style)
         return self.polyline(_LINES, (start, end), style)
 
     def gate(self, gate: Box, k: int) -> bytes:
@@ -183,26 +187,27 @@ class _Pen:
         return _framed(_TEXTS, self._stamp + place + said + self._styles.letters[k])
 
     def _room(self, x: float, y: float, letters: int) -> tuple[float, float]:
-        font = _FONT * self._height
+        font, labels = self._font, self._labels
         width = _LETTER_WIDTH * font * letters
         x = max(min(x, self._width - width), 0.0)
         y = first = max(min(y, float(self._height)), font)
-        while self._is_taken(x, x + width, y):
+        while labels and self._is_taken(x, x + width, y):
             y -= font
             if y < font:
                 y = first
                 break
-        self._labels.setdefault(int(y // font), []).append((x, x + width, y))
+        labels.setdefault(int(y // font), []).append((x, x + width, y))
         return x, y
 
     def _is_taken(self, left: float, right: float, bottom: float) -> bool:
         """Whether a label would hide one before it, which then ends in the same row or the next."""
-        font = _FONT * self._height
+        font, labels = self._font, self._labels
         row = int(bottom // font)
         for near in (row - 1, row, row + 1):
-            for a, b, low in self._labels.get(near, ()):
-                if left < b and a < right and abs(bottom - low) < font:
-                    return True
+            if near in labels:
+                for a, b, low in labels[near]:
+                    if left < b and a < right and abs(bottom - low) < font:
+                        return True
         return False
 
     def nothing(self) -> bytes:

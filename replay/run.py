@@ -287,6 +287,8 @@ class Run:
             None if options.corrections is None else Corrector(options.corrections)
         )
         self._hindsight = options.choice.wants_hindsight(options.parameters)
+        # Whether the second reading has to decode what was detected, for its labels alone.
+        self._labelled = False
         self._start_ns: int | None = None
         self._periods = 0
         self.resumed: int | None = None
@@ -330,6 +332,7 @@ class Run:
                 times.append(time_ns)
                 spool.append(SpoolEntry(before))
         for step in self._forward(start):
+            self._labelled = self._labelled or any(step.frame.detections.labels)
             times.append(step.frame.time_ns)
             spool.append(
                 SpoolEntry(
@@ -413,7 +416,7 @@ class Run:
             frame.time_ns,
             targets,
             frame.regions,
-            frame.detections,
+            frame.detections if self._labelled or step.forward is None else None,
             labels,
             scene_changes=frame.changes,
         )

@@ -77,15 +77,14 @@ def chain_link(previous: str, digest: str) -> str:
 def channel_digests(payloads: Payloads) -> dict[str, str]:
     """SHA-256 per channel over its payloads in order, channels by name."""
     parts: dict[str, list[bytes]] = {}
+    size = _SIZE.pack
     for name, payload in payloads:
-        parts.setdefault(name, []).append(payload)
-    sha256, size = hashlib.sha256, _SIZE.pack
-    return {
-        name: sha256(
-            b"".join([piece for part in parts[name] for piece in (size(len(part)), part)])
-        ).hexdigest()
-        for name in sorted(parts)
-    }
+        if name in parts:
+            parts[name] += size(len(payload)), payload
+        else:
+            parts[name] = [size(len(payload)), payload]
+    sha256 = hashlib.sha256
+    return {name: sha256(b"".join(parts[name])).hexdigest() for name in sorted(parts)}
 
 
 def link(

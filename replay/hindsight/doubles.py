@@ -12,10 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-import numpy as np
-
 from recorders.messages import Box, Target, Targets
-from replay.trackers.association import intersection
+from replay.trackers.association import overlaps
 
 SAME_PLACE = 0.7
 """Share of the smaller of two boxes that lies within the other: they are at one place."""
@@ -62,13 +60,11 @@ class Within:
             self._areas[t.id] = self._areas.get(t.id, 0.0) + t.box[2] * t.box[3]
         if len(here) < 2:
             return
-        boxes = np.array([t.box for t in here])
-        areas = np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)
-        smaller = np.minimum(areas[:, None], areas[None, :])
-        together = np.triu(intersection(boxes, boxes) >= SAME_PLACE * smaller, 1)
-        for i, j in np.argwhere(together).tolist():
-            pair = min(here[i].id, here[j].id), max(here[i].id, here[j].id)
-            self._shared[pair] = self._shared.get(pair, 0) + 1
+        for i, j, inside in overlaps([t.box for t in here]):
+            (_, _, w, h), (_, _, wide, high) = here[i].box, here[j].box
+            if inside >= SAME_PLACE * min(max(w * h, 1.0), max(wide * high, 1.0)):
+                pair = min(here[i].id, here[j].id), max(here[i].id, here[j].id)
+                self._shared[pair] = self._shared.get(pair, 0) + 1
 
     def _come_apart(self, here: Sequence[Target]) -> None:
         """Take note of who was born in somebody's place, and of how large both are since then."""

@@ -65,9 +65,20 @@ class Path:
         self._when.extend((at, time_ns))
         self._boxes.extend(box)
 
-    def drop(self, count: int) -> None:
-        """Forget the first ones."""
-        del self._when[: 2 * count], self._boxes[: 4 * count]
+    @property
+    def last_when(self) -> tuple[int, int]:
+        """The last one's position in the stream and time."""
+        return self._when[-2], self._when[-1]
+
+    def keep_end(self, span_ns: float) -> None:
+        """Forget what is earlier than the last one by more than a time, or by `_MOST_ENDS`."""
+        when = self._when
+        last, count = when[-1], len(when) // 2
+        first = max(0, count - _MOST_ENDS)
+        while last - when[2 * first + 1] > span_ns:
+            first += 1
+        if first:
+            del when[: 2 * first], self._boxes[: 4 * first]
 
 
 @dataclass(slots=True)
@@ -128,28 +139,27 @@ class Fragment:
     def add(self, at: int, time_ns: int, box: Box) -> None:
         """Take the next observation."""
         if len(self.tail):
-            last = self.tail[-1]
-            gap = (time_ns - last.time_ns) * 1e-9
-            if at > last.at + 1 and gap > GAP_S:
+            last_at, last_ns = self.tail.last_when
+            gap = (time_ns - last_ns) * 1e-9
+            if at > last_at + 1 and gap > GAP_S:
                 self.gaps.append((at, gap))
         self.hits += 1
         self.sizes += math.sqrt(max(box[2] * box[3], 1.0))
         self._stand(box)
-        if not len(self.head) or (
-            time_ns - self.head.first_ns <= ENDS_S * 1e9 and len(self.head) < _MOST_ENDS
+        head = self.head
+        if not len(head) or (
+            time_ns - head.first_ns <= ENDS_S * 1e9 and len(head) < _MOST_ENDS
         ):
-            self.head.add(at, time_ns, box)
+            head.add(at, time_ns, box)
         self.tail.add(at, time_ns, box)
-        if len(self.tail) > _MOST_ENDS:
-            self.tail.drop(len(self.tail) - _MOST_ENDS)
-        while time_ns - self.tail.first_ns > ENDS_S * 1e9:
-            self.tail.drop(1)
+        self.tail.keep_end(ENDS_S * 1e9)
 
     def _stand(self, box: Box) -> None:
         """Take note of a place."""
         x, y = box[0] + box[2] / 2, box[1] + box[3] / 2
         left, top, right, bottom = self.extent
-        self.extent = min(left, x), min(top, y), max(right, x), max(bottom, y)
+        if not (left <= x <= right and top <= y <= bottom):
+            self.extent = min(left, x), min(top, y), max(right, x), max(bottom, y)
         if self.origin is None:
             self.origin = x, y
         u, v = x - self.origin[0], y - self.origin[1]

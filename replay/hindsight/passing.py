@@ -12,11 +12,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from recorders.messages import Notice, Target
 from replay.hindsight.verdicts import SURE, keeps
-from replay.trackers.association import intersection
+from replay.trackers.association import overlaps
 
 PASSING_S = 5.0
 """After so many seconds at one place with others an identity's probability falls to 1/e, where
@@ -101,13 +99,12 @@ class Passing:
 
 def _touching(targets: Sequence[Target]) -> dict[int, list[int]]:
     """Who is at one place with whom."""
-    if len(targets) < 2:
-        return {}
-    boxes = np.array([t.box for t in targets])
-    areas = np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)
-    touch = intersection(boxes, boxes) >= TOUCH * np.minimum(areas[:, None], areas[None])
-    np.fill_diagonal(touch, False)
+    beside: dict[int, list[int]] = {}
+    for i, j, inside in overlaps([t.box for t in targets]):
+        (_, _, w, h), (_, _, wide, high) = targets[i].box, targets[j].box
+        if inside >= TOUCH * min(max(w * h, 1.0), max(wide * high, 1.0)):
+            beside.setdefault(i, []).append(j)
+            beside.setdefault(j, []).append(i)
     return {
-        targets[k].id: [targets[j].id for j in np.flatnonzero(touch[k]).tolist()]
-        for k in np.flatnonzero(touch.any(axis=1)).tolist()
+        targets[k].id: [targets[j].id for j in sorted(beside[k])] for k in sorted(beside)
     }

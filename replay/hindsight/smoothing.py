@@ -115,27 +115,30 @@ class Filtered:
         a, b = p00 + dt * p01, p01 + dt * p11
         to_value = (a * q11 - p01 * q01), (p01 * q00 - a * q01)
         to_rate = (b * q11 - p11 * q01), (p11 * q00 - b * q01)
+        gain_value = to_value[0] / determinant, to_value[1] / determinant
+        gain_rate = to_rate[0] / determinant, to_rate[1] / determinant
+        (a, b), (c, d) = gain_value, gain_rate
+        of_s00 = np.stack([a * a, 2 * a * b, b * b])
+        of_s01 = np.stack([a * c, a * d + b * c, b * d])
+        of_s11 = np.stack([c * c, 2 * c * d, d * d])
         started = (self.first[None, :] <= np.arange(len(value) - 1)[:, None])[:, :, None]
+        all_started: list[bool] = np.asarray(started.all(axis=(1, 2))).tolist()
         for t in range(len(value) - 2, -1, -1):
             dv = value[t + 1] - self.before[0, t + 1]
             dr = rate[t + 1] - self.before[1, t + 1]
-            value[t] += np.where(
-                started[t],
+            steps = [
                 (to_value[0][t] * dv + to_value[1][t] * dr) / determinant[t],
-                0.0,
-            )
-            rate[t] += np.where(
-                started[t], (to_rate[0][t] * dv + to_rate[1][t] * dr) / determinant[t], 0.0
-            )
-            a, b = to_value[0][t] / determinant[t], to_value[1][t] / determinant[t]
-            c, d = to_rate[0][t] / determinant[t], to_rate[1][t] / determinant[t]
+                (to_rate[0][t] * dv + to_rate[1][t] * dr) / determinant[t],
+            ]
             d00, d01, d11 = (
                 s[t + 1] - p[t] for s, p in ((s00, q00), (s01, q01), (s11, q11))
             )
-            on = started[t]
-            s00[t] += np.where(on, a * a * d00 + 2 * a * b * d01 + b * b * d11, 0.0)
-            s01[t] += np.where(on, a * c * d00 + (a * d + b * c) * d01 + b * d * d11, 0.0)
-            s11[t] += np.where(on, c * c * d00 + 2 * c * d * d01 + d * d * d11, 0.0)
+            for of in (of_s00, of_s01, of_s11):
+                steps.append(of[0, t] * d00 + of[1, t] * d01 + of[2, t] * d11)
+            if not all_started[t]:
+                steps = [np.where(started[t], step, 0.0) for step in steps]
+            for table, step in zip((value, rate, s00, s01, s11), steps, strict=True):
+                table[t] += step
         return value, rate, s00
 
 

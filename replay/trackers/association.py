@@ -8,8 +8,12 @@ depends on nothing else.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
+
+from recorders.messages import Box
 
 Floats = NDArray[np.float64]
 QUANTUM = 2.0**-20
@@ -70,6 +74,31 @@ def widened_iou(a: Floats, b: Floats, by: Floats) -> Floats:
     return np.asarray(inside / np.maximum(of_a + of_b - inside, 1e-12))
 
 
+def overlaps(boxes: Sequence[Box]) -> list[tuple[int, int, float]]:
+    """Pairs (i, j), i < j, ascending, of boxes that overlap, and their intersection in square
+    pixels: of many boxes few do, so that no table of all pairs is made.
+
+    >>> overlaps([(0.0, 0.0, 4.0, 4.0), (9.0, 0.0, 1.0, 1.0), (2.0, 3.0, 4.0, 4.0)])
+    [(0, 2, 2.0)]
+    """
+    order = sorted(range(len(boxes)), key=lambda k: boxes[k][0])
+    found: list[tuple[int, int, float]] = []
+    for place, i in enumerate(order):
+        x, y, w, h = boxes[i]
+        right, bottom = x + w, y + h
+        for index in range(place + 1, len(order)):
+            j = order[index]
+            left, top, wide, high = boxes[j]
+            if left >= right:
+                break
+            wide = min(right, left + wide) - left
+            high = min(bottom, top + high) - max(y, top)
+            if wide > 0.0 and high > 0.0:
+                found.append((i, j, wide * high) if i < j else (j, i, wide * high))
+    found.sort()
+    return found
+
+
 def iou_of_pairs(a: Floats, b: Floats) -> Floats:
     """Intersection over union of boxes (N, 4) and (N, 4), one by one, (N,) in [0, 1]."""
     low, high = (
@@ -95,9 +124,12 @@ def assign(cost: Floats, allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """
     if cost.size == 0 or not allowed.any():
         return []
+    rows, columns = np.nonzero(allowed)
+    if len(set(rows.tolist())) == len(rows) == len(set(columns.tolist())):
+        return list(zip(rows.tolist(), columns.tolist(), strict=True))  # nobody competes
     from replay.assignment import linear_sum_assignment
 
-    quantised = np.round(np.clip(cost, -1000.0, 1000.0) / QUANTUM) * QUANTUM
+    quantised = np.rint(np.minimum(np.maximum(cost, -1000.0), 1000.0) / QUANTUM) * QUANTUM
     rows, columns = linear_sum_assignment(np.where(allowed, quantised, FORBIDDEN))
     return [
         (int(row), int(column))

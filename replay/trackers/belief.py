@@ -37,6 +37,7 @@ _BEST = 0.9
 _SAME = 0.5
 _FINE, _REACH = 16, 5
 """Bins to one unit of log-odds, and the log-odds at which scores are cut."""
+_EDGE = 1.0 / (1.0 + np.exp(_REACH))
 
 
 def logit(share: Floats) -> Floats:
@@ -45,9 +46,9 @@ def logit(share: Floats) -> Floats:
     >>> logit(np.array([0.5, 1.0])).tolist()
     [0.0, 5.0]
     """
-    edge = 1.0 / (1.0 + np.exp(_REACH))
-    inside = np.clip(share, edge, 1.0 - edge)
-    return np.asarray(np.clip(np.log(inside / (1.0 - inside)), -_REACH, _REACH))
+    inside = np.minimum(np.maximum(share, _EDGE), 1.0 - _EDGE)
+    odds = np.log(inside / (1.0 - inside))
+    return np.asarray(np.minimum(np.maximum(odds, -_REACH), _REACH))
 
 
 def probability(log_odds: Floats) -> Floats:
@@ -68,8 +69,8 @@ class DetectionScores:
     @property
     def best(self) -> float:
         """The log-odds that the detector's best detections reach."""
-        total = np.cumsum(self._weights)
-        return float(np.searchsorted(total, _BEST * total[-1])) / _FINE - _REACH
+        total = self._weights.cumsum()
+        return float(total.searchsorted(_BEST * total[-1])) / _FINE - _REACH
 
     def take(self, detections: Detections) -> Floats:
         """Learn from a frame's detections, and judge them.
@@ -86,8 +87,8 @@ class DetectionScores:
         if detections.fused:  # the fusion has judged them by the recording already
             return scores
         odds = logit(scores)
-        bins = np.round((odds + _REACH) * _FINE).astype(np.intp)
-        self._weights += np.bincount(bins, np.clip(scores, 1e-6, None), len(self._weights))
+        bins = np.rint((odds + _REACH) * _FINE).astype(np.intp)
+        self._weights += np.bincount(bins, np.maximum(scores, 1e-6), len(self._weights))
         best = self.best
         reached = 1.0 + (odds - best) / max(best, 1.0)
         return probability(STEEPNESS * (reached - HALF))
@@ -114,8 +115,9 @@ def stamped(answer: Targets, boxes: Floats, likely: Floats) -> Targets:
         return answer
     told = list(answer.targets)
     overlap = iou(np.array([told[k].measured or told[k].box for k in rows]), boxes)
-    best = np.argmax(overlap, axis=1)
-    for k, column, most in zip(rows, best.tolist(), overlap.max(axis=1), strict=True):
+    best = overlap.argmax(axis=1).tolist()
+    sure = likely.tolist()
+    for k, column, most in zip(rows, best, overlap.max(axis=1).tolist(), strict=True):
         if most >= _SAME:
-            told[k] = replace(told[k], likely=float(likely[column]))
+            told[k] = replace(told[k], likely=sure[column])
     return replace(answer, targets=told)

@@ -73,9 +73,10 @@ class CameraMotion:
         """
         if len(expected) < 2 or not len(found):
             return np.zeros(2)
-        calm = (CALM * float(np.median(sizes_of(expected)))) ** 2
+        sizes = sizes_of(expected)
+        calm = (CALM * _median(sizes.tolist())) ** 2
         usual = (self._squares + _FRAMES * calm) / (self._frames + _FRAMES)
-        told, weight = _likeliest(expected, found, usual)
+        told, weight = _likeliest(expected, sizes, found, usual)
         if weight > 0:
             self._squares += np.maximum(told * told - 1.0 / weight, 0.0)
             self._frames += 1.0
@@ -92,31 +93,38 @@ class CameraMotion:
         self._frames = float(state["frames"])
 
 
-def _likeliest(expected: Floats, found: Floats, usual: Floats) -> tuple[Floats, float]:
+def _median(values: list[float]) -> float:
+    """The middle one of some values, or the mean of the two in the middle."""
+    ordered, half = sorted(values), len(values) // 2
+    return ordered[half] if len(values) % 2 else (ordered[half - 1] + ordered[half]) / 2
+
+
+def _likeliest(
+    expected: Floats, sizes: Floats, found: Floats, usual: Floats
+) -> tuple[Floats, float]:
     """The displacement (2,) that the votes tell, and one over its variance.
 
-    ``usual``: variance of the camera's motion (2,).
+    ``sizes``: of the expected boxes (N,); ``usual``: variance of the camera's motion (2,).
     """
-    sizes = sizes_of(expected)
     middles = expected[:, :2] + expected[:, 2:] / 2
-    away = found[None, :, :2] + found[None, :, 2:] / 2 - middles[:, None]
-    near = (away * away).sum(axis=2) <= (REACH * sizes[:, None]) ** 2
+    away = (found[:, :2] + found[:, 2:] / 2)[None] - middles[:, None]
+    near = np.add.reduce(away * away, axis=2) <= (REACH * sizes[:, None]) ** 2
     ratio = np.log(
         np.maximum(found[None, :, 3], 1.0) / np.maximum(expected[:, None, 3], 1.0)
     )
     near &= np.abs(ratio) <= ALIKE
     tried = np.concatenate([np.zeros((1, 2)), away[near]])
     width = WIDTH * sizes
-    apart = ((tried[:, None, None] - away[None]) ** 2).sum(axis=3)
+    apart = np.add.reduce((tried[:, None, None] - away[None]) ** 2, axis=3)
     fits = np.exp(-0.5 * apart / (width * width)[None, :, None])
     worth = np.where(near[None], fits, 0.0)
-    best = worth.max(axis=2)
-    total = np.log(best + ELSEWHERE).sum(axis=1) - 0.5 * (tried * tried / usual).sum(axis=1)
-    winner = int(np.argmax(total))
-    share = best[winner] / (best[winner] + ELSEWHERE)
-    weight = np.where(best[winner] > 0, share / (width * width), 0.0)
-    nearest = np.argmax(worth[winner], axis=1)[:, None, None]
-    own = np.take_along_axis(away, nearest, axis=1)[:, 0]
-    sure = float(weight.sum())
-    told = (weight[:, None] * own).sum(axis=0) / max(sure, 1e-12)
+    most = np.maximum.reduce(worth, axis=2)
+    total = np.add.reduce(np.log(most + ELSEWHERE), axis=1)
+    total = total - 0.5 * np.add.reduce(tried * tried / usual, axis=1)
+    winner = int(total.argmax())
+    best = most[winner]
+    weight = np.where(best > 0, best / (best + ELSEWHERE) / (width * width), 0.0)
+    own = away[np.arange(len(away)), worth[winner].argmax(axis=1)]
+    sure = float(np.add.reduce(weight))
+    told = np.add.reduce(weight[:, None] * own, axis=0) / max(sure, 1e-12)
     return told, sure

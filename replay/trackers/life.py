@@ -313,7 +313,8 @@ class Life:
         """
         kept: list[int] = []
         notices: list[Notice] = []
-        places = self.regions.area_cover(boxes)
+        plain: list[Box] = boxes.tolist()
+        places = self.regions.area_cover(plain)
         for row, item in enumerate(items):
             unseen = item.unseen_s(time_ns)
             if item.id == TENTATIVE:
@@ -321,14 +322,14 @@ class Life:
                     kept.append(row)
                 continue
             told = self._mode(item, unseen) + self._lost(item, unseen)
-            box = boxes[row]
+            box = plain[row]
             why = self._must_go(item, box, places[row], unseen)
             if why is None:
                 kept.append(row)
             else:
                 left = places[row] == OUTSIDE
                 if onward is not None:
-                    left = self.regions.area_cover(onward(row)[None])[0] == OUTSIDE
+                    left = self.regions.area_cover([onward(row).tolist()])[0] == OUTSIDE
                 told.append(self._removed(item, unseen, box, why, left))
             notices += told if item.told else []
         return kept, notices
@@ -368,16 +369,16 @@ class Life:
         }
         return [Notice(kind, [item.id], rule, evidence)]
 
-    def _must_go(self, item: Living, box: Floats, place: int, unseen: float) -> str | None:
+    def _must_go(self, item: Living, box: Box, place: int, unseen: float) -> str | None:
         if unseen > self._p.keep_s:
             return self._paper.kept
         if item.lost and item.adrift:
             return ADRIFT
-        x, y, w, h = box.tolist()
-        width, height = self._size
-        within = 0 <= x + w / 2 < width and 0 <= y + h / 2 < height
-        if self._paper.picture and not within:
-            return self._paper.picture
+        if self._paper.picture:
+            x, y, w, h = box
+            width, height = self._size
+            if not (0 <= x + w / 2 < width and 0 <= y + h / 2 < height):
+                return self._paper.picture
         if item.anywhere:
             return None
         return self.regions.reason_to_remove(
@@ -385,7 +386,7 @@ class Life:
         )
 
     def _removed(
-        self, item: Living, unseen: float, box: Floats, why: str, left: bool
+        self, item: Living, unseen: float, box: Box, why: str, left: bool
     ) -> Notice:
         evidence: dict[str, Any] = {"unseen_s": unseen}
         if why == self._paper.kept:
@@ -393,7 +394,7 @@ class Life:
         evidence["confidence"] = item.confidence
         if why == LOW_CONFIDENCE:
             evidence["confidence_under"] = self.regions.low_confidence
-        evidence |= {"box": box.tolist(), "left_scene": left}
+        evidence |= {"box": list(box), "left_scene": left}
         return Notice("track_removed", [item.id], why, evidence, left_scene=left)
 
     def state(self) -> dict[str, Any]:

@@ -36,15 +36,14 @@ def answer(
 ) -> Targets:
     """All confirmed targets, by id."""
     targets: list[Target] = []
-    for row, track in enumerate(tracks.items):
+    for track, (box, ellipse, velocity) in zip(tracks.items, tracks.shapes(), strict=True):
         if track.id == TENTATIVE:
             continue
-        vx, vy = tracks.bank.rate[row, :2].tolist()
         targets.append(
             Target(
                 track.id,
-                tracks.box(row),
-                (vx, vy),
+                box,
+                velocity,
                 track.mode,
                 min(1.0, max(0.0, track.confidence)),
                 present=not track.lost,
@@ -52,7 +51,7 @@ def answer(
                 blob=track.blob,
                 newborn=track.newborn,
                 born_of_split=track.split,
-                ellipse=tracks.ellipse(row),
+                ellipse=ellipse,
                 score=track.quality,
                 measured=track.measured,
                 signature=(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from recorders.messages import NO_BLOB, Ellipse
 from replay.trackers.appearance import distance
-from replay.trackers.association import assign, widened_iou
+from replay.trackers.association import assign, boxes_of, sizes_of, widened_iou
 from replay.trackers.belief import LIKELY
 from replay.trackers.events.parameters import EventsParameters
 from replay.trackers.events.places import FrameForeground
@@ -63,19 +63,17 @@ def match(
     """
     if not len(rows) or not len(columns):
         return []
-    boxes = seen.boxes[columns]
-    bank = tracks.bank
-    variance = tracks.place_variance(np.sqrt(np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)))
-    residual = boxes[:, :2] + boxes[:, 2:] / 2 - bank.value[rows, None, :2]
-    distance2 = (residual * residual / (bank.p00[rows, None, :2] + variance[:, None])).sum(
-        axis=2
-    )
-    sizes = tracks.sizes[rows, None]
+    boxes, state = seen.boxes[columns], tracks.bank.value[rows]
+    variance = tracks.place_variance(sizes_of(boxes))
+    residual = boxes[:, :2] + boxes[:, 2:] / 2 - state[:, None, :2]
+    spread = tracks.bank.p00[rows, None, :2] + variance[:, None]
+    distance2 = np.add.reduce(residual * residual / spread, axis=2)
+    sizes = sizes_of(state)[:, None]
     wider = WIDENED * sizes * tracks.unrest.off
     if seen.fused:
         doubt = tracks.doubt(rows)
         wider = np.sqrt(wider * wider + doubt * doubt)
-    overlap = widened_iou(tracks.boxes[rows], boxes, wider)
+    overlap = widened_iou(boxes_of(state), boxes, wider)
     gate2 = parameters.gate * parameters.gate
     allowed = (distance2 <= gate2) & (overlap >= parameters.min_overlap)
     cost = (
@@ -83,13 +81,18 @@ def match(
         + distance2 / gate2
         + parameters.colour_cost * _colour_costs(tracks, rows, seen, columns, allowed)
     )
+    row, column = rows.tolist(), columns.tolist()
+    scores = seen.scores[columns].tolist()
     pairs = assign(cost, allowed)
-    known = [(i, j) for i, j in pairs if tracks.items[rows[i]].hits >= KNOWN]
-    known = [(i, j) for i, j in known if seen.scores[columns[j]] >= LIKELY]
+    known = [
+        (i, j)
+        for i, j in pairs
+        if tracks.items[row[i]].hits >= KNOWN and scores[j] >= LIKELY
+    ]
     if known:
         i, j = (list(side) for side in zip(*known, strict=True))
         tracks.unrest.take(residual[i, j] / sizes[i])
-    return [(int(rows[i]), int(columns[j])) for i, j in pairs]
+    return [(row[i], column[j]) for i, j in pairs]
 
 
 def one_each(

@@ -150,11 +150,13 @@ class EventsTracker:
         """Targets whose size was not measured in the last frame lean towards the size usual at
         their place.
         """
+        if model is None:
+            return
         rows = np.array(
             [index for index, item in enumerate(self._tracks.items) if not item.sized],
             np.intp,
         )
-        if model is not None and len(rows):
+        if len(rows):
             boxes = self._tracks.boxes[rows]
             heights = model.heights(boxes[:, 1] + boxes[:, 3])
             self._tracks.lean(rows, np.stack([model.aspect * heights, heights], axis=1), dt)
@@ -325,12 +327,12 @@ class EventsTracker:
             (tentative, high),
         ):
             rows = [row for row in who if not items[row].observed]
-            columns = np.flatnonzero(which & ~used) if rows else ()
+            if not rows:
+                continue
+            columns = (which & ~used).nonzero()[0]
             if not len(columns):
                 continue
-            pairs = match(
-                self._tracks, np.array(rows, np.intp), seen, np.asarray(columns), self._p
-            )
+            pairs = match(self._tracks, np.array(rows, np.intp), seen, columns, self._p)
             used[[column for _, column in pairs]] = True
             self._follow(frame, seen, pairs)
         return used

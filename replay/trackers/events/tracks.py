@@ -180,11 +180,19 @@ class EventsTracks:
         cx, cy, w, h = self.bank.value[row, :4].tolist()
         return (cx - w / 2, cy - h / 2, w, h)
 
-    def ellipse(self, row: int) -> Ellipse:
-        """The estimated ellipse of one track, its angle in (-pi/2, pi/2]."""
-        cx, cy, _, _, major, minor, theta = self.bank.value[row].tolist()
-        turned = theta - math.pi * math.ceil(theta / math.pi - 0.5)
-        return Ellipse(cx, cy, max(major, minor), min(major, minor), turned)
+    def shapes(self) -> list[tuple[Box, Ellipse, tuple[float, float]]]:
+        """The estimated boxes and ellipses of all tracks, angles in (-pi/2, pi/2], and their
+        velocities in pixels per second.
+        """
+        found: list[tuple[Box, Ellipse, tuple[float, float]]] = []
+        for state, rate in zip(
+            self.bank.value.tolist(), self.bank.rate.tolist(), strict=True
+        ):
+            cx, cy, w, h, major, minor, theta = state
+            turned = theta - math.pi * math.ceil(theta / math.pi - 0.5)
+            ellipse = Ellipse(cx, cy, max(major, minor), min(major, minor), turned)
+            found.append(((cx - w / 2, cy - h / 2, w, h), ellipse, (rate[0], rate[1])))
+        return found
 
     def measurement_variance(self, sizes: Floats) -> Floats:
         """Variances of all components as measured on targets of the given sizes, (N, COMPONENTS)."""
@@ -260,26 +268,28 @@ class EventsTracks:
     ) -> None:
         """`correct` with sizes, for several rows at once, each named once: boxes (M, 4)."""
         bank, at = self.bank, np.array(rows, np.intp)
-        near = bank.value[at, 6].tolist()
+        state = bank.value[at]
         measured = np.array(
-            [_measured(*m) for m in zip(boxes.tolist(), ellipses, near, strict=True)]
+            [
+                _plain_measured(*m)
+                for m in zip(boxes.tolist(), ellipses, state[:, 6].tolist(), strict=True)
+            ]
         )
-        variance = self.measurement_variance(
-            np.sqrt(np.maximum(boxes[:, 2] * boxes[:, 3], 1.0))
-        )
-        residual = measured - bank.value[at]
+        variance = self.measurement_variance(sizes_of(boxes))
+        residual = measured - state
         surprise = (
             residual
             * residual
             / ((bank.p00[at] + variance) * (self._p.surprise * self._p.surprise))
         )
-        factor = np.ones_like(surprise)
+        factor = np.ones(surprise.shape)
         factor[:, _PLACE] = _awakening(surprise[:, _PLACE])
         shaped = [index for index, ellipse in enumerate(ellipses) if ellipse is not None]
         if shaped:
             factor[shaped, 2:] = _awakening(surprise[shaped, 2:])
-        for table in (bank.p00, bank.p01, bank.p11):
-            table[at] *= factor
+        if shaped or bool((factor != 1.0).any()):
+            for table in (bank.p00, bank.p01, bank.p11):
+                table[at] *= factor
         bank.update(at, measured, variance)
 
     def _wake(
@@ -333,7 +343,7 @@ def _awakening(surprise: Floats) -> Floats:
     """What to multiply the covariance of components (N, D) by that were surprised so much, (N,
     1).
     """
-    most = surprise.max(axis=1, keepdims=True)
+    most = np.maximum.reduce(surprise, axis=1, keepdims=True)
     return np.asarray(np.where(most > 1.0, np.minimum(most, 25.0), 1.0))
 
 
@@ -373,9 +383,16 @@ def _measured(box: Box, ellipse: Ellipse | None, near: float) -> Floats:
     """The bank's components of a box and its ellipse, the angle unwrapped to the half turn around
     ``near``.
     """
+    return np.array(_plain_measured(box, ellipse, near))
+
+
+def _plain_measured(
+    box: Sequence[float], ellipse: Ellipse | None, near: float
+) -> tuple[float, ...]:
+    """`_measured` as plain numbers."""
     x, y, w, h = box
     major, minor, theta = (max(w, h), min(w, h), math.pi / 2 if h >= w else 0.0)
     if ellipse is not None:
         major, minor, theta = ellipse.h, ellipse.w, ellipse.theta
     theta += math.pi * math.floor((near - theta) / math.pi + 0.5)
-    return np.array([x + w / 2, y + h / 2, w, h, major, minor, theta])
+    return x + w / 2, y + h / 2, w, h, major, minor, theta
