@@ -345,7 +345,17 @@ class _Canvas:
                 (a[0] + (b[0] - a[0]) * track, a[1] + (b[1] - a[1]) * track)
                 for track in (start, end)
             ]
-            self.polyline(ends, colour, thickness)
+            if self._may_show(ends, thickness):
+                self.polyline(ends, colour, thickness)
+
+    def _may_show(self, ends: Sequence[Point], thickness: int) -> bool:
+        """False only where both ends are beyond the same side of the picture."""
+        rim = thickness + 4
+        for axis, size in ((0, self.image.shape[1]), (1, self.image.shape[0])):
+            places = [end[axis] * self.scale for end in ends]
+            if max(places) < -rim or min(places) > size + rim:
+                return False
+        return True
 
     def circle(self, centre: Point, radius: float, colour: Colour, thickness: int) -> None:
         if not 0 < radius * self.scale < 10000:

@@ -14,6 +14,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+ALL_EXAMPLES = "SCENETRACE_ALL_EXAMPLES"
+"""What `tests/examples.py` reads."""
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ["recorders", "reasoning", "replay", "fixtures", "scenetrace.py"]
 CHECKS = (
@@ -62,7 +64,8 @@ def parser() -> argparse.ArgumentParser:
         "--all",
         action="store_true",
         help="also what shows on more scenes, trackers and kinds what a test beside it shows,"
-        " the whole demo, the shipped fit: some minutes more",
+        " the whole demo, the shipped fit, five times the examples of every property:"
+        " some minutes more",
     )
     found.add_argument(
         "--times",
@@ -88,6 +91,8 @@ def main(words: list[str]) -> int:
     """Run all checks, even after one has failed; returns 1 if any did."""
     failed = []
     quiet = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    if parser().parse_known_args(words)[0].all:
+        quiet[ALL_EXAMPLES] = "1"
     with tempfile.TemporaryDirectory() as site:
         for name, command in commands(words, site):
             print(f"== {name}", flush=True)

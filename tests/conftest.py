@@ -17,10 +17,14 @@ from hypothesis import HealthCheck, settings
 from fixtures.scenes import GeneratedScene, generate
 from fixtures.targets import truth_targets
 from recorders.messages import Targets
+from tests.examples import examples
 
 # A test may take longer on a busy machine without being wrong: no property test is timed.
 settings.register_profile(
-    "scenetrace", deadline=None, suppress_health_check=[HealthCheck.too_slow]
+    "scenetrace",
+    deadline=None,
+    max_examples=examples(100),
+    suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("scenetrace")
 

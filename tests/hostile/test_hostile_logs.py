@@ -22,6 +22,7 @@ from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, LogWriter, Schema
 from recorders.log.info import examine, inspect
 from recorders.log.recovery import recover
+from tests.examples import examples
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -223,7 +224,7 @@ def test_every_truncation_is_an_error(tmp_path: Path, kind: str) -> None:
 
 
 @settings(
-    max_examples=150,
+    max_examples=examples(150),
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
@@ -243,7 +244,7 @@ opcodes = st.sampled_from([*range(16), 0x81, 0xFF])
 
 
 @settings(
-    max_examples=200,
+    max_examples=examples(200),
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )

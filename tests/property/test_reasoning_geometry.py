@@ -18,6 +18,7 @@ from reasoning.geometry import (
 )
 from reasoning.interactions import collision_map
 from reasoning.relations import Objects, RelationBook
+from tests.examples import examples
 
 Polygon = list[tuple[float, float]]
 IntBox = tuple[int, int, int, int]
@@ -77,7 +78,7 @@ def judge(area: Area, box: IntBox) -> tuple[int, np.ndarray]:
     return answer, inside
 
 
-@settings(deadline=None, max_examples=150, database=None)
+@settings(deadline=None, max_examples=examples(150), database=None)
 @given(st.lists(rectangles, min_size=1, max_size=5), boxes)
 def test_unions_of_rectangles_exactly(parts: list[Polygon], box: IntBox) -> None:
     """On whole coordinates a unit grid decides exactly."""
@@ -92,7 +93,7 @@ def test_unions_of_rectangles_exactly(parts: list[Polygon], box: IntBox) -> None
     assert area.cover([box]).tolist() == [expected]
 
 
-@settings(deadline=None, max_examples=150, database=None)
+@settings(deadline=None, max_examples=examples(150), database=None)
 @given(st.lists(polygons(), min_size=1, max_size=3), boxes)
 def test_unions_of_slanted_polygons_are_never_denied_by_a_point(
     parts: list[Polygon], box: IntBox
@@ -102,7 +103,7 @@ def test_unions_of_slanted_polygons_are_never_denied_by_a_point(
         assert answer == PARTLY
 
 
-@settings(deadline=None, max_examples=100, database=None)
+@settings(deadline=None, max_examples=examples(100), database=None)
 @given(polygons(), st.lists(boxes, min_size=1, max_size=6))
 def test_many_boxes_at_once_are_what_each_alone_is(
     polygon: Polygon, several: list[IntBox]
@@ -115,7 +116,7 @@ def test_many_boxes_at_once_are_what_each_alone_is(
 radii = st.floats(0.1, 50)
 
 
-@settings(deadline=None, max_examples=200, database=None)
+@settings(deadline=None, max_examples=examples(200), database=None)
 @given(st.floats(0, 120), radii, radii)
 def test_circle_overlap_is_symmetric_and_bounded(
     distance: float, r1: float, r2: float
@@ -134,7 +135,7 @@ placed = st.tuples(
 )
 
 
-@settings(deadline=None, max_examples=100, database=None)
+@settings(deadline=None, max_examples=examples(100), database=None)
 @given(st.lists(placed, min_size=2, max_size=8), st.floats(0.5, 20))
 def test_collisions_are_symmetric_and_do_not_depend_on_the_scale_of_the_picture(
     several: list[IntBox], factor: float
@@ -147,7 +148,7 @@ def test_collisions_are_symmetric_and_do_not_depend_on_the_scale_of_the_picture(
     assert (grown == colliding).all()
 
 
-@settings(deadline=None, max_examples=100, database=None)
+@settings(deadline=None, max_examples=examples(100), database=None)
 @given(
     st.lists(
         st.tuples(st.integers(0, 99), st.integers(0, 99), st.integers(1, 30)),

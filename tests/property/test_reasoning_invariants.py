@@ -34,6 +34,7 @@ from recorders.messages import (
     Zone,
 )
 from recorders.parameters import configure
+from tests.examples import examples
 
 WIDTH, HEIGHT, FRAME_NS = 320, 200, 40_000_000
 BITS = ("grouping", "grouped", "splitting")
@@ -426,7 +427,7 @@ DAMPING = [
 REGIONS = Regions(WIDTH, HEIGHT, [SQUARE], [ROUND], [Zone("middle", SQUARE[:3])])
 
 
-@settings(QUIET, max_examples=50)
+@settings(QUIET, max_examples=examples(50))
 @given(
     seed=st.integers(0, 2**32 - 1),
     people=st.integers(0, 8),
@@ -525,5 +526,5 @@ class Scene(RuleBasedStateMachine):
         self.reasoner = twin
 
 
-Scene.TestCase.settings = settings(QUIET, max_examples=40, stateful_step_count=30)
+Scene.TestCase.settings = settings(QUIET, max_examples=examples(40), stateful_step_count=30)
 TestScene = Scene.TestCase

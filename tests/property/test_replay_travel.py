@@ -25,6 +25,7 @@ from replay.engine import Engine
 from replay.run import ReplayOptions
 from replay.trackers.catalogue import TRACKERS
 from replay.verification import verify, verify_chain
+from tests.examples import examples
 
 FPS = 2
 MOST_FRAMES = 20
@@ -131,7 +132,7 @@ def test_from_every_frame_gives_the_messages_of_the_whole(
 
 
 @settings(
-    max_examples=6,
+    max_examples=examples(6),
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from reasoning.candidate_pairs import near_pairs
 from reasoning.geometry import Area
+from tests.examples import examples
 
 places = st.lists(
     st.tuples(st.floats(-1e6, 1e6) | st.integers(0, 9).map(float), st.floats(0, 50)),
@@ -14,7 +15,7 @@ places = st.lists(
 )
 
 
-@settings(deadline=None, max_examples=300, database=None)
+@settings(deadline=None, max_examples=examples(300), database=None)
 @given(places)
 def test_no_pair_that_meets_is_left_out(rows: list[tuple[float, float]]) -> None:
     middles, reaches = [m for m, _ in rows], [r for _, r in rows]
@@ -40,7 +41,7 @@ def test_who_is_nowhere_is_near_nobody_and_does_not_hide_the_others() -> None:
     assert near_pairs([0.0, 500.0], [float("inf"), 1.0]) == [(0, 1)]
 
 
-@settings(deadline=None, max_examples=200, database=None)
+@settings(deadline=None, max_examples=examples(200), database=None)
 @given(
     st.lists(
         st.tuples(

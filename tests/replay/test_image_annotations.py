@@ -25,6 +25,7 @@ from recorders.messages import (
 from replay.draw import part_box
 from replay.image_annotations import drawing, label
 from replay.palette import COLOUR_COUNT, letter_colour, luminance, track_colour
+from tests.examples import examples
 
 WIDTH, HEIGHT = 640, 480
 LETTERS = "WKKWKKKK"
@@ -163,7 +164,7 @@ def scenes(draw: st.DrawFn) -> Drawn:
     return Tracks(0, tracks), Relations(0, relations), draw(st.sampled_from([None, made]))
 
 
-@settings(deadline=None, max_examples=300, database=None)
+@settings(deadline=None, max_examples=examples(300), database=None)
 @given(scenes(), st.sampled_from([0, 1, 10**9, 1_700_000_000_123_456_789, 2**63 - 1]))
 def test_bytes_are_those_of_protobuf(scene: Drawn, time_ns: int) -> None:
     tracks, relations, regions = scene
@@ -184,7 +185,7 @@ def drawn(*tracks: Track, size: tuple[int, int] = (WIDTH, HEIGHT), time_ns: int 
     return ImageAnnotations.FromString(made)
 
 
-@settings(deadline=None, max_examples=50, database=None)
+@settings(deadline=None, max_examples=examples(50), database=None)
 @given(scenes(), st.sampled_from([0, 1_700_000_000_123_456_789]))
 def test_every_item_has_the_stamp_and_no_frame_is_without_one(
     scene: Drawn, time_ns: int

@@ -28,6 +28,7 @@ from reasoning.encounters import (
 from reasoning.encounters.ground import ground_of
 from reasoning.encounters.pair import running_median, spans
 from recorders.errors import ConfigError
+from tests.examples import examples
 
 FPS = 25.0
 H = 80.0
@@ -303,7 +304,7 @@ def test_parameters_are_checked() -> None:
 
 
 @given(st.integers(0, 10_000), st.floats(0.25, 8.0))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 def test_neither_scale_nor_order_nor_place_matters(seed: int, scale: float) -> None:
     rng = np.random.default_rng(seed)
     people = {
@@ -321,7 +322,7 @@ def test_neither_scale_nor_order_nor_place_matters(seed: int, scale: float) -> N
 
 
 @given(st.integers(0, 10_000))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 def test_live_onsets_never_look_ahead(seed: int) -> None:
     """What live mode announced by frame n is announced by a recording that ends in frame n."""
     rng = np.random.default_rng(seed)

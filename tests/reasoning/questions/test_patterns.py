@@ -30,6 +30,7 @@ from reasoning.questions.patterns import (
 )
 from reasoning.questions.patterns.grammar import Bound, Item, Pattern
 from reasoning.questions.schema import create_statements
+from tests.examples import examples
 
 FPS = 10.0
 # (targets, first frame, last frame)
@@ -548,7 +549,7 @@ WORDS = st.sampled_from(
 
 
 @given(st.one_of(st.lists(WORDS, max_size=14).map("".join), st.text(max_size=40)))
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=examples(600), deadline=None)
 def test_fuzzed_patterns_are_read_or_refused_at_a_place(text: str) -> None:
     answer = read_or_refused(text)
     if isinstance(answer, PatternError):
@@ -558,7 +559,7 @@ def test_fuzzed_patterns_are_read_or_refused_at_a_place(text: str) -> None:
 
 
 @given(st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 def test_mutilated_patterns_are_read_or_refused(data: st.DataObject) -> None:
     text = data.draw(st.sampled_from(PATTERNS))
     at = data.draw(st.integers(0, len(text)))

@@ -19,6 +19,7 @@ from recorders.limits import Limits
 from recorders.log import LogReader, LogWriter, Message, Schema
 from recorders.log.content_digest import content_digest
 from recorders.log.info import examine
+from tests.examples import examples
 
 SCHEMA = Schema("scenetrace.Test", "jsonschema", b'{"type": "object"}')
 Written = tuple[int, bytes, int, int, int]
@@ -53,7 +54,7 @@ message_lists = st.lists(
 )
 folder_is_shared = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture],
-    max_examples=60,
+    max_examples=examples(60),
     deadline=None,
 )
 

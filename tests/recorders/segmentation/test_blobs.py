@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from recorders.segmentation import blobs as module
 from recorders.segmentation.blobs import components, ellipse_of
 from recorders.vision import cv2
+from tests.examples import examples
 
 
 def filled_ellipse(
@@ -52,7 +53,7 @@ def test_an_upright_line_has_the_angle_pi_half_and_no_width() -> None:
     assert e.w == 0.0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(
     seed=st.integers(0, 10_000),
     shape=st.tuples(st.integers(1, 70), st.integers(1, 90)),

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from replay.evaluate import MotTable, evaluate, read_truth
+from tests.examples import examples
 
 Rows = list[tuple[int, int, float, float, float, float, float]]
 
@@ -412,7 +413,7 @@ def made(rows: list[tuple[int, ...]]) -> MotTable:
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(tracks_of, tracks_of, st.permutations(range(5)))
 def test_names_of_identities_mean_nothing(
     a: list[Any], b: list[Any], names: list[int]
@@ -432,7 +433,7 @@ def test_names_of_identities_mean_nothing(
     assert one.hota.det_a_alpha == other.hota.det_a_alpha
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(tracks_of, tracks_of)
 def test_bounds_and_counts_hold(a: list[Any], b: list[Any]) -> None:
     truth, result = made(a), made(b)
@@ -453,7 +454,7 @@ def test_bounds_and_counts_hold(a: list[Any], b: list[Any]) -> None:
     )
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(tracks_of)
 def test_moving_and_scaling_both_changes_nothing(a: list[Any]) -> None:
     truth = made(a)

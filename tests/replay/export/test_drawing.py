@@ -15,6 +15,7 @@ from recorders.messages import Event, Group, Relation, Track
 from replay.draw import DrawOptions, Overlay, draw_frame, label, part_box
 from replay.palette import COLOUR_COUNT, track_bgr
 from replay.trackers.parts.regions import PARTS, parts_of
+from tests.examples import examples
 
 
 def track(
@@ -162,7 +163,7 @@ wild = st.floats(-1e7, 1e7, allow_nan=False)
 sizes = st.floats(1e-3, 1e7, allow_nan=False)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     st.lists(st.tuples(wild, wild, sizes, sizes), max_size=4), sizes, st.text(max_size=30)
 )
