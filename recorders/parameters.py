@@ -11,6 +11,7 @@ import dataclasses
 import math
 import tomllib
 from collections.abc import Collection, Iterable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -58,7 +59,7 @@ class Parameters:
     """Base of all parameter classes: validates every field against its declared range."""
 
     def __post_init__(self) -> None:
-        hints = get_type_hints(type(self))
+        hints = _kinds(type(self))
         for field in dataclasses.fields(self):
             object.__setattr__(
                 self,
@@ -67,6 +68,12 @@ class Parameters:
                     type(self).__name__, field, hints[field.name], getattr(self, field.name)
                 ),
             )
+
+
+@cache
+def _kinds(cls: type) -> dict[str, Any]:
+    """What each field holds; Python works it out from text, which takes longer than the checks."""
+    return get_type_hints(cls)
 
 
 def _checked(owner: str, f: dataclasses.Field[Any], kind: type, value: object) -> Plain:
@@ -192,7 +199,7 @@ def _known(sections: Sections, key: str) -> tuple[str, str, type]:
             f"unknown parameter {key}: no section {section!r}; sections:"
             f" {', '.join(sorted(sections))}"
         )
-    hints = get_type_hints(sections[section])
+    hints = _kinds(sections[section])
     names = [field.name for field in dataclasses.fields(sections[section])]
     if name not in names:
         raise ConfigError(f"unknown parameter {key}; {section} has: {', '.join(names)}")

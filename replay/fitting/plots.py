@@ -50,12 +50,13 @@ def plot(
                 bins=BINS,
                 range=(0, 1),
                 density=True,
+                histtype="stepfilled",
                 color="0.85",
                 label=OTHERS,
             )
             tall, _, _ = ax.hist(
-                steps[:, j, index], bins=BINS, range=(0, 1), density=True, color="tab:blue", alpha=0.7,
-                label="the same target from frame to frame",
+                steps[:, j, index], bins=BINS, range=(0, 1), density=True, histtype="stepfilled",
+                color="tab:blue", alpha=0.7, label="the same target from frame to frame",
             )  # fmt: skip
             ax.plot(at, model, color="tab:red", lw=1.5, label="its model")
             # What is far off may lie in one bar, which would press the rest to the ground.

@@ -169,7 +169,7 @@ def annotated(path: Path) -> list[tuple[str, int, bytes]]:
 
 class TestFollowing:
     def test_it_annotates_while_the_recording_goes_on(self, tmp_path: Path) -> None:
-        stream = write_stream(tmp_path / "s.ts", "mpegts", 300, fps=10)
+        stream = write_stream(tmp_path / "s.ts", "mpegts", 240, fps=10)
         scene, live = tmp_path / "scene.mcap", tmp_path / "live.mcap"
         following = cli("replay", scene, "--follow", "-o", live)
         recording = cli("record", "-", "-o", scene, stdin=subprocess.PIPE)
@@ -185,13 +185,13 @@ class TestFollowing:
             time.sleep(0.05)
         with GrowingLog(part) as log:
             tracks = log.messages(["/camera/tracks"])
-            assert len([next(tracks) for _ in range(60)]) == 60
+            assert len([next(tracks) for _ in range(40)]) == 40
         os.write(recording.stdin.fileno(), data[len(data) * 3 // 4 :])
         recording.stdin.close()
         assert recording.wait(timeout=120) == 0, recording.stderr
         _, said = following.communicate(timeout=120)
         assert following.returncode == 0, said
-        assert "300 frames" in said
+        assert "240 frames" in said
         whole = tmp_path / "whole.mcap"
         config = replay_config("events", assignments=["events.hindsight=false"])
         replay(scene, whole, ReplayOptions(config=config))
@@ -209,7 +209,7 @@ class TestFollowing:
         from recorders.sources import open_source
 
         scene = tmp_path / "scene.mcap"
-        record(open_source(write_stream(tmp_path / "s.mkv", "matroska", 80)), scene)
+        record(open_source(write_stream(tmp_path / "s.mkv", "matroska", 60)), scene)
         config = replay_config(tracker, assignments=[f"{tracker}.hindsight=false"])
         options = ReplayOptions(tracker, config)
         replay(scene, tmp_path / "whole.mcap", options)
@@ -223,7 +223,7 @@ class TestFollowing:
         from recorders.sources import open_source
 
         whole = tmp_path / "whole.mcap"
-        record(open_source(write_stream(tmp_path / "s.mkv", "matroska", 200)), whole)
+        record(open_source(write_stream(tmp_path / "s.mkv", "matroska", 150)), whole)
         # The first part of it, held open as a recorder would.
         part = tmp_path / "scene.mcap.part"
         code = (

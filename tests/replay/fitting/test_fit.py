@@ -16,6 +16,7 @@ from replay.cli import main
 from replay.configuration import replay_config
 from replay.fitting import collect, fit
 from replay.fitting.fit import half_normal, mixture, model_of, unimodal
+from replay.fitting.samples import FeatureSamples
 
 
 def test_a_half_normal_is_found_again() -> None:
@@ -49,21 +50,21 @@ def test_every_truth_has_the_size_that_it_was_labelled_in(
 ) -> None:
     logs, truths = [], []
     for seed in (1, 2):
-        scene = generate("demo", seed=seed, size=(320, 240), frames=60)
+        scene = generate("demo", seed=seed, size=(240, 180), frames=40)
         logs.append(write_scene_log(scene, tmp_path / f"{seed}.mcap"))
         truths.append(write_truth(scene, tmp_path / f"{seed}.txt"))
     rows = [line.split(",") for line in truths[1].read_text().splitlines()]
     larger = [[*r[:2], *(f"{1.6 * float(v):.2f}" for v in r[2:6]), *r[6:]] for r in rows]
     truths[1].write_text("".join(",".join(r) + "\n" for r in larger))
     pairs = list(zip(logs, truths, strict=True))
-    mixed = collect(pairs, [None, (512, 384)])
-    one, other = collect([pairs[0]]), collect([pairs[1]], [(512, 384)])
+    mixed = collect(pairs, [None, (384, 288)])
+    one, other = collect([pairs[0]]), collect([pairs[1]], [(384, 288)])
     assert len(mixed.steps) == len(one.steps) + len(other.steps)
     words = ["fit", *map(str, logs), "-o", str(tmp_path / "f.toml")]
     words += [w for truth in truths for w in ("--truth", str(truth))]
-    assert main([*words, "--truth-size", "512x384"]) == 2
+    assert main([*words, "--truth-size", "384x288"]) == 2
     assert "2 --truth but 1 --truth-size" in capsys.readouterr().err
-    assert main([*words, "--truth-size", "same", "--truth-size", "512x384"]) == 0
+    assert main([*words, "--truth-size", "same", "--truth-size", "384x288"]) == 0
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +74,11 @@ def annotated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return write_scene_log(scene, folder / "scene.mcap"), write_truth(
         scene, folder / "gt.txt"
     )
+
+
+@pytest.fixture(scope="module")
+def samples(annotated: tuple[Path, Path]) -> FeatureSamples:
+    return collect([annotated])
 
 
 def test_the_command_writes_a_configuration_that_says_what_it_was_fitted_on(
@@ -98,9 +104,8 @@ def test_the_command_writes_a_configuration_that_says_what_it_was_fitted_on(
 
 
 def test_the_same_recordings_give_the_same_fit_and_weights_help(
-    annotated: tuple[Path, Path],
+    annotated: tuple[Path, Path], samples: FeatureSamples
 ) -> None:
-    samples = collect([annotated])
     first, second = fit(samples), fit(collect([annotated]))
     assert first == second
     assert first.accuracy is not None
@@ -138,8 +143,7 @@ def test_the_halves_are_those_of_the_truth_wherever_it_lies(
     assert fit(samples).accuracy is not None
 
 
-def test_what_cannot_be_held_out_is_not_said_to_be(annotated: tuple[Path, Path]) -> None:
-    samples = collect([annotated])
+def test_what_cannot_be_held_out_is_not_said_to_be(samples: FeatureSamples) -> None:
     alone = fit(
         replace(samples, folds=samples.folds * 0, step_folds=samples.step_folds * 0)
     )
