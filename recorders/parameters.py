@@ -11,7 +11,6 @@ import dataclasses
 import math
 import tomllib
 from collections.abc import Collection, Iterable, Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -19,6 +18,7 @@ from recorders.errors import ConfigError
 
 _LARGEST_INT = 2**53
 Plain = bool | int | float | str
+_KINDS: dict[type, dict[str, Any]] = {}
 
 
 def param(
@@ -70,10 +70,11 @@ class Parameters:
             )
 
 
-@cache
 def _kinds(cls: type) -> dict[str, Any]:
     """What each field holds; Python works it out from text, which takes longer than the checks."""
-    return get_type_hints(cls)
+    if cls not in _KINDS:
+        _KINDS[cls] = get_type_hints(cls)
+    return _KINDS[cls]
 
 
 def _checked(owner: str, f: dataclasses.Field[Any], kind: type, value: object) -> Plain:
