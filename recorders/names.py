@@ -26,3 +26,12 @@ def by_number(name: str) -> tuple[list[tuple[int, str]], str]:
     return [
         (int(part), "") if index % 2 else (0, part) for index, part in enumerate(parts)
     ], name
+
+
+def utf8(name: str) -> str:
+    r"""A file's name as a log can hold it: bytes that are not UTF-8 are spelt out.
+
+    >>> utf8("gate\udcff.avi")
+    'gate\\udcff.avi'
+    """
+    return name.encode("utf-8", "backslashreplace").decode()

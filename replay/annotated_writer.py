@@ -24,11 +24,11 @@ from recorders.clock import Gaps
 from recorders.errors import OutputExistsError, UsageError
 from recorders.format_version import FORMAT_VERSION
 from recorders.log import Attachment, LogWriter, Message
+from recorders.log.writer import LIVE_FLUSH_NS
 from recorders.machine import machine, opencv_build, python_version
+from recorders.names import utf8
 from recorders.parameters import as_plain
 from recorders.pieces import Span, carried
-from recorders.recording import utf8
-from recorders.recording.segments import LIVE_FLUSH_NS
 from recorders.scene import SceneLog
 from recorders.vision import opencv_threads
 from replay.configuration import package_versions

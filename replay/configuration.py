@@ -15,10 +15,10 @@ import msgspec
 
 from reasoning import reasoner
 from reasoning.encounters import EncounterParameters
-from recorders import recording
 from recorders.corrections import Corrections
 from recorders.errors import ConfigError, UsageError
 from recorders.parameters import Config, Parameters, as_plain, configure, named
+from recorders.recording.sections import SECTIONS as RECORD_SECTIONS
 from replay import hindsight
 from replay.trackers.catalogue import TRACKERS
 from replay.trackers.choice import AnyTracker, TrackerChoice, choose
@@ -89,7 +89,7 @@ def all_sections() -> dict[str, type[Parameters]]:
     """Every section of every command: what `scenetrace config` prints and a configuration file
     may hold.
     """
-    every = {**recording.SECTIONS, **ASKING_SECTIONS}
+    every = {**RECORD_SECTIONS, **ASKING_SECTIONS}
     for tracker in TRACKERS:
         every.update(sections(tracker))
     return every

@@ -4,8 +4,24 @@ reliable in this recording.
 
 from __future__ import annotations
 
-from recorders.fusion.frames import FusedFrames
-from recorders.fusion.fusion import Fusion
-from recorders.fusion.parameters import FusionParameters
+from typing import TYPE_CHECKING
 
-__all__ = ["FusedFrames", "Fusion", "FusionParameters"]
+from recorders.lazy import lazily
+
+if TYPE_CHECKING:
+    from recorders.fusion.frames import FusedFrames
+    from recorders.fusion.fusion import Fusion
+    from recorders.fusion.parameters import FusionParameters
+
+__all__ = [
+    "FusedFrames",
+    "Fusion",
+    "FusionParameters",
+]
+
+_PLACES = {
+    "recorders.fusion.frames": "FusedFrames",
+    "recorders.fusion.fusion": "Fusion",
+    "recorders.fusion.parameters": "FusionParameters",
+}
+__getattr__ = lazily(_PLACES)

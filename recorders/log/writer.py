@@ -27,6 +27,8 @@ LIBRARY = "scenetrace"
 PROFILE = ""
 CHUNK_BYTES = 4 << 20
 FLUSH_INTERVAL_NS = 1_000_000_000
+LIVE_FLUSH_NS = 120_000_000
+"""A live recording's frames are in the file so soon: who follows it waits for no more."""
 
 _HEAD = wire.MESSAGE_HEAD
 _NEVER = 1 << 65

@@ -7,23 +7,17 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from recorders import channels
-from recorders.detectors import DetectorParameters, ModelOptions
+from recorders.detectors import ModelOptions
 from recorders.errors import UsageError
-from recorders.fusion import FusionParameters
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.parameters import Config, Parameters, configure
+from recorders.parameters import Config, configure
 from recorders.recording.methods import NO_DETECTION, methods_of
-from recorders.segmentation import SegmentationParameters
+from recorders.recording.sections import SECTIONS
 from recorders.sources import LiveSource, Source
 from recorders.sources.source import LoggedSource
 
 Codec = Literal["jpeg", "png", "h264", "none"]
 CODECS: tuple[str, ...] = get_args(Codec)
-SECTIONS: dict[str, type[Parameters]] = {
-    "segmentation": SegmentationParameters,
-    "detector": DetectorParameters,
-    "fusion": FusionParameters,
-}
 
 
 @dataclass(frozen=True)

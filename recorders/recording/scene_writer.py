@@ -17,6 +17,7 @@ from recorders.log import LogWriter
 from recorders.machine import machine, opencv_build, python_version
 from recorders.message_checks import check_detections
 from recorders.messages import Detections, Regions, SceneChange
+from recorders.names import utf8
 from recorders.parameters import as_plain
 from recorders.quality import QUALITY
 from recorders.recording.options import RecordOptions
@@ -222,15 +223,6 @@ def _counted_from(first: int, change: SceneChange) -> SceneChange:
 
 def _json(value: object) -> str:
     return msgspec.json.encode(value, order="deterministic").decode()
-
-
-def utf8(name: str) -> str:
-    r"""A file's name as a log can hold it: bytes that are not UTF-8 are spelt out.
-
-    >>> utf8("gate\udcff.avi")
-    'gate\\udcff.avi'
-    """
-    return name.encode("utf-8", "backslashreplace").decode()
 
 
 def _package_versions() -> dict[str, str]:

@@ -10,15 +10,12 @@ from typing import Protocol
 from recorders import channels
 from recorders.errors import OutputExistsError
 from recorders.log import LogWriter
-from recorders.log.writer import FLUSH_INTERVAL_NS
+from recorders.log.writer import FLUSH_INTERVAL_NS, LIVE_FLUSH_NS
 from recorders.messages import Regions
 from recorders.recording.options import RecordOptions
 from recorders.recording.scene_writer import RecordSummary, SceneWriter
 from recorders.recording.stages import Encoded, segment_of
 from recorders.sources import Source
-
-LIVE_FLUSH_NS = 120_000_000
-"""A live recording's frames are in the file so soon: who follows it waits for no more."""
 
 
 class CameraScene(Protocol):

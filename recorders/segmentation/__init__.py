@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from recorders.segmentation.density import DensitySegmenter
-from recorders.segmentation.motion import MotionSegmenter
-from recorders.segmentation.parameters import SegmentationParameters
-from recorders.segmentation.segmenter import (
-    Segmented,
-    Segmenter,
-    SegmenterFactory,
-    SegmenterInParts,
-    SegmenterInTwoLooks,
-    SegmenterThatWatches,
-)
-from recorders.segmentation.threshold import ThresholdSegmenter
+from typing import TYPE_CHECKING
 
-SEGMENTERS: dict[str, SegmenterFactory] = {
-    "motion": MotionSegmenter,
-    "threshold": ThresholdSegmenter,
-    "density": DensitySegmenter,
-}
+from recorders.lazy import lazily
+
+if TYPE_CHECKING:
+    from recorders.segmentation.catalogue import SEGMENTERS
+    from recorders.segmentation.parameters import SegmentationParameters
+    from recorders.segmentation.segmenter import (
+        Segmented,
+        Segmenter,
+        SegmenterFactory,
+        SegmenterInParts,
+        SegmenterInTwoLooks,
+        SegmenterThatWatches,
+    )
 
 __all__ = [
     "SEGMENTERS",
@@ -31,3 +28,11 @@ __all__ = [
     "SegmenterInTwoLooks",
     "SegmenterThatWatches",
 ]
+
+_PLACES = {
+    "recorders.segmentation.catalogue": "SEGMENTERS",
+    "recorders.segmentation.parameters": "SegmentationParameters",
+    "recorders.segmentation.segmenter": "Segmented Segmenter SegmenterFactory SegmenterInParts"
+    " SegmenterInTwoLooks SegmenterThatWatches",
+}
+__getattr__ = lazily(_PLACES)

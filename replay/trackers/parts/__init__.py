@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from reasoning.regions import RegionParameters
+from recorders.lazy import lazily
 from recorders.parameters import Config, Parameters
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.scoring import PartFeatures
-from replay.trackers.parts.tracker import PartsTracker
 from replay.trackers.tracker import SceneInfo, Tracker
+
+if TYPE_CHECKING:
+    from replay.trackers.parts.tracker import PartsTracker
 
 SECTIONS: dict[str, type[Parameters]] = {
     "parts": PartsParameters,
@@ -24,7 +29,12 @@ def make(scene: SceneInfo, config: Config) -> Tracker:
     assert isinstance(features, PartFeatures)
     regions = config.get("regions", RegionParameters())
     assert isinstance(regions, RegionParameters)
+    from replay.trackers.parts.tracker import PartsTracker
+
     return PartsTracker(scene, parameters, features, region_parameters=regions)
 
 
 __all__ = ["SECTIONS", "PartFeatures", "PartsParameters", "PartsTracker", "make"]
+
+# The tracker itself is loaded when it is made: the others only name their parameters.
+__getattr__ = lazily({"replay.trackers.parts.tracker": "PartsTracker"})

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from reasoning.regions import RegionParameters
 from reasoning.relations import RelationParameters
 from reasoning.shells import ShellParameters
 from recorders.errors import UsageError
+from recorders.lazy import lazily
 from recorders.parameters import Config, Parameters
 from replay.trackers.shells.parameters import ShellsParameters
-from replay.trackers.shells.tracker import ShellsTracker
 from replay.trackers.tracker import SceneInfo, Tracker
+
+if TYPE_CHECKING:
+    from replay.trackers.shells.tracker import ShellsTracker
 
 SECTIONS: dict[str, type[Parameters]] = {"shells": ShellsParameters}
 
@@ -34,7 +39,12 @@ def make(scene: SceneInfo, config: Config) -> Tracker:
     regions = config.get("regions", RegionParameters())
     assert isinstance(relation, RelationParameters)
     assert isinstance(regions, RegionParameters)
+    from replay.trackers.shells.tracker import ShellsTracker
+
     return ShellsTracker(scene, parameters, shell, relation, regions)
 
 
 __all__ = ["SECTIONS", "ShellsParameters", "ShellsTracker", "make"]
+
+# The tracker itself is loaded when it is made: the others only name their parameters.
+__getattr__ = lazily({"replay.trackers.shells.tracker": "ShellsTracker"})
