@@ -26,10 +26,11 @@ from reasoning.questions import catalogue
 from reasoning.questions.drawn import Drawn
 from reasoning.questions.drawn_tables import draw, make_tables
 from reasoning.questions.duckdb_tables import insert
-from reasoning.questions.ingest import file_digest, read_recordings
+from reasoning.questions.ingest import read_recordings
 from reasoning.questions.literals import Recordings, literal
 from reasoning.questions.macros import macro_statements
 from reasoning.questions.metres import GroundPlane, make_metres
+from reasoning.questions.recording_facts import file_digest
 from reasoning.questions.schema import DRAWN, SURE, TABLES, create_statements, shown
 from recorders.closing import Closing
 from recorders.errors import RecordingError, SceneTraceError, UsageError

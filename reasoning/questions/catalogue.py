@@ -28,8 +28,9 @@ from msgspec import Struct
 
 from reasoning.encounters import EncounterParameters
 from reasoning.questions.duckdb_tables import insert, reason
-from reasoning.questions.ingest import RecordingFacts, read_recordings
+from reasoning.questions.ingest import read_recordings
 from reasoning.questions.literals import literal
+from reasoning.questions.recording_facts import RecordingFacts
 from reasoning.questions.schema import TABLES, create_statements
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits

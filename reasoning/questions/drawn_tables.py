@@ -10,7 +10,7 @@ import numpy as np
 
 from reasoning.questions.drawn import Drawn
 from reasoning.questions.duckdb_tables import insert
-from reasoning.questions.ingest import JOINS
+from reasoning.questions.runs import JOINS
 from reasoning.questions.schema import DRAWN, SURE, TABLES
 from reasoning.questions.standing import Steps
 from recorders.errors import UsageError

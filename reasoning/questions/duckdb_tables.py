@@ -9,7 +9,7 @@ from typing import Any
 import duckdb
 import numpy as np
 
-from reasoning.questions.ingest import Row
+from reasoning.questions.recording_facts import Row
 from reasoning.questions.schema import TABLES, Columns
 from recorders.errors import SceneTraceError
 

@@ -29,8 +29,9 @@ from reasoning.questions.case import (
     parquet_parts,
 )
 from reasoning.questions.duckdb_tables import insert, reason
-from reasoning.questions.ingest import RecordingFacts, file_digest, read_recordings
+from reasoning.questions.ingest import read_recordings
 from reasoning.questions.literals import literal
+from reasoning.questions.recording_facts import RecordingFacts, file_digest
 from reasoning.questions.schema import TABLES, create_statements
 from recorders.errors import RecordingError, SceneTraceError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits

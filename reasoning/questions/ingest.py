@@ -7,42 +7,34 @@ bytes per track and frame) for the encounters.
 
 from __future__ import annotations
 
-import hashlib
-from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass, field
+from collections.abc import Hashable, Sequence
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 from msgspec import UNSET
 
 from reasoning.encounters import (
-    PHASES,
-    Encounter,
     EncounterParameters,
-    History,
-    find_encounters,
-    near,
-    still,
 )
-from reasoning.encounters.ground import GroundSlope, ground_of
-from reasoning.encounters.nearness import nearest
 from reasoning.geometry import Area
-from reasoning.questions.looks import Looks, look, sightings, usual_height
+from reasoning.questions.recording_facts import RecordingFacts, Row, Sink
 from reasoning.questions.runs import (
-    Belief,
     HeldInterval,
     Interval,
     Runs,
     SeenTarget,
     Sight,
+    ids_of,
+    pair_of,
+    seen_targets,
     sight,
 )
 from reasoning.questions.schema import TABLES
-from reasoning.questions.standing import Steps, stays
+from reasoning.questions.standing import stays
+from reasoning.questions.track_boxes import TrackBoxes
+from reasoning.questions.whole_lives import Lives, rows_of
 from recorders import channels
 from recorders.annotated.frames import annotated_cameras
 from recorders.annotated.provenance import CORRECTIONS
@@ -51,53 +43,14 @@ from recorders.corrections import parse_corrections
 from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
-from recorders.messages import Box, Event, Regions, Track
+from recorders.messages import Event, Regions
 from recorders.quality import QualityMeasure, recorded_quality
 
-Row = tuple[Any, ...]
-Sink = Callable[[str, Sequence[Row]], None]
 BATCH_ROWS = 50_000
 BITS = ("grouping", "grouped", "splitting")
 ENDING = ("group_changed", "group_ended")
-JOINS = ("identity", "track_recovered")
-"""Kinds of events after which a track may be somebody else."""
 _READ = ("tracks", "relations", "groups", "held_back", "events", "regions")
 _INT32 = 2**31 - 1
-
-
-@dataclass
-class RecordingFacts:
-    """What is known of one camera of an annotated log."""
-
-    recording: str
-    digest: str
-    path: str
-    camera: str
-    tracker: str = ""
-    width: int = 0
-    height: int = 0
-    frames: int = 0
-    start_ns: int = 0
-    seconds: float = 0.0
-    output_digest: str = ""
-    first_frame: int = 0
-
-    def row(self) -> Row:
-        """The row of ``recordings``."""
-        return tuple(getattr(self, column) for column, _ in TABLES["recordings"])
-
-
-def file_digest(path: str | Path) -> str:
-    """SHA-256 of the file: what makes a recording the same recording.
-
-    Raises:
-        RecordingError: it cannot be read.
-    """
-    try:
-        with Path(path).open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise RecordingError(f"cannot be read: {error.strerror}", path) from error
 
 
 def read_recordings(
@@ -147,62 +100,6 @@ def read_recordings(
     return found
 
 
-@dataclass
-class _Boxes:
-    frames: list[int] = field(default_factory=list)
-    times: list[float] = field(default_factory=list)
-    boxes: list[Box] = field(default_factory=list)
-    seen: list[bool] = field(default_factory=list)
-    told: list[bool] = field(default_factory=list)
-    ranks: list[int] = field(default_factory=list)
-    existence: list[float] = field(default_factory=list)
-    identity: list[float] = field(default_factory=list)
-    joins: list[tuple[int, int]] = field(default_factory=list)
-
-    def history(self) -> History:
-        return History(
-            np.array(self.frames, np.int64),
-            np.array(self.times),
-            np.array(self.boxes, np.float64).reshape(-1, 4),
-            np.array(self.seen, np.bool_),
-        )
-
-    def steps(self) -> Steps:
-        """Where it was when, to ask who stood where."""
-        return Steps(
-            frames=np.array(self.frames, np.int64),
-            ranks=np.array(self.ranks, np.int64),
-            t=np.array(self.times),
-            boxes=np.array(self.boxes, np.float64).reshape(-1, 4),
-            seen=np.array(self.told, np.bool_),
-            existence=np.array(self.existence),
-            identity=np.array(self.identity),
-            joins=self.joins,
-        )
-
-    def add(self, rank: int, frame: int, t: float, seen: SeenTarget, told: Sight) -> None:
-        self.ranks.append(rank)
-        self.told.append(told.seen)
-        self.frames.append(frame)
-        self.times.append(t)
-        self.boxes.append(seen.box)
-        self.seen.append(seen.observed)
-        self.existence.append(seen.existence)
-        self.identity.append(seen.identity)
-        self.joins += [(frame, event) for event in seen.joins]
-
-    def between(self, first: int, last: int) -> tuple[float, float, list[int]]:
-        """Mean existence where it was observed, least identity, joins, from frame to frame."""
-        span = slice(bisect_left(self.frames, first), bisect_right(self.frames, last))
-        seen = [e for e, s in zip(self.existence[span], self.seen[span], strict=True) if s]
-        joins = [event for frame, event in self.joins if first <= frame <= last]
-        mean = sum(seen) / len(seen) if seen else 0.0
-        return mean, min(self.identity[span], default=0.0), joins
-
-
-_TELLS_S, _FIRST_S = 1.0, 2.0
-
-
 class _Camera:
     """Reads one camera of one log."""
 
@@ -226,12 +123,8 @@ class _Camera:
         self._formed: dict[int, tuple[int, ...]] = {}
         self._ended: dict[int, list[tuple[int, str]]] = {}
         self._group_rows: list[HeldInterval] = []
-        self._related: list[Row] = []
-        self._held_bits: list[Row] = []
-        self._joint: dict[tuple[int, int], list[tuple[int, int]]] = {}
-        self._boxes: dict[int, _Boxes] = {}
+        self._lives = Lives()
         self._targets: dict[int, SeenTarget] = {}
-        self._labels: dict[int, str] = {}
         self._regions: list[tuple[int, Regions]] = []
         self._t, self._frame = 0.0, -1
 
@@ -287,7 +180,7 @@ class _Camera:
         self._frame, self._t = frame.index, t
         self._facts.frames += 1
         self._add("frames", (frame.index, t))
-        self._targets = _targets(frame.tracks, frame.events)
+        self._targets = seen_targets(frame.tracks, frame.events)
         if frame.regions is not None and (
             not self._regions or frame.regions != self._regions[-1][1]
         ):
@@ -346,7 +239,7 @@ class _Camera:
                 ),
             )
             if track.label is not UNSET:
-                self._labels[track.id] = track.label
+                self._lives.labels[track.id] = track.label
             if not track.present:
                 continue
             present[track.id] = True
@@ -357,7 +250,7 @@ class _Camera:
                 if getattr(track, bit):
                     bits[(track.id, bit)] = tuple(sorted(getattr(track, f"{bit}_partners")))
             alone[track.id] = told
-            self._boxes.setdefault(track.id, _Boxes()).add(
+            self._lives.boxes.setdefault(track.id, TrackBoxes()).add(
                 self._facts.frames, frame.index, t, self._targets[track.id], told
             )
 
@@ -383,13 +276,15 @@ class _Camera:
     def _end_named(self, table: str, over: Sequence[HeldInterval]) -> None:
         """Intervals of a track and a name: a zone that it was in, a part of it that was hidden."""
         for key, _, interval, belief in over:
-            track, name = _pair(key)
+            track, name = pair_of(key)
             self._add(table, (track, name, *interval, *belief))
 
     def _end_bits(self, over: Sequence[HeldInterval]) -> None:
         for key, partners, interval, belief in over:
-            track, bit = _pair(key)
-            self._held_bits.append((track, bit, list(_ids(partners)), *interval, *belief))
+            track, bit = pair_of(key)
+            self._lives.held_bits.append(
+                (track, bit, list(ids_of(partners)), *interval, *belief)
+            )
 
     def _take_relations(self, frame: AnnotatedFrame, t: float) -> None:
         # A run is one interval of a state: the same state with a later `since` is a new interval.
@@ -398,15 +293,15 @@ class _Camera:
             for relation in frame.relations
         }
         self._end_relations(
-            self._relations.step(frame.index, t, now, lambda k, _: self._sight(_ids(k)))
+            self._relations.step(frame.index, t, now, lambda k, _: self._sight(ids_of(k)))
         )
 
     def _end_relations(self, over: Sequence[HeldInterval]) -> None:
         for key, value, interval, belief in over:
-            (a, b), (state, _) = _pair(key), _pair(value)
-            self._related.append((a, b, state, *interval, *belief))
+            (a, b), (state, _) = pair_of(key), pair_of(value)
+            self._lives.related.append((a, b, state, *interval, *belief))
             if state == "JOINT":
-                self._joint.setdefault((a, b), []).append(interval[:2])
+                self._lives.joint.setdefault((a, b), []).append(interval[:2])
 
     def _take_groups(self, frame: AnnotatedFrame, t: float) -> None:
         now: dict[Hashable, Hashable] = {
@@ -415,7 +310,7 @@ class _Camera:
         for group in frame.groups:
             self._formed.setdefault(group.label, tuple(group.formed_from))
         self._group_rows += self._groups.step(
-            frame.index, t, now, lambda _, members: self._sight(_ids(members))
+            frame.index, t, now, lambda _, members: self._sight(ids_of(members))
         )
 
     def _take_event(self, event: Event) -> None:
@@ -469,14 +364,16 @@ class _Camera:
                 "groups",
                 (
                     label,
-                    list(_ids(members)),
+                    list(ids_of(members)),
                     *interval,
                     formed,
                     self._end(label, interval),
                     *belief,
                 ),
             )
-        self._find_encounters()
+        pictures = self._log if self._looking else None
+        for table, row in rows_of(self._lives, self._facts, self._parameters, pictures):
+            self._add(table, row)
 
     def _end(self, label: int, interval: Interval) -> str | None:
         """The kind of the first event after the group's last frame that names it; None if it
@@ -494,191 +391,8 @@ class _Camera:
         ends = [first for first, _ in self._regions[1:]] + [_INT32]
         for (first, regions), end in zip(self._regions, ends, strict=False):
             areas = [(zone.name, Area([zone.polygon])) for zone in regions.zones]
-            for track in sorted(self._boxes) if areas else ():
-                steps = self._boxes[track].steps().within(first, end)
+            for track in sorted(self._lives.boxes) if areas else ():
+                steps = self._lives.boxes[track].steps().within(first, end)
                 for name, area in areas:
                     for interval, belief in stays(area, steps, down):
                         self._add("zones", (track, name, *interval, *belief))
-
-    def _find_encounters(self) -> None:
-        for name, value in asdict(self._parameters).items():
-            self._add("encounter_parameters", (name, value))
-        histories = {track: self._boxes[track].history() for track in sorted(self._boxes)}
-        width = float(self._facts.width) or None
-        ground = ground_of(histories, width)
-        self._add_relations(histories, ground)
-        for encounter in find_encounters(
-            histories, self._parameters, joint=self._joint, ground=ground
-        ):
-            self._add_encounter(encounter)
-        self._add_targets()
-        for track, history in histories.items():
-            for stretch in still(history, self._parameters):
-                self._add("still", (track, *astuple(stretch)))
-        for a, b, stretch in near(histories, self._parameters):
-            self._add("near", (a, b, *astuple(stretch)))
-
-    def _add_relations(self, histories: Mapping[int, History], ground: GroundSlope) -> None:
-        """The ground is known once all boxes are, and with it how near people came on it."""
-
-        def away(a: int, b: int, first: int, last: int) -> float | None:
-            if a not in histories or b not in histories:
-                return None
-            return nearest(histories[a], histories[b], first, last, ground)
-
-        for row in self._related:
-            a, b, _, first, last, *_ = row
-            self._add("relations", (*row, away(a, b, first, last)))
-        for row in self._held_bits:
-            track, _, partners, first, last, *_ = row
-            found = [away(track, partner, first, last) for partner in partners]
-            known = [distance for distance in found if distance is not None]
-            self._add("bits", (*row, max(known, default=None)))
-        self._related, self._held_bits = [], []
-
-    def _add_targets(self) -> None:
-        looks = self._look() if self._looking else {}
-        size = self._facts.width, self._facts.height
-        for track in sorted(self._boxes):
-            own = self._boxes[track]
-            existence, identity, _ = own.between(own.frames[0], own.frames[-1])
-            share = round(sum(own.seen) / len(own.seen), 4)
-            history, seen = own.history(), looks.get(track)
-            self._add(
-                "targets",
-                (
-                    track,
-                    self._labels.get(track),
-                    own.times[0],
-                    own.times[-1],
-                    share,
-                    round(identity, 4),
-                    seen and seen.upper_colour,
-                    seen and seen.lower_colour,
-                    usual_height(history.boxes, np.array(own.seen, np.bool_), size),
-                    round(existence, 4),
-                    *_feet(own.boxes[-1]),
-                    _first_way(history),
-                ),
-            )
-            if seen is not None:
-                self._add(
-                    "looks",
-                    (track, seen.samples, seen.upper, seen.lower, seen.frame, *seen.box),
-                )
-
-    def _look(self) -> dict[int, Looks]:
-        """What each target looks like, from a few pictures."""
-        others: dict[int, list[tuple[int, Box]]] = {}
-        for track in sorted(self._boxes):
-            own = self._boxes[track]
-            for frame, box in zip(own.frames, own.boxes, strict=True):
-                others.setdefault(frame, []).append((track, box))
-        wanted = {}
-        for track in sorted(self._boxes):
-            own = self._boxes[track]
-            times = [self._facts.start_ns + round(t * channels.NANOS) for t in own.times]
-            history = own.history()
-            wanted[track] = sightings(
-                np.array(own.frames, np.int64),
-                times,
-                history.boxes,
-                np.array(own.seen, np.bool_),
-                others,
-                track,
-            )
-        return look(self._log.path, self._log.camera, self._log.limits, wanted)
-
-    def _add_encounter(self, encounter: Encounter) -> None:
-        """The time together is the encounter's row; approach and parting are phases of it."""
-        seen_share, existence, identity, joins = self._belief_of_pair(encounter)
-        self._add(
-            "encounters",
-            (
-                encounter.a,
-                encounter.b,
-                encounter.kind,
-                encounter.together_frame,
-                encounter.apart_frame,
-                encounter.together_s,
-                encounter.apart_s,
-                encounter.confidence,
-                seen_share,
-                identity,
-                existence,
-                joins,
-            ),
-        )
-        for phase in encounter.phases:
-            self._add(
-                "phases", (encounter.a, encounter.b, *astuple(phase), PHASES[phase.kind])
-            )
-        for fierce in encounter.abrupt:
-            self._add("abrupt", (encounter.a, encounter.b, *astuple(fierce)))
-        self._add(
-            "encounter_evidence",
-            (
-                encounter.a,
-                encounter.b,
-                encounter.together_frame,
-                encounter.near_s,
-                encounter.distance,
-                encounter.relative_speed,
-                encounter.sure_frame,
-                encounter.drift,
-                encounter.all_distance,
-                encounter.all_relative_speed,
-            ),
-        )
-
-    def _belief_of_pair(self, encounter: Encounter) -> Belief:
-        of_a, of_b = (
-            self._boxes[i].between(encounter.together_frame, encounter.apart_frame)
-            for i in (encounter.a, encounter.b)
-        )
-        existence, identity = min(of_a[0], of_b[0]), min(of_a[1], of_b[1])
-        joins = sorted({*of_a[2], *of_b[2]})
-        return encounter.seen_share, round(existence, 4), round(identity, 4), joins
-
-
-def _targets(tracks: Sequence[Track], events: Sequence[Event]) -> dict[int, SeenTarget]:
-    """A frame's targets as they were seen, with the joins that were told in it."""
-    joins: dict[int, tuple[int, ...]] = {}
-    for event in events:
-        if event.kind in JOINS:
-            for subject in event.subjects:
-                joins[subject] = (*joins.get(subject, ()), event.id)
-    return {track.id: _seen(track, joins.get(track.id, ())) for track in tracks}
-
-
-def _seen(track: Track, joins: tuple[int, ...]) -> SeenTarget:
-    observed = track.observed and track.present
-    return SeenTarget(track.box, observed, track.confidence, track.identity, joins)
-
-
-def _pair(value: Hashable) -> tuple[Any, Any]:
-    assert isinstance(value, tuple)
-    return value[0], value[1]
-
-
-def _ids(value: Hashable) -> tuple[int, ...]:
-    assert isinstance(value, tuple)
-    return value
-
-
-def _feet(box: Box) -> tuple[float, float]:
-    """Where somebody stands: the middle of the box's lower side, pixels."""
-    x, y, w, h = box
-    return round(x + w / 2, 2), round(y + h, 2)
-
-
-def _first_way(history: History) -> float | None:
-    """How far a target's centre was from its first place at most, in its first two seconds and in
-    its own sizes; None where it was not there for a second.
-    """
-    since = history.times_s - history.times_s[0]
-    if since[-1] < _TELLS_S:
-        return None
-    x, y, w, h = history.boxes[since <= _FIRST_S].T
-    away = np.hypot(x + w / 2 - x[0] - w[0] / 2, y + h / 2 - y[0] - h[0] / 2)
-    return round(float((away / np.sqrt(np.maximum(w * h, 1.0))).max()), 2)

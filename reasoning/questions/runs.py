@@ -9,14 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from reasoning.geometry import hidden_by
-from recorders.messages import Box
+from recorders.messages import Box, Event, Track
 
 Interval = tuple[int, int, float, float]
 Belief = tuple[float, float, float, list[int]]
 """seen_share, existence, identity, joins: the columns of `schema.BELIEF`."""
+
+JOINS = ("identity", "track_recovered")
+"""Kinds of events after which a track may be somebody else."""
 
 
 class Sight(NamedTuple):
@@ -156,3 +159,30 @@ class Runs:
     def close(self) -> list[HeldInterval]:
         """All runs that are still open, as `step` gives them."""
         return [self._close(key) for key in list(self._open)]
+
+
+def seen_targets(tracks: Sequence[Track], events: Sequence[Event]) -> dict[int, SeenTarget]:
+    """A frame's targets as they were seen, with the joins that were told in it."""
+    joins: dict[int, tuple[int, ...]] = {}
+    for event in events:
+        if event.kind in JOINS:
+            for subject in event.subjects:
+                joins[subject] = (*joins.get(subject, ()), event.id)
+    return {track.id: _seen(track, joins.get(track.id, ())) for track in tracks}
+
+
+def _seen(track: Track, joins: tuple[int, ...]) -> SeenTarget:
+    observed = track.observed and track.present
+    return SeenTarget(track.box, observed, track.confidence, track.identity, joins)
+
+
+def pair_of(value: Hashable) -> tuple[Any, Any]:
+    """A key or value of two."""
+    assert isinstance(value, tuple)
+    return value[0], value[1]
+
+
+def ids_of(value: Hashable) -> tuple[int, ...]:
+    """A key or value of tracks."""
+    assert isinstance(value, tuple)
+    return value

@@ -11,7 +11,7 @@ from typing import Any
 
 from reasoning.questions import Case
 from reasoning.questions.explain import explain
-from reasoning.questions.ingest import file_digest
+from reasoning.questions.recording_facts import file_digest
 from recorders.annotated.reader import AnnotatedLog
 from recorders.channels import NANOS
 from recorders.errors import SceneTraceError, UsageError

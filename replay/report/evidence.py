@@ -15,8 +15,8 @@ from reasoning.encounters import EncounterParameters
 from reasoning.questions import Case
 from reasoning.questions.drawn import Drawn
 from reasoning.questions.explain import Explanation, explain
-from reasoning.questions.ingest import file_digest
 from reasoning.questions.joins import joins_of
+from reasoning.questions.recording_facts import file_digest
 from recorders.annotated.reader import AnnotatedLog
 from recorders.errors import SceneTraceError
 from recorders.limits import DEFAULT_LIMITS, Limits
