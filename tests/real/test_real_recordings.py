@@ -79,29 +79,6 @@ def frame_count(log: Path) -> int:
         return sum(1 for _ in scene.frame_times())
 
 
-@pytest.fixture(scope="module")
-def pets(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with PETS recorded and replayed from pixels, all 795 frames."""
-    folder = tmp_path_factory.mktemp("pets")
-    done(
-        "record",
-        real_data / "pets09-s2l1" / "video.avi",
-        "--fps",
-        7,
-        "-o",
-        folder / "pets.mcap",
-    )
-    done(
-        "replay",
-        folder / "pets.mcap",
-        "--tracker",
-        "events",
-        "-o",
-        folder / "annotated.mcap",
-    )
-    return folder
-
-
 def test_pets_is_replayed_again_to_the_same_digest(
     pets: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -138,9 +115,9 @@ def test_pets_is_scored_once_the_size_of_the_truth_is_said(
 
 
 def test_pets_is_exported_for_others(
-    pets: Path, real_data: Path, capsys: pytest.CaptureFixture[str]
+    pets: Path, real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    result = pets / "result.txt"
+    result = tmp_path / "result.txt"
     done("export", pets / "annotated.mcap", "--to", "mot", "-o", result)
     rows = [line.split(",") for line in result.read_text().splitlines()]
     assert {len(row) for row in rows} == {10}

@@ -11,7 +11,7 @@ import pytest
 
 from recorders.messages import Detections, Targets
 from recorders.parameters import configure
-from recorders.scene import Frame, SceneInfo
+from recorders.scene import Frame, SceneInfo, SceneLog
 from recorders.segmentation import SEGMENTERS, SegmentationParameters
 from recorders.vision import cv2
 from replay import hindsight
@@ -116,10 +116,10 @@ def test_tud_campus_from_detections_alone(real_data: Path) -> None:
 
 
 @pytest.mark.slow
-def test_pets_from_pixels(real_data: Path) -> None:
+def test_pets_from_pixels(real_data: Path, pets: Path) -> None:
     folder = real_data / "pets09-s2l1"
-    frames, info = _segmented(folder / "video.avi", 7)
-    forward, final = _track(frames, info)
+    with SceneLog(pets / "scene.mcap") as scene:
+        forward, final = _track(scene.frames(), scene.info)
     first, last = (_scores(out, folder / "gt.txt", 0.625) for out in (forward, final))
     assert first.hota.hota >= 58
     assert first.clear.mota >= 73

@@ -4,6 +4,7 @@ plugged-in heads.
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from fixtures.logs import write_scene_log, write_truth
-from fixtures.scenes import generate
+from fixtures.scenes import GeneratedScene, generate
 from reasoning.regions import RegionParameters
 from recorders.annotated.reader import AnnotatedLog
 from recorders.messages import Target
@@ -32,10 +33,15 @@ from replay.verification import verify
 SIZE = (320, 240)
 
 
+@cache
+def crossing() -> GeneratedScene:
+    return generate("pass_by", seed=2, size=SIZE)
+
+
 @pytest.fixture(scope="module")
 def passing(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two who pass one another, one before the other, as a motion detector sees them."""
-    scene = generate("pass_by", seed=2, size=SIZE)
+    scene = crossing()
     return write_scene_log(
         scene, tmp_path_factory.mktemp("parts") / "scene.mcap", style="merged"
     )
@@ -52,9 +58,14 @@ def forward(path: Path, *assignments: str, **more: Any) -> list[list[Target]]:
         return [step.targets.targets for step in Forward(log, make, config).steps()]
 
 
-def test_identities_survive_a_crossing_in_one_blob(passing: Path) -> None:
-    scene = generate("pass_by", seed=2, size=SIZE)
-    answers = forward(passing)
+@pytest.fixture(scope="module")
+def answers(passing: Path) -> list[list[Target]]:
+    """What is said of those who pass one another, with every default."""
+    return forward(passing)
+
+
+def test_identities_survive_a_crossing_in_one_blob(answers: list[list[Target]]) -> None:
+    scene = crossing()
     owners: dict[int, set[int]] = {}
     for truth, targets in zip(scene.truth.frames, answers, strict=True):
         seen = [t for t in targets if t.observed]
@@ -70,15 +81,14 @@ def test_identities_survive_a_crossing_in_one_blob(passing: Path) -> None:
 
 
 def test_who_stands_behind_has_hidden_parts_and_who_stands_before_has_not(
-    passing: Path,
+    answers: list[list[Target]],
 ) -> None:
-    scene = generate("pass_by", seed=2, size=SIZE)
+    scene = crossing()
     worst = min(
         (f.index for f in scene.truth.frames if len(f.actors) == 2),
         key=lambda k: min(a.visibility for a in scene.truth.frames[k].actors),
     )
     hidden: dict[str, int] = {"behind": 0, "before": 0}
-    answers = forward(passing)
     for index in range(worst - 3, worst + 4):
         frame = scene.truth.frames[index]
         near = frame.actor(frame.depth_order[-1])
@@ -95,8 +105,9 @@ def test_who_stands_behind_has_hidden_parts_and_who_stands_before_has_not(
     assert hidden["before"] <= 5
 
 
-def test_gates_are_told_and_double_while_a_target_is_missed(passing: Path) -> None:
-    answers = forward(passing)
+def test_gates_are_told_and_double_while_a_target_is_missed(
+    answers: list[list[Target]],
+) -> None:
     most = PartsParameters().gate_most
     sides: dict[int, tuple[bool, float]] = {}
     doubled = 0
@@ -127,7 +138,7 @@ def test_boxes_alone_are_tracked_with_the_features_that_need_no_pixels(
 def test_a_target_started_by_hand_is_the_only_one_told_of_and_verify_starts_it_again(
     passing: Path, tmp_path: Path
 ) -> None:
-    scene = generate("pass_by", seed=2, size=SIZE)
+    scene = crossing()
     actor = scene.truth.frames[50].actor(1)
     assert actor is not None
     out = tmp_path / "a.mcap"
@@ -215,7 +226,7 @@ def test_a_start_that_finds_nobody_is_said_whatever_is_written(
     command = ["replay", str(passing), "-o", str(out), "--tracker", "parts", *words]
     assert main([*command, "--init", nobody]) == 3
     assert "none of 1 targets started by hand were found" in capsys.readouterr().err
-    actor = generate("pass_by", seed=2, size=SIZE).truth.frames[50].actor(1)
+    actor = crossing().truth.frames[50].actor(1)
     assert actor is not None
     box = ",".join(f"{v:g}" for v in actor.full_box)
     assert main([*command, "--force", "--init", f"frame:50:{box}"]) == 0, (
@@ -226,7 +237,7 @@ def test_a_start_that_finds_nobody_is_said_whatever_is_written(
 def test_scores_of_fitted_features_say_what_they_were_fitted_on(
     passing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    truth = write_truth(generate("pass_by", seed=2, size=SIZE), tmp_path / "gt.txt")
+    truth = write_truth(crossing(), tmp_path / "gt.txt")
     for tracker, said in (("parts", True), ("events", False)):
         out = tmp_path / f"{tracker}.mcap"
         assert main(["replay", str(passing), "-o", str(out), "--tracker", tracker]) == 0
@@ -251,7 +262,7 @@ def test_targets_begin_and_stay_in_the_regions_alone_unless_they_were_started_by
     tmp_path: Path,
 ) -> None:
     """Inset by 0.3 of 240 pixels, the regions are x from 72 to 248, y from 72 to 168."""
-    scene = generate("pass_by", seed=2, size=SIZE)
+    scene = crossing()
     path = write_scene_log(scene, tmp_path / "inset.mcap", style="merged", regions=False)
     regions = RegionParameters(roi_inset=0.3, border_inset=0.3)
     answers = forward(path, region_parameters=regions)
@@ -278,17 +289,16 @@ def test_another_head_detector_can_be_plugged_in(passing: Path) -> None:
     with_them = forward(passing, find_heads=heads)
     assert asked
     assert all(0 < h < 300 for h in asked)
-    assert with_them != forward(passing, find_heads=lambda *_: [])
-    assert forward(passing, "parts.use_heads=false") == forward(
-        passing, find_heads=lambda *_: []
-    )
+    without = forward(passing, find_heads=lambda *_: [])
+    assert with_them != without
+    assert forward(passing, "parts.use_heads=false") == without
 
 
 def test_without_parts_who_passes_is_followed_by_place_and_size_alone(
-    passing: Path,
+    passing: Path, answers: list[list[Target]]
 ) -> None:
-    with_parts, without = forward(passing), forward(passing, "parts.use_parts=false")
-    assert with_parts != without
+    without = forward(passing, "parts.use_parts=false")
+    assert answers != without
     assert any(t.observed for targets in without for t in targets)
 
 
@@ -311,12 +321,12 @@ def test_without_pruning_the_heads_image_is_never_looked_for(
     " by hand and in hindsight 7 of 10 are mostly tracked, the paper has 10 of 10"
 )
 def test_by_hand_a_target_is_told_of_as_well_as_if_everybody_were(
-    pets: tuple[Path, MotTable], tmp_path: Path
+    pets_of_truth: tuple[Path, MotTable], tmp_path: Path
 ) -> None:
     """Person 9 is lost behind a sign and among others, and is there again later: hindsight joins
     what was followed.
     """
-    scene, truth = pets
+    scene, truth = pets_of_truth
     own = truth.select(truth.ids == 9)
     box = ",".join(f"{v:.2f}" for v in own.boxes[0].tolist())
     config = replay_config("parts", assignments=(f"parts.init=frame:0:{box}",))
@@ -329,18 +339,18 @@ def test_by_hand_a_target_is_told_of_as_well_as_if_everybody_were(
 
 
 @pytest.fixture(scope="module")
-def pets(real_data: Path, pets_scene: Path) -> tuple[Path, MotTable]:
+def pets_of_truth(real_data: Path, pets: Path) -> tuple[Path, MotTable]:
     """PETS09-S2L1 from pixels, with the truth."""
     truth = fit_truth(
         read_truth(real_data / "pets09-s2l1" / "gt.txt"), (480, 360), (768, 576)
     )
-    return pets_scene, truth
+    return pets / "scene.mcap", truth
 
 
 def test_pets_from_pixels_is_better_than_opencv_with_sort_or_norfair(
-    pets: tuple[Path, MotTable], tmp_path: Path
+    pets_of_truth: tuple[Path, MotTable], tmp_path: Path
 ) -> None:
-    scene, truth = pets
+    scene, truth = pets_of_truth
     replay(
         scene,
         tmp_path / "a.mcap",

@@ -228,8 +228,10 @@ def scored(
 
 
 @pytest.mark.real
-def test_pets_from_pixels(real_data: Path, pets_scene: Path, tmp_path: Path) -> None:
-    s = scored(pets_scene, tmp_path, real_data / "pets09-s2l1" / "gt.txt", (768, 576))
+def test_pets_from_pixels(real_data: Path, pets: Path, tmp_path: Path) -> None:
+    s = scored(
+        pets / "scene.mcap", tmp_path, real_data / "pets09-s2l1" / "gt.txt", (768, 576)
+    )
     assert s.hota.hota > 55
     assert s.clear.mota > 72
     assert s.identity.idf1 > 75
