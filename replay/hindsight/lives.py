@@ -19,6 +19,7 @@ from replay.hindsight.verdicts import (
     Whole,
     confidence,
     doubts,
+    lessened,
     mean_odds,
     moving_odds,
     told_doubt,
@@ -54,7 +55,7 @@ class TrackLife:
         told: list[Notice] = []
         while self.doubted < len(self.doubts) and self.doubts[self.doubted].at <= at:
             doubt = self.doubts[self.doubted]
-            self.identity *= doubt.same
+            self.identity = lessened(self.identity, 1.0 / max(doubt.same, 1e-9) - 1.0)
             self.doubted += 1
             notice = told_doubt(self.id, doubt, self.identity)
             told += [] if notice is None else [notice]

@@ -32,7 +32,7 @@ from replay.hindsight.lives import TrackLife, lives_of
 from replay.hindsight.parameters import HindsightParameters
 from replay.hindsight.passing import Passing
 from replay.hindsight.smoothing import filtered
-from replay.hindsight.verdicts import withheld
+from replay.hindsight.verdicts import lessened, withheld
 
 _BLOCK = 64
 _CALM = ((1.0, 0.25), (1.0, 1.0), (1.0, 4.0), (1.0, 16.0), (1.0, 64.0))
@@ -122,7 +122,7 @@ class _Writer:
         self._p = p
         self._times = times
         self._has_masks = scene.has_masks
-        self._passing = Passing(seeing=scene.has_images)
+        self._passing = Passing(seeing=scene.has_images, masks=scene.has_masks)
         self._frame_s = max(scene.frame_ns * 1e-9, 1e-6)
         self._fill = max(1, math.floor(p.fill_s / self._frame_s + 1e-6))
         self._margin = self._fill + max(8, round(1.0 / self._frame_s))
@@ -192,8 +192,8 @@ class _Writer:
         notices: list[Notice] = []
         for life, _ in here:
             if life.id in found:
-                same, notice = found[life.id]
-                life.identity *= same
+                odds, notice = found[life.id]
+                life.identity = lessened(life.identity, odds)
                 notices += [] if notice is None else [notice]
         return notices
 

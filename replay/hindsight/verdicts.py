@@ -18,9 +18,9 @@ waiting; but for that the score is no better for being repeated, and fewer wait 
 Identity. Of those who come back after a gap without colours to know them by, e^(-(gap /
 `FORGOTTEN_S`)^1.5) are who they were, as measured on five recordings: a short gap costs little.
 (ETH-Bahnhof is not one of them: its truth gives a new number to who comes back.) Where colours are
-known they count as the likelihood ratio that they are. What is left after every gap, join and
-passing (`replay.hindsight.passing`) is the life's `identity` from there on; the other reading is
-that somebody else begins there.
+known they count as the likelihood ratio that they are. The odds of being somebody else by now add
+up over every gap, join and passing (`replay.hindsight.passing`); what is left is the life's
+`identity` from there on; the other reading is that somebody else begins there.
 """
 
 from __future__ import annotations
@@ -167,6 +167,15 @@ def why_not(
 def keeps(seconds: float, *, seeing: bool) -> float:
     """For how long an identity is known that is known so long without pictures."""
     return seconds * (SEEING if seeing else 1.0)
+
+
+def lessened(identity: float, odds: float) -> float:
+    """What is left of an identity once the odds of being somebody else have grown by so much.
+
+    >>> lessened(0.5, 1.0)
+    0.3333333333333333
+    """
+    return 1.0 / (1.0 / max(identity, 1e-9) + odds)
 
 
 def survived(gap_s: float, *, seeing: bool) -> float:

@@ -9,6 +9,7 @@
 "together" pools the counts of the four MOT15 sequences, as TrackEval's COMBINED does; PETS and TUD
 stand beside them. The curve says how many of the boxes that are told with a confidence are right;
 the calibration error is the mean distance of the two, weighted by boxes, in tenths of confidence.
+That of `identity` is the same of boxes on somebody: how many are on whom their track began on.
 """
 
 from __future__ import annotations
@@ -63,12 +64,15 @@ class Result:
         counts: true boxes, hits, extras, switches, IDTP, boxes told.
         parts: (19, 4) by alpha: hits, result boxes, true boxes, sum of the hits' association.
         sure, right: (N,) confidence of every box told, and whether it is a hit at IoU .5.
+        known, same: (M,) identity of every hit, and whether it is on whom its track began on.
     """
 
     counts: Floats
     parts: Floats
     sure: Floats
     right: NDArray[np.bool_]
+    known: Floats
+    same: NDArray[np.bool_]
 
     @property
     def scores(self) -> tuple[float, float, float]:
@@ -83,20 +87,42 @@ class Result:
             200 * idtp / (true + told),
         )
 
+    def told(self, what: str) -> tuple[Floats, NDArray[np.bool_]]:
+        """What was said of ``confidence`` or ``identity``, and whether it was right."""
+        return (self.known, self.same) if what == "identity" else (self.sure, self.right)
 
-def judged(truth: MotTable, table: MotTable) -> Result:
-    """Count what a result has right."""
+
+def judged(truth: MotTable, table: MotTable, identity: Floats | None = None) -> Result:
+    """Count what a result has right; ``identity`` as its rows."""
     truth = truth.select(truth.confidences > 0)
     s, both = evaluate(truth, table), overlap(truth, table)
     rows = _parts(s.hota, len(truth), len(table))
     right = np.zeros(len(table), np.bool_)
-    right[both.result_row[match(both, 0.5).pairs]] = True
+    pairs = match(both, 0.5).pairs
+    rows_hit, rows_true = both.result_row[pairs], both.true_row[pairs]
+    right[rows_hit] = True
     c = s.clear
     counts = [
         len(truth), c.true_positives, c.false_positives, c.switches, s.identity.idtp, len(table)
     ]  # fmt: skip
+    order = np.argsort(both.result.frames[rows_hit], kind="stable")
+    begun: dict[int, int] = {}
+    same = [
+        begun.setdefault(track, person) == person
+        for track, person in zip(
+            both.result.ids[rows_hit][order].tolist(),
+            both.truth.ids[rows_true][order].tolist(),
+            strict=True,
+        )
+    ]
+    identity = np.ones(len(table)) if identity is None else identity
     return Result(
-        np.array(counts, np.float64), np.array(rows), both.result.confidences, right
+        np.array(counts, np.float64),
+        np.array(rows),
+        both.result.confidences,
+        right,
+        identity[rows_hit][order],
+        np.array(same, np.bool_),
     )
 
 
@@ -117,20 +143,24 @@ def pooled(results: Sequence[Result]) -> Result:
         np.sum([r.parts for r in results], axis=0),
         np.concatenate([r.sure for r in results]),
         np.concatenate([r.right for r in results]),
+        np.concatenate([r.known for r in results]),
+        np.concatenate([r.same for r in results]),
     )
 
 
-def curve(result: Result) -> tuple[list[tuple[float, float, int]], float]:
-    """(mean confidence, share that is right, boxes) by tenths, and the calibration error."""
+def curve(
+    said: Floats, right: NDArray[np.bool_]
+) -> tuple[list[tuple[float, float, int]], float]:
+    """(mean said, share that is right, boxes) by tenths, and the calibration error."""
     rows, off = [], 0.0
-    tenth = np.minimum((result.sure * 10).astype(np.intp), 9)
+    tenth = np.minimum((said * 10).astype(np.intp), 9)
     for k in range(10):
         here = tenth == k
         if here.any():
-            said, true = float(result.sure[here].mean()), float(result.right[here].mean())
-            rows.append((said, true, int(here.sum())))
-            off += abs(said - true) * int(here.sum())
-    return rows, off / max(1, len(result.sure))
+            mean, true = float(said[here].mean()), float(right[here].mean())
+            rows.append((mean, true, int(here.sum())))
+            off += abs(mean - true) * int(here.sum())
+    return rows, off / max(1, len(said))
 
 
 def tracked(name: str, log: Path, tracker: str, settings: Sequence[str]) -> Result:
@@ -143,9 +173,20 @@ def tracked(name: str, log: Path, tracker: str, settings: Sequence[str]) -> Resu
         ReplayOptions(tracker=tracker, config=config, annotations_only=True, force=True),
     )
     with AnnotatedLog(out) as annotated:
-        return judged(
-            read_truth(DATA / SEQUENCES[name][0] / "gt.txt"), read_tracks(annotated).table
-        )
+        truth = read_truth(DATA / SEQUENCES[name][0] / "gt.txt")
+        return judged(truth, read_tracks(annotated).table, identities(annotated))
+
+
+def identities(annotated: AnnotatedLog) -> Floats:
+    """The identity of every present track, in the order of `read_tracks`."""
+    return np.array(
+        [
+            track.identity
+            for frame in annotated.frames(("tracks",))
+            for track in frame.tracks
+            if track.present
+        ]
+    )
 
 
 def plain(name: str, least: float) -> Result:
@@ -266,13 +307,15 @@ def main() -> int:
         for tracker in args.trackers:
             results = [tracked(n, log, tracker, args.set) for n, log in logs.items()]
             print(line(tracker, results), flush=True)
-            rows, off = curve(pooled(results))
-            each = [curve(r)[1] for r in results]
-            print(
-                f"  calibration error {off:.3f}, of one sequence at worst {max(each):.3f};"
-                " told, right, boxes: "
-                + ", ".join(f"{s:.2f} {t:.2f} {n}" for s, t, n in rows)
-            )
+            for what in ("confidence", "identity"):
+                rows, off = curve(*pooled(results).told(what))
+                each = [curve(*r.told(what))[1] for r in results]
+                print(
+                    f"  calibration error of {what} {off:.3f}, of each "
+                    + ", ".join(f"{e:.3f}" for e in each)
+                    + "; told, right, boxes: "
+                    + ", ".join(f"{s:.2f} {t:.2f} {n}" for s, t, n in rows)
+                )
     return 0
 
 

@@ -286,16 +286,22 @@ def test_an_identity_never_grows_surer_and_every_long_gap_is_told(gaps: list[int
     assert left == sorted(left, reverse=True)
     assert left[0] == 1.0
     same = [math.exp(-((0.1 * (gap + 1) / 6.0) ** 1.5)) for gap in gaps]
-    assert left[-1] == pytest.approx(math.prod(same))
+    against = math.fsum(1.0 / p - 1.0 for p in same)
+    assert left[-1] == pytest.approx(1.0 / (1.0 + against))
     doubtful = [(p, 0.1 * (gap + 1)) for p, gap in zip(same, gaps, strict=True) if p < 0.9]
     told = [n.evidence for _, n in _notices(out, "identity")]
     assert [(e["same"], e["gap_s"]) for e in told] == [pytest.approx(d) for d in doubtful]
 
 
-@pytest.mark.parametrize(("frames", "told"), [(3, False), (10, True), (40, True)])
-def test_who_passes_at_one_place_may_have_been_exchanged(frames: int, told: bool) -> None:
-    """The second walks up to the first, stays at his place, and walks on."""
-    ways = [-40.0] * 10 + [5.0] * frames + [60.0] * 10
+@pytest.mark.parametrize(
+    ("steps", "told"), [(0, False), (3, False), (10, True), (40, True)]
+)
+def test_who_goes_by_may_have_been_exchanged(steps: int, told: bool) -> None:
+    """Two stand beside one another; the second walks over to the first one's other side, back, and
+    so on. What counts is how far he goes, not for how long they stand.
+    """
+    walk = [30.0 - 6.0 * abs((k + 10) % 20 - 10) for k in range(steps + 1)]
+    ways = [30.0] * 10 + walk + [walk[-1]] * 10
     out = _run(
         [
             Targets(k, [_target(1, k, 200.0), _target(2, k, 200.0 + way)])
@@ -303,13 +309,26 @@ def test_who_passes_at_one_place_may_have_been_exchanged(frames: int, told: bool
         ]
     )
     left = {t.id: t.identity for t in out[-1].targets}
-    spent = math.exp(-min(0.1 * frames, 2.0) / 5.0)
-    assert left[1] == left[2] == pytest.approx(spent, rel=0.05)
-    assert all(t.identity == 1.0 for f in out[:8] for t in f.targets)
+    size = math.sqrt(20.0 * 40.0)
+    assert left[1] == left[2]
+    assert left[1] == pytest.approx(1.0 / (1.0 + 0.056 * 6.0 * steps / size), abs=0.03)
+    assert all(t.identity > 0.99 for f in out[:6] for t in f.targets)
     notices = [n for _, n in _notices(out, "identity")]
     assert [(n.subjects, n.evidence["with"]) for n in notices] == (
         [([1], [2]), ([2], [1])] if told else []
     )
+
+
+def test_a_size_that_changes_may_be_another_one() -> None:
+    frames = [
+        Targets(k, [_target(1, k, 100.0, measured=(100.0, 100.0, 20.0, high))])
+        for k, high in enumerate(
+            [40.0] * 10 + [40.0 + 2 * k for k in range(21)] + [80.0] * 10
+        )
+    ]
+    left = [t.identity for f in _run(frames) for t in f.targets]
+    assert left[0] == 1.0
+    assert left[-1] == pytest.approx(1.0 / (1.0 + 0.3 * math.log(2.0)), abs=0.02)
 
 
 @pytest.mark.parametrize(
