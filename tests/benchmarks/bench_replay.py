@@ -6,10 +6,14 @@ turns; growth and memory.
 
 pictures    pictures and masks through each tracker, against a bare OpenCV loop on the video
             (decode, MOG2, morphology, components; no tracker, nothing written)
-detections  detections alone through each tracker, against SORT (the tracker alone: no reading, no
-            relations, no events, nothing written)
-targets     time per frame against the number of targets, beside SORT memory      the most memory
-that a replay of a minute and of an hour takes, each in a process of its own
+detections  detections alone through each tracker, 8,000 frames, against SORT (the tracker alone: no
+            reading, no relations, no events, nothing written) and against what a user would write
+            with it (`plain_replay`: read, SORT, drawings and tracks written by the mcap package)
+targets     time per frame against the number of targets, beside SORT
+lengths     time per frame against the length of the recording, a minute to an hour
+sizes       time per frame of record and replay against the size of the pictures, 240p to 4K
+memory      the most memory that a replay of a minute and of an hour takes, each in a process of its
+            own
 
 A replay reads the log, tracks, rewrites in hindsight, reasons, draws and writes the annotated log.
 """
@@ -29,7 +33,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from bench_record import bare_loop
+from bench_record import bare_loop, resized
+from plain_replay import plain_replay
 from sort import Sort
 
 from recorders import channels
@@ -49,6 +54,9 @@ DATA = Path(os.environ.get("SCENETRACE_DATA", ROOT.parent / "shared" / "data"))
 SEQUENCE = DATA / "pets09-s2l1"
 COUNTS = (2, 5, 10, 20, 50, 100, 200)
 MINUTE, HOUR = 1_500, 90_000
+LONG = 8_000
+MINUTES = (1, 2, 5, 10, 20, 60)
+HEIGHTS = (240, 360, 480, 720, 1080, 2160)
 FRAME_NS = 40_000_000
 MEASURE = """
 import resource, sys
@@ -120,6 +128,8 @@ def pictures(args: argparse.Namespace, folder: Path) -> None:
     if not video.exists():
         print(f"  skipped: {video} is not there")
         return
+    if args.rows:
+        video = resized(video, folder / "video.avi", args.rows, 400)
     scene = folder / "pictures.mcap"
     record(open_source(video), scene, RecordOptions(force=True))
     runs: dict[str, Callable[[], int]] = {"bare OpenCV loop": lambda: bare_loop(video)}
@@ -141,17 +151,42 @@ def sort_over(scene: Path) -> Callable[[], int]:
     return once
 
 
+def repeated(text: Path, out: Path, frames: int) -> None:
+    """The lines of a MOTChallenge file over and over, up to so many frames."""
+    rows = [line.split(",", 1) for line in text.read_text().split()]
+    length = max(int(frame) for frame, _ in rows)
+    out.write_text(
+        "".join(
+            f"{int(frame) + start},{rest}\n"
+            for start in range(0, frames, length)
+            for frame, rest in rows
+            if int(frame) + start <= frames
+        )
+    )
+
+
 def detections(args: argparse.Namespace, folder: Path) -> None:
     """Without pixels, against SORT."""
     text = SEQUENCE / "det.txt"
     if not text.exists():
         print(f"  skipped: {text} is not there")
         return
-    scene = folder / "detections.mcap"
-    record(open_source(text, fps="7", size=(768, 576)), scene, RecordOptions(force=True))
-    runs: dict[str, Callable[[], int]] = {"SORT (tracker only)": sort_over(scene)}
+    scene, peer = folder / "detections.mcap", "SORT, read, drawn, written"
+    repeated(text, folder / "det.txt", LONG // 10 if args.quick else LONG)
+    record(
+        open_source(folder / "det.txt", fps="7", size=(768, 576)),
+        scene,
+        RecordOptions(force=True),
+    )
+    runs: dict[str, Callable[[], int]] = {
+        "SORT (tracker only)": sort_over(scene),
+        peer: lambda: plain_replay(scene, folder / "plain.mcap"),
+    }
     runs |= {f"replay --tracker {name}": run(scene, folder, name) for name in TRACKERS}
-    show(rounds_of(runs, args.rounds), "SORT (tracker only)")
+    costs = rounds_of(runs, args.rounds)
+    show(costs, "SORT (tracker only)")
+    print(f"  and beside {peer}:")
+    show(costs, peer)
 
 
 def walkers(path: Path, people: int, frames: int, seed: int = 0) -> Path:
@@ -200,33 +235,81 @@ def targets(args: argparse.Namespace, folder: Path) -> None:
             table.setdefault(label, []).append(
                 1e3 * statistics.median(c.cpu_s for c in values)
             )
-    print("  ms of processor a frame" + "".join(f"{n:>9}" for n in COUNTS) + "   targets")
+    scaling("targets", COUNTS, table, args)
+
+
+def lengths(args: argparse.Namespace, folder: Path) -> None:
+    """Time per frame against the length of the recording, of five people."""
+    table: dict[str, list[float]] = {}
+    minutes = MINUTES[:3] if args.quick else MINUTES
+    for count in minutes:
+        scene = walkers(folder / "walkers.mcap", 5, count * MINUTE)
+        runs = {"replay events": run(scene, folder, "events")}
+        for label, values in rounds_of(runs, 1).items():
+            table.setdefault(label, []).append(1e3 * values[0].cpu_s)
+    scaling("minutes", minutes, table, args)
+
+
+def sizes(args: argparse.Namespace, folder: Path) -> None:
+    """Time per frame of record and replay against the size of the pictures."""
+    video = SEQUENCE / "video.avi"
+    if not video.exists():
+        print(f"  skipped: {video} is not there")
+        return
+    table: dict[str, list[float]] = {}
+    heights = HEIGHTS[:3] if args.quick else HEIGHTS
+    for height in heights:
+        small = resized(video, folder / f"{height}.avi", height, 60)
+        scene = folder / "sized.mcap"
+        runs: dict[str, Callable[[], int]] = {
+            "bare loop": lambda: bare_loop(small),  # noqa: B023
+            "record": lambda: (
+                record(open_source(small), scene, RecordOptions(force=True)).frames  # noqa: B023
+            ),
+            "replay events": run(scene, folder, "events"),
+        }
+        for label, values in rounds_of(runs, 1).items():
+            table.setdefault(label, []).append(1e3 * values[0].cpu_s)
+    scaling("rows", heights, table, args)
+
+
+def scaling(
+    what: str,
+    counts: Sequence[int],
+    table: dict[str, list[float]],
+    args: argparse.Namespace,
+) -> None:
+    """Print how the time grows, and draw it where that was asked for."""
+    print("  ms of processor a frame" + "".join(f"{n:>9}" for n in counts) + f"   {what}")
     for label, times in table.items():
         print(f"  {label:23}" + "".join(f"{t:9.2f}" for t in times))
+    last = counts[-4:]
     for label, times in table.items():
-        slope = np.polyfit(np.log(COUNTS[-4:]), np.log(times[-4:]), 1)[0]
+        slope = np.polyfit(np.log(last), np.log(times[-len(last) :]), 1)[0]
         print(
-            f"  {label:12} grows with the number of targets to the power {slope:.2f} from"
-            f" {COUNTS[-4]} targets on"
+            f"  {label:12} grows with the {what} to the power {slope:.2f} from {last[0]} on"
         )
     if args.output is not None:
-        plot(table, args.output)
+        path = args.output.with_name(f"{args.output.stem}_{what}{args.output.suffix}")
+        plot(what, counts, table, path)
 
 
-def plot(table: dict[str, list[float]], path: Path) -> None:
+def plot(
+    what: str, counts: Sequence[int], table: dict[str, list[float]], path: Path
+) -> None:
     """Draw the table."""
     import matplotlib as mpl
 
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
+    figure, axes = plt.subplots(figsize=(4.5, 3), layout="constrained")
     for label, times in table.items():
-        axes.loglog(COUNTS[: len(times)], times, marker="o", label=label)
-    axes.set(xlabel="targets", ylabel="ms of processor a frame")
+        axes.loglog(counts, times, marker="o", markersize=4, label=label)
+    axes.set(xlabel=what, ylabel="ms of processor a frame")
     axes.grid(alpha=0.3)
     axes.legend()
-    figure.savefig(path)
+    figure.savefig(path, dpi=90, metadata={"Software": None})
     print(f"  {path}: written")
 
 
@@ -263,6 +346,8 @@ PARTS = {
     "pictures": pictures,
     "detections": detections,
     "targets": targets,
+    "lengths": lengths,
+    "sizes": sizes,
     "memory": memory,
 }
 
@@ -275,10 +360,17 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("parts", nargs="*", choices=[*PARTS, []], help="default: all")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument(
+        "--rows", type=int, help="height of the pictures of `pictures`, 4:3"
+    )
+    parser.add_argument(
         "--quick", action="store_true", help="one round, shorter recordings"
     )
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="plot time against targets"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="plots, as FILE_targets.png",
     )
     args = parser.parse_args(words)
     if args.quick:
