@@ -113,18 +113,35 @@ def _likeliest(
         np.maximum(found[None, :, 3], 1.0) / np.maximum(expected[:, None, 3], 1.0)
     )
     near &= np.abs(ratio) <= ALIKE
-    tried = np.concatenate([np.zeros((1, 2)), away[near]])
+    # Each pair of a target and a detection near it: a displacement to be tried, and to be seen
+    # under every other one. Of a crowd's pairs these are few.
+    target, _ = near.nonzero()
+    votes = away[near]
+    tried = np.concatenate([np.zeros((1, 2)), votes])
     width = WIDTH * sizes
-    apart = np.add.reduce((tried[:, None, None] - away[None]) ** 2, axis=3)
-    fits = np.exp(-0.5 * apart / (width * width)[None, :, None])
-    worth = np.where(near[None], fits, 0.0)
-    most = np.maximum.reduce(worth, axis=2)
+    square = width * width
+    apart = np.add.reduce((tried[:, None] - votes[None]) ** 2, axis=2)
+    worth = np.exp(-0.5 * apart / square[target])
+    most = np.zeros((len(tried), len(expected)))
+    if len(votes):
+        first = _firsts(target)
+        most[:, target[first]] = np.maximum.reduceat(worth, first, axis=1)
     total = np.add.reduce(np.log(most + ELSEWHERE), axis=1)
     total = total - 0.5 * np.add.reduce(tried * tried / usual, axis=1)
     winner = int(total.argmax())
     best = most[winner]
-    weight = np.where(best > 0, best / (best + ELSEWHERE) / (width * width), 0.0)
-    own = away[np.arange(len(away)), worth[winner].argmax(axis=1)]
+    weight = np.where(best > 0, best / (best + ELSEWHERE) / square, 0.0)
+    own = np.zeros((len(expected), 2))
+    chosen = (worth[winner] == best[target]).nonzero()[0]
+    chosen = chosen[_firsts(target[chosen])]  # the first of equals
+    own[target[chosen]] = votes[chosen]
     sure = float(np.add.reduce(weight))
     told = np.add.reduce(weight[:, None] * own, axis=0) / max(sure, 1e-12)
     return told, sure
+
+
+def _firsts(rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Where each of ascending numbers stands first."""
+    new = np.ones(len(rows), bool)
+    new[1:] = rows[1:] != rows[:-1]
+    return new.nonzero()[0]
