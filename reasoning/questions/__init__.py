@@ -1,6 +1,7 @@
 """Questions to annotated logs: tables, SQL, ready questions, patterns."""
 
-from reasoning.questions.case import Answer, Case, QueryError, QueryLimits
+from reasoning.questions.asking import Answer, QueryError, QueryLimits
+from reasoning.questions.case import Case
 from reasoning.questions.schema import CONTRACT, TABLES
 
 __all__ = ["CONTRACT", "TABLES", "Answer", "Case", "QueryError", "QueryLimits"]

@@ -10,7 +10,7 @@ from datetime import date, datetime, time
 from itertools import chain, islice
 from typing import IO, Any
 
-from reasoning.questions.case import Answer
+from reasoning.questions.asking import Answer
 from reasoning.questions.parquet import unique
 
 FORMATS = ("table", "json", "csv", "parquet")

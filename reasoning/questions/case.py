@@ -10,12 +10,7 @@ of statement is checked before it runs, in a transaction that is read only; a ti
 from __future__ import annotations
 
 import os
-import re
-import threading
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,78 +18,25 @@ import duckdb
 
 from reasoning.encounters import EncounterParameters
 from reasoning.questions import catalogue
+from reasoning.questions.asking import Asking, QueryError, QueryLimits
 from reasoning.questions.drawn import Drawn
 from reasoning.questions.drawn_tables import draw, make_tables
-from reasoning.questions.duckdb_tables import insert
+from reasoning.questions.duckdb_tables import first_line, insert
 from reasoning.questions.ingest import read_recordings
-from reasoning.questions.literals import Recordings, literal
+from reasoning.questions.inputs import free_name, kind_of, parquet_parts
+from reasoning.questions.literals import literal
 from reasoning.questions.macros import macro_statements
 from reasoning.questions.metres import GroundPlane, make_metres
 from reasoning.questions.recording_facts import file_digest
 from reasoning.questions.schema import DRAWN, SURE, TABLES, create_statements, shown
 from recorders.closing import Closing
-from recorders.errors import RecordingError, SceneTraceError, UsageError
+from recorders.errors import RecordingError, UsageError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.messages import EVENT_LEVELS
 from recorders.stores import is_uri, open_store
 from recorders.told_times import CLOCKED_NS, clock_text
 
-MCAP_MAGIC = b"\x89MCAP0\r\n"
-DUCKDB_MAGIC = b"DUCK"
-PART_PREFIX = "part-"
 _LOGS = "logs"
-_FETCH = 2_000
-_MOST_FETCH = 16_000
-_ALLOWED = ("SELECT", "EXPLAIN")
-_FIRST_ROWS = 400_000
-_MOST_ROWS = 4_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class QueryLimits:
-    """What one query may take.
-
-    Attributes:
-        seconds: time until it is interrupted.
-        memory_mib: memory of the tables in memory and the query together.
-        threads: threads it may use.
-    """
-
-    seconds: float = 60.0
-    memory_mib: int = 2048
-    threads: int = 2
-
-
-class QueryError(SceneTraceError):
-    """A query was refused, is wrong, or went over a limit."""
-
-
-class QueryMemoryError(QueryError):
-    """A query needs more memory than it may take."""
-
-
-def locked_down(limits: QueryLimits) -> dict[str, str | bool | int | float | list[str]]:
-    """DuckDB settings for a connection that never loads code and never spills to disk."""
-    return {
-        "threads": str(limits.threads),
-        "memory_limit": f"{limits.memory_mib}MiB",
-        "temp_directory": "",
-        "autoinstall_known_extensions": "false",
-        "autoload_known_extensions": "false",
-        "allow_community_extensions": "false",
-        "python_enable_replacements": "false",
-    }
-
-
-@dataclass(frozen=True)
-class Answer:
-    """A query's result: column names, DuckDB types, and rows that are fetched while they are
-    read.
-    """
-
-    columns: list[str]
-    types: list[str]
-    rows: Iterator[tuple[Any, ...]]
 
 
 _OF_TRACKERS = ", ".join(
@@ -102,7 +44,7 @@ _OF_TRACKERS = ", ".join(
 )
 
 
-class Case(Closing):
+class Case(Asking, Closing):
     """Tables over any number of inputs, open for questions.
 
     Attributes:
@@ -158,18 +100,16 @@ class Case(Closing):
         self.inputs = [Path(p) for p in inputs]
         self._uris = {Path(p): str(p) for p in inputs if is_uri(str(p))}
         self._choice = choice or catalogue.Choice()
-        self.limits = limits or QueryLimits()
+        super().__init__(limits or QueryLimits())
         self.log_limits = log_limits
         self._brief = brief
         self.drawn = drawn or Drawn()
         self._start_ns = start_ns
         self._looks = looks
         self.ground = ground
-        self._con = duckdb.connect(":memory:", config=locked_down(self.limits))
         self._places: list[tuple[Path, Callable[[str], str]]] = []
         self._files: list[Path] = []
         self._folders: list[Path] = []
-        self._begun = False
         self._known: dict[tuple[str, str], str] = {}
         try:
             self._open(log_limits, encounters)
@@ -234,7 +174,7 @@ class Case(Closing):
                 )
             except duckdb.Error as error:
                 raise RecordingError(
-                    f"{table} cannot be read: {_first_line(error)}", self._damaged(table)
+                    f"{table} cannot be read: {first_line(error)}", self._damaged(table)
                 ) from error
         for table in DRAWN:
             self._con.execute(f"CREATE VIEW {table} AS {made[table]}")
@@ -300,7 +240,7 @@ class Case(Closing):
             ).fetchall()}  # fmt: skip
         except duckdb.Error as error:
             raise RecordingError(
-                f"cannot be opened as an index: {_first_line(error)}", path
+                f"cannot be opened as an index: {first_line(error)}", path
             ) from error
         tables = {table for table, _ in columns}
         missing = [f"table {t}" for t in TABLES if t not in tables] + [
@@ -357,7 +297,7 @@ class Case(Closing):
             ).fetchall()
         except duckdb.Error as error:
             raise RecordingError(
-                f"cannot be read as an index: {_first_line(error)}", path
+                f"cannot be read as an index: {first_line(error)}", path
             ) from error
         names = set(self._known.values())
         for digest, camera, name in rows:
@@ -402,238 +342,6 @@ class Case(Closing):
     def _insert(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
         insert(self._con, table, rows)
 
-    def sql(self, query: str, parameters: Sequence[Any] | Mapping[str, Any] = ()) -> Answer:
-        """Ask one question in SQL; rows are fetched as they are read, within the time limit.
-
-        Raises:
-            QueryError: refused, wrong, over a limit; also while rows are read.
-        """
-        deadline = time.monotonic() + self.limits.seconds
-        cursor = self._started(query, parameters, deadline)
-        return _answer(cursor, self._rows(cursor, deadline))
-
-    def _started(
-        self, query: str, parameters: Sequence[Any] | Mapping[str, Any], deadline: float
-    ) -> duckdb.DuckDBPyConnection:
-        self._check(query)
-        with self._guarded(deadline):
-            # A SELECT can hold a DELETE (in WITH ... RETURNING); the transaction is what forbids
-            # it.
-            if self._begun:
-                self._con.execute("ROLLBACK")
-            self._con.execute("BEGIN TRANSACTION READ ONLY")
-            self._begun = True
-            return self._con.execute(query, parameters or None)
-
-    def by_recording(
-        self,
-        make: Callable[[Recordings | None], str],
-        chosen: Recordings | None = None,
-        *,
-        keeps_few: bool = False,
-    ) -> Answer:
-        """Ask what is a question to each recording on its own, some recordings at a time, in the
-        order of their names.
-
-        Nothing that happens in one recording meets another's ids, so the answer is that of the
-        whole question; but it needs the memory of a few recordings, and its first rows come while
-        the rest is not yet read.
-
-        A question that keeps few of the rows that it looks through is asked of all recordings at
-        once: one plan and one pass instead of many. If that takes too much memory all the same,
-        some at a time.
-
-        Args:
-            make: the SQL for the recordings that it is given (None: all).
-            chosen: the recordings to ask, all at once (None: all there are).
-            keeps_few: see above.
-
-        Raises:
-            QueryError: as `sql`.
-        """
-        if chosen is not None:
-            return self.sql(make(chosen))
-        whole = make(None)
-        deadline = time.monotonic() + self.limits.seconds
-        if keeps_few:
-            try:
-                cursor = self._started(whole, (), deadline)
-                return _answer(cursor, self._rows(cursor, deadline))
-            except QueryMemoryError:
-                pass
-        spans = self._spans(whole)
-        if len(spans) < 2:
-            return self.sql(whole)
-        first = self._started(make(spans[0]), (), deadline)
-
-        def rows() -> Iterator[tuple[Any, ...]]:
-            yield from self._rows(first, deadline)
-            for span in spans[1:]:
-                yield from self._rows(self._started(make(span), (), deadline), deadline)
-
-        return _answer(first, rows())
-
-    def _spans(self, query: str) -> list[Recordings]:
-        """Spans of recordings that hold few, then more rows of the tables that the query reads
-        (by the average).
-        """
-        names = sorted(row[0] for row in self.rows("SELECT recording FROM recordings"))
-        words = {w.removeprefix(SURE) for w in re.findall(r"\w+", query)}
-        counts = " + ".join(
-            f"(SELECT count(*) FROM {t})"
-            for t in TABLES
-            if t in words and t != "recordings"
-        )
-        total = self.rows(f"SELECT {counts}")[0][0] if counts and len(names) > 1 else 0
-        if total <= _FIRST_ROWS:
-            return []
-        spans, start, budget = [], 0, _FIRST_ROWS
-        while start < len(names):
-            end = min(len(names), start + max(1, budget * len(names) // total))
-            spans.append(Recordings(names[start], names[end - 1]))
-            start, budget = end, min(4 * budget, _MOST_ROWS)
-        return spans
-
-    def rows(
-        self, query: str, parameters: Sequence[Any] | Mapping[str, Any] = ()
-    ) -> list[tuple[Any, ...]]:
-        """All rows of a query."""
-        return list(self.sql(query, parameters).rows)
-
-    def _rows(
-        self, cursor: duckdb.DuckDBPyConnection, deadline: float
-    ) -> Iterator[tuple[Any, ...]]:
-        size = _FETCH
-        while True:
-            with self._guarded(deadline):
-                batch = cursor.fetchmany(size)
-            if not batch:
-                return
-            yield from batch
-            size = min(2 * size, _MOST_FETCH)
-
-    def _check(self, query: str) -> None:
-        try:
-            statements = self._con.extract_statements(query)
-        except duckdb.Error as error:
-            raise QueryError(f"SQL: {_error_text(error)}") from error
-        if len(statements) != 1:
-            raise QueryError(f"SQL: one statement is wanted, this is {len(statements)}")
-        try:
-            kind = statements[0].type.name
-        except ValueError:  # a kind that DuckDB's Python does not know by name
-            kind = query.split(maxsplit=1)[0].upper()
-        words = query.split()
-        if kind not in _ALLOWED or (
-            kind == "EXPLAIN" and "ANALYZE" in (word.upper().strip("(),") for word in words)
-        ):
-            shown = "EXPLAIN ANALYZE" if kind == "EXPLAIN" else kind
-            raise QueryError(
-                f"SQL: {shown} is refused; a query may only read: SELECT, DESCRIBE,"
-                " SUMMARIZE, EXPLAIN"
-            )
-
-    @contextmanager
-    def _guarded(self, deadline: float) -> Iterator[None]:
-        over = threading.Event()
-
-        def stop() -> None:
-            over.set()
-            self._con.interrupt()
-
-        timer = threading.Timer(max(0.001, deadline - time.monotonic()), stop)
-        timer.daemon = True
-        timer.start()
-        try:
-            yield
-        except duckdb.InterruptException as error:
-            # The timer of the batch before may have struck between two batches: it is this
-            # query's time all the same.
-            if not over.is_set() and time.monotonic() < deadline:
-                raise
-            raise QueryError(
-                f"SQL: stopped after {self.limits.seconds:g} s (--time-limit)"
-            ) from error
-        except (duckdb.OutOfMemoryException, MemoryError) as error:
-            raise QueryMemoryError(
-                f"SQL: needs more than {self.limits.memory_mib} MiB of memory (--memory)"
-            ) from error
-        except duckdb.PermissionException as error:
-            raise QueryError(
-                "SQL: refused, a query may read the tables and nothing else:"
-                f" {_first_line(error)}"
-            ) from error
-        except (duckdb.Error, RuntimeError) as error:
-            if isinstance(error, duckdb.TransactionException) and "read-only" in str(error):
-                raise QueryError(
-                    "SQL: refused, a query may only read: it holds a statement that writes"
-                ) from error
-            if (
-                "'pytz'" in str(error)
-            ):  # DuckDB hands time zones to Python through a package that is not ours to ask for
-                raise QueryError(
-                    "SQL: show a TIMESTAMP WITH TIME ZONE as text: CAST(... AS VARCHAR)"
-                ) from error
-            raise QueryError(f"SQL: {_error_text(error)}") from error
-        finally:
-            timer.cancel()
-            timer.join(
-                1.0
-                # a thread that still ends while the process does keeps DuckDB's objects: it complains
-            )
-
-
-def _answer(cursor: duckdb.DuckDBPyConnection, rows: Iterator[tuple[Any, ...]]) -> Answer:
-    described = cursor.description or []
-    return Answer([d[0] for d in described], [str(d[1]) for d in described], rows)
-
-
-def kind_of(path: Path) -> str:
-    """``log``, ``index``, ``parquet`` or ``catalogue``, by content.
-
-    Raises:
-        RecordingError: none of them.
-    """
-    if path.is_dir():
-        if catalogue.is_catalogue(path):
-            return "catalogue"
-        if not parquet_parts(path):
-            raise RecordingError(
-                f"a folder without parts ({PART_PREFIX}*/) of an index in Parquet", path
-            )
-        return "parquet"
-    try:
-        with path.open("rb") as file:
-            head = file.read(16)
-    except OSError as error:
-        raise RecordingError(f"cannot be read: {error.strerror}", path) from error
-    if head.startswith(MCAP_MAGIC):
-        return "log"
-    if head[8:12] == DUCKDB_MAGIC:
-        return "index"
-    what = "an empty file" if not head else "neither an MCAP log nor an index"
-    raise RecordingError(
-        f"{what}; give annotated logs, an index of `scenetrace index`, or a folder of"
-        " Parquet",
-        path,
-    )
-
-
-def parquet_parts(folder: Path) -> list[Path]:
-    """The whole parts of a Parquet index, in order."""
-    return sorted(
-        p for p in folder.glob(f"{PART_PREFIX}*") if (p / "recordings.parquet").is_file()
-    )
-
-
-def free_name(stem: str, taken: Iterable[str]) -> str:
-    """The stem, or the stem with the lowest free number behind it."""
-    used = set(taken)
-    name, k = stem, 2
-    while name in used or any(u.startswith(f"{name}/") for u in used):
-        name, k = f"{stem}~{k}", k + 1
-    return name
-
 
 def _cache() -> Path:
     """Where copies of remote tables lie: the user's own, so that nobody else puts files there."""
@@ -643,23 +351,3 @@ def _cache() -> Path:
 
 def _quoted(path: Path) -> str:
     return literal(str(path))
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).strip() or type(error).__name__).splitlines()[0]
-
-
-def _error_text(error: Exception) -> str:
-    """DuckDB's message on one line, with the caret's position as a column number, and its
-    suggestion.
-    """
-    lines = [line.rstrip() for line in str(error).strip().splitlines()]
-    kept = [
-        line.strip() for line in lines if line.strip(" ^") and not line.startswith("LINE ")
-    ]
-    caret = next((line for line in lines if line.strip() and not line.strip(" ^")), None)
-    marked = next((line for line in lines if line.startswith("LINE ")), None)
-    if caret is not None and marked is not None:
-        column = caret.index("^") - marked.index(":") - 1
-        kept.append(f"at line {marked[5 : marked.index(':')]}, column {max(1, column)}")
-    return "; ".join(kept) if kept else type(error).__name__

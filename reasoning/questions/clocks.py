@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from reasoning.questions.case import Answer, Case
+from reasoning.questions.asking import Answer
+from reasoning.questions.case import Case
 from recorders.told_times import CLOCKED_NS, clock_text, time_zone
 
 NANOS = 1_000_000_000

@@ -64,6 +64,11 @@ def reason(error: Exception) -> str:
     return inner[1].replace('\\"', '"') if inner else text
 
 
+def first_line(error: Exception) -> str:
+    """The first line of DuckDB's message, or the error's name."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
 def _column(kind: str, values: Sequence[Any]) -> np.ndarray[Any, Any]:
     if kind.endswith("[]"):
         return np.array([str(value) for value in values], object)

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from string import Template
 
-from reasoning.questions.case import Answer, Case
+from reasoning.questions.asking import Answer
+from reasoning.questions.case import Case
 from reasoning.questions.literals import Recordings, identity, literal
 from recorders.errors import UsageError
 from recorders.looks import COLOURS, SHADES, shades_of

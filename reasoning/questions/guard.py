@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from reasoning.questions.case import QueryLimits
+from reasoning.questions.asking import QueryLimits
 
 GRACE_S = 5.0
 FAILED = 1

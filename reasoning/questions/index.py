@@ -20,16 +20,10 @@ from typing import Any
 import duckdb
 
 from reasoning.encounters import EncounterParameters
-from reasoning.questions.case import (
-    PART_PREFIX,
-    QueryLimits,
-    free_name,
-    kind_of,
-    locked_down,
-    parquet_parts,
-)
+from reasoning.questions.asking import QueryLimits, locked_down
 from reasoning.questions.duckdb_tables import insert, reason
 from reasoning.questions.ingest import read_recordings
+from reasoning.questions.inputs import PART_PREFIX, free_name, kind_of, parquet_parts
 from reasoning.questions.literals import literal
 from reasoning.questions.recording_facts import RecordingFacts, file_digest
 from reasoning.questions.schema import TABLES, create_statements

@@ -16,7 +16,7 @@ from reasoning.questions.duckdb_tables import reason
 from recorders.errors import SceneTraceError
 
 if TYPE_CHECKING:
-    from reasoning.questions.case import Answer, QueryLimits
+    from reasoning.questions.asking import Answer, QueryLimits
 
 _BATCH = 50_000
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from reasoning.questions.case import Answer, Case
+from reasoning.questions.asking import Answer
+from reasoning.questions.case import Case
 from reasoning.questions.question import Options
 from reasoning.questions.ready_questions import (
     DEFAULT_CERTAINTY,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from reasoning.questions import Case
-from reasoning.questions.case import kind_of
+from reasoning.questions.inputs import kind_of
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
 from recorders.errors import RecordingError, UsageError
 from recorders.pictures import Image
