@@ -29,15 +29,16 @@ TESTS = ["pytest", "-n", "auto", "--dist", "worksteal", "-q"]
 WHOLE = {
     ".": "batch cases cli desk events faults fixtures golden hostile library live property real",
     "reasoning": "questions",
+    "recorders/detectors": "test_onnx_detector.py",
     "recorders": "sources test_pieces.py test_recording.py test_recording_methods.py",
     "recorders/segmentation": "test_change.py test_motion.py test_surroundings.py",
     "replay": "cases compare correcting export fitting report sealing test_engine.py"
-    " test_evidence.py test_forgeries.py test_pass_through.py test_record_command.py"
+    " test_evidence.py test_forgeries.py test_left_things.py test_pass_through.py test_record_command.py"
     " test_run.py test_verification.py",
     "replay/trackers": "test_trials.py",
     "replay/trackers/events": "test_events_tracker.py",
     "replay/trackers/parts": "test_parts_tracking.py",
-    "replay/trackers/shells": "test_shells_order.py test_shells_tracker.py",
+    "replay/trackers/shells": "test_shells_order.py test_shells_rules.py test_shells_tracker.py",
 }
 """Folders and files of tests, each of which records, replays or starts the whole program."""
 INNER = ["-m", "not slow and not real and not long"]
@@ -70,7 +71,7 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument(
         "--times",
         action="store_true",
-        help="print the processor time of every file and of the dearest tests, with fixtures"
+        help="print the processor time of every folder, file and of the dearest tests, with fixtures"
         " and the processes that they start: what a clock shows depends on who else works",
     )
     return found

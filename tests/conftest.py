@@ -36,13 +36,12 @@ ROOT = Path(__file__).resolve().parent.parent
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, Any, Any]:
     """What is collected stays to the end: looking through it for rubbish takes a quarter of the
-    time, and as much again in the tests.
+    time.
     """
     gc.disable()
     try:
         return (yield)
     finally:
-        gc.freeze()
         gc.enable()
 
 

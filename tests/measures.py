@@ -15,6 +15,7 @@ import tokenize
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -102,42 +103,58 @@ def _positional(function: Function) -> int:
     return sum(argument.arg not in ("self", "cls") for argument in given)
 
 
+@cache
+def _of(text: str, where: str) -> Measures:
+    """Of one file; nobody changes it. The same files are measured in several groups."""
+    found = Measures()
+    tree = ast.parse(text)
+    lines: set[int] = set()
+    for token in _code_tokens(text, tree):
+        found.tokens += 1
+        lines.update(range(token.start[0], token.end[0] + 1))
+    found.lines = len(lines)
+    bound = [name for name in _bound_names(tree) if name != "_"]
+    found.names = len(bound)
+    short = [name for name in bound if len(name) == 1]
+    found.one_letter.update(short)
+    found.by_file[where] = len(short)
+    if text.count("\n") > LONG_FILE:
+        found.long_files.append(f"{where} {text.count(chr(10))}")
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            found.classes.setdefault(node.name, []).append(where)
+        if isinstance(node, ast.Call) and len(node.args) >= MANY_ARGUMENTS:
+            called = ast.unparse(node.func)
+            found.many_arguments.append(
+                f"{where}:{node.lineno} {called}() {len(node.args)}"
+            )
+        if not isinstance(node, Function):
+            continue
+        size = (node.end_lineno or node.lineno) - node.lineno + 1
+        place = f"{where}:{node.lineno} {node.name}"
+        if size > LONG_FUNCTION:
+            found.long_functions.append(f"{place} {size}")
+        if _positional(node) >= MANY_ARGUMENTS:
+            found.many_arguments.append(f"{place} {_positional(node)}")
+    return found
+
+
 def measure(files: list[Path]) -> Measures:
     """Count over Python files."""
-    found = Measures()
+    whole = Measures()
     for path in files:
-        text = path.read_text(encoding="utf-8")
-        tree = ast.parse(text)
-        where = str(path.relative_to(ROOT))
-        lines: set[int] = set()
-        for token in _code_tokens(text, tree):
-            found.tokens += 1
-            lines.update(range(token.start[0], token.end[0] + 1))
-        found.lines += len(lines)
-        bound = [name for name in _bound_names(tree) if name != "_"]
-        found.names += len(bound)
-        short = [name for name in bound if len(name) == 1]
-        found.one_letter.update(short)
-        found.by_file[where] += len(short)
-        if text.count("\n") > LONG_FILE:
-            found.long_files.append(f"{where} {text.count(chr(10))}")
-        for node in ast.walk(tree):
-            if isinstance(node, ast.ClassDef):
-                found.classes.setdefault(node.name, []).append(where)
-            if isinstance(node, ast.Call) and len(node.args) >= MANY_ARGUMENTS:
-                called = ast.unparse(node.func)
-                found.many_arguments.append(
-                    f"{where}:{node.lineno} {called}() {len(node.args)}"
-                )
-            if not isinstance(node, Function):
-                continue
-            size = (node.end_lineno or node.lineno) - node.lineno + 1
-            place = f"{where}:{node.lineno} {node.name}"
-            if size > LONG_FUNCTION:
-                found.long_functions.append(f"{place} {size}")
-            if _positional(node) >= MANY_ARGUMENTS:
-                found.many_arguments.append(f"{place} {_positional(node)}")
-    return found
+        one = _of(path.read_text(encoding="utf-8"), str(path.relative_to(ROOT)))
+        whole.tokens += one.tokens
+        whole.lines += one.lines
+        whole.names += one.names
+        whole.one_letter.update(one.one_letter)
+        whole.by_file.update(one.by_file)
+        whole.long_files += one.long_files
+        whole.long_functions += one.long_functions
+        whole.many_arguments += one.many_arguments
+        for name, at in one.classes.items():
+            whole.classes.setdefault(name, []).extend(at)
+    return whole
 
 
 def product_files() -> list[Path]:

@@ -22,13 +22,14 @@ def spent_s() -> float:
 
 
 class ProcessorTime:
-    """Adds the seconds to every report; prints the sums of files and the dearest tests."""
+    """Adds the seconds to every report; prints the sums of folders and files, and the dearest tests."""
 
     def __init__(self) -> None:
         self.start = spent_s()
         self.phase_start = self.start
         self.by_test: defaultdict[str, float] = defaultdict(float)
         self.by_file: defaultdict[str, float] = defaultdict(float)
+        self.by_folder: defaultdict[str, float] = defaultdict(float)
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_makereport(self, item: pytest.Item) -> Generator[None, Any, Any]:
@@ -45,12 +46,18 @@ class ProcessorTime:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         seconds = getattr(report, "processor_s", 0.0)
         self.by_test[f"{report.nodeid} ({report.when})"] += seconds
-        self.by_file[report.nodeid.split("::")[0]] += seconds
+        file = report.nodeid.split("::")[0]
+        self.by_file[file] += seconds
+        self.by_folder["/".join(file.split("/")[:-1][:2]) or "."] += seconds
 
     def pytest_terminal_summary(self, terminalreporter: Any) -> None:
         out = terminalreporter
         out.section("processor time")
-        for title, table in (("file", self.by_file), ("test", self.by_test)):
+        for title, table in (
+            ("folder", self.by_folder),
+            ("file", self.by_file),
+            ("test", self.by_test),
+        ):
             dearest = sorted(table.items(), key=lambda row: -row[1])
             for name, seconds in dearest[: SHOWN if title == "test" else None]:
                 if seconds >= 0.05:
