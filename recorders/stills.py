@@ -37,7 +37,7 @@ class StillHeader:
     """What a still picture says of itself.
 
     Attributes:
-        format: ``jpeg``, ``png``, ``tiff``, ``bmp``, ``webp``.
+        format: ``jpeg``, ``png``, ``tiff``, ``bmp``, ``webp``, ``avif``.
         width, height: in pixels, upright.
         bits: of one value of one pixel.
         orientation: EXIF's, 1 for upright.
@@ -71,11 +71,13 @@ def still_header(data: bytes, path: str | Path = "") -> StillHeader:
             return StillHeader("bmp", width, abs(height))
         if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
             return StillHeader("webp", *_webp_size(data))
-    except (struct.error, IndexError) as error:
+        if data[4:12] in (b"ftypavif", b"ftypavis"):
+            return StillHeader("avif", *_avif_size(data))
+    except (struct.error, IndexError, ValueError) as error:
         raise RecordingError("a picture whose header is cut off", path) from error
     if not data.startswith((b"\xff\xd8", b"\x89PNG")):
         raise RecordingError(
-            "neither a JPEG nor a PNG picture, nor TIFF, WebP or BMP", path
+            "neither a JPEG nor a PNG picture, nor TIFF, WebP, AVIF or BMP", path
         )
     header = read_header(data, path)
     width, height, orientation, bits = header.width, header.height, 1, 8
@@ -100,6 +102,12 @@ def _webp_size(data: bytes) -> tuple[int, int]:
         return 1 + (packed & 0x3FFF), 1 + (packed >> 14 & 0x3FFF)
     width, height = struct.unpack_from("<HH", data, 26)
     return width & 0x3FFF, height & 0x3FFF
+
+
+def _avif_size(data: bytes) -> tuple[int, int]:
+    """Width and height of the first ``ispe`` box; the picture's own comes before its thumbnails'."""
+    width, height = struct.unpack_from(">II", data, data.index(b"ispe", 0, 4096) + 8)
+    return width, height
 
 
 _SHORT = 3

@@ -13,6 +13,7 @@ from recorders.formats.document import Document
 from recorders.formats.file_names import FrameNames
 from recorders.formats.label_studio import LabelStudio, is_label_studio
 from recorders.formats.readers import read_json
+from recorders.formats.records import rows_in
 from recorders.formats.run_lengths import box_of_runs
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.names import by_number
@@ -196,6 +197,8 @@ def document_of(
     found = read_json(path, limits)
     if isinstance(found, dict) and {"images", "annotations"} <= set(found):
         return Coco(path, found, size, pictures)
+    if not isinstance(found, list) and rows_in(found):
+        return None
     if not isinstance(found, list):
         what = (
             ", ".join(list(found)[:6]) if isinstance(found, dict) else type(found).__name__
@@ -212,6 +215,13 @@ def document_of(
         return Coco(path, found, size, pictures)
     if is_label_studio(first):
         return LabelStudio(path, found, size, pictures)
-    if "after" in first or {"start_time", "label"} <= set(first):
+    if is_frigate(first):
         return Frigate(path, found, size, fps)
     return None
+
+
+def is_frigate(first: Any) -> bool:
+    """Whether an object is one of Frigate's events."""
+    return isinstance(first, dict) and (
+        isinstance(first.get("after"), dict) or {"start_time", "label"} <= set(first)
+    )

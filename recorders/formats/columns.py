@@ -11,6 +11,9 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 from recorders.errors import UsageError
@@ -21,7 +24,7 @@ from recorders.messages import Box
 _ROLES: dict[str, tuple[str, ...]] = {
     "frame": (
         "frame", "frame_id", "frame_number", "frame_index", "frame_idx", "frameid", "framenumber",
-        "frame_num", "fn", "image_id", "imageid",
+        "frame_num", "frameindex", "fn", "image_id", "imageid",
     ),
     "file": ("file", "file_name", "filename", "image", "image_name", "image_path", "img", "path"),
     "id": (
@@ -31,8 +34,11 @@ _ROLES: dict[str, tuple[str, ...]] = {
     "score": ("score", "conf", "confidence", "prob", "probability", "det_score"),
     "label": (
         "label", "class", "class_name", "classname", "cls", "category", "name", "type", "class_id",
-        "classid", "category_id", "object_class", "species",
+        "classid", "category_id", "object_class", "species", "category_name", "label_name",
+        "object_type",
     ),
+    "time": ("time", "time_s", "time_sec", "timestamp", "timestamp_s"),
+    "time_ms": ("time_ms", "timestamp_ms", "ms", "msec", "milliseconds", "pos_msec"),
     "x": ("x", "left", "bb_left", "bbox_left", "bbox_x", "bb_x", "x_left", "top_left_x", "box_x"),
     "y": ("y", "top", "bb_top", "bbox_top", "bbox_y", "bb_y", "y_top", "top_left_y", "box_y"),
     "w": ("w", "width", "bb_width", "bbox_width", "bbox_w", "bb_w", "box_width", "box_w"),
@@ -47,6 +53,11 @@ _ROLES: dict[str, tuple[str, ...]] = {
     "corners": ("xyxy", "bbox_xyxy", "tlbr", "ltrb", "box_xyxy"),
     "skip": ("-", "_", "skip"),
 }  # fmt: skip
+_SURE_LABELS = frozenset(
+    {"label", "class_name", "classname", "name", "category_name", "label_name"}
+)
+"""What names a class, where a number of it may stand beside."""
+_PREFIX = re.compile(r"^(box|bbox|bb|bounding_?box|rect|xyxy|xywh)[._]")
 _PLACES = ("x", "y", "w", "h", "x1", "y1", "x2", "y2", "cx", "cy")
 _NAMES = {name: role for role, names in _ROLES.items() for name in names}
 _NAMES |= {f"{role}n": f"{role}n" for role in _PLACES} | {
@@ -54,6 +65,10 @@ _NAMES |= {f"{role}n": f"{role}n" for role in _PLACES} | {
     "xyxyn": "cornersn",
 }
 _UNKNOWN = FrameNames()
+_TIMES = {"time": 1.0, "time_ms": 1e-3}
+_ASK_FROM = 8
+_MOST_STEP_S = 5
+_SINCE_1970 = 1e8
 _SHAPES = (("x", "y", "w", "h"), ("x1", "y1", "x2", "y2"), ("cx", "cy", "w", "h"))
 
 
@@ -77,14 +92,21 @@ class Columns:
         roles = cls.roles_of(names)
         if "x1" not in roles and "left" in _plain(names) and "x2" in roles:
             roles = ["x1" if r == "x" else "y1" if r == "y" else r for r in roles]
-        for index, role in enumerate(roles):
-            if role and role in roles[:index]:
-                roles[index] = (
-                    ""  # the first of two of one kind (class_id beside class_name)
-                )
+        chosen: dict[str, int] = {}
+        for index, (role, name) in enumerate(zip(roles, _plain_names(names), strict=True)):
+            before = chosen.setdefault(role, index)
+            if role not in ("", "skip") and before != index:
+                # The first of two of one kind, but a class's name before its number.
+                better = role == "label" and name in _SURE_LABELS
+                if better and _plain_names(names)[before] not in _SURE_LABELS:
+                    roles[before], chosen[role] = "", index
+                else:
+                    roles[index] = ""
         found = set(roles)
-        if not {"frame", "file"} & found:
-            raise ValueError("no column of frames (frame, frame_id, file_name)")
+        if not {"frame", "file", *_TIMES} & found:
+            raise ValueError(
+                "no column of frames (frame, frame_id, file_name, or time in seconds)"
+            )
         if not _shape_of(found):
             raise ValueError(
                 "no columns of boxes (x,y,w,h or x1,y1,x2,y2 or cx,cy,w,h or bbox)"
@@ -94,8 +116,10 @@ class Columns:
     @staticmethod
     def roles_of(names: Sequence[str]) -> list[str]:
         """The role that each name alone stands for, empty where it is none."""
-        plain = (name.strip().strip('"').lower().replace(" ", "_") for name in names)
-        return [_NAMES.get(name, "") for name in plain]
+        return [
+            _NAMES.get(name, "") or _placed(_PREFIX.sub("", name))
+            for name in _plain_names(names)
+        ]
 
     @property
     def is_relative(self) -> bool:
@@ -118,6 +142,68 @@ class Columns:
             role: value for role, value in zip(self.roles, values, strict=False) if role
         }
         return row_of(held, size, line, names)
+
+
+def _plain_names(names: Sequence[str]) -> list[str]:
+    return [name.strip().strip('"').lower().replace(" ", "_") for name in names]
+
+
+def _placed(name: str) -> str:
+    """The role of what stands behind ``box.``: only that of a place."""
+    role = _NAMES.get(name, "")
+    return role if role in _PLACES else ""
+
+
+def grow_as_corners(boxes: Sequence[Sequence[float]]) -> bool:
+    """Whether the third and fourth number follow the first and second, as a second corner does."""
+    if len(boxes) < _ASK_FROM or not all(b[2] > b[0] and b[3] > b[1] for b in boxes):
+        return False
+    across = [b[0] for b in boxes]
+    spread = _variance(across)
+    return spread > 0 and _variance([b[2] - b[0] for b in boxes]) < spread / 4
+
+
+def ask_of_corners(path: Path, columns: Columns, boxes: Sequence[Sequence[float]]) -> None:
+    """Refuse to guess where boxes that should be corner and size look like two corners.
+
+    Raises:
+        UsageError: they do.
+    """
+    name = next((name for name in ("bbox", "bboxn") if name in columns.roles), None)
+    if name is not None and grow_as_corners(boxes):
+        ways = [
+            ",".join(way if role == name else role or "skip" for role in columns.roles)
+            for way in (name.replace("bbox", "xyxy"), name)
+        ]
+        raise UsageError(
+            f"{path}: the third number of its boxes grows with the first, as x2 does with x1;"
+            f" say which they are: --columns {ways[0]} (two corners) or --columns {ways[1]}"
+            " (corner and size)"
+        )
+
+
+def ask_of_times(path: Path, columns: Columns, times: Sequence[float]) -> None:
+    """Refuse to guess where times without a unit may as well be milliseconds.
+
+    Raises:
+        UsageError: they may.
+    """
+    known = {"frame", "file"} & set(columns.roles)
+    if known or "time" not in columns.roles or not times or max(times) > _SINCE_1970:
+        return
+    steps = [b - a for a, b in pairwise(sorted(set(times)))]
+    if len(steps) >= _ASK_FROM and min(steps) >= _MOST_STEP_S:
+        way = ",".join(role or "skip" for role in columns.roles)
+        milli = way.replace("time", "time_ms")
+        raise UsageError(
+            f"{path}: its times are {min(steps):g} apart; say their unit: --columns {way}"
+            f" (seconds) or --columns {milli} (milliseconds)"
+        )
+
+
+def _variance(values: Sequence[float]) -> float:
+    mean = sum(values) / len(values)
+    return sum((value - mean) ** 2 for value in values) / len(values)
 
 
 def _plain(names: Sequence[str]) -> set[str]:
@@ -167,11 +253,28 @@ def _empty(value: Any) -> bool:
 def _frame(held: Mapping[str, Any], names: FrameNames) -> int:
     value = held.get("frame")
     if _empty(value):
-        return names.frame(str(held.get("file", "")))
+        if not _empty(held.get("file")) or not _TIMES.keys() & held.keys():
+            return names.frame(str(held.get("file", "")))
+        return names.frame_at(_seconds(held))
     found = number(value, "frame")
     if not math.isfinite(found) or found != int(found) or found < 0:
         raise ValueError(f"frame {value}: frames are whole numbers from 0 or 1")
     return int(found)
+
+
+def _seconds(held: Mapping[str, Any]) -> float:
+    """A row's time; one of the day of a calendar counts from 1970."""
+    role = next(role for role in _TIMES if not _empty(held.get(role)))
+    value = held[role]
+    if isinstance(value, str) and not is_number(value):
+        try:
+            value = datetime.fromisoformat(value.strip())
+        except ValueError:
+            raise ValueError(f"time {value[:40]!r} is no number of seconds") from None
+    if isinstance(value, datetime):
+        zone = value.tzinfo or UTC
+        return value.replace(tzinfo=zone).timestamp()
+    return number(value, "time") * _TIMES[role]
 
 
 def _identity(value: Any) -> int:
@@ -248,7 +351,7 @@ def parse_columns(text: str) -> Columns:
         raise UsageError(
             f"--columns {text}: {unknown[0]!r} is not known; known are frame, file, id, x, y,"
             " w, h, x1, y1, x2, y2, cx, cy (each also with n behind it, as a share of the"
-            " picture), bbox, score, label, skip"
+            " picture), bbox, xyxy, score, label, time (seconds), time_ms, skip"
         )
     try:
         return Columns.of(names)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from recorders.names import whole
 from recorders.upright import extent_of_box, extent_of_ellipse
 
 _DEEPEST = 32
+_MOST_BETWEEN = 100_000
 _ONLY_LATER = ("image", "track")
 _SHAPES = frozenset({"box", "polygon", "ellipse", "mask"})
 _WITHOUT_BOX = frozenset({"points", "polyline", "skeleton", "cuboid"})
@@ -90,7 +93,7 @@ class Cvat:
     def rows(self, bad: Bad) -> Iterator[BoxRow]:
         """See `recorders.formats.readers.RowReader`."""
         for element in self._elements():
-            for shape in element:
+            for shape in self._between(element):
                 if shape.tag in _WITHOUT_BOX:
                     bad(f"a shape without a box ({shape.tag})", self.path.name)
                 if shape.tag not in _SHAPES or shape.get("outside") == "1":
@@ -104,6 +107,23 @@ class Cvat:
                 kept = checked(row, self.path, where, bad)
                 if kept is not None:
                     yield kept
+
+    def _between(self, element: Any) -> Iterator[Any]:
+        """A track's shapes; where it has nothing but key frames, with the boxes between these, which
+        move evenly, as CVAT itself has it.
+        """
+        shapes = [shape for shape in element if shape.get("keyframe")]
+        if element.tag != "track" or not all(
+            shape.tag == "box" and shape.get("keyframe") == "1" for shape in shapes
+        ):
+            yield from element
+            return
+        yield from element
+        for one, after in pairwise(shapes):
+            if one.get("outside") == "1":
+                continue
+            with suppress(TypeError, ValueError):
+                yield from _moving(one, after)
 
     def _row(self, element: Any, box: Any) -> BoxRow:
         owner = box if element.tag == "track" else element
@@ -128,6 +148,24 @@ class Cvat:
     def files(self) -> list[Path]:
         """See `recorders.formats.readers.RowReader`."""
         return [self.path]
+
+
+def _moving(one: Any, after: Any) -> Iterator[Any]:
+    """The boxes of the frames between two key frames.
+
+    Raises:
+        TypeError, ValueError: one lacks a value.
+    """
+    first, last = int(one.get("frame")), int(after.get("frame"))
+    if after.get("outside") == "1":
+        after = one  # it stands still until it is gone
+    for frame in range(first + 1, min(last, first + _MOST_BETWEEN)):
+        share = (frame - first) / (last - first)
+        between = {
+            name: f"{(1 - share) * float(one.get(name)) + share * float(after.get(name)):.6f}"
+            for name in ("xtl", "ytl", "xbr", "ybr")
+        }
+        yield type(one)(one.tag, {**one.attrib, **between, "frame": str(frame)})
 
 
 def _corners(shape: Any) -> tuple[float, float, float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import PurePosixPath
@@ -12,6 +13,9 @@ _RUN = re.compile(r"\d+")
 _EXPORT = re.compile(r"(_(jpe?g|png|bmp|webp))?\.rf\.[0-9A-Za-z]+$")
 """What Roboflow's exports put behind a name: ``walk_0012_jpg.rf.4f3a9c``."""
 _SUFFIX = re.compile(r"\.(jpe?g|png|bmp|webp|tiff?|txt|json|xml|gif|avif)$", re.IGNORECASE)
+
+_SINCE_1970_S = 1e8
+"""No recording is as long: a time beyond it is one of the calendar."""
 
 
 def stem(name: str) -> str:
@@ -32,12 +36,17 @@ class FrameNames:
 
     Args:
         pictures: the number of each picture, from 1, by its name; empty where they are not known.
+        fps: frames per second, for rows that give a time.
 
     Attributes:
         first_frame: what the first frame is called; known once names were learnt.
     """
 
-    def __init__(self, pictures: Mapping[str, int] | None = None) -> None:
+    def __init__(
+        self, pictures: Mapping[str, int] | None = None, fps: float = 25.0
+    ) -> None:
+        self.fps = fps
+        self._began_s: float | None = None
         self._pictures = {stem(name): n for name, n in (pictures or {}).items()}
         self._matched = False
         self._run = -1
@@ -79,6 +88,27 @@ class FrameNames:
             # Label Studio puts a word of its own before the names of uploads.
             found = self._pictures.get(one.split("-", 1)[1])
         return found
+
+    def frame_at(self, seconds: float) -> int:
+        """The frame of a time: seconds from the first frame on, or from 1970 on, in seconds or in
+        smaller units; then the first time that is asked for is the first frame's.
+
+        Raises:
+            ValueError: a time before the first frame's, or none.
+        """
+        if not math.isfinite(seconds):
+            raise ValueError(f"time {seconds:g} is not finite")
+        for unit in (1e-9, 1e-6, 1e-3):
+            if seconds * unit > _SINCE_1970_S:
+                seconds *= unit
+                break
+        if seconds > _SINCE_1970_S:
+            self._began_s = seconds if self._began_s is None else self._began_s
+            seconds -= self._began_s
+        frame = round(seconds * self.fps)
+        if frame < 0:
+            raise ValueError(f"a time {-seconds:g} s before the first frame")
+        return frame
 
     def frame(self, name: str) -> int:
         """The frame's number.

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from recorders.errors import SourceError
+from recorders.errors import SourceError, UsageError
 from recorders.files import open_to_read
 from recorders.formats.boxes import NOBODY, BoxRow
 from recorders.formats.columns import is_number, number
@@ -30,7 +30,19 @@ _LISTED = re.compile(
 )
 _ITEM = re.compile(r"^(-|\d+:)")
 _KITTI_LEAST = 8
-_NAMES = ("classes.txt", "labels.txt", "obj.names", "predefined_classes.txt", "data.yaml")
+_NAMES = (
+    "classes.txt",
+    "labels.txt",
+    "obj.names",
+    "predefined_classes.txt",
+    "data.yaml",
+    "dataset.yaml",
+)
+_FOLDERS = frozenset(
+    {"labels", "label", "label_2", "label_02", "annotations", "obj_train_data", "data"}
+)
+"""What tools call the folder in which the files of boxes lie."""
+_BELOW = ("*", "*/*")
 Rows = Iterator[tuple[tuple[float, float, float, float], float, str]]
 
 
@@ -56,6 +68,7 @@ class BoxFolder:
         limits: Limits = DEFAULT_LIMITS,
         names: FrameNames | None = None,
     ) -> None:
+        path = boxes_below(path, (names or FrameNames()).are_known) or path
         self.path = path
         self.size: tuple[int, int] | None = None
         self.notes: list[str] = []
@@ -82,9 +95,10 @@ class BoxFolder:
             cells = next((line.split() for _, line in _lines(path)), None)
             if cells is None:
                 continue
-            if not is_number(cells[0]) and len(cells) >= _KITTI_LEAST:
+            numbers = sum(is_number(_pointed(cell)) for cell in cells)
+            if not is_number(cells[0]) and numbers >= _KITTI_LEAST - 1:
                 return self._kitti, "KITTI text"
-            if len(cells) >= _YOLO[0] and all(map(is_number, cells)):
+            if len(cells) >= _YOLO[0] and all(map(is_number, cells[1:])):
                 if self._picture is None:
                     raise SourceError(
                         "YOLO's boxes are shares of a picture whose size is not known: say it"
@@ -127,7 +141,7 @@ class BoxFolder:
         for line_number, line in _lines(path):
             name, *cells = line.split()
             try:
-                place = int(number(name, "class"))
+                place = int(number(name, "class")) if is_number(name) else -1
                 values = [number(cell, "box") for cell in cells]
                 (x, y, across, down), score = _yolo_box(values)
             except (ValueError, OverflowError) as error:
@@ -141,25 +155,31 @@ class BoxFolder:
                 across * width,
                 down * height,
             )
-            label = self._classes[place] if 0 <= place < len(self._classes) else str(place)
-            yield box, score, label
+            known = 0 <= place < len(self._classes)
+            word = name if place < 0 else str(place)
+            yield box, score, self._classes[place] if known else word
 
     @staticmethod
     def _kitti(path: Path, bad: Bad) -> Rows:
         for line_number, line in _lines(path):
             cells = line.split()
+            # A class may be several words; some write numbers with a comma.
+            words = next(
+                (k for k, cell in enumerate(cells) if is_number(_pointed(cell))), len(cells)
+            )
+            label, cells = " ".join(cells[:words]), [_pointed(c) for c in cells[words:]]
             # A tracker's dump has the identity behind the class.
-            at = 5 if len(cells) in (17, 18) else 4
+            at = 4 if len(cells) in (16, 17) else 3
             try:
                 left, top, right, bottom = (
                     number(cell, "box") for cell in cells[at : at + 4]
                 )
-                score = number(cells[-1], "score") if len(cells) in (16, 18) else 1.0
+                score = number(cells[-1], "score") if len(cells) in (15, 16, 17) else 1.0
             except ValueError as error:
                 bad(f"a row that is none ({error})", f"{path.name}:{line_number}")
                 continue
-            if cells[0] != "DontCare":
-                yield (left, top, right - left, bottom - top), score, cells[0]
+            if label != "DontCare":
+                yield (left, top, right - left, bottom - top), score, label
 
     def _labelme(self, path: Path, bad: Bad) -> Rows:
         document = read_json(path, self._limits)
@@ -177,9 +197,12 @@ class BoxFolder:
             else:
                 bad(f"a shape without a box ({shape['shape_type']})", path.name)
 
-    @staticmethod
-    def _voc(path: Path, bad: Bad) -> Rows:  # noqa: ARG004 (all kinds are called alike)
-        for one in _parsed(path).iter("object"):
+    def _voc(self, path: Path, bad: Bad) -> Rows:  # noqa: ARG002 (all kinds are called alike)
+        document = _parsed(path)
+        width, height = (document.findtext(f"size/{n}") or "" for n in ("width", "height"))
+        if width.isdigit() and height.isdigit() and int(width) > 0 < int(height):
+            self.size = int(width), int(height)
+        for one in document.iter("object"):
             box: Any = one.find("bndbox")
             left, top, right, bottom = (
                 number(box.findtext(n), n) for n in ("xmin", "ymin", "xmax", "ymax")
@@ -226,6 +249,33 @@ def box_files(folder: Path, any_name: bool = False) -> list[Path]:
     return sorted(largest, key=lambda p: by_number(p.name))
 
 
+def boxes_below(folder: Path, any_name: bool = False) -> Path | None:
+    """The folder itself where it holds files of boxes, else the one folder in it that does, as
+    tools lay them out (``labels``, ``labels/train``, ``Annotations`` ...); None where there is none.
+
+    Raises:
+        UsageError: there are several.
+    """
+    if box_files(folder, any_name):
+        return folder
+    found = [
+        inner
+        for depth in _BELOW
+        for inner in sorted(folder.glob(depth))
+        if inner.is_dir()
+        and inner.relative_to(folder).parts[0].lower() in _FOLDERS
+        and box_files(inner, any_name)
+    ]
+    if len(found) > 1:
+        names = ", ".join(str(inner.relative_to(folder)) for inner in found[:6])
+        raise UsageError(f"{folder}: files of boxes in several folders ({names}): name one")
+    return found[0] if found else None
+
+
+def _pointed(cell: str) -> str:
+    return cell.replace(",", ".")
+
+
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     with open_to_read(path) as file:
         data = file.read(_LARGEST_FILE + 1)
@@ -256,12 +306,13 @@ def _parsed(path: Path) -> Any:
 
 def _class_names(folder: Path) -> list[str]:
     """The names of YOLO's classes, from a list beside the boxes or one folder above."""
-    for place in (folder, folder.parent):
+    for place in (folder, *list(folder.parents)[:3]):
         for name in _NAMES[:4]:
             if (place / name).is_file():
                 return [line for _, line in _lines(place / name)]
-        if (place / _NAMES[4]).is_file():
-            return _names_in("\n".join(text for _, text in _lines(place / _NAMES[4])))
+        for name in _NAMES[4:]:
+            if (place / name).is_file():
+                return _names_in("\n".join(text for _, text in _lines(place / name)))
     return []
 
 

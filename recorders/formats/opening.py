@@ -8,13 +8,14 @@ from pathlib import Path
 
 from recorders.errors import SourceError
 from recorders.files import existing_file, open_to_read
-from recorders.formats.annotations import document_of
+from recorders.formats.annotations import Frigate, document_of, is_frigate
 from recorders.formats.columns import Columns
 from recorders.formats.cvat import Cvat
 from recorders.formats.file_names import FrameNames
 from recorders.formats.folders import BoxFolder
 from recorders.formats.readers import RowReader
-from recorders.formats.text import Records, TextTable
+from recorders.formats.records import Records, json_lines
+from recorders.formats.text import TextTable
 from recorders.limits import DEFAULT_LIMITS, Limits
 
 TEXT = frozenset({".txt", ".csv", ".tsv", ".dat", ".det"})
@@ -58,7 +59,7 @@ def open_rows(
         UsageError: it may be read in two ways.
     """
     options = options or BoxOptions()
-    names = FrameNames(options.pictures)
+    names = FrameNames(options.pictures, options.fps)
     if path.is_dir():
         return BoxFolder(path, size, limits, names)
     existing_file(path)
@@ -72,8 +73,21 @@ def open_rows(
             raise SourceError("XML, but neither CVAT's nor CAVIAR's", path)
         return Cvat(path, names)
     if kind in (".jsonl", ".ndjson") or (start.startswith(b"{") and kind != ".json"):
-        return Records(path, "lines", options.columns, size, limits, names)
+        return _lines(path, size, options, limits, names)
     if kind == ".json" or start[:1] in (b"[", b"{"):
         found = document_of(path, size, options.fps, limits, names)
         return found or Records(path, "list", options.columns, size, limits, names)
     return TextTable(path, options.columns, size, names)
+
+
+def _lines(
+    path: Path,
+    size: tuple[int, int] | None,
+    options: BoxOptions,
+    limits: Limits,
+    names: FrameNames,
+) -> RowReader:
+    """JSON lines: Frigate's updates, or rows with named values."""
+    if is_frigate(next(json_lines(path), (0, None))[1]):
+        return Frigate(path, [one for _, one in json_lines(path)], size, options.fps)
+    return Records(path, "lines", options.columns, size, limits, names)

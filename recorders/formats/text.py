@@ -1,5 +1,5 @@
 """Tables of boxes as text: MOTChallenge of every width and separator, KITTI tracking, columns with
-names; and tables with names that are no text (JSON lines, JSON lists, Parquet).
+names.
 """
 
 from __future__ import annotations
@@ -9,20 +9,22 @@ import csv
 import io
 import re
 from collections.abc import Iterator, Sequence
-from itertools import islice
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
-
-import msgspec
 
 from recorders.errors import SourceError, UsageError
 from recorders.files import open_to_read
 from recorders.formats.boxes import BoxRow
-from recorders.formats.columns import Columns, is_number, number, row_of
+from recorders.formats.columns import (
+    Columns,
+    ask_of_corners,
+    ask_of_times,
+    box_of,
+    grow_as_corners,
+    is_number,
+)
 from recorders.formats.file_names import FrameNames
-from recorders.formats.readers import Bad, checked, read_json
-from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.loose_json import decode_loose
+from recorders.formats.readers import Bad, checked
 
 _LONGEST_LINE = 1 << 16
 _MOT = Columns(("frame", "id", "x", "y", "w", "h", "score"))
@@ -32,18 +34,13 @@ _KITTI = Columns(
 _LEAST_COLUMNS = 6
 _SAMPLED = 400
 _ASK_FROM = 8
-_LISTS = (
-    "detections",
-    "objects",
-    "boxes",
-    "predictions",
-    "annotations",
-    "results",
-    "tracks",
-)
-_BOXES = ("bbox", "box", "bounding_box", "boundingBox")
+_DECIMAL_COMMA_WITHIN = re.compile(r"\d,\d")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
 _SHARES = "shares of the picture"
+_COMMENTS = ("#", "%", "//")
+_SPREADSHEET = re.compile(r"sep=.", re.IGNORECASE)
+_PICTURE = re.compile(r"\.(jpe?g|png|bmp|webp|tiff?)$", re.IGNORECASE)
+_MOST_CLASSES = 100
 
 
 class TextTable:
@@ -106,11 +103,18 @@ class TextTable:
         elif not any(map(is_number, names[:_LEAST_COLUMNS])) and len(names) > 1:
             self._take_names(names)
             self._learn_names(first[1:])
+            self._ask(first[1:])
         elif len(names) > 10 and not is_number(names[2]) and is_number(names[0]):
             self.columns, self.name = _KITTI, "KITTI tracking text"
             self.first_frame, self.is_certain = 0, True
+        elif _PICTURE.search(names[0]):
+            raise UsageError(
+                f"{self.path}: the first column names pictures; say what the others are, as"
+                " --columns file,x1,y1,x2,y2,label or --columns file,id,x,y,w,h,score"
+            )
         else:
             self.name, self.is_certain = "MOTChallenge text", True
+            self._check_commas(first)
             self._check_mot(first)
 
     def _take_names(self, names: list[str]) -> None:
@@ -123,7 +127,8 @@ class TextTable:
             ) from error
         self.name = "a table with named columns"
         self._least = _least(self.columns)
-        if not {"x", "y", "w", "h"} <= set(self.columns.roles):
+        roles = set(self.columns.roles)
+        if not {"x", "y", "w", "h"} <= roles or not {"frame", "file"} & roles:
             self.first_frame = 0  # a program's own output counts from 0
 
     def _learn_names(self, rows: list[list[str]]) -> None:
@@ -134,6 +139,33 @@ class TextTable:
         place = roles.index("file")
         self._names.learn(cells[place] for cells in rows if len(cells) > place)
         self.first_frame = self._names.first_frame
+
+    def _ask(self, rows: list[list[str]]) -> None:
+        """Ask about boxes and times with names that may be read in two ways."""
+        boxes, times = [], []
+        for cells in rows:
+            held = dict(zip(self.columns.roles, cells, strict=False))
+            with suppress(ValueError):
+                boxes.append(box_of(held, (1, 1)))
+            with suppress(ValueError):
+                times.append(float(held.get("time", "")))
+        ask_of_corners(self.path, self.columns, boxes)
+        ask_of_times(self.path, self.columns, times)
+
+    def _check_commas(self, first: list[list[str]]) -> None:
+        """Refuse commas that separate columns and decimals: which is which nobody can tell."""
+        cells = [cell for row in first for cell in row[2:]]
+        whole = all(cell.lstrip("+-").isdigit() for cell in cells)
+        decimals = any(cell.startswith("0") and len(cell) > 1 for cell in cells)
+        ragged = len({len(row) for row in first}) > 1
+        most = max(map(len, first))
+        odd = decimals or (ragged and most > 10)
+        if self._separator == "," and whole and most > _LEAST_COLUMNS + 1 and odd:
+            raise SourceError(
+                "its commas separate columns and are decimal points as well: which is which"
+                " cannot be told; write it with semicolons, or with decimal points",
+                self.path,
+            )
 
     def _check_mot(self, first: list[list[str]]) -> None:
         """Whether the columns can only be MOTChallenge's, and whether the eighth is a class."""
@@ -165,7 +197,7 @@ class TextTable:
 
     _unsure = False
 
-    def _ask(self, why: str, *ways: str) -> UsageError:
+    def _choice(self, why: str, *ways: str) -> UsageError:
         choice = " or ".join(f"--columns {way}" for way in ways)
         return UsageError(f"{self.path}: {why}; say which it is: {choice}")
 
@@ -175,9 +207,17 @@ class TextTable:
         fractions = any(
             identity != int(identity) for identity in ids if abs(identity) < 2**53
         )
-        if rows and (fractions or (all(0 <= value <= 1 for value in last))):
-            raise self._ask(
-                "six columns, of which the second is no identity or the sixth a score",
+        # A class is one of few; an identity comes again, a corner seldom does.
+        classes = len(set(last)) <= len(last) / 8 and all(
+            value == int(value) and 0 <= value < _MOST_CLASSES for value in last
+        )
+        corners = len(set(ids)) > len(ids) / 4
+        if rows and (
+            fractions or all(0 <= value <= 1 for value in last) or (classes and corners)
+        ):
+            raise self._choice(
+                "six columns, of which the second is no identity, or the sixth a score or a"
+                " class",
                 "frame,x1,y1,x2,y2,score",
                 "frame,x,y,w,h,score",
                 "frame,id,x,y,w,h",
@@ -185,14 +225,8 @@ class TextTable:
 
     def _check_corners(self, rows: list[list[float]]) -> None:
         """Whether the fifth and sixth number follow the third and fourth, as a second corner does."""
-        if len(rows) < _ASK_FROM or not all(
-            row[4] > row[2] and row[5] > row[3] for row in rows
-        ):
-            return
-        across = [(row[2], row[4]) for row in rows]
-        spread = _variance([a for a, _ in across])
-        if spread > 0 and _variance([b - a for a, b in across]) < spread / 4:
-            raise self._ask(
+        if grow_as_corners([row[2:6] for row in rows]):
+            raise self._choice(
                 "the fifth column grows with the third, as x2 does with x1",
                 "frame,id,x1,y1,x2,y2,score",
                 "frame,id,x,y,w,h,score",
@@ -206,7 +240,7 @@ class TextTable:
             and 0 < row[5] <= 1
             for row in rows
         ):
-            raise self._ask(
+            raise self._choice(
                 "all boxes lie between 0 and 1, as shares of the picture do",
                 "frame,id,xn,yn,wn,hn,score",
                 "frame,id,cxn,cyn,wn,hn,score",
@@ -215,16 +249,15 @@ class TextTable:
 
     def _cells(self, text: str) -> list[str]:
         if '"' in text and self._separator is not None:
-            return [
-                cell.strip() for cell in next(csv.reader([text], delimiter=self._separator))
-            ]
+            cells = next(csv.reader([text], delimiter=self._separator[0]))
+            return [_pointed(cell.strip()) for cell in cells]
         if self._separator == ";":
             # Where commas do not separate, they are decimal points.
             return [cell.strip().replace(",", ".") for cell in text.rstrip(";").split(";")]
         if self._separator is None:
             return [_pointed(cell) for cell in text.split()]
-        if self._separator == "\t":
-            return [_pointed(cell.strip()) for cell in text.split("\t")]
+        if self._separator in ("\t", "|", ", "):
+            return [_pointed(cell.strip()) for cell in text.split(self._separator)]
         cells = [cell.strip().strip('"') for cell in text.split(self._separator)]
         return (
             cells[:-1] if cells and not cells[-1] and len(cells) > _LEAST_COLUMNS else cells
@@ -247,7 +280,9 @@ class TextTable:
                     stripped = text.strip().lstrip("\ufeff")
                     if "\0" in stripped:
                         raise SourceError("not text: no table of boxes", self.path, line)
-                    if stripped and not stripped.startswith("#"):
+                    if line == 1 and _SPREADSHEET.fullmatch(stripped):
+                        continue  # what a spreadsheet is told of the separator
+                    if stripped and not stripped.startswith(_COMMENTS):
                         yield line, stripped
             except UnicodeDecodeError:
                 raise SourceError(
@@ -315,9 +350,12 @@ def _pointed(cell: str) -> str:
 def _separator_of(text: str) -> str | None:
     if ";" in text:
         return ";"
-    for separator in ("\t", None):
+    if "|" in text and "," not in text.split("|", 1)[0]:
+        return "|"
+    for separator in ("\t", ", ", None):
         cells = [_pointed(cell) for cell in text.split(separator)]
-        if "," in text and len(cells) >= _LEAST_COLUMNS and all(map(is_number, cells)):
+        decimal = _DECIMAL_COMMA_WITHIN.search(text)
+        if decimal and len(cells) >= _LEAST_COLUMNS and all(map(is_number, cells)):
             return separator  # the commas are decimal points
     if "," in text:
         return ","
@@ -328,143 +366,3 @@ def _numbers(cells: Sequence[str]) -> list[float] | None:
     if len(cells) < _LEAST_COLUMNS or not all(map(is_number, (cells[0], *cells[2:6]))):
         return None
     return [float(cell) if is_number(cell) else 0.0 for cell in cells]
-
-
-def _variance(values: Sequence[float]) -> float:
-    mean = sum(values) / len(values)
-    return sum((value - mean) ** 2 for value in values) / len(values)
-
-
-class Records:
-    """Boxes as objects with named values: JSON lines, a JSON list, Parquet.
-
-    Raises:
-        SourceError: they name no frames or no boxes.
-    """
-
-    first_frame: int | None = 0
-    is_certain = False
-
-    def __init__(
-        self,
-        path: Path,
-        kind: str,
-        columns: Columns | None = None,
-        size: tuple[int, int] | None = None,
-        limits: Limits = DEFAULT_LIMITS,
-        names: FrameNames | None = None,
-    ) -> None:
-        self.path = path
-        self._pictures = names or FrameNames()
-        self.ignored: list[BoxRow] = []
-        self.name = {"lines": "JSON lines", "list": "a JSON list"}.get(kind, "Parquet")
-        self.size: tuple[int, int] | None = None
-        self.notes: list[str] = []
-        self._kind = kind
-        self._picture = size
-        self._limits = limits
-        first = next(self._objects(), None)
-        if first is None:
-            raise SourceError("no detections in this file", path)
-        self._names = list(first[1])
-        self._learn_names()
-        if columns is not None and len(columns.roles) == len(self._names):
-            self.columns = columns
-            return
-        try:
-            self.columns = Columns.of(self._names)
-        except ValueError as error:
-            raise SourceError(
-                f"{error}; it holds {', '.join(self._names)[:80]}", path
-            ) from error
-
-    def _learn_names(self) -> None:
-        """Frames that are named by their pictures count as these do."""
-        roles = Columns.roles_of(self._names)
-        if "file" not in roles or "frame" in roles:
-            return
-        key = self._names[roles.index("file")]
-        self._pictures.learn(str(o.get(key)) for _, o in islice(self._objects(), _SAMPLED))
-        self.first_frame = self._pictures.first_frame
-
-    def _objects(self) -> Iterator[tuple[int, dict[str, Any]]]:
-        found = {"lines": self._lines, "list": self._list}.get(self._kind, self._parquet)
-        for line, one in found():
-            if not isinstance(one, dict):
-                raise SourceError("a row that is no object", self.path, line)
-            for flat in _flattened(one):
-                yield line, flat
-
-    def _lines(self) -> Iterator[tuple[int, Any]]:
-        with open_to_read(self.path) as file:
-            line = 0
-            while data := file.readline(_LONGEST_LINE * 16 + 1):
-                line += 1
-                if data.strip():
-                    try:
-                        yield line, decode_loose(data)
-                    except (
-                        msgspec.DecodeError,
-                        UnicodeDecodeError,
-                        RecursionError,
-                    ) as error:
-                        raise SourceError(f"not JSON: {error}", self.path, line) from error
-
-    def _list(self) -> Iterator[tuple[int, Any]]:
-        found = read_json(self.path, self._limits)
-        yield from enumerate(found if isinstance(found, list) else [], 1)
-
-    def _parquet(self) -> Iterator[tuple[int, Any]]:
-        import duckdb
-
-        try:
-            with duckdb.connect(config={"enable_external_access": True}) as database:
-                cursor = database.execute("SELECT * FROM read_parquet(?)", [str(self.path)])
-                names = [d[0] for d in cursor.description or []]
-                line = 0
-                while rows := cursor.fetchmany(10_000):
-                    for row in rows:
-                        line += 1
-                        yield line, dict(zip(names, row, strict=True))
-        except duckdb.Error as error:
-            raise SourceError(
-                f"not Parquet: {str(error).splitlines()[0]}", self.path
-            ) from error
-
-    def rows(self, bad: Bad) -> Iterator[BoxRow]:
-        """See `recorders.formats.readers.RowReader`."""
-        roles = dict(zip(self._names, self.columns.roles, strict=True))
-        for line, one in self._objects():
-            held = {roles[k]: value for k, value in one.items() if roles.get(k)}
-            where = f"{self.path.name}:{line}"
-            try:
-                row = row_of(held, self._picture, line, self._pictures)
-            except ValueError as error:
-                if _SHARES in str(error):
-                    raise SourceError(str(error), self.path, line) from error
-                bad(f"a row that is none ({error})", where)
-                continue
-            kept = checked(row, self.path, where, bad)
-            if kept is not None:
-                yield kept
-
-    def files(self) -> list[Path]:
-        """See `recorders.formats.readers.RowReader`."""
-        return [self.path]
-
-
-def _flattened(one: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """An object for each box: a frame's list of them with what holds for all, and a box that is an
-    object itself, by its values.
-    """
-    inside = next((one[n] for n in _LISTS if isinstance(one.get(n), list)), None)
-    if inside is None or not all(isinstance(entry, dict) for entry in inside):
-        box = next((one[n] for n in _BOXES if isinstance(one.get(n), dict)), None)
-        yield one if box is None else {**one, **box}
-        return
-    shared = {n: v for n, v in one.items() if not isinstance(v, list | dict)}
-    for entry in inside:
-        yield from _flattened({**shared, **entry})
-
-
-__all__ = ["Records", "TextTable", "number"]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, TypeGuard
 
 from recorders.log.model import ChannelInfo
@@ -22,7 +24,11 @@ DETECTIONS = frozenset(
 """Kinds of channels that hold detections, see `recorders.payloads.payload_kind`."""
 _LINE_LOOP, _LINE_STRIP = 2, 3
 _LOOPS = frozenset({_LINE_LOOP, _LINE_STRIP, "LINE_LOOP", "LINE_STRIP"})
+_EDGES = frozenset({4, "LINE_LIST"})
 _CORNERS = 4
+_SLACK = 0.02
+_ASIDE, _OVER = 3.0, 40.0
+_SCORED = re.compile(r"(.*?[^\s:(.])[\s:(]+(\d*\.\d+|\d+(?=%))(%?)\)?")
 _DECIMALS = 6
 
 
@@ -37,6 +43,7 @@ class Detected:
         size: width and height of the picture, where the message says it.
         frame: the picture's number, where the message says it.
         left_out: boxes that are none: without width or height, or not finite.
+        others: what is drawn beside the boxes: lines, points, outlines, circles.
     """
 
     stamp_ns: int
@@ -46,6 +53,7 @@ class Detected:
     size: tuple[int, int] | None = None
     frame: int | None = None
     left_out: int = 0
+    others: int = 0
 
 
 def read_detections(channel: ChannelInfo, data: bytes) -> Detected:
@@ -90,9 +98,17 @@ class _Rows:
         stamp: int,
         size: tuple[int, int] | None = None,
         frame: int | None = None,
+        others: int = 0,
     ) -> Detected:
         return Detected(
-            stamp, self.boxes, self.scores, self.labels, size, frame, self.left_out
+            stamp,
+            self.boxes,
+            self.scores,
+            self.labels,
+            size,
+            frame,
+            self.left_out,
+            others,
         )
 
 
@@ -153,29 +169,74 @@ def _best(results: Any) -> tuple[float, str]:
 
 
 def _annotations(found: Any) -> Detected:
-    """Closed lines whose corners are a box; a text at a box's corner is its label."""
+    """Lines around a box, also around one that is turned; a text at its corner or just over it is
+    its label.
+    """
     rows = _Rows()
-    texts = {
-        _corner(member(t, "position")): str(member(t, "text") or "")
+    texts = [
+        (_corner(member(t, "position")), str(member(t, "text") or ""))
         for t in member(found, "texts") or []
-    }
+    ]
     stamp = stamp_ns(found)
+    others = len(member(found, "circles") or [])
     for points in member(found, "points") or []:
         stamp = stamp or stamp_ns(points)
-        corners = [_corner(p) for p in member(points, "points") or []]
-        if corners and corners[0] == corners[-1]:
-            corners.pop()
-        if member(points, "type") not in _LOOPS or len(corners) != _CORNERS:
+        box = _box_around(member(points, "type"), member(points, "points") or [])
+        if box is None:
+            others += 1
             continue
-        xs, ys = (
-            sorted({corner[0] for corner in corners}),
-            sorted({corner[1] for corner in corners}),
-        )
-        if len(xs) != 2 or len(ys) != 2 or not all(map(_is_number, (*xs, *ys))):
-            continue
-        label = next((texts[corner] for corner in corners if corner in texts), "")
-        rows.add((xs[0], ys[0], xs[1] - xs[0], ys[1] - ys[0]), 1.0, label)
-    return rows.done(stamp)
+        label, score = _told(_text_at(texts, box))
+        rows.add(box, score, label)
+    return rows.done(stamp, others=others)
+
+
+def _box_around(kind: Any, points: Any) -> Box | None:
+    """The upright box around four corners of a box, in the order of its outline or as its edges."""
+    corners = [_corner(p) for p in points]
+    if kind in _EDGES and len(corners) == 2 * _CORNERS:
+        corners = list(dict.fromkeys(corners))  # each corner ends two edges
+    elif kind not in _LOOPS:
+        return None
+    elif corners and corners[0] == corners[-1]:
+        corners.pop()
+    if len(corners) != _CORNERS or not all(map(_is_number, chain(*corners))):
+        return None
+    xs, ys = [c[0] for c in corners], [c[1] for c in corners]
+    across, down = max(xs) - min(xs), max(ys) - min(ys)
+    upright = len(set(xs)) == len(set(ys)) == 2
+    # The diagonals of a box halve one another and are of one length.
+    a, b, c, d = sorted(corners, key=lambda p: _around(p, xs, ys))
+    slack = _SLACK * max(across, down)
+    middles = max(abs(a[k] + c[k] - b[k] - d[k]) for k in (0, 1))
+    lengths = abs(math.dist(a, c) - math.dist(b, d))
+    if not upright and max(middles, lengths) > slack:
+        return None
+    return min(xs), min(ys), across, down
+
+
+def _around(point: tuple[float, float], xs: list[float], ys: list[float]) -> float:
+    return math.atan2(point[1] - sum(ys) / len(ys), point[0] - sum(xs) / len(xs))
+
+
+def _text_at(texts: list[tuple[Any, str]], box: Box) -> str:
+    """The text that stands at a box's left upper corner, or over it, the nearest."""
+    x, y, w, h = box
+    near = [
+        (abs(place[0] - x) + abs(place[1] - y), text)
+        for place, text in texts
+        if place in ((x, y), (x + w, y), (x, y + h), (x + w, y + h))
+        or (abs(place[0] - x) <= _ASIDE and -_OVER <= place[1] - y <= _ASIDE)
+    ]
+    return min(near, default=(0.0, ""))[1]
+
+
+def _told(text: str) -> tuple[str, float]:
+    """Class and confidence of a label: ``person 0.87``, ``person: 87%``, ``person (0.87)``."""
+    match = _SCORED.fullmatch(text.strip())
+    if match is None:
+        return text, 1.0
+    score = float(match[2]) / (100 if match[3] else 1)
+    return (match[1], score) if score <= 1 else (text, 1.0)
 
 
 def _corner(point: Any) -> tuple[Any, Any]:

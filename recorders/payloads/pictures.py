@@ -127,12 +127,13 @@ def read_picture(channel: ChannelInfo, data: bytes) -> Still | RawPicture | Vide
     if not payload:
         raise PayloadError("a picture of 0 bytes")
     if kind in ("foxglove.RawImage", "sensor_msgs/Image"):
+        encoding = str(member(found, "encoding"))
         return RawPicture(
             stamp_ns=stamp,
             frame_id=frame,
             width=whole(member(found, "width"), "its width"),
             height=whole(member(found, "height"), "its height"),
-            encoding=str(member(found, "encoding")),
+            encoding=_ENCODINGS.get(encoding.lower(), encoding),
             step=whole(member(found, "step"), "its step"),
             big=bool(member(found, "is_bigendian")),
             data=payload,
@@ -205,10 +206,17 @@ _SIXTEEN_BITS: dict[str, tuple[int, str]] = {
 _PLANES = {
     "nv12": _bgr(cv2.COLOR_YUV2BGR_NV12),
     "nv21": _bgr(cv2.COLOR_YUV2BGR_NV21),
+    "i420": _bgr(cv2.COLOR_YUV2BGR_I420),
+    "yv12": _bgr(cv2.COLOR_YUV2BGR_YV12),
 }
 
 
 _DISTANCES = "32FC1"
+_ENCODINGS = {
+    name.lower(): name for name in (*_EIGHT_BITS, *_SIXTEEN_BITS, *_PLANES, _DISTANCES)
+}
+_ENCODINGS |= {"yuv420": "i420", "yuv420p": "i420", "yuyv422": "yuyv", "uyvy422": "uyvy"}
+_ENCODINGS |= {"rgb": "rgb8", "bgr": "bgr8", "gray8": "mono8", "grey8": "mono8"}
 
 
 def is_deep(picture: RawPicture) -> bool:

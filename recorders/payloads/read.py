@@ -57,6 +57,9 @@ def payload_kind(channel: ChannelInfo) -> str:
     return ros.plain_name(name)
 
 
+_FOR_ADDRESSES = str.maketrans("-_", "+/")
+
+
 @lru_cache(maxsize=64)
 def _definitions(name: str, text: bytes) -> ros.Definitions:
     return ros.parse_definitions(name, text.decode("utf-8", "replace"))
@@ -127,8 +130,11 @@ def binary(value: Any) -> bytes:
     if isinstance(value, bytes):
         return value
     if isinstance(value, str):
+        # As browsers have it (data:image/jpeg;base64,...), for addresses, without what fills it up.
+        text = value.partition(";base64,")[2] if value.startswith("data:") else value
+        text = "".join(text.split()).rstrip("=").translate(_FOR_ADDRESSES)
         try:
-            return base64.b64decode(value, validate=True)
+            return base64.b64decode(text + "=" * (-len(text) % 4), validate=True)
         except (binascii.Error, ValueError) as error:
             raise PayloadError(f"its data is no base64: {error}") from error
     if isinstance(value, list):

@@ -36,6 +36,7 @@ from recorders.stills import (
 
 _DEEP_SAMPLES = 16
 _MOT_FOLDER = "img1"
+_MOT_FILES = ("det/det.txt", "gt/gt.txt")
 
 
 def picture_names(folder: Path) -> list[str]:
@@ -126,6 +127,9 @@ class ImageFolderSource:
         if not names:
             inside = sorted(p.name for p in self.path.iterdir() if p.is_dir())
             hint = f"; it holds the folders {', '.join(inside[:5])}" if inside else ""
+            there = [one for one in _MOT_FILES if (self.path / one).is_file()]
+            if there:
+                hint += f"; its boxes alone: {self.path / there[0]}"
             raise SourceError(
                 f"no JPEG or PNG pictures in this folder (nor TIFF, WebP, BMP){hint}",
                 self.path,

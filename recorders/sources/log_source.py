@@ -51,6 +51,7 @@ _TRIED = 1000
 _ASSUMED_NS = NANOS // 25
 _BURST = 10
 _TOLD_APART_NS = 1000
+_DISTINCT = 0.75
 
 
 @dataclass(frozen=True)
@@ -129,6 +130,7 @@ class LogSource:
     def _look(self, size: tuple[int, int] | None) -> None:
         images = self._sampled(self.topics.image)
         found = self._sampled(self.topics.detections)
+        self._check_detections()
         first = self._first_picture()
         self.stills = first is not None and first.encoded is not None
         self._bits = self._bits_used()
@@ -177,6 +179,29 @@ class LogSource:
             return read_detections(message.channel, message.data).stamp_ns
         except PayloadError:
             return 0
+
+    def _check_detections(self) -> None:
+        """Refuse a topic of which nothing can be read: no picture would have any detections.
+
+        Raises:
+            SourceError: its first messages all cannot.
+        """
+        if self.topics.detections is None:
+            return
+        why = ""
+        for message in islice(self._messages([self.topics.detections]), _SAMPLED):
+            try:
+                read_detections(message.channel, message.data)
+            except PayloadError as error:
+                why = why or str(error)
+            else:
+                return
+        if why:
+            raise SourceError(
+                f"no message of {self.topics.detections} can be read: {why};"
+                " --detections-topic none records the pictures alone",
+                self.path,
+            )
 
     def _first_picture(self) -> Pictured | None:
         if self.topics.image is None:
@@ -237,9 +262,14 @@ class LogSource:
         )
         tolerance = self._options.tolerance_ns
         self._tolerance_ns = self.frame_ns // 2 if tolerance is None else tolerance
+        self._several = False
         steps = [b[0] - a[0] for a, b in pairwise(found) if b[0] > a[0]]
         every = round(median_low(steps) / self.frame_ns) if steps and images else 1
         self._every = max(1, every)
+        # Several messages of one picture: their times are the same where the pictures' are not.
+        places = [stamp if self._by_stamp else now for now, stamp in found]
+        alike = len(set(places)) <= _DISTINCT * len(places)
+        self._several = alike and len({now for now, _ in images}) > _DISTINCT * len(images)
         if not (images and found):
             return
         how = (
@@ -248,6 +278,10 @@ class LogSource:
             else f"by time, within {self._tolerance_ns / 1e6:g} ms (--tolerance)"
         )
         self.notes.append(f"pictures and detections are paired {how}")
+        if self._several:
+            self.notes.append(
+                "several messages of detections belong to one picture: they are joined"
+            )
         if self._every > 1:
             self.notes.append(
                 f"detections come with one picture in {self._every}: those pictures are the frames"
@@ -366,7 +400,13 @@ class LogSource:
             yield self._dated(Joined(picture, None))
 
     def _dated(self, one: Joined) -> tuple[int, Joined]:
-        assert one.picture is not None
+        if one.picture is None:
+            assert one.message is not None
+            assert one.detected is not None
+            stamp = one.detected.stamp_ns
+            now = self._clock(one.message, stamp)
+            at_stamp = self._options.clock == "header" and stamp
+            return now if at_stamp else now - one.late_ns, one
         return self._clock(one.picture.message, one.picture.stamp_ns), one
 
     def _detected(self, message: Message) -> Detected | None:
@@ -376,6 +416,8 @@ class LogSource:
             where = f"{message.log_time_ns} ns on {message.topic}"
             self._left_out.note(f"detections that cannot be read ({error})", where)
             return None
+        if found.others:
+            self._drawn += 1
         if found.left_out:
             self._left_out.note(
                 "a box without width or height, or not finite",
@@ -387,10 +429,15 @@ class LogSource:
         """All frames in order."""
         self.losses.clear()
         self._left_out.clear()
-        self._scaled = self._set_back = 0
+        self._scaled = self._set_back = self._drawn = self._alone = 0
         self._order = FrameOrder()
         pairing = Pairing(
-            self._by_stamp, self._tolerance_ns, self._pairing_time, self._limits
+            self._by_stamp,
+            self._tolerance_ns,
+            self._pairing_time,
+            self._limits,
+            self.frame_ns,
+            self._several,
         )
         clock: Clock[Joined] = Clock(self.frame_ns)
         joined = (
@@ -411,6 +458,8 @@ class LogSource:
     def _frame(self, index: int, now: int, one: Joined) -> SourceFrame:
         picture = one.picture
         detections = self._detections(index, one) if self.has_detections else None
+        if picture is None and self.has_images:
+            self._alone += 1
         if picture is None or picture.load is None:
             return SourceFrame(index, now, detections=detections)
         size = (self.width, self.height)
@@ -493,6 +542,16 @@ class LogSource:
             self.losses.append(
                 f"{pairing.unpaired_detections} messages of detections without a picture"
                 f" near, the first at {pairing.first_unpaired} ns (--tolerance)"
+            )
+        if self._alone:
+            self.notes.append(
+                f"{self._alone} frames have detections and no picture, which is missing in"
+                f" {self.topics.image}"
+            )
+        if self._drawn:
+            self.notes.append(
+                f"{self._drawn} messages of {self.topics.detections} draw more than boxes (lines,"
+                " outlines, points, circles): that is no detection"
             )
         if not count:
             why = f": {self.losses[0]}" if self.losses else ""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from recorders.errors import SourceError, UsageError
 from recorders.files import existing_file
-from recorders.formats.folders import box_files
+from recorders.formats.folders import boxes_below
 from recorders.formats.opening import OTHERS, TEXT, BoxOptions
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.sources.bags import METADATA, BagFiles, bag_files, is_bag, missing_files
@@ -271,7 +271,11 @@ def _log_files(path: Path) -> list[Path]:
 def _holds_boxes(path: Path) -> bool:
     """Whether a path is a file of boxes, or a folder that holds such files and no pictures."""
     if path.is_dir():
-        return not holds_pictures(path) and bool(box_files(path))
+        return (
+            not holds_pictures(path)
+            and not (path / "images").is_dir()
+            and boxes_below(path) is not None
+        )
     return path.suffix.lower() in TEXT | OTHERS
 
 

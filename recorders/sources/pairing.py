@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from recorders.limits import Limits
 from recorders.log import Message
@@ -18,6 +18,8 @@ from recorders.sources.log_pictures import Pictured
 LATEST_NS = 5_000_000_000
 """How long after its picture a detection of the same stamp is waited for."""
 _MOST_WAITING = 4096
+_HOLE = 0.75
+"""Of a frame: no picture as near to detections is theirs."""
 
 
 @dataclass(slots=True)
@@ -26,6 +28,10 @@ class Joined:
 
     picture: Pictured | None
     detected: Detected | None
+    message: Message | None = None
+    """Of detections that lack their picture."""
+    late_ns: int = 0
+    """How much later than their pictures such detections come."""
 
 
 @dataclass(slots=True)
@@ -48,6 +54,8 @@ class Pairing:
 
     Args:
         by_stamp: the messages' own stamps decide; else the times.
+        frame_ns: from one picture to the next; where one is missing, its detections stand alone.
+        several: there are several messages of detections for a picture.
         tolerance_ns: how far apart two that belong together may be; by stamps, how long after its
             picture a detection is waited for, where that is longer than `LATEST_NS`.
         clock: a message's time for pairing.
@@ -65,7 +73,13 @@ class Pairing:
         tolerance_ns: int,
         clock: Callable[[Message], int],
         limits: Limits,
+        frame_ns: int,
+        several: bool = False,
     ) -> None:
+        self._hole_ns = max(tolerance_ns, round(_HOLE * frame_ns))
+        self._several = several
+        self._last: tuple[int, int] | None = None
+        self._late_ns = 0
         self._by_stamp = by_stamp
         self._tolerance_ns = tolerance_ns
         self._clock = clock
@@ -114,12 +128,16 @@ class Pairing:
                 or self._bytes > self._limits.max_open_bytes
                 or len(self._pictures) > _MOST_WAITING
             )
-            if not over and (match is None or not self._by_stamp):
+            waits = match is None or not self._by_stamp or self._more_may_come(first)
+            if not over and waits:
                 return
+            yield from self._without_picture(first)
             self._pictures.popleft()
             self._bytes -= _size(first.picture)
             if match is not None:
                 self._detections.remove(match)
+                self._late_ns = match.time_ns - first.time_ns
+                match = self._with_others(match)
                 if not self._by_stamp:
                     self.largest_ns = max(
                         self.largest_ns, abs(match.time_ns - first.time_ns)
@@ -127,7 +145,44 @@ class Pairing:
             else:
                 self.unpaired_pictures += 1
             self._forget(first)
+            self._last = first.time_ns, first.picture.stamp_ns
             yield Joined(first.picture, None if match is None else match.detected)
+
+    def _more_may_come(self, first: _WaitingPicture) -> bool:
+        """Whether other detections of a picture may still come: until those of another do."""
+        stamp = first.picture.stamp_ns
+        return self._several and all(d.detected.stamp_ns <= stamp for d in self._detections)
+
+    def _with_others(self, match: _Found) -> _Found:
+        """Detections with those that other messages have of the same picture."""
+        if not self._several:
+            return match
+        others = [d for d in self._detections if self._place(d) == self._place(match)]
+        for other in others:
+            self._detections.remove(other)
+            match = _Found(
+                match.time_ns, _joined(match.detected, other.detected), match.message
+            )
+        return match
+
+    def _place(self, found: _Found) -> int:
+        return found.detected.stamp_ns if self._by_stamp else found.time_ns
+
+    def _without_picture(self, first: _WaitingPicture) -> Iterator[Joined]:
+        """Detections between the last picture and the first that waits, far from both: their own
+        picture is missing.
+        """
+        if self._last is None:
+            return
+        at = 1 if self._by_stamp else 0
+        before, after = self._last[at], (first.time_ns, first.picture.stamp_ns)[at]
+        late = 0 if self._by_stamp else self._late_ns
+        for found in list(self._detections):
+            place = self._place(found) - late
+            if before + self._hole_ns <= place <= after - self._hole_ns:
+                before = place
+                self._detections.remove(found)
+                yield Joined(None, found.detected, found.message, self._late_ns)
 
     def _forget(self, done: _WaitingPicture) -> None:
         """Detections before the next pictures' reach belong to none."""
@@ -166,3 +221,19 @@ class Pairing:
 
 def _size(picture: Pictured) -> int:
     return len(picture.message.data)
+
+
+def _joined(one: Detected, other: Detected) -> Detected:
+    """What two messages say of one picture; what both say, once."""
+    rows = dict.fromkeys(
+        [
+            *zip(one.boxes, one.scores, one.labels, strict=True),
+            *zip(other.boxes, other.scores, other.labels, strict=True),
+        ]
+    )
+    return replace(
+        one,
+        boxes=[row[0] for row in rows],
+        scores=[row[1] for row in rows],
+        labels=[row[2] for row in rows],
+    )

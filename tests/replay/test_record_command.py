@@ -132,11 +132,15 @@ def test_what_is_wrong_is_one_line_and_leaves_nothing(
     assert (tmp_path / "there.mcap").read_text() == "precious"
 
 
+_PATIENCE_S = 600
+"""Only what hangs is to fail: a loaded machine may give the process a tenth of a core."""
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_interrupted_recording_is_recovered(tmp_path: Path, number: int) -> None:
     det = tmp_path / "det.txt"
-    det.write_text("".join(f"{f},-1,{f % 50},2,30,40,1\n" for f in range(1, 400_001)))
+    det.write_text("".join(f"{f},-1,{f % 50},2,30,40,1\n" for f in range(1, 200_001)))
     out, part = tmp_path / "a.mcap", tmp_path / "a.mcap.part"
     command = [
         sys.executable,
@@ -149,12 +153,12 @@ def test_an_interrupted_recording_is_recovered(tmp_path: Path, number: int) -> N
         text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + _PATIENCE_S
     while not (part.exists() and part.stat().st_size > 20_000) and process.poll() is None:
         assert time.monotonic() < deadline
         time.sleep(0.01)
     process.send_signal(number)
-    _, said = process.communicate(timeout=60)
+    _, said = process.communicate(timeout=_PATIENCE_S)
     assert process.returncode != 0
     assert not out.exists()
     if number == signal.SIGINT:

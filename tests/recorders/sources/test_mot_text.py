@@ -179,7 +179,7 @@ def test_a_separator_that_is_none_is_named(tmp_path: Path) -> None:
         SourceError,
         match=r"det\.txt:1: 1 columns, wanted frame,id,x,y,w,h and more, separated by commas",
     ):
-        open_source(text(tmp_path, "1|-1|1|2|3|4|1"))
+        open_source(text(tmp_path, "1!-1!1!2!3!4!1"))
 
 
 def test_no_rows_and_binary_data(tmp_path: Path) -> None:
