@@ -293,16 +293,16 @@ class RelationBook:
                 changes.append(change)
         held = {(change.a, change.b) for change in changes if change.after == "INDEPENDENT"}
         meeting: dict[Pair, int] = {}
+        ready = [a and b for a, b in zip(objects.starts, objects.seen, strict=True)]
+        # Most that are near on one axis are not on the other: what is cheap to ask comes first.
         for i, j in near_pairs(discs.x, discs.radii):
-            pair = (ids[i], ids[j])
-            if (
-                pair in self._edges
-                or pair in held
-                or not all(objects.starts[k] and objects.seen[k] for k in (i, j))
-            ):
+            if not (ready[i] and ready[j]):
                 continue
             distance = discs.distance(i, j)
             if not self._may_meet(distance, discs.radii[i], discs.radii[j]):
+                continue
+            pair = (ids[i], ids[j])
+            if pair in self._edges or pair in held:
                 continue
             begun = meeting[pair] = self._meeting.get(pair, time_ns)
             if time_ns - begun >= self._p.enter_duration_s * SECOND_NS:
