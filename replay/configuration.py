@@ -14,16 +14,15 @@ from typing import Any
 import msgspec
 
 from reasoning import reasoner
-from reasoning.encounters import EncounterParameters
 from recorders.corrections import Corrections
 from recorders.errors import ConfigError, UsageError
-from recorders.parameters import Config, Parameters, as_plain, configure, named
+from recorders.parameters import Config, Parameters, as_plain, configure
 from recorders.recording.sections import SECTIONS as RECORD_SECTIONS
 from replay import hindsight
+from replay.asking_configuration import ASKING_SECTIONS
 from replay.trackers.catalogue import TRACKERS
 from replay.trackers.choice import AnyTracker, TrackerChoice, choose
 
-ASKING_SECTIONS: dict[str, type[Parameters]] = {"encounters": EncounterParameters}
 # Packages whose numbers, orders or encodings can reach a result.
 DECISIVE_PACKAGES = (
     "av",
@@ -54,35 +53,6 @@ def sections(tracker: AnyTracker) -> dict[str, type[Parameters]]:
                 " own: call it otherwise"
             )
     return {**choice.sections, **shared}
-
-
-def encounter_config(
-    file: str | Path | None = None, assignments: Iterable[str] = ()
-) -> EncounterParameters:
-    """The parameters of the commands that find encounters in annotated logs (`query`, `index`,
-    `explain`).
-
-    Raises:
-        UsageError: an unknown parameter, or a value out of range.
-    """
-    found = configure(ASKING_SECTIONS, file, assignments, others=all_sections())[
-        "encounters"
-    ]
-    assert isinstance(found, EncounterParameters)
-    return found
-
-
-def chosen_encounters(
-    file: str | Path | None = None, assignments: Iterable[str] = ()
-) -> dict[str, float]:
-    """Those parameters of encounters that a file or a ``--set`` names, with their values.
-
-    Raises:
-        UsageError: as `encounter_config`.
-    """
-    words = list(assignments)
-    values = as_plain({"encounters": encounter_config(file, words)})["encounters"]
-    return {name: float(values[name]) for name in named("encounters", file, words)}
 
 
 def all_sections() -> dict[str, type[Parameters]]:

@@ -61,7 +61,7 @@ def add(commands: Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Collect evidence."""
-    from replay.configuration import encounter_config
+    from replay.asking_configuration import encounter_config
     from replay.report.evidence import MANIFEST, EvidenceOptions, write_evidence
     from replay.sealing.manifest import added_files, read_manifest
 

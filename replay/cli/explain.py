@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     from reasoning.questions import Case
     from reasoning.questions.explain import explain
     from reasoning.questions.name_checks import check_recording, check_thresholds
-    from replay.configuration import chosen_encounters, encounter_config
+    from replay.asking_configuration import chosen_encounters, encounter_config
 
     if args.output is not None:
         from replay.export.output import check_folder

@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     from reasoning.questions.catalogue import is_catalogue
     from reasoning.questions.index import build_index
     from recorders.errors import UsageError
-    from replay.configuration import chosen_encounters, encounter_config
+    from replay.asking_configuration import chosen_encounters, encounter_config
 
     encounters = encounter_config(args.config, args.assignments)
     logs: list[Path] = []

@@ -179,7 +179,7 @@ def run(args: argparse.Namespace) -> int:
     from reasoning.questions.guard import guarded
     from reasoning.questions.name_checks import check_thresholds
     from reasoning.questions.unsure import Unsure
-    from replay.configuration import chosen_encounters, encounter_config
+    from replay.asking_configuration import chosen_encounters, encounter_config
 
     if _listed(args):
         return Exit.DONE

@@ -270,7 +270,7 @@ def run(args: argparse.Namespace) -> int:
     from recorders.parameters import configure
     from recorders.recording import SECTIONS, RecordOptions
     from recorders.sources import LogOptions, open_cameras, open_source
-    from replay.configuration import all_sections
+    from replay.asking_configuration import sections_beside
 
     start_ns = None if args.start is None else common.parse_rfc3339(args.start)
     if start_ns is not None and start_ns < 0:
@@ -281,7 +281,9 @@ def run(args: argparse.Namespace) -> int:
     assignments = [*args.assignments]
     if args.min_score is not None:
         assignments.append(f"detector.min_score={args.min_score}")
-    config = configure(SECTIONS, args.config, assignments, others=all_sections())
+    config = configure(
+        SECTIONS, args.config, assignments, others=sections_beside(args.config)
+    )
     if args.output.exists() and not args.force:
         raise OutputExistsError(args.output)
     log = LogOptions(

@@ -29,6 +29,9 @@ OTHERS = (
     "scipy.optimize",
 )  # fmt: skip
 """Methods of other commands and trackers, and the package around the solver."""
+REPLAYING = frozenset(
+    {"reasoning.reasoner", "replay.hindsight.rewrite", "replay.trackers.events.tracker"}
+)
 _RUN = """
 import json, sys
 from replay.cli import main
@@ -70,3 +73,5 @@ def test_a_command_loads_what_it_uses(log: Path, command: str, words: list[str])
     assert code == 0
     assert HEAVY & {name.partition(".")[0] for name in loaded} <= MAY_LOAD[command]
     assert command == "record" or not set(OTHERS) & set(loaded)
+    assert (command == "replay") == (set(loaded) >= REPLAYING)
+    assert command == "replay" or not REPLAYING & set(loaded)
