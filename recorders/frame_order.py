@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from recorders.errors import RecordingError
+
 
 class FrameOrder:
     """Frame numbers as they follow one another in time, to find where those of two moments
@@ -36,3 +40,19 @@ class FrameOrder:
         if not fell_back:
             self.highest = number
         return fell_back
+
+    def check(self, number: int, now: int, path: Path, topic: str) -> None:
+        """Hold a scene log's next frame, at ``now`` ns, to what `interleaves` asks.
+
+        Raises:
+            RecordingError: its number was jumped over before.
+        """
+        if self.interleaves(number):
+            raise RecordingError(
+                f"frame {number} at {now} ns comes after frame {self.highest}, and frames"
+                " before both came earlier still: the recorder's clock was set back, and"
+                " frames of two moments alternate; `scenetrace record LOG -o OUT --time"
+                " file` follows the file's order",
+                path,
+                record=topic,
+            )

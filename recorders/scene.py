@@ -1,44 +1,40 @@
-"""A recorded scene, frame by frame: detections at once, pictures and masks only when somebody
-asks for them.
-"""
+"""A recorded scene, frame by frame."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from threading import Event
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from recorders import channels
 from recorders.clock import nominal_ns
 from recorders.closing import Closing
-from recorders.errors import RecordingError, UsageError
+from recorders.errors import RecordingError
 from recorders.format_version import check_version
 from recorders.frame_order import FrameOrder
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import ChannelInfo, LogReader, Message
 from recorders.log.growing import GrowingLog
 from recorders.log.moments import by_time
-from recorders.masks import Labels, RecordedMask, label_blobs
+from recorders.masks import RecordedMask
 from recorders.messages import NO_BLOB, Detections, Regions, SceneChange
 from recorders.pictures import Image, decode_picture
 from recorders.quality import PIECES, recorded_quality
+from recorders.scene_cameras import choose_camera
+from recorders.scene_frame import Frame, SceneInfo
 from recorders.scene_pictures import (
     ScenePictures,
     check_group,
     is_video,
-    stamp_of,
     starts_group,
 )
 from recorders.unreadable import Unreadable
+from recorders.waiting_frames import TimedPicture, WaitingFrames
+
+__all__ = ["LAST_NS", "Frame", "SceneInfo", "SceneLog"]
 
 _SAMPLED_FRAMES = 64
 _ZSTD = b"\x28\xb5\x2f\xfd"
@@ -46,139 +42,6 @@ LAST_NS = 2**63 - 1
 """The latest time that a frame may have (the year 2262 for times since 1970): times are signed
 64-bit numbers.
 """
-
-
-@dataclass(frozen=True)
-class SceneInfo:
-    """What is known of a recording before its first frame.
-
-    Attributes:
-        width, height: the picture's size in pixels.
-        frame_ns: the nominal (median) time between frames in ns.
-        has_images: there are pictures; without, a tracker works on boxes alone.
-        has_masks: there are foreground masks that say where bodies are (fused detections say it
-            better).
-        pieces: regions of the mask for each body, as the recording measured it; 1 where it did not.
-    """
-
-    width: int
-    height: int
-    frame_ns: int
-    has_images: bool
-    has_masks: bool
-    pieces: float = 1.0
-
-
-class Frame:
-    """One recorded frame. Picture and mask are decoded when first asked for, once.
-
-    In a second reading the detections are, too.
-
-    Attributes:
-        index: from 0.
-        time_ns: log time.
-        regions: the latest recorded regions, or None.
-        messages: everything that was recorded for this frame, in the log's order, since the frame
-            before.
-        changes: how the picture changed as a whole, as it was recorded since the frame before.
-    """
-
-    def __init__(
-        self,
-        index: int,
-        time_ns: int,
-        detections: Detections | Callable[[], Detections],
-        regions: Regions | None = None,
-        load_image: Callable[[], Image | None] | None = None,
-        load_mask: Callable[[], Image] | None = None,
-        messages: tuple[Message, ...] = (),
-        *,
-        load_labels: Callable[[], Labels] | None = None,
-        changes: tuple[SceneChange, ...] = (),
-    ) -> None:
-        self.index = index
-        self.time_ns = time_ns
-        self._detections = detections
-        self.regions = regions
-        self.changes = changes
-        self.messages = messages
-        self._load_image = load_image
-        self._picture: Message | None = None
-        self._load_mask = load_mask
-        self._load_labels = load_labels
-        self._ahead: list[str] = []
-
-    def prefetch(
-        self, submit: Callable[[Callable[[], Image]], Future[Image]], like: Frame
-    ) -> None:
-        """Have picture and mask decoded by an executor, as far as they were asked for in the
-        frame ``like``.
-        """
-        if self._load_image is None and self._load_mask is None:
-            return
-        for name, wanted in (("_load_image", "image"), ("_load_mask", "mask")):
-            load = getattr(self, name)
-            if (
-                load is not None
-                and wanted in like.__dict__
-                and wanted not in self.__dict__
-                and name not in self._ahead
-            ):
-                setattr(self, name, submit(load).result)
-                self._ahead.append(name)
-
-    def give_picture(self, message: Message, load: Callable[[], Image | None]) -> None:
-        """The picture that belongs to this frame: its message, and what decodes it."""
-        self._picture, self._load_image = message, load
-
-    @property
-    def has_picture(self) -> bool:
-        """Whether there is a picture, decoded or not."""
-        return self._load_image is not None
-
-    @cached_property
-    def stamp_ns(self) -> int:
-        """When the picture says that it was taken, which is what viewers match drawings by; the
-        frame's time without a picture.
-        """
-        return self.time_ns if self._picture is None else stamp_of(self._picture)
-
-    @cached_property
-    def detections(self) -> Detections:
-        """The recorded detections."""
-        return (
-            self._detections
-            if isinstance(self._detections, Detections)
-            else self._detections()
-        )
-
-    @cached_property
-    def image(self) -> Image | None:
-        """The picture, (height, width, 3) uint8 BGR, or None. Never write into it."""
-        return None if self._load_image is None else self._load_image()
-
-    @cached_property
-    def mask(self) -> Image | None:
-        """The foreground mask, (height, width) uint8, 0 or 255, or None. Never write into it."""
-        return None if self._load_mask is None else self._load_mask()
-
-    @cached_property
-    def labels(self) -> Labels | None:
-        """The mask's blobs, (height, width) uint16, component k of the detections as k + 1; None
-        without a mask.
-
-        Never write into it.
-        """
-        if self.mask is None:
-            return None
-        return (
-            label_blobs(self.mask)[1] if self._load_labels is None else self._load_labels()
-        )
-
-    @cached_property
-    def boxes(self) -> NDArray[np.float64]:
-        """The detections' boxes, (N, 4) float64: x, y, w, h in pixels."""
-        return np.array(self.detections.boxes, np.float64).reshape(-1, 4)
 
 
 class SceneLog(Closing):
@@ -216,7 +79,7 @@ class SceneLog(Closing):
         )
         self.grows = follow is not None
         try:
-            self.camera = _choose_camera(self._log, camera)
+            self.camera = choose_camera(self._log, camera)
             check_version(self._log.metadata(), self.path)
             self.recorded = [
                 channel
@@ -354,7 +217,7 @@ class SceneLog(Closing):
         )
         regions = self.regions if latched is None else self._decode("regions", latched)
         pictures, last = self._pictures_at(start_ns)
-        waiting = _WaitingFrame(self.info.frame_ns // 2, self.info.has_images)
+        waiting = WaitingFrames(self.info.frame_ns // 2, self.info.has_images)
         order = FrameOrder()
         pending: list[Message] = []
         changes: list[SceneChange] = []
@@ -389,7 +252,7 @@ class SceneLog(Closing):
                 elif message.topic == self._topics["changes"]:
                     changes.append(self._decode("changes", message))
                 elif message.topic == self._topics["image"]:
-                    last = _Picture(message, pictures.loader(message))
+                    last = TimedPicture(message, pictures.loader(message))
                     yield from waiting.picture(last)
                 elif message.topic == self._topics["foreground"]:
                     masked = message
@@ -397,7 +260,7 @@ class SceneLog(Closing):
                 continue
             if isinstance(detections, Detections):
                 self._check(detections, now, masked is not None)
-                self._check_order(order, detections.frame, now)
+                order.check(detections.frame, now, self.path, self._topics["detections"])
             mask = (
                 self._mask(masked, detections)
                 if masked is not None and self.info.has_masks
@@ -422,17 +285,6 @@ class SceneLog(Closing):
             index += 1
         yield from waiting.rest()
         self.trailing = self.trailing if own else tuple(pending)
-
-    def _check_order(self, order: FrameOrder, number: int, now: int) -> None:
-        if order.interleaves(number):
-            raise RecordingError(
-                f"frame {number} at {now} ns comes after frame {order.highest}, and frames"
-                " before both came earlier still: the recorder's clock was set back, and"
-                " frames of two moments alternate; `scenetrace record LOG -o OUT --time"
-                " file` follows the file's order",
-                self.path,
-                record=self._topics["detections"],
-            )
 
     def _time(self, message: Message) -> int:
         if message.log_time_ns > LAST_NS:
@@ -500,14 +352,16 @@ class SceneLog(Closing):
 
         return RecordedMask(picture, count, message, self.path)
 
-    def _pictures_at(self, start_ns: int | None) -> tuple[ScenePictures, _Picture | None]:
+    def _pictures_at(
+        self, start_ns: int | None
+    ) -> tuple[ScenePictures, TimedPicture | None]:
         """The pictures from there on, which have, where the reading starts inside a group of a
         video, that group's packets; and the last picture before.
         """
         pictures = ScenePictures(
             self.path, self.limits, (self.info.width, self.info.height), self.unreadable
         )
-        last: _Picture | None = None
+        last: TimedPicture | None = None
         if start_ns is None:
             return pictures, last
         before: list[Message] = []
@@ -523,7 +377,7 @@ class SceneLog(Closing):
             if starts_group(message):
                 break
         for message in reversed(before):
-            last = _Picture(message, pictures.loader(message))
+            last = TimedPicture(message, pictures.loader(message))
         return pictures, last
 
     def sized(self, picture: Image, name: str, message: Message) -> Image:
@@ -541,102 +395,3 @@ class SceneLog(Closing):
                 record=message.topic,
             )
         return picture
-
-
-@dataclass(frozen=True)
-class _Picture:
-    """A picture's message and what decodes it."""
-
-    message: Message
-    load: Callable[[int], Image | None]
-
-
-class _WaitingFrame:
-    """Frames until it is known which picture is theirs: that of their own time, else the nearest
-    within the tolerance, the earlier one of two that are as near.
-    """
-
-    def __init__(self, tolerance_ns: int, has_images: bool) -> None:
-        self._tolerance_ns = tolerance_ns
-        self._has_images = has_images
-        self._frames: deque[tuple[Frame, _Picture | None]] = deque()
-
-    def frame(self, frame: Frame, last: _Picture | None) -> Iterator[Frame]:
-        """A frame came, the last picture before it or with it."""
-        if last is not None:
-            apart = frame.time_ns - last.message.log_time_ns
-            if apart == 0 and not self._frames:
-                yield _given(frame, last)
-                return
-            last = last if apart <= self._tolerance_ns else None
-        if not self._has_images:
-            yield frame
-            return
-        self._frames.append((frame, last))
-
-    def picture(self, found: _Picture) -> Iterator[Frame]:
-        """A picture came: the frames that it decides for."""
-        now = found.message.log_time_ns
-        while self._frames:
-            frame, before = self._frames[0]
-            apart = now - frame.time_ns
-            nearer = before is None or apart < frame.time_ns - before.message.log_time_ns
-            chosen = found if apart <= self._tolerance_ns and nearer else before
-            self._frames.popleft()
-            yield _given(frame, chosen)
-
-    def ready(self, now: int) -> Iterator[Frame]:
-        """The frames that no picture from ``now`` on can belong to."""
-        while self._frames and now > self._frames[0][0].time_ns + self._tolerance_ns:
-            yield _given(*self._frames.popleft())
-
-    def rest(self) -> Iterator[Frame]:
-        """All that still wait."""
-        while self._frames:
-            yield _given(*self._frames.popleft())
-
-
-def _given(frame: Frame, picture: _Picture | None) -> Frame:
-    if picture is not None:
-        frame.give_picture(picture.message, partial(picture.load, frame.index))
-    return frame
-
-
-def _may_be_ours(channel: ChannelInfo) -> bool:
-    return channel.message_encoding in ("json", "")
-
-
-def _choose_camera(log: LogReader, wanted: str | None) -> str:
-    cameras = sorted(
-        {
-            c
-            for c, name in (
-                channels.split(channel.topic)
-                for channel in log.channels
-                if _may_be_ours(channel)
-            )
-            if c and name == "detections"
-        }
-    )
-    if wanted is not None:
-        if wanted not in cameras:
-            raise UsageError(
-                f"{log.path}: no camera {wanted!r}; it has: {', '.join(cameras) or 'none'}"
-            )
-        return wanted
-    if not cameras:
-        topics = (
-            ", ".join(channel.topic[:60] for channel in log.channels[:6])
-            or "no channels at all"
-        )
-        raise RecordingError(
-            "no detections to replay (a channel /<camera>/detections in JSON); it holds"
-            f" {topics}. Make a scene log of a video, or of another log's pictures and"
-            " detections, with `scenetrace record SOURCE -o scene.mcap`",
-            log.path,
-        )
-    if len(cameras) > 1:
-        raise UsageError(
-            f"{log.path}: several cameras ({', '.join(cameras)}); choose one with --camera"
-        )
-    return cameras[0]

@@ -190,12 +190,16 @@ def test_a_log_cannot_make_verify_call_what_is_no_tracker(
 
 
 def test_it_has_golden_files(site: Path, scene: Path, tmp_path: Path) -> None:
-    (tmp_path / "test_nearest.py").write_text(
-        f"def test_it(golden_scene):\n    golden_scene({str(scene)!r}, tracker='nearest')\n"
-    )
+    test = tmp_path / "test_nearest.py"
+    call = f"golden_scene({str(scene)!r}, tracker='nearest')"
+    test.write_text(f"def test_it(golden_scene):\n    {call}\n")
     plain = ("-q", "-p", "no:randomly", "-p", "no:cacheprovider")
     status, said = run(*plain, site=site, folder=tmp_path, module="pytest")
     assert (status, "was written" in said) == (1, True), said
+    # Other processes have been tried; what follows is about the file.
+    test.write_text(
+        test.read_text().replace("'nearest')", "'nearest', other_process=False)")
+    )
     status, said = run(*plain, site=site, folder=tmp_path, module="pytest")
     assert (status, "1 passed" in said) == (0, True), said
 

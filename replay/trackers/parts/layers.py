@@ -55,9 +55,15 @@ class Scored:
     def kept(self, keep: NDArray[np.bool_] | slice, count: int | None = None) -> Scored:
         """Some of them, of ``count`` anchors (default: as many as before)."""
         return Scored(
-            self.candidates.kept(keep, count), self.measured.kept(keep), self.features[keep], self.parts[keep],
-            self.rectangles[keep], self.foreground[keep], self.empty[keep], self.alike[keep],
-        )  # fmt: skip
+            candidates=self.candidates.kept(keep, count),
+            measured=self.measured.kept(keep),
+            features=self.features[keep],
+            parts=self.parts[keep],
+            rectangles=self.rectangles[keep],
+            foreground=self.foreground[keep],
+            empty=self.empty[keep],
+            alike=self.alike[keep],
+        )
 
 
 @dataclass(frozen=True)

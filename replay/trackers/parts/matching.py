@@ -50,6 +50,7 @@ class Matching:
         seen: Observed,
         targets: PartsTargets,
         p: PartsParameters,
+        *,
         dt: float,
         room: Room | None,
         learnt: tuple[Typical, HeadColours],
@@ -404,7 +405,16 @@ class Matching:
         )
         empty = self._empty(found.rows, m)
         alike = self._alike(features, known[0] if len(known) else m.known, empty)
-        scored = Scored(found, m, features, scores, parts, filled, empty, alike)
+        scored = Scored(
+            candidates=found,
+            measured=m,
+            features=features,
+            parts=scores,
+            rectangles=parts,
+            foreground=filled,
+            empty=empty,
+            alike=alike,
+        )
         ends = np.searchsorted(found.stage, np.arange(len(stages) + 1)).tolist()
         return [
             scored.kept(slice(*ends[k : k + 2]), count) for k, count in enumerate(counts)

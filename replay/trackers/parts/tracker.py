@@ -111,9 +111,9 @@ class PartsTracker:
             seen,
             targets,
             self._p,
-            dt if dt > 0 else self._scene.frame_ns * NS,
-            self._room,
-            (self._typical, self._head_colours),
+            dt=dt if dt > 0 else self._scene.frame_ns * NS,
+            room=self._room,
+            learnt=(self._typical, self._head_colours),
         )
         gates = {
             item.id: gate
