@@ -1,7 +1,7 @@
 """Still pictures in the formats that people keep them in, sizes known before anything is decoded.
 
 JPEG and PNG of eight bits, upright, are recorded as they are; everything else becomes pixels here:
-TIFF and its stacks, WebP, BMP, values of more than eight bits, pictures that EXIF says to turn.
+TIFF and its stacks, WebP, AVIF, BMP, values of more than eight bits, pictures that EXIF says to turn.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from recorders.pictures import (
 )
 from recorders.vision import cv2
 
-SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"})
+SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".avif"})
 _MOST_PAGES = 1_000_000
 _MOST_TAGS = 4096
 _EXIF_ORIENTATION = 0x112

@@ -134,7 +134,7 @@ def check_start(file: RecordFile) -> RawRecord:
     if file.size == 0:
         raise file.error("the file is empty")
     if file.read(0, min(8, file.size)) != wire.MAGIC:
-        raise file.error(f"this is not an MCAP file{_what_else(file)}", 0)
+        raise file.error(f"this is not an MCAP file{what_else(file)}", 0)
     raw = file.record_at(len(wire.MAGIC))
     if raw.opcode != wire.HEADER:
         raise file.error(
@@ -146,6 +146,17 @@ def check_start(file: RecordFile) -> RawRecord:
 _OTHERS = (
     (b"\x28\xb5\x2f\xfd", "it is compressed as a whole with zstd: `zstd -d` unpacks it"),
     (b"\x1f\x8b", "it is compressed as a whole with gzip: `gunzip` unpacks it"),
+    (b"\x04\x22\x4d\x18", "it is compressed as a whole with LZ4: `lz4 -d` unpacks it"),
+    (b"BZh", "it is compressed as a whole with bzip2: `bunzip2` unpacks it"),
+    (b"\xfd7zXZ", "it is compressed as a whole with xz: `unxz` unpacks it"),
+    (b"7z\xbc\xaf", "it is an archive of 7-Zip: unpack it first"),
+    (b"PK\x03\x04", "it is a ZIP archive: `unzip` unpacks it"),
+    (b"\x89MCAP0\n", "its line ends were translated, as by FTP in text mode: copy it anew"),
+    (
+        b"\x89MCAP0\r\r",
+        "its line ends were translated, as by FTP in text mode: copy it anew",
+    ),
+    (b"<", "it is a page or XML, as servers send in place of a file"),
     (
         b"SQLite format 3",
         "it is SQLite, as ROS 2 bags are: `scenetrace record` reads those",
@@ -154,7 +165,8 @@ _OTHERS = (
 )
 
 
-def _what_else(file: RecordFile) -> str:
+def what_else(file: RecordFile) -> str:
+    """What a file that is no MCAP is instead, as the end of a sentence."""
     start = file.read(0, min(16, file.size))
     named = next((name for magic, name in _OTHERS if start.startswith(magic)), None)
     return f": {named}" if named else " (its first bytes are not MCAP's)"

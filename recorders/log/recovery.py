@@ -12,7 +12,7 @@ from recorders.errors import LimitError, RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import records, wire
 from recorders.log.blocks import walk_records
-from recorders.log.layout import Definitions
+from recorders.log.layout import Definitions, what_else
 from recorders.log.mending import Mended
 from recorders.log.model import Schema
 from recorders.log.reader import read_attachment
@@ -105,7 +105,9 @@ def _start(file: RecordFile, report: RecoveryReport) -> tuple[int, str]:
     size = len(wire.MAGIC)
     if file.read(0, min(size, file.size)) != wire.MAGIC:
         if file.size < 2 * size or file.read(file.size - size, size) != wire.MAGIC:
-            raise file.error("this is not an MCAP file: there is nothing to recover", 0)
+            raise file.error(
+                f"this is not an MCAP file{what_else(file)}; there is nothing to recover", 0
+            )
         report.losses.append(Loss(0, "magic bytes", "the first bytes are damaged"))
     try:
         raw = file.record_at(size)

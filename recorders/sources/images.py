@@ -131,7 +131,7 @@ class ImageFolderSource:
             if there:
                 hint += f"; its boxes alone: {self.path / there[0]}"
             raise SourceError(
-                f"no JPEG or PNG pictures in this folder (nor TIFF, WebP, BMP){hint}",
+                f"no JPEG or PNG pictures in this folder (nor TIFF, WebP, AVIF, BMP){hint}",
                 self.path,
             )
         return names

@@ -33,7 +33,7 @@ from recorders.sources.video import VideoSource
 from recorders.sources.with_detections import WithDetections
 from recorders.stills import SUFFIXES
 
-_PICTURES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".webp"})
+_PICTURES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".webp", ".avif"})
 Paths = str | Path | Sequence[str | Path]
 
 

@@ -23,7 +23,7 @@ _DATE = re.compile(
 )
 _LEAST_STEP_NS = 2_000_000
 _FROM_NS, _TO_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # the years 2000 to 2100
-_BEST = (".png", ".tif", ".tiff", ".bmp", ".webp", ".jpg", ".jpeg")
+_BEST = (".png", ".tif", ".tiff", ".bmp", ".webp", ".avif", ".jpg", ".jpeg")
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import base64
+import bz2
+import gzip
 import json
+import lzma
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import cv2
+import lz4.frame
 import numpy as np
 import pytest
 
@@ -16,6 +20,7 @@ from recorders.errors import SourceError
 from recorders.messages import Box
 from recorders.pictures import Image
 from recorders.sources import Source, open_source
+from replay.cli import main
 
 WIDTH, HEIGHT, FRAMES, STEP = 64, 48, 40, 40_000_000
 START = 1_750_000_000_000_000_000
@@ -251,3 +256,35 @@ def test_detections_that_nobody_can_read_are_refused_by_name(tmp_path: Path) -> 
     path = write(tmp_path / "a.mcap", DETECTIONS, encoding="msgpack")
     with pytest.raises(SourceError, match=r"no message of /cam/detections .* msgpack"):
         open_source(path)
+
+
+NO_LOG: dict[str, tuple[Callable[[bytes], bytes], str]] = {
+    "gzip": (gzip.compress, "`gunzip`"),
+    "bzip2": (bz2.compress, "`bunzip2`"),
+    "xz": (lzma.compress, "`unxz`"),
+    "lz4": (lz4.frame.compress, "`lz4 -d`"),
+    "zip": (lambda data: b"PK\x03\x04" + data, "`unzip`"),
+    "text mode": (lambda data: data.replace(b"\n", b"\r\n"), "line ends were translated"),
+    "text mode, back": (
+        lambda data: data.replace(b"\r\n", b"\n"), "line ends were translated",
+    ),
+    "a page": (lambda _: b"<html>502 Bad Gateway</html>", "as servers send"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NO_LOG)
+@pytest.mark.parametrize("command", ["record", "recover"])
+def test_what_is_no_log_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, command: str
+) -> None:
+    change, said = NO_LOG[name]
+    path = write(tmp_path / "a.mcap", DETECTIONS)
+    path.write_bytes(change(path.read_bytes()))
+    out = tmp_path / "out.mcap"
+    if command == "recover" and name.startswith(("zip", "text mode")):
+        return  # its end is a log's, or may be: what is whole of it is kept
+    assert main([command, str(path), "-o", str(out)]) == 1
+    error = capsys.readouterr().err
+    assert "this is not an MCAP file: it" in error
+    assert said in error
+    assert not out.exists()

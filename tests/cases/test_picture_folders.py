@@ -124,3 +124,17 @@ def test_a_large_tiff_of_colours_has_eight_bits(tmp_path: Path) -> None:
     for frame in source.frames():
         assert frame.image is not None
         assert (frame.image == noise).all()
+
+
+@pytest.mark.skipif(not cv2.haveImageWriter("a.avif"), reason="OpenCV has no AVIF")
+def test_pictures_in_avif(tmp_path: Path) -> None:
+    shades = [60, 120, 180]
+    for k, shade in enumerate(shades):
+        picture = cv2.imencode(".avif", np.full((48, 64, 3), shade, np.uint8))[1]
+        (tmp_path / f"{k}.avif").write_bytes(picture.tobytes())
+    source = open_source(tmp_path, fps=25)
+    assert (source.width, source.height) == (64, 48)
+    found = [frame.image for frame in source.frames()]
+    assert [round(float(i.mean())) for i in found if i is not None] == pytest.approx(
+        shades, abs=2
+    )
