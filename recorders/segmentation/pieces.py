@@ -199,7 +199,7 @@ class Pieces:
 
     def part(self, row: int) -> Part:
         """One of them."""
-        x, y, w, h = (int(v) for v in self.rows[row, :4])
+        x, y, w, h = map(int, self.rows[row, :4].tolist())
         left, top = x - self._left, y - self._top
         own = self._labels[top : top + h, left : left + w] == self._numbers[row]
         return Part(own.view(np.uint8), x, y)
