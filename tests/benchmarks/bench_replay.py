@@ -306,7 +306,12 @@ def plot(
     figure, axes = plt.subplots(figsize=(4.5, 3), layout="constrained")
     for label, times in table.items():
         axes.loglog(counts, times, marker="o", markersize=4, label=label)
-    axes.set(xlabel=what, ylabel="ms of processor a frame")
+    every = [t for times in table.values() for t in times]
+    axes.set(
+        xlabel=what,
+        ylabel="ms of processor a frame",
+        ylim=(min(every) / 2, max(every) * 2),
+    )
     axes.grid(alpha=0.3)
     axes.legend()
     figure.savefig(path, dpi=90, metadata={"Software": None})
