@@ -14,6 +14,7 @@ _RESTART_FRAMES = 3
 _GAP_FRAMES, _GAP_NS = 10, 2_000_000_000
 _MOST_GAPS = 20
 _BURST_STEPS, _BURST_RATIO = 8, 4
+_CAMERA_NS, _CLIP_NS = 5_000_000, 10_000_000_000
 
 
 class Gaps:
@@ -138,13 +139,17 @@ class Clock(Generic[Item]):
 
 def nominal_ns(times: Sequence[int]) -> int | None:
     """The time between frames: the median step, or, where most come in bursts, the median of the
-    mean over some steps in a row. Frames of one time, as of a clock that counts seconds, share the
+    mean over some steps in a row. Steps of a camera's with long times between are clips, not
+    bursts. Frames of one time, as of a clock that counts seconds, share the
     step to the next. None where no two times differ.
 
     >>> nominal_ns([0, 40, 80, 120, 160]), nominal_ns([0, 1, 2, 3, 160, 161, 162, 163, 320, 321])
     (40, 40)
     >>> nominal_ns([0, 0, 0, 0, 160, 160, 160, 160, 320])
     40
+    >>> hour, frame = 3_600_000_000_000, 40_000_000
+    >>> nominal_ns([hour * clip + frame * k for clip in range(9) for k in range(5)])
+    40000000
     """
     steps = [max(0, b - a) for a, b in pairwise(times)]
     if not any(steps):
@@ -158,7 +163,8 @@ def nominal_ns(times: Sequence[int]) -> int | None:
         for index in range(len(steps) - width + 1)
     ]
     median, mean = median_low([step for step in steps if step]), median_low(means)
-    return mean if mean > _BURST_RATIO * median else median
+    is_clips = median >= _CAMERA_NS and mean >= _CLIP_NS
+    return mean if mean > _BURST_RATIO * median and not is_clips else median
 
 
 def seconds(length_ns: int) -> str:

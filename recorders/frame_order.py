@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from recorders.errors import RecordingError
+from recorders.log import Message
+
+_MOST = 2**63 - 1
 
 
 class FrameOrder:
@@ -47,6 +51,13 @@ class FrameOrder:
         Raises:
             RecordingError: its number was jumped over before.
         """
+        if number > _MOST:
+            raise RecordingError(
+                f"the frame at {now} ns has the number {number}, beyond any count: damaged or"
+                " made up; `scenetrace record LOG -o OUT` numbers the frames anew",
+                path,
+                record=topic,
+            )
         if self.interleaves(number):
             raise RecordingError(
                 f"frame {number} at {now} ns comes after frame {self.highest}, and frames"
@@ -56,3 +67,16 @@ class FrameOrder:
                 path,
                 record=topic,
             )
+
+
+def two_frames(moment: Sequence[Message], topic: str, path: Path) -> RecordingError:
+    """That a moment's messages hold two frames: one that was recorded twice, or two."""
+    frames = [message for message in moment if message.topic == topic]
+    now = frames[0].log_time_ns
+    reason = f"two frames at {now} ns; frames need times of their own"
+    if len({(message.sequence, message.data) for message in frames}) == 1:
+        reason = (
+            f"the frame at {now} ns was recorded twice; `scenetrace record LOG -o OUT` reads"
+            " it once"
+        )
+    return RecordingError(reason, path, record=topic)

@@ -14,7 +14,7 @@ from recorders.clock import nominal_ns
 from recorders.closing import Closing
 from recorders.errors import RecordingError
 from recorders.format_version import check_version
-from recorders.frame_order import FrameOrder
+from recorders.frame_order import FrameOrder, two_frames
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import ChannelInfo, LogReader, Message
 from recorders.log.growing import GrowingLog
@@ -237,10 +237,7 @@ class SceneLog(Closing):
             for message in group:
                 if message.topic == self._topics["detections"]:
                     if detections is not None:
-                        raise RecordingError(
-                            f"two frames at {now} ns; frames need times of their own",
-                            self.path,
-                        )
+                        raise two_frames(group, self._topics["detections"], self.path)
                     detections = (
                         partial(self._decode, "detections", message)
                         if again

@@ -34,6 +34,10 @@ SCENE = (
 SAMPLED_FRAMES = 65
 _GROUND, _WORDS = 96, (255, 255, 255)
 _NO_PICTURE = "no picture at this time"
+_ONCE = frozenset(
+    {"tracks", "targets", "relations", "groups", "held_back", "graph", "membership"}
+)
+"""What a frame has one message of at the most."""
 
 
 @dataclass(frozen=True)
@@ -196,7 +200,8 @@ class AnnotatedLog(Closing):
         still holds.
 
         Raises:
-            RecordingError: a message is damaged.
+            RecordingError: a message is damaged, or there are two frames at one time, as where
+                logs were joined.
             LimitError: more messages at one time than the limits allow.
         """
         regions: Regions | None = self._before("regions", names, start_ns)
@@ -209,6 +214,13 @@ class AnnotatedLog(Closing):
             found: dict[str, Any] = {"events": []}
             for name, message in moment.annotated:
                 decoded = self._decode_at(name, message, last)
+                if (name in found and name in _ONCE) or decoded in found["events"]:
+                    raise RecordingError(
+                        f"two messages for one frame, at {message.log_time_ns} ns: logs were"
+                        " joined, or one was recorded twice; replay the scene anew",
+                        self.path,
+                        record=message.topic,
+                    )
                 if name == "events":
                     found["events"].append(decoded)
                 else:
@@ -216,6 +228,12 @@ class AnnotatedLog(Closing):
             regions = found.get("regions", regions)
             graph = found.get("graph", graph)
             if "tracks" in found:
+                if last is not None and found["tracks"].frame <= last:
+                    raise RecordingError(
+                        f"frame {found['tracks'].frame} after frame {last}; frames must rise",
+                        self.path,
+                        record="tracks",
+                    )
                 last = found["tracks"].frame
                 yield _frame(moment.time_ns, found, regions, graph)
 

@@ -68,7 +68,23 @@ class PartFile:
         if not lock(descriptor):
             os.close(descriptor)
             raise RecordingError("another process is writing it now", self.part)
-        os.ftruncate(descriptor, 0)
+        try:
+            if os.fstat(descriptor).st_nlink > 1:
+                # A run was killed between the output's two names (`take_name`): it is the output.
+                fresh = self._anew(flags)
+                os.close(descriptor)
+                return fresh
+            os.ftruncate(descriptor, 0)
+        except OSError as error:
+            os.close(descriptor)
+            raise self._failure(error) from error
+        return descriptor
+
+    def _anew(self, flags: int) -> int:
+        """A part file in place of one that has other names, which keep what is in it."""
+        self.part.unlink()
+        descriptor = os.open(self.part, flags | os.O_EXCL, 0o666)
+        lock(descriptor)
         return descriptor
 
     def _occupied(self) -> RecordingError:

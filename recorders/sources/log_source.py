@@ -26,6 +26,7 @@ from recorders.payloads import (
     Detected,
     PayloadError,
     VideoPacket,
+    own_stamp_ns,
     read_detections,
     read_picture,
 )
@@ -33,6 +34,7 @@ from recorders.pictures import Image, check_size
 from recorders.sources.log_files import LogFiles
 from recorders.sources.log_pictures import Pictured, PictureReader, bits_of
 from recorders.sources.pairing import Joined, Pairing
+from recorders.sources.repeats import Repeats, SizesMet
 from recorders.sources.source import (
     NANOS,
     Rate,
@@ -122,6 +124,7 @@ class LogSource:
         self.name = _named(log.name, self.topics)
         self._made_for = size
         self._look(size)
+        self._repeats: dict[str, Repeats] = {}
         self.frame_count = self._expected()
         self._said = list(self.notes)
 
@@ -157,6 +160,14 @@ class LogSource:
                 " choose another with --time, or give the rate with --fps"
             )
         self.start_ns = min(max(0, times[0]), LAST_NS) if times else 0
+        self._times = {
+            topic: [time for time, _ in sampled]
+            for topic, sampled in (
+                (self.topics.image, images),
+                (self.topics.detections, found),
+            )
+            if topic is not None
+        }
         self._decide_pairing(images, found)
         self._warn_of_bursts(leading)
 
@@ -165,12 +176,25 @@ class LogSource:
         if topic is None:
             return []
         found = []
+        repeats = Repeats(None, self._says_which)
         for message in islice(self._messages([topic]), _SAMPLED):
+            if repeats.has(message):
+                continue
             stamp = self._stamp(message)
             now = self._clock(message, stamp)
             if message.log_time_ns <= LAST_NS:
                 found.append((now, stamp))
         return found
+
+    def _says_which(self, message: Message) -> bool:
+        """Whether a message says which picture it is, or is of."""
+        if message.topic == self.topics.image:
+            return own_stamp_ns(message) != 0
+        try:
+            found = read_detections(message.channel, message.data)
+        except PayloadError:
+            return False
+        return found.frame is not None or found.stamp_ns != 0
 
     def _stamp(self, message: Message) -> int:
         try:
@@ -376,6 +400,8 @@ class LogSource:
                     "a message with a time before 1970 or after 2262",
                     f"{_signed(message.log_time_ns)} ns on {message.topic}",
                 )
+            elif self._repeats[message.topic].has(message):
+                continue
             elif message.topic == self.topics.image:
                 for picture in reader.take(message):
                     yield from self._with_picture(pairing, picture)
@@ -430,7 +456,11 @@ class LogSource:
         self.losses.clear()
         self._left_out.clear()
         self._scaled = self._set_back = self._drawn = self._alone = 0
+        self._resized = SizesMet()
         self._order = FrameOrder()
+        self._repeats = {
+            topic: Repeats(times, self._says_which) for topic, times in self._times.items()
+        }
         pairing = Pairing(
             self._by_stamp,
             self._tolerance_ns,
@@ -484,6 +514,8 @@ class LogSource:
         made_for = self._made_for or found.size
         if made_for is None and one.picture is not None:
             made_for = one.picture.size
+        if found.size is not None and self._made_for is None:
+            self._resized.take(found.size, index)
         across, down = (
             (1.0, 1.0)
             if made_for is None
@@ -501,7 +533,14 @@ class LogSource:
                 )
                 continue
             kept.append((scaled, score, label))
-        kept = kept[: self._limits.max_detections_per_frame]
+        most = self._limits.max_detections_per_frame
+        if len(kept) > most:
+            self._left_out.note(
+                f"all but the first {most} detections of a frame (--limit"
+                " max_detections_per_frame=N)",
+                f"frame {index} on {self.topics.detections}",
+            )
+            kept = kept[:most]
         return detections_of(
             index,
             self.width,
@@ -517,6 +556,10 @@ class LogSource:
         if self._rate is None:
             clock.joined += self._set_back
             self.notes += clock.notes()
+        for topic, repeats in self._repeats.items():
+            self.notes += repeats.notes(topic)
+        self.notes += self._resized.notes((self.width, self.height))
+        self.losses += self._resized.losses((self.width, self.height))
         self.losses += [*self._log.losses, *self._left_out.lines()]
         if self._reader.clipped:
             self.losses.append(

@@ -15,8 +15,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from select import select
 from signal import SIGKILL
@@ -35,13 +34,13 @@ def compiler() -> str | None:
     return shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 
-def io_faults(long: bool, seed: int = 0) -> list[Tally]:
+def io_faults(long: bool, seed: int = 0) -> Iterator[Tally]:
     """All commands that write, all their calls (or every few), with several errors."""
     return served("tests.faults.io_faults:all_faults", long, seed, 0)
 
 
-def served(work: str, long: bool, seed: int, tries: int) -> list[Tally]:
-    """What `module:function` counts in a process of its own that has the library."""
+def served(work: str, long: bool, seed: int, tries: int) -> Iterator[Tally]:
+    """What `module:function` counts in a process of its own that has the library, as it comes."""
     module, function = work.split(":")
     with tempfile.TemporaryDirectory() as name:
         library = Path(name) / "fail.so"
@@ -55,7 +54,7 @@ def served(work: str, long: bool, seed: int, tries: int) -> list[Tally]:
             f"from {module} import {function} as work; from tests.faults.io_faults import tell;"
             f" tell(work({long}, {seed}, {tries}))"
         )
-        done = subprocess.run(
+        with subprocess.Popen(
             [sys.executable, "-c", script],
             env={
                 **os.environ,
@@ -64,14 +63,22 @@ def served(work: str, long: bool, seed: int, tries: int) -> list[Tally]:
                 "PYTHONPATH": os.pathsep.join([str(HERE.parent.parent), *sys.path]),
             },
             stdout=subprocess.PIPE,
-            check=True,
-        )
-    return msgspec.json.decode(done.stdout.splitlines()[-1], type=list[Tally])
+        ) as process:
+            assert process.stdout is not None
+            for line in process.stdout:
+                if line.startswith(_TOLD):
+                    yield msgspec.json.decode(line.removeprefix(_TOLD), type=Tally)
+        assert process.returncode == 0, f"{work} failed"
 
 
-def tell(tallies: list[Tally]) -> None:
-    """Write the tallies to stdout, for `served`."""
-    sys.stdout.write(msgspec.json.encode([asdict(t) for t in tallies]).decode() + "\n")
+_TOLD = b"tally "
+
+
+def tell(tallies: Iterable[Tally]) -> None:
+    """Write each tally to stdout once it is counted, for `served`."""
+    for tally in tallies:
+        sys.stdout.write(_TOLD.decode() + msgspec.json.encode(tally).decode() + "\n")
+        sys.stdout.flush()
 
 
 COMMANDS: dict[str, list[str]] = {
@@ -108,7 +115,7 @@ def failing() -> Any:
     return library
 
 
-def all_faults(long: bool, seed: int, tries: int) -> list[Tally]:
+def all_faults(long: bool, seed: int, tries: int) -> Iterator[Tally]:
     """Go through all of it, in the process that has the library."""
     del seed, tries
     from tests.faults.small import annotated
@@ -118,10 +125,8 @@ def all_faults(long: bool, seed: int, tries: int) -> list[Tally]:
         folder = Path(name)
         annotated(folder)
         # The first whole run loads everything and warms every pool before the first try.
-        return [
-            _command(command, words, folder, library, long)
-            for command, words in COMMANDS.items()
-        ]
+        for command, words in COMMANDS.items():
+            yield _command(command, words, folder, library, long)
 
 
 def _command(

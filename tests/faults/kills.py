@@ -32,17 +32,17 @@ _ROWS = ["query", "OUT.duckdb", "SELECT * FROM tracks ORDER BY ALL", "--format",
 _BATCH = ["batch", "../det.txt", "-o", "OUT", "--fps", "25", "--size", "640x480"]
 
 
-def kills(long: bool, seed: int = 0, tries: int | None = None) -> list[Tally]:
+def kills(long: bool, seed: int = 0, tries: int | None = None) -> Iterator[Tally]:
     """Each command that writes; `tries` of each."""
-    count = tries or (80 if long else 2)
-    tallies = served("tests.faults.kills:all_kills", long, seed, count)
-    return [*tallies, batch_kills(seed, max(1, count // 4))]
+    count = tries or (84 if long else 2)
+    yield batch_kills(seed, max(1, count // 4))
+    yield from served("tests.faults.kills:all_kills", long, seed, count)
 
 
-def all_kills(long: bool, seed: int, tries: int) -> list[Tally]:
+def all_kills(long: bool, seed: int, tries: int) -> Iterator[Tally]:
     """All but `batch`, in the process that has the library."""
     del long
-    rng, library, tallies = Random(seed), failing(), []
+    rng, library = Random(seed), failing()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         annotated(folder, frames=60)
@@ -51,8 +51,7 @@ def all_kills(long: bool, seed: int, tries: int) -> list[Tally]:
             "record": [w.replace("det.txt", "long.txt") for w in COMMANDS["record"]]
         }
         for command, words in commands.items():
-            tallies.append(_command(command, words, folder, library, rng, tries))
-    return tallies
+            yield _command(command, words, folder, library, rng, tries)
 
 
 def _command(

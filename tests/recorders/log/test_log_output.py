@@ -135,6 +135,21 @@ def test_a_disk_that_fills_at_the_end_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_output_whose_part_file_is_still_there_stays_whole(tmp_path: Path) -> None:
+    """As a process leaves it that is killed between taking the one name and giving up the other."""
+    path = tmp_path / "log.mcap"
+    with LogWriter(path) as log:
+        fill(log)
+    os.link(path, tmp_path / "log.mcap.part")
+    whole = path.read_bytes()
+    with LogWriter(path, force=True) as log:
+        fill(log, 5)
+        assert path.read_bytes() == whole
+    assert [p.name for p in tmp_path.iterdir()] == ["log.mcap"]
+    with LogReader(path) as opened:
+        assert opened.message_count == 5
+
+
 def test_a_folder_that_is_not_there_is_said(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="there is no folder"):
         LogWriter(tmp_path / "missing" / "log.mcap")
