@@ -65,6 +65,12 @@ def read_block(file: RecordFile, block: Block) -> bytes:
     """The block's records, unpacked and checked."""
     if not block.chunked:
         return file.read(block.offset, block.length, "Message")
+    raw, head = checked_chunk(file, block)
+    return file.unpack(raw, head)
+
+
+def checked_chunk(file: RecordFile, block: Block) -> tuple[RawRecord, records.ChunkHead]:
+    """Where a chunk stands and its head, held against what the summary says of it."""
     raw = file.record_at(block.offset)
     if raw.opcode != wire.CHUNK or raw.end != block.offset + block.length:
         raise file.error(
@@ -94,7 +100,7 @@ def read_block(file: RecordFile, block: Block) -> bytes:
             raw.offset,
             raw.name,
         )
-    return file.unpack(raw, head)
+    return raw, head
 
 
 def read_messages(

@@ -80,6 +80,7 @@ class _Examination:
         self.damaged = False
         self.unread_chunk = False
         self.ours = False
+        self.part_start = 0
         self.times: tuple[int, int] | None = None
 
     def run(self) -> None:
@@ -197,6 +198,7 @@ class _Examination:
             "another log begins here: logs were joined without rewriting them;"
             " `scenetrace recover` makes one of them",
         )
+        self.part_start = found.offset
         self.definitions = Definitions(self.file)
         self.latest = {}
 
@@ -248,7 +250,7 @@ class _Examination:
                 "DataEnd",
                 "the data section has no CRC: damage outside the chunks would not show",
             )
-        elif self.file.crc(0, raw.offset) != crc:
+        elif self.file.crc(self.part_start, raw.offset) != crc:
             self._error(
                 raw.offset,
                 "DataEnd",

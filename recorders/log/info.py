@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.log.blocks import raw_chunk
+from recorders.log.blocks import checked_chunk, raw_chunk
 from recorders.log.doctor import Finding, Severity, examine
 from recorders.log.model import ChannelInfo
 from recorders.log.reader import LogReader, read_attachment
@@ -121,7 +121,12 @@ def _compression(log: LogReader, file: RecordFile) -> list[CompressionInfo]:
     for block in log.index.blocks:
         if not block.chunked:
             continue
-        head = block.index or file.chunk_head(raw_chunk(block))
+        # Times and sizes are told by the summary: is it true?
+        head = (
+            file.chunk_head(raw_chunk(block))
+            if block.index is None
+            else checked_chunk(file, block)[1]
+        )
         chunks, stored, unpacked = totals.get(head.compression, (0, 0, 0))
         totals[head.compression] = (
             chunks + 1,

@@ -2,7 +2,7 @@
 
 Kinds: flips, cuts, io, kills, fuzz, memory, length. Each is a row of the table on stdout, what it is made
 of on stderr. Short by default, as the tests run them; `--long`
-takes every byte, every call, 84 kills of each command and 10^5 inputs of each target (hours).
+takes every byte, every call, 86 kills of each command and 10^5 inputs of each target (hours).
 `--kept FILE` keeps what was counted, so that a long run may be made in pieces: what has a seed
 adds up, other rows are replaced, and the table is of all that was kept.
 Exit code 1 where something was lost, silent or foreign.

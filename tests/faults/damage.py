@@ -26,7 +26,7 @@ from reasoning.questions.ingest import read_recordings
 from recorders.errors import SceneTraceError
 from recorders.log import LogReader
 from recorders.log.recovery import recover
-from tests.faults.small import annotated, run, said
+from tests.faults.small import annotated, memory, run, said
 from tests.faults.tally import Tally
 
 COMPRESSIONS = ("", "lz4", "zstd")
@@ -135,7 +135,7 @@ def _each_log(compression: str, long: bool, seed: int, *, cuts: bool) -> Tally:
     tally = Tally(f"{what}, log of {compression or 'no compression'}")
     # Where files lie in memory and nobody waits for a thread, thousands of them cost little.
     with (
-        tempfile.TemporaryDirectory(dir=_memory()) as name,
+        tempfile.TemporaryDirectory(dir=memory()) as name,
         patch("recorders.log.writer.ThreadPoolExecutor", _AtOnce),
     ):
         folder = Path(name)
@@ -242,7 +242,3 @@ def _places(
         for place in opcodes:
             for bit in range(8):
                 yield place, bit
-
-
-def _memory() -> str | None:
-    return "/dev/shm" if Path("/dev/shm").is_dir() else None

@@ -16,6 +16,7 @@ from time import process_time
 import cv2
 
 from recorders.errors import SceneTraceError
+from tests.faults.small import memory
 from tests.faults.tally import Tally
 
 Target = Callable[[bytes, Path], object]
@@ -69,8 +70,7 @@ def fuzz(
     from tests.faults.targets import targets
 
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    place = "/dev/shm" if Path("/dev/shm").is_dir() else None
-    with tempfile.TemporaryDirectory(dir=place) as name, warnings.catch_warnings():
+    with tempfile.TemporaryDirectory(dir=memory()) as name, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         folder = Path(name)
         for kind, (seeds, target) in {**targets(folder), **more_targets(folder)}.items():

@@ -118,10 +118,10 @@ def failing() -> Any:
 def all_faults(long: bool, seed: int, tries: int) -> Iterator[Tally]:
     """Go through all of it, in the process that has the library."""
     del seed, tries
-    from tests.faults.small import annotated
+    from tests.faults.small import annotated, memory
 
     library = failing()
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory(dir=memory()) as name:
         folder = Path(name)
         annotated(folder)
         # The first whole run loads everything and warms every pool before the first try.

@@ -23,7 +23,7 @@ from typing import Any
 
 from recorders.log import LogReader, LogWriter
 from tests.faults.io_faults import COMMANDS, failing, files_of, forked, served
-from tests.faults.small import annotated, boxes, run, said
+from tests.faults.small import annotated, boxes, memory, run, said
 from tests.faults.tally import Tally
 
 _MAIN = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
@@ -34,8 +34,8 @@ _BATCH = ["batch", "../det.txt", "-o", "OUT", "--fps", "25", "--size", "640x480"
 
 def kills(long: bool, seed: int = 0, tries: int | None = None) -> Iterator[Tally]:
     """Each command that writes; `tries` of each."""
-    count = tries or (84 if long else 2)
-    yield batch_kills(seed, max(1, count // 4))
+    count = tries or (86 if long else 2)
+    yield batch_kills(seed, max(1, count // 8))
     yield from served("tests.faults.kills:all_kills", long, seed, count)
 
 
@@ -43,7 +43,7 @@ def all_kills(long: bool, seed: int, tries: int) -> Iterator[Tally]:
     """All but `batch`, in the process that has the library."""
     del long
     rng, library = Random(seed), failing()
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory(dir=memory()) as name:
         folder = Path(name)
         annotated(folder, frames=60)
         boxes(folder / "long.txt", frames=144)

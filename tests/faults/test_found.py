@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from recorders.clock import Clock, nominal_ns
-from recorders.errors import SceneTraceError
+from recorders.errors import RecordingError, SceneTraceError
 from recorders.formats.opening import open_rows
 from recorders.log import LogReader, LogWriter, Schema
+from recorders.log.info import examine, inspect
 from recorders.log.recovery import recover
 
 
@@ -71,6 +72,27 @@ def test_logs_joined_with_something_between_are_recovered(
     second = counted(tmp_path / "b.mcap", range(5, 9), checked=checked)
     assert recovered(path, first + between + second) == list(range(9))
     assert recovered(path, first[:-20] + second) == list(range(9))
+
+
+def test_a_joined_log_has_one_error_for_each_joint(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    one = counted(path, range(5))
+    path.write_bytes(one * 3)
+    texts = [finding.text for finding in examine(path)]
+    assert [text for text in texts if "CRC of the data section" in text] == []
+    assert sum("another log begins here" in text for text in texts) == 2
+
+
+def test_a_summary_that_lies_of_times_is_told_by_info(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    data = bytearray(counted(path, range(5)))
+    (place,) = [p for opcode, p in records(data) if opcode == 8]
+    struct.pack_into("<QQ", data, place + 9, 10**18, 10**18 + 1)
+    (end,) = [p for opcode, p in records(data) if opcode == 2]
+    struct.pack_into("<I", data, end + 9 + 16, 0)
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match="index in the summary differ"):
+        inspect(path)
 
 
 def test_a_header_that_reads_as_the_end_ends_nothing(tmp_path: Path) -> None:
