@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
 
-from replay.trackers.association import QUANTUM, assign, intersection, iou
+from replay.trackers.association import QUANTUM, assign, intersection, iou, overlaps
 
 
 def test_overlap_of_boxes() -> None:
@@ -63,3 +64,22 @@ def test_most_pairs_then_least_cost(cost: np.ndarray, allowed: np.ndarray) -> No
     count, value = _best(cost, allowed)
     assert len(pairs) == count
     assert -sum(cost[i, j] for i, j in pairs) == pytest.approx(value)
+
+
+@given(
+    arrays(
+        np.float64,
+        st.tuples(st.integers(0, 8), st.just(4)),
+        elements=st.integers(0, 12).map(float),
+    )
+)
+def test_pairs_that_overlap_are_those_of_the_table(boxes: NDArray[np.float64]) -> None:
+    table = intersection(boxes, boxes)
+    wanted = [(i, j, table[i, j]) for i, j in np.argwhere(np.triu(table, 1)).tolist()]
+    assert overlaps([(x, y, w, h) for x, y, w, h in boxes.tolist()]) == wanted
+
+
+def test_who_competes_with_nobody_is_matched_as_the_solver_would() -> None:
+    cost = np.array([[0.5, 2.0, 9.0], [1.0, 0.1, 9.0]])
+    allowed = np.array([[False, False, True], [True, False, False]])
+    assert assign(cost, allowed) == [(0, 2), (1, 0)]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -80,3 +82,19 @@ def test_only_who_was_seen_in_the_last_frame_and_what_is_likely_tells_of_it() ->
     told, plain = restless(), restless()
     moved = told.follow(items, PEOPLE, found, likely)
     assert moved.tolist() == plain.shift(PEOPLE[:3], found[:3]).tolist()
+
+
+def test_a_crowd_votes_by_pairs_that_are_near() -> None:
+    rng = np.random.default_rng(0)
+    crowd = np.concatenate(
+        [rng.uniform(0, 1400, (200, 2)), np.full((200, 2), 40.0)], axis=1
+    )
+    found = crowd + np.array([3.0, 1.0, 0.0, 0.0])
+    camera = restless()
+    tracemalloc.start()
+    try:
+        moved = camera.shift(crowd, found)
+        assert tracemalloc.get_traced_memory()[1] < 50e6  # of all pairs it would be 250 MB
+    finally:
+        tracemalloc.stop()
+    assert moved == pytest.approx([3.0, 1.0], abs=0.3)
