@@ -10,6 +10,7 @@ larger than the one that was there before.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from recorders.messages import Box, Target, Targets
@@ -29,6 +30,8 @@ SHRUNK, PIECE = 0.95, 0.25
 """What is left of it is smaller than it was, and the piece is not as small as somebody far away."""
 TORN = 0.5
 """Share of a life for which it was a piece of another's body: it is no life of its own."""
+COVERED = 0.4
+"""Share of a place that others have, who were there before: it is no place of its own."""
 MEMORY = 0.1
 """Share of a frame in what is remembered of a body's size."""
 KNOWN = 5
@@ -45,6 +48,8 @@ class Within:
         self._sizes: dict[int, tuple[float, float]] = {}
         self._whole: dict[tuple[int, int], tuple[float, float]] = {}
         self._pieces: dict[tuple[int, int], int] = {}
+        self._merged: dict[int, int] = {}
+        self._covered: dict[tuple[int, int], float] = {}
 
     def watch(self, stream: Iterable[Targets]) -> Iterator[Targets]:
         """Pass a forward pass on, taking note."""
@@ -58,6 +63,8 @@ class Within:
         for t in here:
             self._frames[t.id] = self._frames.get(t.id, 0) + 1
             self._areas[t.id] = self._areas.get(t.id, 0.0) + t.box[2] * t.box[3]
+            if t.mode != "motion":
+                self._merged[t.id] = self._merged.get(t.id, 0) + 1
         if len(here) < 2:
             return
         for i, j, inside in overlaps([t.box for t in here]):
@@ -65,6 +72,13 @@ class Within:
             if inside >= SAME_PLACE * min(max(w * h, 1.0), max(wide * high, 1.0)):
                 pair = min(here[i].id, here[j].id), max(here[i].id, here[j].id)
                 self._shared[pair] = self._shared.get(pair, 0) + 1
+            later, before = (
+                (here[i], here[j]) if here[i].id > here[j].id else (here[j], here[i])
+            )
+            if later.mode != "motion":
+                ids = later.id, before.id
+                share = inside / max(later.box[2] * later.box[3], 1.0)
+                self._covered[ids] = self._covered.get(ids, 0.0) + share
 
     def _come_apart(self, here: Sequence[Target]) -> None:
         """Take note of who was born in somebody's place, and of how large both are since then."""
@@ -111,7 +125,34 @@ class Within:
             if second and not {a, b} & found.keys():
                 less = min(second, key=lambda k: (self._area(lives[k]), k))
                 found[less] = a + b - less, shares[less]
+        for life in sorted(lives.keys() - found.keys(), reverse=True):
+            merged = sum(self._merged.get(k, 0) for k in lives[life])
+            share = merged / self._seen(lives[life])
+            by = self._others(lives[life], of, found) if share >= MOSTLY else {}
+            if math.fsum(by.values()) >= COVERED * merged > 0:
+                found[life] = max(by, key=lambda k: (by[k], -k)), share
         return found
+
+    def _others(
+        self,
+        ids: Sequence[int],
+        of: Mapping[int, int],
+        found: Mapping[int, tuple[int, float]],
+    ) -> dict[int, float]:
+        """How much of a life's place each of those had who were there before it, and are somebody;
+        summed over its frames.
+        """
+        by: dict[int, float] = {}
+        for (later, before), covered in sorted(self._covered.items()):
+            body = of.get(before)
+            if (
+                later in ids
+                and body is not None
+                and body != of[later]
+                and body not in found
+            ):
+                by[body] = by.get(body, 0.0) + covered
+        return by
 
     def _seen(self, ids: Sequence[int]) -> int:
         """Frames in which a life was present."""

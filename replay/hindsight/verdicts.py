@@ -51,7 +51,7 @@ and what they lose with the logarithm of how many pieces bodies lie in, in this 
 """
 UNSURE = 0.5
 """Where it went anywhere they are no less than this."""
-SHARED = 1.6
+SHARED = 1.2
 """And what they lose in a frame in which it shares a region with others, or is not seen."""
 GOING = 6.0
 """And by how much they grow with a size of way."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from fixtures.logs import write_scene_log
 from fixtures.scenes import generate
 from recorders.annotated.reader import AnnotatedLog
-from recorders.messages import Box, Target, Targets
+from recorders.messages import Box, Mode, Target, Targets
 from recorders.parameters import configure
 from recorders.scene import SceneInfo
 from replay.annotated_writer import replay
@@ -54,6 +56,33 @@ def test_a_larger_box_that_lives_shortly_is_no_body_either() -> None:
         return (40.0 + 5 * k, 80.0, 50.0, 130.0) if 10 <= k < 20 else None
 
     assert ids(told(walker, around)) == {1}
+
+
+@pytest.mark.parametrize(
+    ("alone", "apart", "kept"), [(3, 12, False), (20, 12, True), (3, 26, True)]
+)
+def test_who_is_lost_in_a_crowd_goes_on_with_those_who_were_there(
+    alone: int, apart: int, kept: bool
+) -> None:
+    """A third comes by, is seen alone for a while, and is then placed between two."""
+    forward = []
+    for k in range(40):
+        x = 100.0 + 5 * k
+        two = [(x, 100.0, 20.0, 50.0), (x + 2 * apart, 100.0, 20.0, 50.0)]
+        here = [Target(i, b, measured=b) for i, b in enumerate(two, 1)]
+        if k >= 8:
+            by_himself = k < 8 + alone
+            third = (
+                (x + 90.0, 100.0, 20.0, 50.0)
+                if by_himself
+                else (x + apart, 100.0, 20.0, 50.0)
+            )
+            mode: Mode = "motion" if by_himself else "appearance"
+            here.append(Target(3, third, measured=third, mode=mode))
+        forward.append(Targets(k, here))
+    times = [k * FRAME_NS for k in range(40)]
+    out = list(rewrite(lambda: iter(forward), SCENE, times, configure(SECTIONS)))
+    assert ids(out) == ({1, 2, 3} if kept else {1, 2})
 
 
 def test_pieces_of_a_body_that_comes_apart_are_one() -> None:
