@@ -4,6 +4,7 @@ offsets.
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -69,6 +70,8 @@ class _Examination:
         self.counts: dict[int, int] = {}
         self.latest: dict[int, int] = {}
         self.backwards: dict[int, tuple[int, int]] = {}
+        self.before: dict[int, tuple[int, int]] = {}
+        self.repeats: dict[int, tuple[int, int]] = {}
         self.chunks: dict[int, records.ChunkIndexRecord] = {}
         self.found: dict[int, list[RawRecord]] = {
             wire.CHUNK: [],
@@ -121,6 +124,14 @@ class _Examination:
                 offset,
                 "Message",
                 f"log time goes back {count} times on {topic}, here first",
+            )
+        for channel, (offset, count) in sorted(self.repeats.items()):
+            topic = self.definitions.channels[channel].topic
+            self._warn(
+                offset,
+                "Message",
+                f"{count} messages on {topic} stand here twice, this one first: recorded"
+                " twice, or logs were joined that overlap",
             )
         if (
             ending.summary is not None
@@ -350,6 +361,11 @@ class _Examination:
             if self.times is None
             else (min(self.times[0], time), max(self.times[1], time))
         )
+        said = len(content), zlib.crc32(content)
+        if self.before.get(channel) == said:
+            first, count = self.repeats.get(channel, (offset, 0))
+            self.repeats[channel] = (first, count + 1)
+        self.before[channel] = said
         if time < self.latest.get(channel, 0):
             first, count = self.backwards.get(channel, (offset, 0))
             self.backwards[channel] = (first, count + 1)

@@ -10,7 +10,7 @@ import pytest
 
 from recorders.log import LogReader, LogWriter, Message, Schema
 from recorders.log.recovery import recover
-from tests.faults.small import WORDS, annotated, boxes, run
+from tests.faults.small import WORDS, annotated, boxes, run, said
 
 Change = Callable[[Message], list[Message]]
 AT_NS = 160_000_000
@@ -59,6 +59,8 @@ def test_a_frame_that_was_recorded_twice_is_read_once_and_told(tmp_path: Path) -
     code, told = run("replay", str(log), "-o", str(tmp_path / "made.mcap"))
     assert code == 1
     assert f"the frame at {AT_NS} ns was recorded twice" in told
+    code, found = said("doctor", str(log))
+    assert "1 messages on /camera/detections stand here twice" in found
 
 
 def test_a_log_of_two_recorders_is_read_once(tmp_path: Path) -> None:
