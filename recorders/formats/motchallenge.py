@@ -3,7 +3,9 @@ left corner.
 
 Rules, for detections, truths and results alike:
 
-- cells are parted by commas; in a row without a comma by blanks or tabs;
+- cells are parted by commas; in a row without a comma by blanks or tabs; by ``;``, ``|``, or a comma
+  and a blank where the first row is (`recorders.formats.cells`), then with decimal commas as well;
+- lines that begin with ``#``, ``%`` or ``//`` are no rows;
 - a row has 6 to 10 columns, as many as the first row: a row that was cut short is no row;
 - the first line may name the columns; names in another order are refused;
 - blank lines, Windows line ends and a byte order mark do not matter;
@@ -19,6 +21,7 @@ from pathlib import Path
 from recorders.errors import LimitError, SourceError
 from recorders.files import open_to_read
 from recorders.formats.boxes import MAX_FRAMES, BoxRow, check_box
+from recorders.formats.cells import COMMENTS, SPREADSHEET, cells_of, separator_of
 from recorders.names import whole
 
 _COLUMNS = range(6, 11)
@@ -34,6 +37,7 @@ _HEADER = (
     frozenset({"w", "width", "bb_width", "bbox_width"}),
     frozenset({"h", "height", "bb_height", "bbox_height"}),
 )
+_BLANKS = bytes.maketrans(b",;|", b"   ")
 _WORDS = "not MOTChallenge text (frame,id,x,y,w,h,confidence,...)"
 
 
@@ -54,8 +58,13 @@ class MotReader:
             LimitError: a frame number beyond all reason.
         """
         columns = 0
+        separator: str | None = ""
         for line, text in self._lines():
-            cells = text.split(",") if "," in text else text.split()
+            separator = separator_of(text) if separator == "" else separator
+            if separator == "," or (separator in (None, "\t") and "," not in text):
+                cells = text.split(",") if "," in text else text.split()
+            else:
+                cells = cells_of(text, separator)
             if not columns and self._is_header(cells, line):
                 continue
             columns = columns or len(cells)
@@ -84,7 +93,8 @@ class MotReader:
                     text = data.decode("utf-8-sig" if number == 1 else "utf-8").strip()
                 except UnicodeDecodeError:
                     raise SourceError(f"not text: {_WORDS}", self.path, number) from None
-                if text:
+                told = number == 1 and SPREADSHEET.fullmatch(text)
+                if text and not told and not text.startswith(COMMENTS):
                     yield number, text
 
     def _is_header(self, cells: list[str], line: int) -> bool:
@@ -160,7 +170,7 @@ def counts_from(path: Path) -> int:
     """
     with open_to_read(path) as file:
         while line := file.readline(_LONGEST_LINE):
-            cell = line.replace(b",", b" ").split()[:1]
+            cell = line.translate(_BLANKS).split()[:1]
             if cell and cell[0].strip(b"0.") == b"" and cell[0][:1] == b"0":
                 return 0
     return 1

@@ -5,7 +5,6 @@ names.
 from __future__ import annotations
 
 import codecs
-import csv
 import io
 import re
 from collections.abc import Iterator, Sequence
@@ -15,6 +14,7 @@ from pathlib import Path
 from recorders.errors import SourceError, UsageError
 from recorders.files import open_to_read
 from recorders.formats.boxes import BoxRow
+from recorders.formats.cells import COMMENTS, SPREADSHEET, cells_of, separator_of
 from recorders.formats.columns import (
     Columns,
     ask_of_corners,
@@ -34,11 +34,7 @@ _KITTI = Columns(
 _LEAST_COLUMNS = 6
 _SAMPLED = 400
 _ASK_FROM = 8
-_DECIMAL_COMMA_WITHIN = re.compile(r"\d,\d")
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
 _SHARES = "shares of the picture"
-_COMMENTS = ("#", "%", "//")
-_SPREADSHEET = re.compile(r"sep=.", re.IGNORECASE)
 _PICTURE = re.compile(r"\.(jpe?g|png|bmp|webp|tiff?)$", re.IGNORECASE)
 _MOST_CLASSES = 100
 
@@ -91,8 +87,8 @@ class TextTable:
         first: list[list[str]] = []
         for _, text in self._texts():
             if not first:
-                self._separator = _separator_of(text)
-            first.append(self._cells(text))
+                self._separator = separator_of(text)
+            first.append(cells_of(text, self._separator))
             if len(first) == _SAMPLED:
                 break
         if not first:
@@ -247,22 +243,6 @@ class TextTable:
                 "frame,id,x,y,w,h,score",
             )
 
-    def _cells(self, text: str) -> list[str]:
-        if '"' in text and self._separator is not None:
-            cells = next(csv.reader([text], delimiter=self._separator[0]))
-            return [_pointed(cell.strip()) for cell in cells]
-        if self._separator == ";":
-            # Where commas do not separate, they are decimal points.
-            return [cell.strip().replace(",", ".") for cell in text.rstrip(";").split(";")]
-        if self._separator is None:
-            return [_pointed(cell) for cell in text.split()]
-        if self._separator in ("\t", "|", ", "):
-            return [_pointed(cell.strip()) for cell in text.split(self._separator)]
-        cells = [cell.strip().strip('"') for cell in text.split(self._separator)]
-        return (
-            cells[:-1] if cells and not cells[-1] and len(cells) > _LEAST_COLUMNS else cells
-        )
-
     def _texts(self) -> Iterator[tuple[int, str]]:
         """Number and text of every line that is neither blank nor a comment."""
         with open_to_read(self.path) as data:
@@ -280,9 +260,9 @@ class TextTable:
                     stripped = text.strip().lstrip("\ufeff")
                     if "\0" in stripped:
                         raise SourceError("not text: no table of boxes", self.path, line)
-                    if line == 1 and _SPREADSHEET.fullmatch(stripped):
+                    if line == 1 and SPREADSHEET.fullmatch(stripped):
                         continue  # what a spreadsheet is told of the separator
-                    if stripped and not stripped.startswith(_COMMENTS):
+                    if stripped and not stripped.startswith(COMMENTS):
                         yield line, stripped
             except UnicodeDecodeError:
                 raise SourceError(
@@ -296,7 +276,7 @@ class TextTable:
         if self._named:
             next(texts, None)
         for line, text in texts:
-            cells = self._cells(text)
+            cells = cells_of(text, self._separator)
             where = f"{self.path.name}:{line}"
             if len(cells) < self._least:
                 bad("a row that is cut short", where)
@@ -340,26 +320,6 @@ def _encoding_of(path: Path) -> str:
     if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     return "utf-8-sig"
-
-
-def _pointed(cell: str) -> str:
-    """A number with a decimal point."""
-    return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell
-
-
-def _separator_of(text: str) -> str | None:
-    if ";" in text:
-        return ";"
-    if "|" in text and "," not in text.split("|", 1)[0]:
-        return "|"
-    for separator in ("\t", ", ", None):
-        cells = [_pointed(cell) for cell in text.split(separator)]
-        decimal = _DECIMAL_COMMA_WITHIN.search(text)
-        if decimal and len(cells) >= _LEAST_COLUMNS and all(map(is_number, cells)):
-            return separator  # the commas are decimal points
-    if "," in text:
-        return ","
-    return "\t" if "\t" in text else None
 
 
 def _numbers(cells: Sequence[str]) -> list[float] | None:

@@ -14,6 +14,7 @@ from recorders.errors import SceneTraceError, SourceError
 from recorders.files import open_to_read
 from recorders.formats import CaviarReader, MotReader
 from recorders.formats.boxes import NOBODY
+from recorders.formats.columns import grow_as_corners
 from recorders.formats.motchallenge import counts_from
 from recorders.formats.opening import open_rows
 
@@ -23,6 +24,7 @@ BoolArray = NDArray[np.bool_]
 
 Row = tuple[int, int, float, float, float, float, float]
 
+_SAMPLED = 400
 OUTSIDE_SHARE = 0.01
 """More of the true centres than this outside the recording's picture: truth and recording differ
 in size.
@@ -182,7 +184,16 @@ def read_table(path: str | Path, size: tuple[int, int] | None = None) -> MotTabl
         return read_boxes(path, size) if is_cvat else read_caviar(path)
     if Path(path).is_dir() or kind in (".json", ".jsonl", ".ndjson", ".parquet", ".csv"):
         return read_boxes(path, size)
-    return read_boxes(path) if _is_kitti(Path(path)) else read_mot(path)
+    if _is_kitti(Path(path)):
+        return read_boxes(path)
+    table = read_mot(path)
+    if grow_as_corners(table.boxes[:_SAMPLED].tolist()):
+        raise SourceError(
+            "the fifth column grows with the third, as x2 does with x1: width and height are"
+            " wanted, or a .csv whose first line is frame,id,x1,y1,x2,y2",
+            path,
+        )
+    return table
 
 
 def _is_kitti(path: Path) -> bool:

@@ -15,6 +15,7 @@ from recorders.formats.columns import parse_columns
 from recorders.formats.opening import BoxOptions
 from recorders.messages import Box
 from recorders.sources import open_source
+from replay.evaluate.truth import read_table
 
 WIDTH, HEIGHT, FRAMES = 320, 240, 30
 Row = tuple[int, int, float, float, float, float]
@@ -315,3 +316,36 @@ def test_columns_that_do_not_fit_are_told(tmp_path: Path) -> None:
     options = BoxOptions(columns=parse_columns("frame,xyxy,score"))
     with pytest.raises(UsageError, match="says 3 columns; it holds 2: frame, bbox"):
         boxes_of(path, boxes=options)
+
+
+TRUTHS: dict[str, tuple[str, str]] = {
+    name: TEXTS[name]
+    for name in ("pipes", "decimal commas in quotes", "a comment of another kind")
+} | {
+    "decimal commas behind a comma and a blank": (".txt", lines(mot, ", ", comma=True)),
+    "semicolons": (".txt", lines(mot, ";", "sep=;", comma=True)),
+    "tabs": (".txt", lines(mot, "\t", comma=True)),
+    "nine columns from 0": (".txt", lines(lambda r: [*r, 1, 3, 1.0], ";")),
+}
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+def test_a_truth_may_be_written_alike(tmp_path: Path, name: str) -> None:
+    suffix, text = TRUTHS[name]
+    path = tmp_path / f"gt{suffix}"
+    path.write_text(text)
+    table = read_table(path)
+    assert table.frames.tolist() == [row[0] for row in ROWS]
+    assert len(set(table.ids.tolist())) == 2
+    for got, row in zip(table.boxes.tolist(), ROWS, strict=True):
+        assert got == pytest.approx(row[2:])
+    if name.startswith("nine"):
+        assert table.classes is not None
+        assert set(table.classes.tolist()) == {3}
+
+
+def test_corners_are_no_truth(tmp_path: Path) -> None:
+    path = tmp_path / "gt.txt"
+    path.write_text(lines(lambda r: [r[0] + 1, r[1] + 1, *corners(r), 1, -1, -1, -1]))
+    with pytest.raises(SourceError, match="as x2 does with x1"):
+        read_table(path)
