@@ -89,9 +89,10 @@ class LabelStudio(Document):
         score = number(result.get("score") or 1.0, "score")
         if "sequence" in value:
             size = self._size_of(result)
+            claimed = _claimed(value["sequence"], value.get("framesCount"))
+            if len(self._found) + claimed > _MOST_BOXES:
+                raise LimitError(f"over {_MOST_BOXES} boxes in its videos", self.path)
             for frame, box in _between(value["sequence"], value.get("framesCount")):
-                if len(self._found) >= _MOST_BOXES:
-                    raise LimitError(f"over {_MOST_BOXES} boxes in its videos", self.path)
                 row = BoxRow(frame, NOBODY, _box(_rectangle(box, 0.0, size)), score, label)
                 self._take(row, f"task {place + 1}, frame {frame}")
             return
@@ -194,6 +195,16 @@ def _ellipse(
 
 def _box(corners: Corners) -> tuple[float, float, float, float]:
     return box_around([x for x, _ in corners], [y for _, y in corners])
+
+
+def _claimed(sequence: list[Any], count: Any) -> int:
+    """How many frames `_between` gives, or more."""
+    keys = sorted(sequence, key=lambda k: k["frame"])
+    if not keys:
+        return 0
+    to_end = isinstance(count, int) and keys[-1].get("enabled", True)
+    last = max(keys[-1]["frame"], count) if to_end else keys[-1]["frame"]
+    return int(last - keys[0]["frame"] + 1)
 
 
 def _between(sequence: list[Any], count: Any) -> Iterator[tuple[int, tuple[float, ...]]]:
