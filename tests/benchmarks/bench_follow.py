@@ -26,7 +26,6 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
 PICTURES = (
     Path(os.environ.get("SCENETRACE_DATA", ROOT.parent / "shared" / "data"))
     / "pets09-s2l1"
@@ -132,6 +131,7 @@ def main() -> int:
     parser.add_argument("--detect", default="motion")
     parser.add_argument("--send", metavar="FILM:PORT:FPS", help="be the camera")
     args = parser.parse_args()
+    sys.path.insert(0, str(ROOT))  # the film's numbered pictures lie beside the tests
     if args.send:
         source, port, fps = args.send.rsplit(":", 2)
         send(Path(source), int(port), int(fps))
