@@ -68,7 +68,11 @@ class _Search:
         if is_uri(word):
             return [(uri, own) for uri in _remote(word)]
         path = Path(word)
-        if path.is_dir():
+        try:
+            is_folder, is_there = path.is_dir(), path.exists()
+        except OSError as error:  # a name that is too long
+            raise UsageError(f"{word[:60]}: cannot be read: {error.strerror}") from error
+        if is_folder:
             found = [(str(some.absolute()), own) for some in self._below(path)]
             if not found:
                 why = "; ".join(self.left_out[-1:]) or (
@@ -76,7 +80,7 @@ class _Search:
                 )
                 raise UsageError(f"{word}: holds no {_WANTED}; {why}")
             return found
-        if path.exists():
+        if is_there:
             return [(str(path.absolute()), own)]
         matches = sorted(glob.glob(word, recursive=True)) if glob.has_magic(word) else []  # noqa: PTH207
         if not matches:

@@ -11,12 +11,13 @@ import pytest
 
 from reasoning.questions.patterns import parse
 from recorders.detectors.model_file import parse_names
-from recorders.errors import LimitError, SceneTraceError
+from recorders.errors import LimitError, SceneTraceError, UsageError
 from recorders.formats.opening import open_rows
 from recorders.log import ChannelInfo, Schema
 from recorders.parameters import configure
 from recorders.payloads import PayloadError, read_picture
 from recorders.recording import SECTIONS
+from replay.batch.sources import sources_of
 from tests.faults.small import annotated, run
 
 DIGITS = "9" * 4400
@@ -92,6 +93,12 @@ def test_a_configuration_of_endless_digits_is_refused(tmp_path: Path) -> None:
 def test_patterns_with_endless_digits_are_refused(ask: Callable[[], object]) -> None:
     with pytest.raises(SceneTraceError):
         ask()
+
+
+def test_a_list_that_names_what_is_too_long_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "list.txt").write_text(f"a.mp4{DIGITS}\n")
+    with pytest.raises(UsageError, match=r"list\.txt:1"):
+        sources_of([f"@{tmp_path / 'list.txt'}"])
 
 
 @pytest.mark.parametrize("ids", ["\u00b2", DIGITS, "1,\u0663"])
