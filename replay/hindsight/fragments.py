@@ -99,6 +99,7 @@ class Fragment:
         extent: least and greatest x and y that its centre was seen at, pixels.
         moments: sums of x, y, x^2 and y^2 of its centre, from its first one.
         gaps: (position in the stream, seconds) of every observation that came after a gap.
+        second: what counts for a second in this recording, in seconds: more in time lapse.
         told: the tracker held it present at some time. Of who was only ever followed aside
             nothing is told, but such a fragment may be where somebody else's life goes on.
     """
@@ -120,6 +121,7 @@ class Fragment:
     origin: tuple[float, float] | None = None
     gaps: list[tuple[int, float]] = field(default_factory=list)
     told: bool = False
+    second: float = 1.0
 
     @property
     def size(self) -> float:
@@ -141,18 +143,18 @@ class Fragment:
         if len(self.tail):
             last_at, last_ns = self.tail.last_when
             gap = (time_ns - last_ns) * 1e-9
-            if at > last_at + 1 and gap > GAP_S:
+            if at > last_at + 1 and gap > GAP_S * self.second:
                 self.gaps.append((at, gap))
         self.hits += 1
         self.sizes += math.sqrt(max(box[2] * box[3], 1.0))
         self._stand(box)
         head = self.head
         if not len(head) or (
-            time_ns - head.first_ns <= ENDS_S * 1e9 and len(head) < _MOST_ENDS
+            time_ns - head.first_ns <= ENDS_S * self.second * 1e9 and len(head) < _MOST_ENDS
         ):
             head.add(at, time_ns, box)
         self.tail.add(at, time_ns, box)
-        self.tail.keep_end(ENDS_S * 1e9)
+        self.tail.keep_end(ENDS_S * self.second * 1e9)
 
     def _stand(self, box: Box) -> None:
         """Take note of a place."""
@@ -262,12 +264,15 @@ def wandering(parts: Sequence[Fragment]) -> float:
     return math.sqrt(12.0 * spread) / size_of(parts)
 
 
-def gather(stream: Iterable[Targets], times: Sequence[int]) -> dict[int, Fragment]:
+def gather(
+    stream: Iterable[Targets], times: Sequence[int], second: float = 1.0
+) -> dict[int, Fragment]:
     """Read the forward pass once: every identity's fragment, by id.
 
     Args:
         stream: the forward pass's answers in order; the k-th belongs to the k-th time.
         times: capture times in ns.
+        second: see `Fragment`.
     """
     fragments: dict[int, Fragment] = {}
     at_frame: dict[int, int] = {}
@@ -278,7 +283,7 @@ def gather(stream: Iterable[Targets], times: Sequence[int]) -> dict[int, Fragmen
         for target in answer.targets:
             fragment = fragments.get(target.id)
             if fragment is None:
-                fragment = fragments[target.id] = Fragment(target.id)
+                fragment = fragments[target.id] = Fragment(target.id, second=second)
             fragment.born_of_split |= target.born_of_split and not fragment.hits
             fragment.told |= target.present
             if target.observed:

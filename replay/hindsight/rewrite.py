@@ -33,6 +33,7 @@ from replay.hindsight.parameters import HindsightParameters
 from replay.hindsight.passing import Passing
 from replay.hindsight.smoothing import filtered
 from replay.hindsight.verdicts import lessened, withheld
+from replay.trackers.pace import paced, stretch
 
 _BLOCK = 64
 _CALM = ((1.0, 0.25), (1.0, 1.0), (1.0, 4.0), (1.0, 16.0), (1.0, 64.0))
@@ -83,11 +84,13 @@ def rewrite(
     """
     p = config["hindsight"]
     assert isinstance(p, HindsightParameters)
+    p, second = paced(p, scene.frame_ns), stretch(scene.frame_ns)
     exchanges: list[Exchange] = []
 
     def read(stream: Iterable[Targets]) -> tuple[dict[int, Fragment], Within, BesideWhom]:
-        within, beside = Within(), BesideWhom(scene.frame_ns * 1e-9)
-        return gather(beside.watch(within.watch(stream)), times), within, beside
+        within, beside = Within(), BesideWhom(scene.frame_ns * 1e-9 / second)
+        stream = beside.watch(within.watch(stream))
+        return gather(stream, times, second), within, beside
 
     fragments, within, beside = read(_noting(targets(), exchanges))
     if exchanges:
@@ -123,6 +126,7 @@ class _Writer:
         self._times = times
         self._has_masks = scene.has_masks
         self._passing = Passing(seeing=scene.has_images, masks=scene.has_masks)
+        self._second = stretch(scene.frame_ns)
         self._frame_s = max(scene.frame_ns * 1e-9, 1e-6)
         self._fill = max(1, math.floor(p.fill_s / self._frame_s + 1e-6))
         self._margin = self._fill + max(8, round(1.0 / self._frame_s))
@@ -165,8 +169,10 @@ class _Writer:
                 if row.at[0] <= at <= row.at[-1] and not blurred[at - start, k]:
                     seen = row.life.of(forward)
                     value = values[at - start, k]
-                    if self._has_masks and lively[k] and seen is not None and seen.observed:
-                        # Pixels say where who dashes about is better than any path through them.
+                    dashing = lively[k] or self._second > 1.0
+                    if self._has_masks and dashing and seen is not None and seen.observed:
+                        # Pixels say where who dashes about, or is filmed rarely, is better than
+                        # any path through them.
                         x, y, w, h = seen.measured or seen.box
                         value = np.array([x + w / 2, y + h / 2, w, h])
                     target = _target(row, at, seen, value, rates[at - start, k])
@@ -293,7 +299,7 @@ class _Writer:
             (size[:, None] * noise) ** 2,
             (size[:, None] * agility) ** 2,
         )
-        rate = (size[:, None] * np.array([1.5, 1.5, 0.2, 0.2])) ** 2
+        rate = (size[:, None] * np.array([1.5, 1.5, 0.2, 0.2]) / self._second) ** 2
         values, rates, doubt, lively = _smooth_lively(
             measured, seen, steps, (variance, acceleration, rate)
         )

@@ -125,9 +125,9 @@ def whole(
     still = False
     if odds is not None:
         one_place = min(1.0, max(0.0, (AROUND - far) / ROAMING))
-        odds -= one_place * math.log(max(1.0, seconds / WAITS_S))
+        odds -= one_place * math.log(max(1.0, seconds / (WAITS_S * parts[0].second)))
     elif moving is not None:
-        untold = from_start or (to_end and seconds < TELLS_S)
+        untold = from_start or (to_end and seconds < TELLS_S * parts[0].second)
         odds = moving if untold else min(moving, max(-moving, GOING * (far - STAYED)))
         still = parts[0].told and odds < 0
     return Whole(seconds, from_start, to_end, seen, far, odds, still)
@@ -188,12 +188,12 @@ def doubts(
 ) -> list[Doubt]:
     """All that a life's identity rests on, in order."""
     found = [
-        Doubt(int(at), gap, survived(gap, seeing=has_images))
+        Doubt(int(at), gap, survived(gap / part.second, seeing=has_images))
         for part in parts
         for at, gap in part.gaps
     ]
     for f, join in zip(parts[1:], joins, strict=True):
-        same = survived(join.gap_s, seeing=False)
+        same = survived(join.gap_s / f.second, seeing=False)
         if join.appearance is not None:
             ratio = math.exp(TELLING * (UNKNOWN - join.appearance))
             same = same * ratio / (same * ratio + 1.0 - same)

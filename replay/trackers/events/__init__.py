@@ -8,6 +8,7 @@ from reasoning.regions import RegionParameters
 from recorders.lazy import lazily
 from recorders.parameters import Config, Parameters
 from replay.trackers.events.parameters import EventsParameters
+from replay.trackers.pace import paced
 from replay.trackers.tracker import SceneInfo, Tracker
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def make(scene: SceneInfo, config: Config) -> Tracker:
     assert isinstance(regions, RegionParameters)
     from replay.trackers.events.tracker import EventsTracker
 
-    return EventsTracker(scene, parameters, regions)
+    return EventsTracker(scene, paced(parameters, scene.frame_ns), regions)
 
 
 __all__ = ["SECTIONS", "EventsParameters", "EventsTracker", "make"]

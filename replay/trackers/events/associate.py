@@ -22,6 +22,16 @@ WIDENED = 2.0
 """Boxes are widened by so many times the scene's unrest."""
 KNOWN = 5
 """Sightings from which on a target's motion is known."""
+STEP = 2.0
+"""The longest step that who is not known yet makes from one picture to the next, in sizes."""
+ALIKE = 0.7
+"""Shapes are alike whose axes' ratios, as logarithms, add up to no more: one is twice the other's."""
+ALONE = 2.0
+"""And by so much farther off has everything else to be that may be the same."""
+MOVING = 3
+"""Sightings from which on a path says where it goes on, if not yet how fast."""
+UNRESTFUL = 4.0
+"""How far off it may then be, in standard deviations of the scene's unrest."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +103,52 @@ def match(
         i, j = (list(side) for side in zip(*known, strict=True))
         tracks.unrest.take(residual[i, j] / sizes[i])
     return [(row[i], column[j]) for i, j in pairs]
+
+
+def first_steps(
+    tracks: EventsTracks, rows: Rows, seen: SeenDetections, columns: Rows
+) -> list[tuple[int, int]]:
+    """Associate tracks whose motion is not known yet with detections that nobody else is, (row,
+    column) pairs by row.
+
+    Who is small, fast or filmed rarely moves by more than his own width from one picture to the
+    next: overlap says nothing, and how fast he is, is only known once he has been associated.
+    What counts is the distance in his own sizes, up to `STEP`, that the shapes are alike, and
+    that there is no other choice: nothing of his shape, and nobody of the detection's, within
+    `ALONE` times the distance. Of those left, who has been followed is the nearest one that the
+    scene's unrest allows.
+    """
+    if not len(rows) or not len(columns):
+        return []
+    boxes, sizes = seen.boxes[columns], tracks.sizes[rows]
+    off = boxes[:, :2] + boxes[:, 2:] / 2 - tracks.bank.value[rows, None, :2]
+    off /= sizes[:, None, None]
+    shapes = np.array([_axes(seen.boxes[c].tolist(), seen.ellipses[c]) for c in columns])
+    mine = np.maximum(tracks.bank.value[rows, 4:6], 1.0)
+    unlike = np.abs(np.log(shapes[None] / mine[:, None])).sum(axis=2)
+    away = np.where(unlike > ALIKE, np.inf, np.hypot(off[..., 0], off[..., 1]))
+    pairs = []
+    for i, j in enumerate(away.argmin(axis=1).tolist()):
+        least = float(away[i, j])
+        others = np.concatenate([np.delete(away[i], j), np.delete(away[:, j], i)])
+        if least <= STEP and float(others.min(initial=np.inf)) > ALONE * least:
+            pairs.append((i, j))
+    moving = np.array([tracks.items[row].hits >= MOVING for row in rows], bool)
+    left = moving[:, None] & (away <= min(STEP, UNRESTFUL * np.hypot(*tracks.unrest.off)))
+    for i, j in pairs:
+        left[i] = left[:, j] = False
+    pairs = sorted(pairs + assign(np.where(left, away, 0.0), left))
+    known = [(i, j) for i, j in pairs if moving[i]]
+    if known:
+        at = np.array(known, np.intp)
+        tracks.unrest.take(off[at[:, 0], at[:, 1]])
+    return [(int(rows[i]), int(columns[j])) for i, j in pairs]
+
+
+def _axes(box: Sequence[float], ellipse: Ellipse | None) -> tuple[float, float]:
+    """Major and minor axis of a detection, at least a pixel."""
+    long, short = (ellipse.h, ellipse.w) if ellipse else (max(box[2:]), min(box[2:]))
+    return max(long, 1.0), max(short, 1.0)
 
 
 def one_each(

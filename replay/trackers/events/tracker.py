@@ -29,7 +29,7 @@ from replay.trackers.association import intersection
 from replay.trackers.belief import LIKELY, DetectionScores, stamped
 from replay.trackers.camera import CameraMotion
 from replay.trackers.events.answer import answer, shared_regions
-from replay.trackers.events.associate import SeenDetections, match, one_each
+from replay.trackers.events.associate import SeenDetections, first_steps, match, one_each
 from replay.trackers.events.colours import alike, learn, likenesses, look_at
 from replay.trackers.events.groups import GroupTracks, SharedBlob, hold_members, members_of
 from replay.trackers.events.identity import keep_company, verify
@@ -49,6 +49,7 @@ from replay.trackers.events.splits import came_from, remember_regions
 from replay.trackers.events.strangers import estranged, part
 from replay.trackers.events.tracks import EventsTrack, EventsTracks
 from replay.trackers.life import TENTATIVE, Life
+from replay.trackers.pace import stretch
 from replay.trackers.tracker import Frame, SceneInfo
 
 Floats = NDArray[np.float64]
@@ -81,6 +82,7 @@ class EventsTracker:
         self._learn_every = max(
             1, round(parameters.learn_s / max(1e-3, scene.frame_ns * NS))
         )
+        self._rare = stretch(scene.frame_ns) > 1.0
         self._time_ns: int | None = None
 
     def step(self, frame: Frame) -> Targets:
@@ -335,7 +337,32 @@ class EventsTracker:
             pairs = match(self._tracks, np.array(rows, np.intp), seen, columns, self._p)
             used[[column for _, column in pairs]] = True
             self._follow(frame, seen, pairs)
+        self._take_first_steps(frame, seen, used)
         return used
+
+    def _take_first_steps(
+        self, frame: Frame, seen: SeenDetections, used: NDArray[np.bool_]
+    ) -> None:
+        """Those whose motion is not known yet may have gone further than an overlap tells: who
+        was seen once, and in time lapse everybody. Whoever does go so far goes on so, and has the
+        place and speed that his first step gave him; pieces of bodies do not. A detector's boxes
+        of a film need no such help, and jump too much for it.
+        """
+        if not self._rare and (seen.fused or not self._scene.has_masks):
+            return
+        young = [
+            row
+            for row, item in enumerate(self._tracks.items)
+            if not item.observed and not item.lost and (self._rare or item.hits == 1)
+        ]
+        free = np.flatnonzero((seen.scores >= LIKELY) & ~used)
+        pairs = first_steps(self._tracks, np.array(young, np.intp), seen, free)
+        for row, column in pairs:
+            x, y, w, h = seen.boxes[column].tolist()
+            dt = (frame.time_ns - self._tracks.items[row].seen_ns) * NS
+            self._tracks.launch(row, (x, y, w, h), dt)
+            used[column] = True
+        self._follow(frame, seen, pairs)
 
     def _follow(
         self, frame: Frame, seen: SeenDetections, pairs: list[tuple[int, int]]

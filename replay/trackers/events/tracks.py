@@ -308,6 +308,17 @@ class EventsTracks:
                 for table in (bank.p00, bank.p01, bank.p11):
                     table[row, part] *= min(factor, 25.0)
 
+    def launch(self, row: int, box: Box, dt: float) -> None:
+        """A row is seen ``dt`` seconds on so far off that it must be as fast as that: no speed
+        was too great for it. The correction that follows gives it the speed.
+        """
+        x, y, w, h = box
+        step = np.array([x + w / 2, y + h / 2]) - self.bank.value[row, :2]
+        speed2 = max(float((step * step).sum()), 1.0) * (2.0 / dt) ** 2
+        self.bank.p11[row, :2] += speed2
+        self.bank.p01[row, :2] += speed2 * dt
+        self.bank.p00[row, :2] += speed2 * dt * dt
+
     def start(self, box: Box, ellipse: Ellipse | None, track: EventsTrack) -> None:
         """Append a track at a measured box and ellipse."""
         size = math.sqrt(max(box[2] * box[3], 1.0))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from reasoning.regions import RegionParameters
 from recorders.lazy import lazily
 from recorders.parameters import Config, Parameters
+from replay.trackers.pace import paced
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.scoring import PartFeatures
 from replay.trackers.tracker import SceneInfo, Tracker
@@ -31,7 +32,9 @@ def make(scene: SceneInfo, config: Config) -> Tracker:
     assert isinstance(regions, RegionParameters)
     from replay.trackers.parts.tracker import PartsTracker
 
-    return PartsTracker(scene, parameters, features, region_parameters=regions)
+    return PartsTracker(
+        scene, paced(parameters, scene.frame_ns), features, region_parameters=regions
+    )
 
 
 __all__ = ["SECTIONS", "PartFeatures", "PartsParameters", "PartsTracker", "make"]

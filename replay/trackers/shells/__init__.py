@@ -10,6 +10,7 @@ from reasoning.shells import ShellParameters
 from recorders.errors import UsageError
 from recorders.lazy import lazily
 from recorders.parameters import Config, Parameters
+from replay.trackers.pace import paced
 from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.tracker import SceneInfo, Tracker
 
@@ -41,7 +42,7 @@ def make(scene: SceneInfo, config: Config) -> Tracker:
     assert isinstance(regions, RegionParameters)
     from replay.trackers.shells.tracker import ShellsTracker
 
-    return ShellsTracker(scene, parameters, shell, relation, regions)
+    return ShellsTracker(scene, paced(parameters, scene.frame_ns), shell, relation, regions)
 
 
 __all__ = ["SECTIONS", "ShellsParameters", "ShellsTracker", "make"]

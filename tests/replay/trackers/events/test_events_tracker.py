@@ -548,3 +548,44 @@ def test_empty_frames_and_gaps_in_time() -> None:
     later.time_ns += 60_000_000_000
     assert len(out.targets) == 1
     assert len(tracker.step(later).targets) <= 1
+
+
+def test_who_moves_by_more_than_his_own_width_between_pictures_is_one_track() -> None:
+    tracker = _pixels("events.hindsight=false")
+    out = _play(tracker, lambda k: [(5.0 + 28.0 * k, 100.0, RED)], 10)
+    assert [[t.id for t in answer.targets] for answer in out[4:]] == [[1]] * 6
+    target = out[9].targets[0]
+    assert target.observed
+    assert target.box[0] == pytest.approx(5.0 + 28.0 * 9, abs=3.0)
+    assert target.velocity[0] == pytest.approx(280.0, rel=0.1)
+
+
+def test_what_appears_here_and_there_begins_no_track() -> None:
+    places = [(100.0, 100.0), (128.0, 100.0), (112.0, 60.0), (136.0, 90.0), (104.0, 70.0)]
+    tracker = _pixels("events.hindsight=false")
+    out = _play(tracker, lambda k: [(*places[k % 5], RED)], 15)
+    assert not _told(out, "track_confirmed")
+
+
+def test_time_lapse_is_tracked_from_picture_to_picture() -> None:
+    """A picture in ten seconds: as many tracks as animals, through a picture in which one is not
+    seen.
+    """
+    scene = SceneInfo(WIDTH, HEIGHT, 100 * FRAME_NS, True, True)
+    tracker = events.make(scene, _config("events.hindsight=false"))
+    ids: dict[int, int] = {}
+    for k in range(40):
+        turn = 0.4 * k
+        actors = [
+            (60.0 + 120 * i + 30 * np.cos(turn + i), 60.0 + 60 * i + 30 * np.sin(turn), RED)
+            for i in range(2)
+        ]
+        seen = actors[:1] if k == 20 else actors
+        frame = _pixel_frame(k, seen)
+        frame.time_ns *= 100
+        answer = tracker.step(frame)
+        for t in answer.targets:
+            if t.observed:
+                ids[t.id] = ids.get(t.id, 0) + 1
+    assert sorted(ids) == [1, 2]
+    assert min(ids.values()) >= 36
