@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -89,7 +90,8 @@ def test_a_summary_that_lies_of_times_is_told_by_info(tmp_path: Path) -> None:
     (place,) = [p for opcode, p in records(data) if opcode == 8]
     struct.pack_into("<QQ", data, place + 9, 10**18, 10**18 + 1)
     (end,) = [p for opcode, p in records(data) if opcode == 2]
-    struct.pack_into("<I", data, end + 9 + 16, 0)
+    (start,) = struct.unpack_from("<Q", data, end + 9)
+    struct.pack_into("<I", data, end + 25, zlib.crc32(bytes(data[start : end + 25])))
     path.write_bytes(data)
     with pytest.raises(RecordingError, match="index in the summary differ"):
         inspect(path)
