@@ -19,6 +19,7 @@ import numpy as np
 
 from replay.hindsight.fragments import End, Fragment, end_of
 from replay.hindsight.parameters import HindsightParameters
+from replay.trackers.appearance import BRIGHTNESS, SIGNATURE
 
 _QUANTUM = 2.0**-20
 _NEVER = 2.0**20
@@ -40,7 +41,11 @@ class Join:
 
 
 def hellinger(a: Sequence[float], b: Sequence[float]) -> float:
-    """Distance of two histograms of any total, in [0, 1]: sqrt(1 - sum sqrt(a b))."""
+    """Distance of two histograms of any total, in [0, 1]: sqrt(1 - sum sqrt(a b)); of
+    brightness and chroma by the brightness alone, where the camera showed one of them no colours.
+    """
+    if len(a) == SIGNATURE and any(a[BRIGHTNESS:]) != any(b[BRIGHTNESS:]):
+        a, b = a[:BRIGHTNESS], b[:BRIGHTNESS]
     total = math.sqrt(math.fsum(a) * math.fsum(b))
     if total <= 0:
         return 1.0

@@ -29,10 +29,15 @@ BINS = 32
 HALVES = 2
 CHOSEN = 3
 """Features that are projected back."""
+BRIGHTNESS, SIGNATURE = HALVES * BINS // 2, 3 * HALVES * BINS // 2
+"""Length of a signature's first part, the luma, and of the whole one."""
 _SOFT = 0.01
 """Added to every bin, so that a colour never seen is unlikely, not impossible."""
 _LIMIT = 2.0
 """Largest log likelihood ratio that counts."""
+_CHROMATIC, _NEUTRAL = slice(1, 3), BINS // 2
+_COLOURLESS = 0.998
+"""Share of neutral chroma from which on a camera shows no colours: clothes always have a few."""
 
 
 def _chroma_table() -> Image:
@@ -122,6 +127,9 @@ class Colours:
         total = float(seen[0].sum())
         if total <= 0:
             return
+        if self.updates and colourless(seen) != colourless(self.table):
+            # The camera went over to infrared, or back: what was learnt is true no more.
+            self.table, self.updates = np.zeros_like(self.table), 0
         self.updates += 1
         self.table += (seen / total - self.table) / min(self.updates, most)
 
@@ -132,9 +140,11 @@ class Colours:
 
     def signature(self) -> list[int]:
         """A compact form for `recorders.messages.Target.signature`: luma and chroma, two halves,
-        16 bins each.
+        16 bins each; of a picture without colours the chroma is 0.
         """
         coarse = self.table[:3].reshape(3, HALVES, BINS // 2, 2).sum(axis=3)
+        if colourless(self.table):
+            coarse[_CHROMATIC] = 0.0
         return [round(v) for v in (coarse * 1000).ravel().tolist()]
 
     def state(self) -> dict[str, Any]:
@@ -152,10 +162,23 @@ class Colours:
         return colours
 
 
+def colourless(table: Floats) -> bool:
+    """Whether histograms (features, halves, BINS) are of a picture without colours, as of a
+    camera that sees by infrared.
+    """
+    if len(table) != len(FEATURES):
+        return False
+    chroma = table[_CHROMATIC]
+    total = float(chroma.sum())
+    return total > 0 and float(chroma[..., _NEUTRAL].sum()) >= _COLOURLESS * total
+
+
 def distance(a: Floats, b: Floats) -> float:
     """Hellinger distance of two sets of histograms of the same shape, in [0, 1], mean over the
-    features.
+    features; where one of the two has no colours, of the brightness alone.
     """
+    if colourless(a) != colourless(b):
+        a, b = a[:1], b[:1]
     shared = np.sqrt(a * b).reshape(len(a), -1).sum(axis=1)
     total = np.sqrt(a.reshape(len(a), -1).sum(axis=1) * b.reshape(len(b), -1).sum(axis=1))
     likeness = shared / np.maximum(total, 1e-12)

@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from recorders.vision import cv2
 from replay.trackers import appearance
 from replay.trackers.appearance import BINS, FEATURES, HALVES, Colours
 
@@ -112,3 +113,28 @@ def test_nothing_seen_teaches_nothing() -> None:
     colours = Colours()
     colours.learn(np.zeros((len(FEATURES), HALVES, BINS)))
     assert colours.updates == 0
+
+
+def _infrared(image: np.ndarray) -> np.ndarray:
+    return cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+
+
+def test_who_is_seen_without_colours_is_known_by_his_brightness() -> None:
+    one, other = _patch((200, 60, 30), (90, 160, 90)), _patch((30, 200, 220), BLUE)
+    grey = _model(_infrared(_patch((200, 60, 30), (90, 160, 90), seed=5)))
+    own = appearance.distance(_model(one).table, grey.table)
+    assert own < 0.3
+    assert appearance.distance(_model(other).table, grey.table) > own + 0.3
+
+
+def test_colours_are_learnt_anew_once_the_camera_shows_none() -> None:
+    colours = _model(_patch(RED, BLUE))
+    grey = _seen(_infrared(_patch(RED, BLUE)))
+    colours.learn(grey)
+    assert colours.updates == 1
+    assert colours.table == pytest.approx(grey / grey[0].sum())
+    assert not any(colours.signature()[appearance.BRIGHTNESS :])
+
+
+def test_grey_clothes_before_a_camera_with_colours_have_colours() -> None:
+    assert not appearance.colourless(_seen(_patch(GREY, GREY)))
