@@ -109,7 +109,7 @@ def read_case(path: str | Path) -> CaseFile:
         found = msgspec.toml.decode(path.read_bytes(), type=CaseFile)
     except OSError as error:
         raise SourceError(f"cannot be read: {error.strerror}", path) from error
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         raise SourceError(f"not a case (see docs/desk.md): {error}", path) from error
     names = [r.name for r in found.recordings]
     if len(set(names)) < len(names):

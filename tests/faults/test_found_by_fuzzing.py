@@ -18,6 +18,7 @@ from recorders.parameters import configure
 from recorders.payloads import PayloadError, read_picture
 from recorders.recording import SECTIONS
 from replay.batch.sources import sources_of
+from replay.cases.case_file import read_case
 from tests.faults.small import annotated, run
 
 DIGITS = "9" * 4400
@@ -81,6 +82,13 @@ def test_a_configuration_of_endless_digits_is_refused(tmp_path: Path) -> None:
     path.write_text(f"[segmentation]\nthreshold_levels = {DIGITS}\n")
     with pytest.raises(SceneTraceError, match="not TOML"):
         configure(SECTIONS, path)
+
+
+def test_a_case_of_endless_digits_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(f"title = {DIGITS}\n")
+    with pytest.raises(SceneTraceError):
+        read_case(path)
 
 
 @pytest.mark.parametrize(
