@@ -299,6 +299,13 @@ def _splitting(change: PairChange, collides: bool) -> tuple[str, str]:
             "EVENTS 3.1 born of a split",
             f"Targets {both} are splitting: one of them is born of the split.",
         )
+    if collides and change.absent:
+        return (
+            "EVENTS 3.1, ours: no group is observed over who is lost",
+            f"Targets {both} are splitting: {list_of(change.absent)}"
+            f" {'is' if len(change.absent) == 1 else 'are'} lost, so that no group is seen over"
+            " them.",
+        )
     if collides:
         return (
             "EVENTS 3.1 splitting",

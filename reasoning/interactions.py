@@ -123,7 +123,8 @@ class PairChange:
     ``distance`` is the safety distance (at most 1: collision), None where a partner is gone;
     ``of_split``: one of them is born of a split; ``jumped``: grouped targets are apart without
     having been seen to split; ``region``: the observed region that both lie over (its source and
-    number), empty where there is none.
+    number), empty where there is none; ``absent``: those of them who are held but not in the
+    picture, lost.
     """
 
     a: int
@@ -137,6 +138,7 @@ class PairChange:
     jumped: bool = False
     gone: tuple[int, ...] = ()
     region: str = ""
+    absent: tuple[int, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -373,6 +375,11 @@ class InteractionBook:
             ns - began,
             of_split=split,
             jumped=jumped,
+            absent=tuple(
+                identity
+                for identity, k in zip(pair, rows, strict=True)
+                if not target_rows.present[k]
+            ),
         )
 
     def _regions(

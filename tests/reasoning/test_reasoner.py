@@ -168,6 +168,44 @@ def test_a_disagreement_is_told_once_per_episode() -> None:
     assert answers[2].tracks.tracks[0].grouping
 
 
+def test_a_dispute_that_changes_kind_is_told_again() -> None:
+    """The pair goes from grouping to grouped while its shells stay apart."""
+    config = configure(
+        SECTIONS, assignments=["interactions.safety_margin=3", "shell_model.k_s=0"]
+    )
+    apart = [person(1, 100), person(2, 200)]
+    shared = [person(1, 100, 7), person(2, 200, 7)]
+    _, answers = run([apart, apart, shared, shared], config)
+    told = [
+        (k, e.evidence["interaction"], e.evidence["relation"])
+        for k, a in enumerate(answers)
+        for e in a.events
+        if e.kind == "disagreement"
+    ]
+    assert told == [(1, "grouping", "INDEPENDENT"), (2, "grouped", "INDEPENDENT")]
+
+
+def test_who_is_lost_out_of_a_group_is_told_as_the_reason_of_the_split() -> None:
+    """EVENTS 3.1's own rule is cited where the group has no observation, and nowhere else."""
+    both = [person(1, 100, 7), person(2, 110, 7)]
+    lost = [person(1, 100, 7), person(2, 118, present=False, observed=False)]
+    apart = [person(1, 100, 7), person(2, 110, 8)]
+    texts = []
+    for last in (lost, apart):
+        _, answers = run([both, both, both, last])
+        texts += [(e.rule, e.text) for e in answers[3].events if e.kind == "splitting"]
+    assert texts == [
+        (
+            "EVENTS 3.1, ours: no group is observed over who is lost",
+            "Targets 1 and 2 are splitting: 2 is lost, so that no group is seen over them.",
+        ),
+        (
+            "EVENTS 3.1 splitting",
+            "Targets 1 and 2 are splitting: their group is not observed any more.",
+        ),
+    ]
+
+
 def test_torn_pairs_are_anomalies() -> None:
     _, answers = run(
         [[person(1, 100, 7), person(2, 110, 7)]] * 3

@@ -166,6 +166,18 @@ _BY_CANDIDATE = (
 )
 
 
+CLOSE = 0.12
+"""Tops within this of one another, of the body's height, are one anchor: a head's half width."""
+
+
+def same_anchor(boxes: Floats, taken: Floats) -> NDArray[np.bool_]:
+    """Whether boxes (N, 4) have the anchor of any box (M, 4) that was taken before, (N,)."""
+    top = boxes[:, :2] + boxes[:, 2:] * (0.5, 0.0)
+    other = taken[:, :2] + taken[:, 2:] * (0.5, 0.0)
+    away = np.abs(top[:, None] - other[None]).max(axis=2)
+    return np.asarray((away <= CLOSE * boxes[:, 3:]).any(axis=1))
+
+
 class Anchors:
     """Places that one target at most may take; places close to one another are one anchor."""
 
@@ -181,7 +193,7 @@ class Anchors:
 
     def at(self, x: float, y: float, height: float) -> int:
         """The anchor at a head's top; ``height`` of the body says how close is close."""
-        close = 0.12 * height
+        close = CLOSE * height
         for k, (ax, ay) in enumerate(self._tops):
             if abs(x - ax) <= close and abs(y - ay) <= close:
                 return k
@@ -247,6 +259,7 @@ def gather(
     sizes = np.where(crowd, len(STEPS), smaller[:, :m] & within[:, :m]) * _meeting(
         expected, seen.blob_boxes, gates
     )
+    _several_heads(sizes, direct[:, :m], seen, expected, heads)
     known, names = seen.named
     anchors = [known.copy() for _ in stages]
     stage = np.repeat(np.arange(len(stages)), [len(s) for s in stages])
@@ -268,6 +281,18 @@ def gather(
     return replace(found, rows=np.concatenate(stages)[found.rows]), [
         len(anchor) for anchor in anchors
     ]
+
+
+def _several_heads(
+    sizes: Ints, direct: NDArray[np.bool_], seen: Observed, expected: Floats, heads: Heads
+) -> None:
+    """A blob of a target's size in which there are two heads and more may be two bodies: the
+    target hangs from them, too. Changes ``sizes`` (T, M).
+    """
+    for t, b in np.argwhere(direct & (sizes == 0)).tolist():
+        found = heads.of(b, seen.blob_boxes[b], float(expected[t, 3]))
+        if len(found) > 1:
+            sizes[t, b] = len(STEPS)
 
 
 def _from_heads(

@@ -61,6 +61,8 @@ CLEAR_PX = 12.0
 """Least height of a head whose colours and image can be told from what is around it: below, the
 silhouette alone.
 """
+UPRIGHT = 1.5
+"""Least height over width of who shows what colours heads have."""
 _TOLD_FROM, _TELLING = 400, 1.5
 """So many pixels of heads have to be seen, and to be of such colours so many times as often as
 bodies' are.

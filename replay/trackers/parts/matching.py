@@ -11,7 +11,14 @@ from recorders.messages import Box, Mode, Notice
 from replay.trackers.association import intersection, iou, iou_of_pairs
 from replay.trackers.belief import LIKELY
 from replay.trackers.life import TENTATIVE
-from replay.trackers.parts.candidates import Candidates, Expected, Heads, Observed, gather
+from replay.trackers.parts.candidates import (
+    Candidates,
+    Expected,
+    Heads,
+    Observed,
+    gather,
+    same_anchor,
+)
 from replay.trackers.parts.features import (
     AREA,
     DISPLACEMENT,
@@ -25,7 +32,7 @@ from replay.trackers.parts.features import (
     head_and_body,
     measure,
 )
-from replay.trackers.parts.heads import CLEAR_PX, HeadColours, HeadDetector
+from replay.trackers.parts.heads import CLEAR_PX, UPRIGHT, HeadColours, HeadDetector
 from replay.trackers.parts.layers import Association, Match, Scored, trunks
 from replay.trackers.parts.parameters import PartsParameters
 from replay.trackers.parts.pieces import held_by_pieces
@@ -160,7 +167,9 @@ class Matching:
                 due[k] = True
         if due.any():
             self._learn(found[due], boxes[due], m.kept(due))
+        # What lies or drives has no head in its top seventh: it says nothing of heads' colours.
         clear = due & (HEAD * boxes[:, 3] >= CLEAR_PX)
+        clear &= boxes[:, 3] >= UPRIGHT * boxes[:, 2]
         if clear.any() and self._image() is not None:
             parts = self._targets.parts(found[clear], boxes[clear])
             self._head_colours.take(*head_and_body(self._pixels, parts))
@@ -427,6 +436,9 @@ class Matching:
         taken = self._taken()
         if len(taken):
             free = iou(found.candidates.boxes, taken).max(axis=1) < self._p.taken
+            # Nor does anybody hang from a head from which another hangs.
+            hanging = taken[self._hanging()]
+            free &= found.candidates.direct | ~same_anchor(found.candidates.boxes, hanging)
             if not free.any():
                 return
             found = found.kept(free)
@@ -471,6 +483,12 @@ class Matching:
         return self._targets.boxes[
             [k for k, item in enumerate(self._targets.items) if item.observed]
         ]
+
+    def _hanging(self) -> NDArray[np.bool_]:
+        """Which of those who have been placed are not measured as they are, in their order."""
+        return np.array(
+            [i.now != "motion" for i in self._targets.items if i.observed], bool
+        )
 
     def _refine(self, row: int, box: Floats, reach: float) -> Floats | None:
         """The box with the head where its image fits best."""

@@ -403,11 +403,13 @@ def test_detections_outside_of_region_and_border_are_not_followed() -> None:
     """EVENTS 3.2: a target is detected only if its centroid lies in region of interest or border."""
     square = [(60.0, 20.0), (200.0, 20.0), (200.0, 200.0), (60.0, 200.0)]
     drawn = Regions(WIDTH, HEIGHT, [square], [square], source="file")
-    tracker = _boxes_only()
+    tracker, followed = _boxes_only(), []
     for k in range(40):
         answer = tracker.step(_box_frame(k, [_body(150.0 + 2 * k, 80)], regions=drawn))
         here = [t for t in answer.targets if t.observed]
         assert len(here) <= (160.0 + 2 * k <= 200.0)
+        followed += [k] * len(here)
+    assert followed[-1] == 20, "until its centre lies on the border's edge"
 
 
 def test_who_comes_out_of_the_door_is_not_who_went_in() -> None:
