@@ -170,12 +170,15 @@ CLOSE = 0.12
 """Tops within this of one another, of the body's height, are one anchor: a head's half width."""
 
 
-def same_anchor(boxes: Floats, taken: Floats) -> NDArray[np.bool_]:
-    """Whether boxes (N, 4) have the anchor of any box (M, 4) that was taken before, (N,)."""
+def same_anchor(boxes: Floats, taken: Floats, wider: float) -> NDArray[np.bool_]:
+    """Whether boxes (N, 4) have the anchor of any box (M, 4) that was taken before, (N,); one that
+    is so much ``wider`` may hold several heads.
+    """
     top = boxes[:, :2] + boxes[:, 2:] * (0.5, 0.0)
     other = taken[:, :2] + taken[:, 2:] * (0.5, 0.0)
     away = np.abs(top[:, None] - other[None]).max(axis=2)
-    return np.asarray((away <= CLOSE * boxes[:, 3:]).any(axis=1))
+    one = taken[None, :, 2] <= (1 + wider) * boxes[:, None, 2]
+    return np.asarray(((away <= CLOSE * boxes[:, 3:]) & one).any(axis=1))
 
 
 class Anchors:

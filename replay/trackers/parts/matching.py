@@ -436,9 +436,10 @@ class Matching:
         taken = self._taken()
         if len(taken):
             free = iou(found.candidates.boxes, taken).max(axis=1) < self._p.taken
-            # Nor does anybody hang from a head from which another hangs.
-            hanging = taken[self._hanging()]
-            free &= found.candidates.direct | ~same_anchor(found.candidates.boxes, hanging)
+            # Nor does anybody hang from a head that was given.
+            free &= found.candidates.direct | ~same_anchor(
+                found.candidates.boxes, taken, self._p.crowd_change
+            )
             if not free.any():
                 return
             found = found.kept(free)
@@ -483,12 +484,6 @@ class Matching:
         return self._targets.boxes[
             [k for k, item in enumerate(self._targets.items) if item.observed]
         ]
-
-    def _hanging(self) -> NDArray[np.bool_]:
-        """Which of those who have been placed are not measured as they are, in their order."""
-        return np.array(
-            [i.now != "motion" for i in self._targets.items if i.observed], bool
-        )
 
     def _refine(self, row: int, box: Floats, reach: float) -> Floats | None:
         """The box with the head where its image fits best."""
