@@ -103,14 +103,22 @@ class Asking:
         self, query: str, parameters: Sequence[Any] | Mapping[str, Any], deadline: float
     ) -> duckdb.DuckDBPyConnection:
         self._check(query)
+        self._before(query)
         with self._guarded(deadline):
             # A SELECT can hold a DELETE (in WITH ... RETURNING); the transaction is what forbids
             # it.
-            if self._begun:
-                self._con.execute("ROLLBACK")
+            self._end_transaction()
             self._con.execute("BEGIN TRANSACTION READ ONLY")
             self._begun = True
             return self._con.execute(query, parameters or None)
+
+    def _before(self, query: str) -> None:
+        """What has to be done before a query is run: nothing, where all tables are filled."""
+
+    def _end_transaction(self) -> None:
+        if self._begun:
+            self._con.execute("ROLLBACK")
+        self._begun = False
 
     def by_recording(
         self,

@@ -10,9 +10,9 @@ of statement is checked before it runs, in a transaction that is read only; a ti
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import duckdb
 
@@ -27,7 +27,8 @@ from reasoning.questions.inputs import free_name, kind_of, parquet_parts
 from reasoning.questions.literals import literal
 from reasoning.questions.macros import macro_statements
 from reasoning.questions.metres import GroundPlane, make_metres
-from reasoning.questions.recording_facts import file_digest
+from reasoning.questions.needed import DIGEST, EVERYTHING, OF_DRAWING, tables_of
+from reasoning.questions.recording_facts import RecordingFacts, file_digest
 from reasoning.questions.schema import DRAWN, SURE, TABLES, create_statements, shown
 from recorders.closing import Closing
 from recorders.errors import RecordingError, UsageError
@@ -67,6 +68,7 @@ class Case(Asking, Closing):
         looks: bool = False,
         choice: catalogue.Choice | None = None,
         ground: GroundPlane | None = None,
+        tables: Set[str] = EVERYTHING,
     ) -> None:
         """Open and read the inputs.
 
@@ -86,6 +88,9 @@ class Case(Asking, Closing):
                 of several, by their names.
             choice: the part of a fleet's catalogue that is asked; nothing else is opened.
             ground: how pixels become metres, in the view ``metres``, which is empty without.
+            tables: what will be asked for (`reasoning.questions.needed`). Logs are read to their end,
+                but other tables are filled only once a question reads them, by reading the logs
+                again.
 
         Raises:
             UsageError: a zone or line lies beyond a picture, or is called as a recorded zone is;
@@ -111,8 +116,14 @@ class Case(Asking, Closing):
         self._files: list[Path] = []
         self._folders: list[Path] = []
         self._known: dict[tuple[str, str], str] = {}
+        self._encounters = encounters
+        self._logs: list[tuple[Path, str]] = []
+        self._filled: Set[str] = EVERYTHING
+        self._wanted = tables | {"recordings"}
+        if self.drawn or ground is not None:
+            self._wanted |= OF_DRAWING
         try:
-            self._open(log_limits, encounters)
+            self._open()
         except duckdb.OutOfMemoryException as error:
             self._con.close()
             raise QueryError(
@@ -142,7 +153,7 @@ class Case(Asking, Closing):
                 self._folder(path)
         return logs
 
-    def _open(self, log_limits: Limits, encounters: EncounterParameters | None) -> None:
+    def _open(self) -> None:
         logs = self._take_in()
         if self._choice != catalogue.Choice() and not self._folders:
             raise UsageError(
@@ -150,7 +161,7 @@ class Case(Asking, Closing):
                 f" these is one: {', '.join(map(str, self.inputs))}"
             )
         if logs:
-            self._read_logs(logs, log_limits, encounters)
+            self._read_logs(logs)
         made = make_tables(self._con)
         for table in TABLES:
             parts = " UNION ALL BY NAME ".join(
@@ -310,37 +321,62 @@ class Case(Asking, Closing):
             names.add(name)
         self._places.append((path, place))
 
-    def _read_logs(
-        self, logs: list[Path], limits: Limits, encounters: EncounterParameters | None
-    ) -> None:
+    def _read_logs(self, logs: list[Path]) -> None:
         self._con.execute(f"CREATE SCHEMA {_LOGS}")
         for statement in create_statements():
             self._con.execute(
                 statement.replace("CREATE TABLE ", f"CREATE TABLE {_LOGS}.", 1)
             )
-        self._con.execute(f"USE {_LOGS}")
+        if len(self.inputs) > 1:  # of one log nobody need know whether it is another
+            self._wanted |= {DIGEST}
+        self._filled = self._wanted
         digests = {digest for digest, _ in self._known}
         for path in logs:
-            digest = file_digest(path)
+            digest = file_digest(path) if DIGEST in self._wanted else ""
             if digest in digests:
                 continue
             digests.add(digest)
             name = free_name(path.stem, self._known.values())
-            for facts in read_recordings(
-                path,
-                self._insert,
-                name=name,
-                digest=digest,
-                limits=limits,
-                encounters=encounters,
-                looks=self._looks,
-            ):
+            self._logs.append((path, name))
+            for facts in self._fill(path, name, self._wanted, digest):
                 self._known[digest, facts.camera] = facts.recording
-        self._con.execute("USE memory.main")
         self._places.append((logs[0], lambda table: f"{_LOGS}.{table}"))
 
-    def _insert(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
-        insert(self._con, table, rows)
+    def _fill(
+        self, path: Path, name: str, tables: Set[str], digest: str = ""
+    ) -> list[RecordingFacts]:
+        """Fill tables with what a log says."""
+        return read_recordings(
+            path,
+            partial(insert, self._con, schema=_LOGS),
+            name=name,
+            digest=digest,
+            limits=self.log_limits,
+            encounters=self._encounters,
+            looks=self._looks,
+            tables=tables,
+        )
+
+    def _before(self, query: str) -> None:
+        """Fill what a query reads and nobody has asked for yet."""
+        missing = tables_of(query) - self._filled
+        if not missing or not self._logs:
+            return
+        self._end_transaction()
+        self._con.begin()
+        try:
+            for path, name in self._logs:
+                if DIGEST in missing:
+                    self._con.execute(
+                        f"UPDATE {_LOGS}.recordings SET digest = ?", [file_digest(path)]
+                    )
+                if missing != {DIGEST}:
+                    self._fill(path, name, missing)
+        except BaseException:
+            self._con.rollback()
+            raise
+        self._con.commit()
+        self._filled |= missing
 
 
 def _cache() -> Path:

@@ -7,20 +7,21 @@ bytes per track and frame) for the encounters.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Collection, Hashable, Sequence
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-import msgspec
 from msgspec import UNSET
 
 from reasoning.encounters import (
     EncounterParameters,
 )
-from reasoning.geometry import Area
+from reasoning.questions.frame_rows import check_ids, correction_rows, event_row, track_row
+from reasoning.questions.needed import EVERYTHING
 from reasoning.questions.recording_facts import RecordingFacts, Row, Sink
 from reasoning.questions.runs import (
+    UNTOLD,
     HeldInterval,
     Interval,
     Runs,
@@ -32,14 +33,12 @@ from reasoning.questions.runs import (
     sight,
 )
 from reasoning.questions.schema import TABLES
-from reasoning.questions.standing import stays
-from reasoning.questions.track_boxes import TrackBoxes
-from reasoning.questions.whole_lives import Lives, rows_of
+from reasoning.questions.track_boxes import TrackBoxes, recorded_stays
+from reasoning.questions.whole_lives import BOXES, ENCOUNTERS, Lives, rows_of
 from recorders import channels
 from recorders.annotated.frames import annotated_cameras
 from recorders.annotated.provenance import CORRECTIONS
 from recorders.annotated.reader import AnnotatedFrame, AnnotatedLog
-from recorders.corrections import parse_corrections
 from recorders.errors import RecordingError
 from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader
@@ -51,6 +50,8 @@ BITS = ("grouping", "grouped", "splitting")
 ENDING = ("group_changed", "group_ended")
 _READ = ("tracks", "relations", "groups", "held_back", "events", "regions")
 _INT32 = 2**31 - 1
+_TOLD = frozenset({"tracks", "presence", "zones", "hidden"})
+"""Tables that say of every track and frame how it was seen."""
 
 
 def read_recordings(
@@ -62,8 +63,11 @@ def read_recordings(
     limits: Limits = DEFAULT_LIMITS,
     encounters: EncounterParameters | None = None,
     looks: bool = False,
+    tables: Collection[str] = EVERYTHING,
 ) -> list[RecordingFacts]:
     """Send every table's rows of a log to ``sink``; one recording per camera that has tracks.
+
+    All messages are read and checked, whichever tables are wanted: what is damaged is said.
 
     Args:
         path: an annotated log.
@@ -74,9 +78,11 @@ def read_recordings(
         limits: bounds on what the log may make us allocate.
         encounters: thresholds for the encounters.
         looks: look at some pictures of each target for its colours, where there are pictures.
+        tables: those whose rows are wanted; what others alone are made from is not computed.
 
     Raises:
         RecordingError: no annotated log, or a damaged one.
+        SceneTraceError: an id that fits no table.
     """
     base = name or Path(path).stem
     with LogReader(path, limits) as log:
@@ -93,7 +99,7 @@ def read_recordings(
                 annotated.camera,
             )
             parameters = encounters or EncounterParameters()
-            _Camera(annotated, facts, sink, parameters, looks=looks).read(
+            _Camera(annotated, facts, sink, parameters, looks=looks, tables=tables).read(
                 quality.get(annotated.camera, ())
             )
             found.append(facts)
@@ -111,13 +117,16 @@ class _Camera:
         encounters: EncounterParameters,
         *,
         looks: bool,
+        tables: Collection[str],
     ) -> None:
         self._looking = looks and log.has_pictures
         self._log = log
         self._facts = facts
         self._sink = sink
         self._parameters = encounters
-        self._rows: dict[str, list[Row]] = {table: [] for table in TABLES}
+        self._rows: dict[str, list[Row]] = {t: [] for t in TABLES if t in tables}
+        self._tells = self._wants(_TOLD)
+        self._needs_targets = self._wants({*_TOLD, *BOXES, "groups", "events"})
         self._relations, self._groups, self._presence = Runs(), Runs(), Runs()
         self._zones, self._bits, self._hidden = Runs(), Runs(), Runs()
         self._formed: dict[int, tuple[int, ...]] = {}
@@ -139,33 +148,15 @@ class _Camera:
         self._finish()
         for measure in quality:
             self._add("quality", (measure.name, measure.value, measure.verdict))
-        self._add_corrections()
+        for row in correction_rows(self._log.facts.get(CORRECTIONS), facts.path):
+            self._add("corrections", row)
         for table in self._rows:
             self._send(table)
-        self._sink("recordings", [facts.row()])
+        if "recordings" in self._rows:
+            self._sink("recordings", [facts.row()])
 
-    def _add_corrections(self) -> None:
-        text = self._log.facts.get(CORRECTIONS)
-        if text is None:
-            return
-        found = parse_corrections(text, self._facts.path)
-        for row in found.rows:
-            self._add(
-                "corrections",
-                (
-                    row.correction,
-                    row.do,
-                    list(row.tracks),
-                    row.frame,
-                    row.t,
-                    row.told(),
-                    row.by,
-                    row.why,
-                    row.date or None,
-                    row.other or None,
-                    row.correction in found.undone,
-                ),
-            )
+    def _wants(self, tables: Collection[str]) -> bool:
+        return not self._rows.keys().isdisjoint(tables)
 
     def _take(self, frame: AnnotatedFrame) -> None:
         t = (frame.time_ns - self._facts.start_ns) / channels.NANOS
@@ -180,21 +171,28 @@ class _Camera:
         self._frame, self._t = frame.index, t
         self._facts.frames += 1
         self._add("frames", (frame.index, t))
-        self._targets = seen_targets(frame.tracks, frame.events)
+        check_ids(frame)
+        if self._needs_targets:
+            self._targets = seen_targets(frame.tracks, frame.events)
         if frame.regions is not None and (
             not self._regions or frame.regions != self._regions[-1][1]
         ):
             self._regions.append((frame.index, frame.regions))
-        self._take_tracks(frame, t)
-        self._take_relations(frame, t)
-        self._take_groups(frame, t)
+        if self._tells or self._wants(BOXES):
+            self._take_tracks(frame, t)
+        if self._wants(("relations", *ENCOUNTERS)):
+            self._take_relations(frame, t)
+        if self._wants(("groups",)):
+            self._take_groups(frame, t)
         for withheld in frame.held_back:
             self._add("held_back", (t, *withheld.box, withheld.reason))
         for event in frame.events:
             self._take_event(event)
 
     def _add(self, table: str, values: tuple[Any, ...]) -> None:
-        rows = self._rows[table]
+        rows = self._rows.get(table)
+        if rows is None:
+            return
         rows.append((self._facts.recording, *values))
         if len(rows) >= BATCH_ROWS:
             self._send(table)
@@ -216,28 +214,10 @@ class _Camera:
         hidden: dict[Hashable, Hashable] = {}
         alone: dict[int, Sight] = {}
         for track in frame.tracks:
-            told = self._sight((track.id,)) if track.present else Sight(False, 0.0, 0.0)
-            self._add(
-                "tracks",
-                (
-                    frame.index,
-                    t,
-                    track.id,
-                    *track.box,
-                    *track.velocity,
-                    track.mode,
-                    track.confidence,
-                    track.grouping,
-                    track.grouped,
-                    track.splitting,
-                    track.group,
-                    track.scene,
-                    None if track.label is UNSET else track.label,
-                    track.present,
-                    bool(told.seen),
-                    track.identity,
-                ),
-            )
+            tells = self._tells and track.present
+            told = self._sight((track.id,)) if tells else UNTOLD
+            if "tracks" in self._rows:
+                self._add("tracks", (frame.index, t, *track_row(track, told)))
             if track.label is not UNSET:
                 self._lives.labels[track.id] = track.label
             if not track.present:
@@ -261,10 +241,14 @@ class _Camera:
             return self._sight((key[0], *partners))
 
         now = frame.index
-        self._end_presence(self._presence.step(now, t, present, of_one))
-        self._end_named("zones", self._zones.step(now, t, zones, of_one))
-        self._end_bits(self._bits.step(now, t, bits, with_partners))
-        self._end_named("hidden", self._hidden.step(now, t, hidden, of_one))
+        if "presence" in self._rows:
+            self._end_presence(self._presence.step(now, t, present, of_one))
+        if "zones" in self._rows:
+            self._end_named("zones", self._zones.step(now, t, zones, of_one))
+        if "bits" in self._rows:
+            self._end_bits(self._bits.step(now, t, bits, with_partners))
+        if "hidden" in self._rows:
+            self._end_named("hidden", self._hidden.step(now, t, hidden, of_one))
 
     def _sight(self, ids: Sequence[int]) -> Sight:
         return sight(self._targets, ids)
@@ -292,8 +276,9 @@ class _Camera:
             (relation.a, relation.b): (relation.state, relation.since_frame)
             for relation in frame.relations
         }
+        told = self._sight if "relations" in self._rows else lambda _: UNTOLD
         self._end_relations(
-            self._relations.step(frame.index, t, now, lambda k, _: self._sight(ids_of(k)))
+            self._relations.step(frame.index, t, now, lambda k, _: told(ids_of(k)))
         )
 
     def _end_relations(self, over: Sequence[HeldInterval]) -> None:
@@ -314,29 +299,9 @@ class _Camera:
         )
 
     def _take_event(self, event: Event) -> None:
-        t = (event.time_ns - self._facts.start_ns) / channels.NANOS
-        evidence = msgspec.json.encode(event.evidence).decode()
-        told = self._sight(event.subjects)
-        belief = (
-            (float(told.seen), told.existence, told.identity)
-            if event.subjects
-            else (None, None, None)
-        )
-        self._add(
-            "events",
-            (
-                event.id,
-                event.kind,
-                event.frame,
-                t,
-                list(event.subjects),
-                event.rule,
-                evidence,
-                event.text,
-                *belief,
-                list(told.joins),
-            ),
-        )
+        if "events" in self._rows:
+            t = (event.time_ns - self._facts.start_ns) / channels.NANOS
+            self._add("events", event_row(event, t, self._sight(event.subjects)))
         if event.kind == "scene_changed" and event.evidence.get("kind") == "gap":
             length = float(event.evidence.get("gap_s", 0))
             verdict = f"before frame {event.frame}: nothing was recorded then"
@@ -350,7 +315,11 @@ class _Camera:
         self._facts.seconds = self._t
         self._end_presence(self._presence.close())
         self._end_named("zones", self._zones.close())
-        self._find_stays()
+        if "zones" in self._rows:
+            for stay in recorded_stays(
+                self._regions, self._lives.boxes, self._log.zone_point
+            ):
+                self._add("zones", stay)
         self._end_bits(self._bits.close())
         self._end_named("hidden", self._hidden.close())
         self._end_relations(self._relations.close())
@@ -372,7 +341,9 @@ class _Camera:
                 ),
             )
         pictures = self._log if self._looking else None
-        for table, row in rows_of(self._lives, self._facts, self._parameters, pictures):
+        for table, row in rows_of(
+            self._lives, self._facts, self._parameters, pictures, self._rows.keys()
+        ):
             self._add(table, row)
 
     def _end(self, label: int, interval: Interval) -> str | None:
@@ -381,18 +352,3 @@ class _Camera:
         """
         after = [kind for frame, kind in self._ended.get(label, ()) if frame >= interval[1]]
         return after[0] if after and interval[1] < self._frame else None
-
-    def _find_stays(self) -> None:
-        """Stays in the zones that were recorded, in hindsight, as in those that are drawn later.
-
-        A log without its regions (annotations alone) has what its tracks say of zones instead.
-        """
-        down = 0.5 if self._log.zone_point == "centre" else 1.0
-        ends = [first for first, _ in self._regions[1:]] + [_INT32]
-        for (first, regions), end in zip(self._regions, ends, strict=False):
-            areas = [(zone.name, Area([zone.polygon])) for zone in regions.zones]
-            for track in sorted(self._lives.boxes) if areas else ():
-                steps = self._lives.boxes[track].steps().within(first, end)
-                for name, area in areas:
-                    for interval, belief in stays(area, steps, down):
-                        self._add("zones", (track, name, *interval, *belief))

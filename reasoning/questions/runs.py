@@ -31,6 +31,10 @@ class Sight(NamedTuple):
     joins: tuple[int, ...] = ()
 
 
+UNTOLD = Sight(False, 0.0, 0.0)
+"""Of nobody who is there, or where nobody asks."""
+
+
 class SeenTarget(NamedTuple):
     """One target in one frame."""
 
@@ -49,7 +53,11 @@ def sight(targets: Mapping[int, SeenTarget], ids: Sequence[int]) -> Sight:
     """
     own = [targets[identity] for identity in ids if identity in targets]
     if len(own) < len(ids) or not own:
-        return Sight(False, 0.0, 0.0)
+        return UNTOLD
+    if len(own) == 1 and own[0].observed:
+        return Sight(
+            True, own[0].existence, own[0].identity, tuple(sorted({*own[0].joins}))
+        )
     seen = all(
         s.observed or _hidden(identity, s, targets, ids)
         for identity, s in zip(ids, own, strict=True)

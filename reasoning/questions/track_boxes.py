@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from reasoning.encounters import History
+from reasoning.geometry import Area
+from reasoning.questions.recording_facts import Row
 from reasoning.questions.runs import SeenTarget, Sight
-from reasoning.questions.standing import Steps
-from recorders.messages import Box
+from reasoning.questions.standing import Steps, stays
+from recorders.messages import Box, Regions
 
 _TELLS_S, _FIRST_S = 1.0, 2.0
+_LAST = 2**31 - 1
 
 
 @dataclass
@@ -88,3 +92,25 @@ def first_way(history: History) -> float | None:
     x, y, w, h = history.boxes[since <= _FIRST_S].T
     away = np.hypot(x + w / 2 - x[0] - w[0] / 2, y + h / 2 - y[0] - h[0] / 2)
     return round(float((away / np.sqrt(np.maximum(w * h, 1.0))).max()), 2)
+
+
+def recorded_stays(
+    recorded: Sequence[tuple[int, Regions]], boxes: Mapping[int, TrackBoxes], point: str
+) -> Iterator[Row]:
+    """Rows of ``zones``: stays in the zones that were recorded, in hindsight, as in those that are
+    drawn later; none where the log has no regions.
+
+    Args:
+        recorded: regions, each with the first frame that they hold in.
+        boxes: by track.
+        point: where a target stands: ``foot`` or ``centre`` of its box.
+    """
+    down = 0.5 if point == "centre" else 1.0
+    ends = [first for first, _ in recorded[1:]] + [_LAST]
+    for (first, regions), end in zip(recorded, ends, strict=False):
+        areas = [(zone.name, Area([zone.polygon])) for zone in regions.zones]
+        for track in sorted(boxes) if areas else ():
+            steps = boxes[track].steps().within(first, end)
+            for name, area in areas:
+                for interval, belief in stays(area, steps, down):
+                    yield (track, name, *interval, *belief)

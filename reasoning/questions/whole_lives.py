@@ -4,7 +4,7 @@ who met whom, what each target was and looked like.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import asdict, astuple, dataclass, field
 
 import numpy as np
@@ -30,6 +30,12 @@ from recorders.messages import Box
 
 TableRow = tuple[str, Row]
 """A table's name, and a row of it without the recording."""
+ENCOUNTERS = frozenset({"encounters", "phases", "abrupt", "encounter_evidence"})
+"""Tables that finding encounters fills."""
+BOXES = frozenset(
+    {*ENCOUNTERS, "relations", "bits", "zones", "targets", "looks", "still", "near"}
+)
+"""Tables that are made from where everybody was in all frames."""
 
 
 @dataclass
@@ -55,27 +61,37 @@ def rows_of(
     facts: RecordingFacts,
     parameters: EncounterParameters,
     pictures: AnnotatedLog | None,
+    tables: Set[str],
 ) -> Iterator[TableRow]:
-    """Every row, table after table; targets have colours where there are ``pictures``."""
+    """Every row of the wanted tables (others may come, too), table after table; targets have
+    colours where there are ``pictures``.
+    """
     for name, value in asdict(parameters).items():
         yield "encounter_parameters", (name, value)
+    if not tables & BOXES:
+        return
     histories = {track: lives.boxes[track].history() for track in sorted(lives.boxes)}
-    ground = ground_of(histories, float(facts.width) or None)
-    yield from _related(lives, histories, ground)
-    for encounter in find_encounters(
-        histories, parameters, joint=lives.joint, ground=ground
-    ):
-        yield from _encounter(lives, encounter)
-    yield from _targets(lives, facts, pictures)
-    for track, history in histories.items():
-        for stretch in still(history, parameters):
-            yield "still", (track, *astuple(stretch))
-    for a, b, stretch in near(histories, parameters):
-        yield "near", (a, b, *astuple(stretch))
+    if tables & {"relations", "bits", *ENCOUNTERS}:
+        ground = ground_of(histories, float(facts.width) or None)
+        yield from _related(lives, histories, ground, tables)
+        if tables & ENCOUNTERS:
+            for encounter in find_encounters(
+                histories, parameters, joint=lives.joint, ground=ground
+            ):
+                yield from _encounter(lives, encounter)
+    if tables & {"targets", "looks"}:
+        yield from _targets(lives, facts, pictures)
+    if "still" in tables:
+        for track, history in histories.items():
+            for stretch in still(history, parameters):
+                yield "still", (track, *astuple(stretch))
+    if "near" in tables:
+        for a, b, stretch in near(histories, parameters):
+            yield "near", (a, b, *astuple(stretch))
 
 
 def _related(
-    lives: Lives, histories: Mapping[int, History], ground: GroundSlope
+    lives: Lives, histories: Mapping[int, History], ground: GroundSlope, tables: Set[str]
 ) -> Iterator[TableRow]:
     """The ground is known once all boxes are, and with it how near people came on it."""
 
@@ -84,7 +100,7 @@ def _related(
             return None
         return nearest(histories[a], histories[b], first, last, ground)
 
-    for row in lives.related:
+    for row in lives.related if "relations" in tables else ():
         a, b, _, first, last, *_ = row
         yield "relations", (*row, away(a, b, first, last))
     for row in lives.held_bits:

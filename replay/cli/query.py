@@ -210,6 +210,7 @@ def run(args: argparse.Namespace) -> int:
         looks=asks_for_looks(query),
         ground=ground_of(args),
         choice=Choice(args.camera, choose_dates(args.date) if args.date else None),
+        tables=_tables(query, args),
     ) as case:
         check_thresholds(case, chosen_encounters(args.config, args.assignments))
         ask, nothing = _asked(case, query, args)
@@ -420,6 +421,21 @@ def _listed(args: argparse.Namespace) -> bool:
 def asks_for_looks(query: str) -> bool:
     """Whether a query reads what only pictures tell: of logs they are looked at then alone."""
     return re.search(r"(?i)_colour\b|\blooks\b", query) is not None
+
+
+def _tables(query: str, args: argparse.Namespace) -> frozenset[str]:
+    """The tables that are going to be read."""
+    from reasoning.questions.needed import tables_asked, tables_checked, tables_of
+
+    if args.ask is not None:
+        from reasoning.questions.ready_questions import question
+
+        return tables_of(query) | tables_checked(
+            question(args.ask[0]).kinds()[: len(args.ask) - 1]
+        )
+    if args.pattern is not None:
+        return tables_of(query) | tables_checked(())
+    return tables_asked(query)
 
 
 def _split(args: argparse.Namespace) -> tuple[list[str | Path], str]:

@@ -8,6 +8,7 @@ from typing import Any, overload
 
 from reasoning.questions import Answer, Case, QueryLimits
 from reasoning.questions.literals import Moment, duration, moment, only
+from reasoning.questions.needed import tables_asked, tables_checked, tables_of
 from reasoning.questions.ready_questions import Options, question
 from recorders.errors import SceneTraceError
 
@@ -106,7 +107,7 @@ def query(
         QueryError: refused, wrong, or over a limit.
         RecordingError: an input cannot be read.
     """
-    with _Asked(inputs, seconds) as case:
+    with _Asked(inputs, seconds, tables_asked(sql)) as case:
         return Rows(case.sql(sql, parameters))
 
 
@@ -160,8 +161,11 @@ def ask(
         by=by,
         certainty=unsure.least,
     )
-    asked.sql(texts, options)  # says what is wrong with the words before anything is read
-    with _Asked(inputs, seconds) as case:
+    # says what is wrong with the words before anything is read
+    tables = tables_of(asked.sql(texts, options)) | tables_checked(
+        asked.kinds()[: len(texts)]
+    )
+    with _Asked(inputs, seconds, tables) as case:
         check_recording(case, recording)
         check_words(case, asked, texts, options)
         rows = Rows(unsure.left_out_of(case.sql(asked.sql(texts, options))))
@@ -183,13 +187,15 @@ def _seconds(span: str | float | None) -> float | None:
 class _Asked:
     """A case for one question: opened for it, or already open and left so."""
 
-    def __init__(self, inputs: Inputs | Case, seconds: float) -> None:
+    def __init__(
+        self, inputs: Inputs | Case, seconds: float, tables: frozenset[str]
+    ) -> None:
         self._own = not isinstance(inputs, Case)
         if isinstance(inputs, Case):
             self._case = inputs
         else:
             paths = [inputs] if isinstance(inputs, str | Path) else list(inputs)
-            self._case = Case(paths, QueryLimits(seconds))
+            self._case = Case(paths, QueryLimits(seconds), tables=tables)
 
     def __enter__(self) -> Case:
         return self._case
