@@ -14,7 +14,6 @@ import secrets
 import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -315,6 +314,9 @@ class RemoteStore:
             raise StoreError(f"{self.uri}/{outside}: its name leads out of the folder")
         for parent in {(folder / key).parent for key in keys}:
             parent.mkdir(parents=True, exist_ok=True)
+        # brings logging with it, and most commands read no store
+        from concurrent.futures import ThreadPoolExecutor
+
         with ThreadPoolExecutor(_FETCHERS) as pool:
             for _ in pool.map(lambda key: self.fetch(key, folder / key), keys):
                 pass

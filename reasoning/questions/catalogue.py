@@ -14,7 +14,6 @@ import hashlib
 import re
 import secrets
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -354,6 +353,9 @@ def local_tables(store: Store, chosen: Sequence[Piece], cache: Path) -> Path:
         return store.folder
     root = cache / hashlib.sha256(store.uri.encode()).hexdigest()[:16]
     wanted = [piece.key(table) for piece in chosen for table in TABLES]
+    # brings logging with it, and most questions are asked of no catalogue
+    from concurrent.futures import ThreadPoolExecutor
+
     with ThreadPoolExecutor(_FETCHERS) as pool:
         for _ in pool.map(partial(_fetch, store, root), wanted):
             pass

@@ -24,7 +24,6 @@ SAMPLES = 9
 LEAST_SHARE = 0.34
 """A colour that covers less of a body is not told as its colour."""
 _COVERED = 0.15
-_EDGE_PX = 2.0
 _GRID_NS = 500_000_000
 _THOUSAND = 1000
 
@@ -73,23 +72,6 @@ def colour_of(shares: Sequence[int]) -> str | None:
         by_name[name] += share
     best = max(by_name, key=lambda name: by_name[name])
     return best if by_name[best] >= LEAST_SHARE * _THOUSAND else None
-
-
-def usual_height(
-    boxes: NDArray[np.float64], seen: NDArray[np.bool_], size: tuple[int, int]
-) -> float | None:
-    """The median height of boxes (N, 4) that were seen whole, in pixels; None without any."""
-    whole = seen & _within(boxes, size)
-    return round(float(np.median(boxes[whole, 3])), 1) if whole.any() else None
-
-
-def _within(boxes: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.bool_]:
-    width, height = size
-    inside = np.asarray((boxes[:, :2] > _EDGE_PX).all(axis=1), np.bool_)
-    if width and height:
-        inside &= boxes[:, 0] + boxes[:, 2] < width - _EDGE_PX
-        inside &= boxes[:, 1] + boxes[:, 3] < height - _EDGE_PX
-    return inside
 
 
 def sightings(

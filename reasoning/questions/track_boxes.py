@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from reasoning.encounters import History
 from reasoning.geometry import Area
@@ -17,6 +18,7 @@ from recorders.messages import Box, Regions
 
 _TELLS_S, _FIRST_S = 1.0, 2.0
 _LAST = 2**31 - 1
+_EDGE_PX = 2.0
 
 
 @dataclass
@@ -92,6 +94,23 @@ def first_way(history: History) -> float | None:
     x, y, w, h = history.boxes[since <= _FIRST_S].T
     away = np.hypot(x + w / 2 - x[0] - w[0] / 2, y + h / 2 - y[0] - h[0] / 2)
     return round(float((away / np.sqrt(np.maximum(w * h, 1.0))).max()), 2)
+
+
+def usual_height(
+    boxes: NDArray[np.float64], seen: NDArray[np.bool_], size: tuple[int, int]
+) -> float | None:
+    """The median height of boxes (N, 4) that were seen whole, in pixels; None without any."""
+    whole = seen & _within(boxes, size)
+    return round(float(np.median(boxes[whole, 3])), 1) if whole.any() else None
+
+
+def _within(boxes: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.bool_]:
+    width, height = size
+    inside = np.asarray((boxes[:, :2] > _EDGE_PX).all(axis=1), np.bool_)
+    if width and height:
+        inside &= boxes[:, 0] + boxes[:, 2] < width - _EDGE_PX
+        inside &= boxes[:, 1] + boxes[:, 3] < height - _EDGE_PX
+    return inside
 
 
 def recorded_stays(

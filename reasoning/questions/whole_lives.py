@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import asdict, astuple, dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,13 +21,15 @@ from reasoning.encounters import (
 )
 from reasoning.encounters.ground import GroundSlope, ground_of
 from reasoning.encounters.nearness import nearest
-from reasoning.questions.looks import Looks, look, sightings, usual_height
 from reasoning.questions.recording_facts import RecordingFacts, Row
 from reasoning.questions.runs import Belief
-from reasoning.questions.track_boxes import TrackBoxes, feet, first_way
+from reasoning.questions.track_boxes import TrackBoxes, feet, first_way, usual_height
 from recorders import channels
 from recorders.annotated.reader import AnnotatedLog
 from recorders.messages import Box
+
+if TYPE_CHECKING:  # looking at pictures brings OpenCV
+    from reasoning.questions.looks import Looks
 
 TableRow = tuple[str, Row]
 """A table's name, and a row of it without the recording."""
@@ -148,6 +151,8 @@ def _looks(
     boxes: Mapping[int, TrackBoxes], facts: RecordingFacts, pictures: AnnotatedLog
 ) -> dict[int, Looks]:
     """What each target looks like, from a few pictures."""
+    from reasoning.questions.looks import look, sightings
+
     others: dict[int, list[tuple[int, Box]]] = {}
     for track in sorted(boxes):
         own = boxes[track]

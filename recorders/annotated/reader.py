@@ -8,14 +8,13 @@ from functools import cached_property, partial
 from itertools import islice, pairwise
 from pathlib import Path
 from statistics import median_low
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 
 from recorders import channels
 from recorders.annotated.frames import annotated_cameras, instants
-from recorders.annotated.membership import Labels, decode_labels
 from recorders.annotated.provenance import METADATA
 from recorders.closing import Closing
 from recorders.errors import LimitError, RecordingError, UsageError
@@ -23,10 +22,14 @@ from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.log import LogReader, Message
 from recorders.messages import Event, Graph, Group, Regions, Relation, Track, Withheld
 from recorders.names import whole
-from recorders.pictures import Image
-from recorders.scene import Frame, SceneLog
 from recorders.unreadable import Unreadable
-from recorders.vision import cv2
+
+if (
+    TYPE_CHECKING
+):  # pictures and the recording are what few readers of an annotated log read
+    from recorders.annotated.membership import Labels
+    from recorders.pictures import Image
+    from recorders.scene import Frame, SceneLog
 
 SCENE = (
     "tracks", "relations", "groups", "held_back", "events", "graph", "regions", "membership"
@@ -326,12 +329,16 @@ class AnnotatedLog(Closing):
         Raises:
             RecordingError: it holds none.
         """
+        from recorders.scene import SceneLog
+
         return SceneLog(self.path, self.camera, self.limits)
 
     def membership(self, frame: AnnotatedFrame) -> Labels | None:
         """Which pixel belongs to whom: (height, width) uint16 of `recorders.annotated.membership.value_of`
         each track, or None.
         """
+        from recorders.annotated.membership import decode_labels
+
         return (
             None
             if frame.membership is None
@@ -341,6 +348,8 @@ class AnnotatedLog(Closing):
 
 def without_picture(width: int, height: int) -> Image:
     """A plain ground that says that there is no picture, (height, width, 3) BGR."""
+    from recorders.vision import cv2
+
     ground = np.full((height, width, 3), _GROUND, np.uint8)
     scale = max(0.3, width / 800)
     place = (round(8 * scale), round(height - 10 * scale))

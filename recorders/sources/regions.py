@@ -23,7 +23,6 @@ from recorders.errors import SourceError
 from recorders.files import existing_file
 from recorders.message_checks import LARGEST, MOST_POLYGONS, MOST_VERTICES
 from recorders.messages import Regions, Zone
-from recorders.vision import cv2
 
 Point = tuple[float, float]
 Polygon = list[Point]
@@ -173,6 +172,8 @@ class _Reader:
 
 def _covers(outlines: list[Polygon], polygon: Polygon, size: tuple[int, int]) -> bool:
     """Whether several outlines together leave no pixel of a polygon uncovered, in the picture."""
+    from recorders.vision import cv2
+
     width, height = size
     inside, around = (np.zeros((height, width), np.uint8) for _ in range(2))
     cv2.fillPoly(inside, [np.rint(polygon).astype(np.int32)], (1,))
