@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from reasoning.questions import TABLES, Case, QueryError, QueryLimits
-from reasoning.questions import case as case_module
+from reasoning.questions import asking as asking_module
 from reasoning.questions import index as index_module
 from reasoning.questions.index import build_index
 from reasoning.questions.literals import Moment, Recordings
@@ -83,7 +83,7 @@ def test_each_question_is_answered_alike_by_logs_database_and_parquet(
         return question(name).sql(words, Options(recordings=some, **options))
 
     monkeypatch.setattr(
-        case_module, "_FIRST_ROWS", 10
+        asking_module, "_FIRST_ROWS", 10
     )  # so that recordings are asked one by one
     answers = []
     for inputs in (logs, indexes[:1], indexes[1:]):
@@ -105,7 +105,7 @@ def test_each_question_is_answered_alike_by_logs_database_and_parquet(
 def test_a_question_that_takes_too_much_memory_at_once_is_asked_by_and_by(
     logs: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(case_module, "_FIRST_ROWS", 10)
+    monkeypatch.setattr(asking_module, "_FIRST_ROWS", 10)
     few = "SELECT recording, count(*) FROM frames"
 
     def make(some: Recordings | None) -> str:
@@ -137,7 +137,7 @@ def test_a_pair_stands_together_in_an_index(indexes: list[Path]) -> None:
 def test_a_time_limit_is_that_of_the_whole_answer(
     logs: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(case_module, "_FIRST_ROWS", 10)
+    monkeypatch.setattr(asking_module, "_FIRST_ROWS", 10)
     slow = "SELECT count(*) FROM frames, range(200000000) WHERE hash(range) = 7"
     with (
         Case(logs, QueryLimits(seconds=0.5)) as c,

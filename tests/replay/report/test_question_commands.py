@@ -15,7 +15,7 @@ from pathlib import Path
 import duckdb
 import pytest
 
-from reasoning.questions import case as case_module
+from reasoning.questions import asking as asking_module
 from replay.cli import main
 
 
@@ -132,7 +132,7 @@ def test_one_recording_alone_is_asked_also_where_many_are_asked_by_and_by(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(case_module, "_FIRST_ROWS", 1)
+    monkeypatch.setattr(asking_module, "_FIRST_ROWS", 1)
     assert main(["query", str(log), str(other_log), "--json", *question]) == 0
     assert {row["recording"] for row in json.loads(capsys.readouterr().out)} == {
         "yard",
