@@ -73,6 +73,13 @@ class AnnotatedFrame:
 class AnnotatedLog(Closing):
     """An annotated log.
 
+    Args:
+        path: the file.
+        camera: the camera that is read; the only one if not given.
+        limits: bounds on what it may make us allocate.
+        as_it_is: frames are read as they stand, also where they do not rise or a message of one
+            stands twice: to compare a log that was altered.
+
     Attributes:
         path: the file.
         camera: the camera that is read.
@@ -85,10 +92,16 @@ class AnnotatedLog(Closing):
     """
 
     def __init__(
-        self, path: str | Path, camera: str | None = None, limits: Limits = DEFAULT_LIMITS
+        self,
+        path: str | Path,
+        camera: str | None = None,
+        limits: Limits = DEFAULT_LIMITS,
+        *,
+        as_it_is: bool = False,
     ) -> None:
         self.path = Path(path)
         self.limits = limits
+        self._as_it_is = as_it_is
         self._log = LogReader(path, limits)
         try:
             self.camera = self._choose(camera)
@@ -204,7 +217,7 @@ class AnnotatedLog(Closing):
 
         Raises:
             RecordingError: a message is damaged, or there are two frames at one time, as where
-                logs were joined.
+                logs were joined; not if the log is read as it is.
             LimitError: more messages at one time than the limits allow.
         """
         regions: Regions | None = self._before("regions", names, start_ns)
@@ -217,7 +230,8 @@ class AnnotatedLog(Closing):
             found: dict[str, Any] = {"events": []}
             for name, message in moment.annotated:
                 decoded = self._decode_at(name, message, last)
-                if (name in found and name in _ONCE) or decoded in found["events"]:
+                twice = (name in found and name in _ONCE) or decoded in found["events"]
+                if twice and not self._as_it_is:
                     raise RecordingError(
                         f"two messages for one frame, at {message.log_time_ns} ns: logs were"
                         " joined, or one was recorded twice; replay the scene anew",
@@ -231,7 +245,8 @@ class AnnotatedLog(Closing):
             regions = found.get("regions", regions)
             graph = found.get("graph", graph)
             if "tracks" in found:
-                if last is not None and found["tracks"].frame <= last:
+                falls = last is not None and found["tracks"].frame <= last
+                if falls and not self._as_it_is:
                     raise RecordingError(
                         f"frame {found['tracks'].frame} after frame {last}; frames must rise",
                         self.path,

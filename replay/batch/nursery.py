@@ -11,6 +11,7 @@ from __future__ import annotations
 import gc
 import importlib
 import os
+import pkgutil
 import resource
 import select
 import signal
@@ -31,6 +32,8 @@ from replay.batch.scratch import clear, work_of
 
 COMMAND = "replay.cli:main"
 """What runs ``record`` and ``replay``: module and function, loaded in the nursery."""
+_WHOLE = ("recorders", "replay.trackers", "replay.hindsight")
+"""Packages of which every module is loaded there: they load what they hold when it is asked for."""
 _LOADED = (
     "av",
     "cv2",
@@ -39,15 +42,6 @@ _LOADED = (
     "networkx",
     "numpy.ma",
     "reasoning.questions.catalogue",
-    "recorders.annotated.chain",
-    "recorders.formats.folders",
-    "recorders.formats.readers",
-    "recorders.recording",
-    "recorders.sources",
-    "recorders.sources.opening",
-    "recorders.sources.own_clock",
-    "recorders.sources.with_detections",
-    "recorders.vision",
     "replay.annotated_writer",
     "replay.assignment",
     "replay.batch.steps",
@@ -137,7 +131,12 @@ def load() -> None:
     """Import what a job needs, once for all of them."""
     from recorders import vision  # noqa: F401 - before OpenCV is loaded by anyone else
 
-    for name in (*_LOADED, COMMAND.partition(":")[0]):
+    inner = [
+        module.name
+        for room in map(importlib.import_module, _WHOLE)
+        for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")
+    ]
+    for name in (*_LOADED, *inner, COMMAND.partition(":")[0]):
         with suppress(ImportError):
             importlib.import_module(name)
 

@@ -101,7 +101,7 @@ def _log(path: str) -> AnnotatedLog:
 
     with LogReader(path) as log:
         camera = provenance_of(log).camera
-    return AnnotatedLog(path, camera)
+    return AnnotatedLog(path, camera, as_it_is=True)
 
 
 def _frames(

@@ -145,8 +145,8 @@ def _read(
         return frame.time_ns if by_time else frame.index
 
     with (
-        AnnotatedLog(a, facts[0].camera, limits) as left,
-        AnnotatedLog(b, facts[1].camera, limits) as right,
+        AnnotatedLog(a, facts[0].camera, limits, as_it_is=True) as left,
+        AnnotatedLog(b, facts[1].camera, limits, as_it_is=True) as right,
     ):
         for content, log in zip(contents, (left, right), strict=True):
             content.origin_ns = log.start_ns
