@@ -8,7 +8,9 @@ seconds are stretched, and rates slowed, as if pictures came every `LONGEST_S`.
 >>> from replay.trackers.events.parameters import EventsParameters
 >>> lapse = paced(EventsParameters(keep_s=4.0), frame_ns=3_000_000_000)
 >>> round(lapse.keep_s)
-80
+12
+>>> stretch(500_000_000)  # two pictures a second are a film
+1.0
 """
 
 from __future__ import annotations
@@ -19,8 +21,8 @@ from typing import TypeVar
 
 from recorders.parameters import Parameters
 
-LONGEST_S = 0.15
-"""A film has a picture at least this often; who is unseen in one picture is not lost by that."""
+LONGEST_S = 1.0
+"""A film, however slow, has a picture at least this often: people in it are followed by their speed."""
 
 AnyParameters = TypeVar("AnyParameters", bound=Parameters)
 
