@@ -26,6 +26,18 @@ class UsageError(SceneTraceError):
         self.below = below
 
 
+class AmbiguousError(UsageError):
+    """A file that may be read in two ways, of which the call has to name one.
+
+    Attributes:
+        why: what may be two things.
+    """
+
+    def __init__(self, path: object, why: str, choice: str) -> None:
+        super().__init__(f"{path}: {why}; {choice}")
+        self.why = why
+
+
 class ConfigError(UsageError):
     """A parameter is unknown or out of its range; the text names the field, the value and the
     range.

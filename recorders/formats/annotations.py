@@ -19,6 +19,9 @@ from recorders.limits import DEFAULT_LIMITS, Limits
 from recorders.names import by_number
 from recorders.upright import box_around
 
+CROWD = "a crowd, which is no single object"
+"""What is told of an annotation that stands for many."""
+
 
 class Coco(Document):
     """COCO: a data set with ``images`` and ``annotations``, or a list of results."""
@@ -55,7 +58,7 @@ class Coco(Document):
                 box = _box_of(one)
                 if one.get("iscrowd") == 1:
                     self.ignored.append(BoxRow(frame, NOBODY, box))
-                    self._bad.append(("a crowd, which is no single object", where))
+                    self._bad.append((CROWD, where))
                     continue
                 score = one.get("score", 1.0)
                 label = names.get(one.get("category_id"), one.get("category_id", ""))

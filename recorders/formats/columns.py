@@ -18,7 +18,7 @@ from typing import Any
 
 from recorders.errors import UsageError
 from recorders.formats.boxes import NOBODY, BoxRow
-from recorders.formats.file_names import FrameNames
+from recorders.formats.file_names import FrameNames, since_1970
 from recorders.messages import Box
 
 _ROLES: dict[str, tuple[str, ...]] = {
@@ -65,6 +65,7 @@ _NAMES |= {f"{role}n": f"{role}n" for role in _PLACES} | {
     "xyxyn": "cornersn",
 }
 _UNKNOWN = FrameNames()
+_NO_WORDS = frozenset({"none", "null", "nan", "n/a", "na", "nil"})
 _TIMES = {"time": 1.0, "time_ms": 1e-3}
 _ASK_FROM = 8
 _MOST_STEP_S = 5
@@ -189,7 +190,14 @@ def ask_of_times(path: Path, columns: Columns, times: Sequence[float]) -> None:
         UsageError: they may.
     """
     known = {"frame", "file"} & set(columns.roles)
-    if known or "time" not in columns.roles or not times or max(times) > _SINCE_1970:
+    if known or "time" not in columns.roles or not times:
+        return
+    if max(times) > _SINCE_1970:
+        if since_1970(max(times)) is None:
+            raise UsageError(
+                f"{path}: its times, up to {max(times):g}, are neither seconds from the first frame"
+                " on nor a time of the calendar in any unit; write them in seconds"
+            )
         return
     steps = [b - a for a, b in pairwise(sorted(set(times)))]
     if len(steps) >= _ASK_FROM and min(steps) >= _MOST_STEP_S:
@@ -236,7 +244,7 @@ def row_of(
     score = held.get("score")
     return BoxRow(
         _frame(held, names or _UNKNOWN),
-        _identity(held.get("id")),
+        _identity(held.get("id"), names or _UNKNOWN),
         box_of(held, size),
         1.0 if _empty(score) else number(score, "score"),
         "" if _empty(label) else str(label).strip(),
@@ -255,6 +263,8 @@ def _frame(held: Mapping[str, Any], names: FrameNames) -> int:
     if _empty(value):
         if not _empty(held.get("file")) or not _TIMES.keys() & held.keys():
             return names.frame(str(held.get("file", "")))
+        if all(_empty(held.get(role)) for role in _TIMES):
+            raise ValueError("neither a frame nor a time")
         return names.frame_at(_seconds(held))
     found = number(value, "frame")
     if not math.isfinite(found) or found != int(found) or found < 0:
@@ -277,14 +287,15 @@ def _seconds(held: Mapping[str, Any]) -> float:
     return number(value, "time") * _TIMES[role]
 
 
-def _identity(value: Any) -> int:
-    """An identity as a whole number; one that is none (a name) is nobody's: detections do without."""
-    if _empty(value):
+def _identity(value: Any, names: FrameNames) -> int:
+    """An identity as a whole number; a word gets one of its own."""
+    if _empty(value) or isinstance(value, bool):
         return NOBODY
     try:
         found = float(value)
     except (TypeError, ValueError, OverflowError):
-        return NOBODY
+        is_word = isinstance(value, str) and value.strip().lower() not in _NO_WORDS
+        return names.identity(value.strip()) if is_word else NOBODY
     return int(found) if abs(found) < 2**53 and found == int(found) else NOBODY
 
 

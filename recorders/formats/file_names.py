@@ -16,6 +16,20 @@ _SUFFIX = re.compile(r"\.(jpe?g|png|bmp|webp|tiff?|txt|json|xml|gif|avif)$", re.
 
 _SINCE_1970_S = 1e8
 """No recording is as long: a time beyond it is one of the calendar."""
+_UNTIL_S = 4_102_444_800.0
+"""The year 2100."""
+_WORDS_FROM = 1 << 52
+"""Identities of words begin here, where no file's own numbers are."""
+
+
+def since_1970(value: float) -> float | None:
+    """Seconds since 1970 of a time in seconds or a smaller unit; None where it is of no such unit.
+
+    >>> since_1970(1_750_000_000_040.0), since_1970(12e12)
+    (1750000000.04, None)
+    """
+    seconds = (value * unit for unit in (1.0, 1e-3, 1e-6, 1e-9))
+    return next((s for s in seconds if _SINCE_1970_S < s < _UNTIL_S), None)
 
 
 def stem(name: str) -> str:
@@ -29,7 +43,7 @@ def stem(name: str) -> str:
 
 
 class FrameNames:
-    """Frames by the names of their pictures.
+    """Frames by the names of their pictures or by their times, identities by their words.
 
     Where the pictures are known and most names are theirs, a name stands for its picture alone.
     Else the number in it counts: the last that is not the same in all.
@@ -47,6 +61,7 @@ class FrameNames:
     ) -> None:
         self.fps = fps
         self._began_s: float | None = None
+        self._words: dict[str, int] = {}
         self._pictures = {stem(name): n for name, n in (pictures or {}).items()}
         self._matched = False
         self._run = -1
@@ -98,17 +113,20 @@ class FrameNames:
         """
         if not math.isfinite(seconds):
             raise ValueError(f"time {seconds:g} is not finite")
-        for unit in (1e-9, 1e-6, 1e-3):
-            if seconds * unit > _SINCE_1970_S:
-                seconds *= unit
-                break
         if seconds > _SINCE_1970_S:
-            self._began_s = seconds if self._began_s is None else self._began_s
-            seconds -= self._began_s
+            found = since_1970(seconds)
+            if found is None:
+                raise ValueError(f"time {seconds:g} is of no unit that is known")
+            self._began_s = found if self._began_s is None else self._began_s
+            seconds = found - self._began_s
         frame = round(seconds * self.fps)
         if frame < 0:
             raise ValueError(f"a time {-seconds:g} s before the first frame")
         return frame
+
+    def identity(self, word: str) -> int:
+        """The number of an identity that is a word: as many as there are, in their order."""
+        return self._words.setdefault(word, _WORDS_FROM + len(self._words))
 
     def frame(self, name: str) -> int:
         """The frame's number.

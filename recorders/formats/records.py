@@ -69,10 +69,11 @@ class Records:
         self._kind = kind
         self._picture = size
         self._limits = limits
-        first = next(self._objects(), None)
-        if first is None:
+        # A row without a class or a score does not name that column: others do.
+        sampled = (name for _, one in islice(self._objects(), _SAMPLED) for name in one)
+        self._names = list(dict.fromkeys(sampled))
+        if not self._names:
             raise SourceError("no detections in this file", path)
-        self._names = list(first[1])
         self._learn_names()
         if columns is not None:
             if len(columns.roles) != len(self._names):

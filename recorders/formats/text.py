@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from recorders.errors import SourceError, UsageError
+from recorders.errors import AmbiguousError, SourceError, UsageError
 from recorders.files import open_to_read
 from recorders.formats.boxes import BoxRow
 from recorders.formats.cells import COMMENTS, SPREADSHEET, cells_of, separator_of
@@ -193,9 +193,9 @@ class TextTable:
 
     _unsure = False
 
-    def _choice(self, why: str, *ways: str) -> UsageError:
+    def _choice(self, why: str, *ways: str) -> AmbiguousError:
         choice = " or ".join(f"--columns {way}" for way in ways)
-        return UsageError(f"{self.path}: {why}; say which it is: {choice}")
+        return AmbiguousError(self.path, why, f"say which it is: {choice}")
 
     def _check_six(self, rows: list[list[float]]) -> None:
         ids = [row[1] for row in rows]

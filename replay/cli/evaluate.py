@@ -156,6 +156,7 @@ def run(args: argparse.Namespace) -> int:
     result = read_result(args.annotated, args.camera, parse_limits(args.limit))
     picture = args.size or result.size
     truth = read_truth(args.truth) if args.raw else _whole_truth(args.truth)
+    done = _told_left_out({args.truth: truth, args.annotated: result.table})
     if picture is not None:
         truth = fit_truth(truth, picture, args.truth_size)
     elif args.truth_size is not None:
@@ -213,7 +214,16 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(facts | scores.as_plain(), indent=2))
     else:
         show(scores, str(args.annotated))
-    return Exit.DONE
+    return done
+
+
+def _told_left_out(tables: dict[Path, MotTable]) -> Exit:
+    """Say what in the files is no box; how the command ends therefore."""
+    lines = [
+        f"{path}: left out: {line}" for path, one in tables.items() for line in one.left_out
+    ]
+    sys.stderr.writelines(f"scenetrace: {line}\n" for line in lines)
+    return Exit.LEFT_OUT if lines else Exit.DONE
 
 
 def _whole_truth(path: Path) -> MotTable:

@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recorders.errors import SceneTraceError, SourceError
+from recorders.errors import AmbiguousError, SceneTraceError, SourceError
 from recorders.files import open_to_read
 from recorders.formats import CaviarReader, MotReader
+from recorders.formats.annotations import CROWD
 from recorders.formats.boxes import NOBODY
-from recorders.formats.columns import grow_as_corners
 from recorders.formats.motchallenge import counts_from
 from recorders.formats.opening import open_rows
+from recorders.left_out import LeftOut
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -24,7 +25,6 @@ BoolArray = NDArray[np.bool_]
 
 Row = tuple[int, int, float, float, float, float, float]
 
-_SAMPLED = 400
 OUTSIDE_SHARE = 0.01
 """More of the true centres than this outside the recording's picture: truth and recording differ
 in size.
@@ -42,6 +42,7 @@ class MotTable:
         confidences: (N,) float64.
         classes: (N,) int64, MOTChallenge's, where the file has them.
         regions: (M, 5) float64: frame, x, y, w, h of what nobody labelled, crowds and such.
+        left_out: what in the file is no box, a line for each reason.
     """
 
     frames: IntArray
@@ -50,6 +51,7 @@ class MotTable:
     confidences: FloatArray
     classes: IntArray | None = None
     regions: FloatArray | None = None
+    left_out: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -88,6 +90,7 @@ class MotTable:
             self.confidences[keep],
             None if self.classes is None else self.classes[keep],
             self.regions,
+            self.left_out,
         )
 
     def scaled(self, sx: float, sy: float) -> MotTable:
@@ -147,9 +150,15 @@ def read_boxes(path: str | Path, size: tuple[int, int] | None = None) -> MotTabl
         UsageError: it may be read in two ways.
     """
     reader = open_rows(Path(path), size)
-    found = list(reader.rows(_passed_by))
+    bad = LeftOut()
+
+    def note(what: str, where: str) -> None:
+        if what != CROWD:  # that is kept, as a region that nobody labelled
+            bad.note(what, where)
+
+    found = list(reader.rows(note))
     if not found:
-        raise SourceError("no boxes in it", path)
+        raise SourceError("; ".join(["no boxes in it", *bad.lines()]), path)
     if any(row.identity == NOBODY for row in found):
         raise SourceError(
             "a box without an identity: these are detections, not tracks", path
@@ -157,17 +166,12 @@ def read_boxes(path: str | Path, size: tuple[int, int] | None = None) -> MotTabl
     lowest = min(row.frame for row in found)
     stated = 1 if reader.first_frame is None else reader.first_frame
     first = min(lowest, stated)
-    table = MotTable.from_rows(
-        [(row.frame - first, row.identity, *row.box, row.score) for row in found]
-    )
+    rows = [(row.frame - first, row.identity, *row.box, row.score) for row in found]
+    table = replace(MotTable.from_rows(rows), left_out=tuple(bad.lines()))
     if not reader.ignored:
         return table
     regions = [(row.frame - first, *row.box) for row in reader.ignored]
     return replace(table, regions=np.array(regions, np.float64))
-
-
-def _passed_by(what: str, where: str) -> None:
-    """A row that is no box is none of the truth."""
 
 
 def read_table(path: str | Path, size: tuple[int, int] | None = None) -> MotTable:
@@ -184,21 +188,18 @@ def read_table(path: str | Path, size: tuple[int, int] | None = None) -> MotTabl
         return read_boxes(path, size) if is_cvat else read_caviar(path)
     if Path(path).is_dir() or kind in (".json", ".jsonl", ".ndjson", ".parquet", ".csv"):
         return read_boxes(path, size)
-    if _is_kitti(Path(path)):
-        return read_boxes(path)
-    table = read_mot(path)
-    if grow_as_corners(table.boxes[:_SAMPLED].tolist()):
-        raise SourceError(
-            "the fifth column grows with the third, as x2 does with x1: width and height are"
-            " wanted, or a .csv whose first line is frame,id,x1,y1,x2,y2",
-            path,
-        )
-    return table
+    return read_boxes(path) if _is_kitti(Path(path)) else read_mot(path)
 
 
 def _is_kitti(path: Path) -> bool:
     try:
         return open_rows(path).name.startswith("KITTI")
+    except AmbiguousError as error:
+        raise SourceError(
+            f"{error.why}: a truth or result as text is frame,id,x,y,w,h; columns in another order"
+            " are read from a .csv whose first line names them (frame,id,x1,y1,x2,y2)",
+            path,
+        ) from error
     except SceneTraceError:
         return False  # its own reader says what is wrong
 

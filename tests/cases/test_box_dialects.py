@@ -253,6 +253,14 @@ ASKED: dict[str, tuple[str, str, str, str]] = {
         "its times are 40 apart",
         "time_ms,x,y,w,h",
     ),
+    "times of a clock that began somewhere": (
+        ".csv",
+        lines(
+            lambda r: [12 * 10**12 + r[0] * 40_000_000, *r[2:]], head="timestamp,x,y,w,h"
+        ),
+        "nor a time of the calendar",
+        "",
+    ),
     "names of pictures": (
         ".csv",
         lines(lambda r: [f"img/{r[0]:05d}.jpg", *corners(r), "person"]),
@@ -349,3 +357,36 @@ def test_corners_are_no_truth(tmp_path: Path) -> None:
     path.write_text(lines(lambda r: [r[0] + 1, r[1] + 1, *corners(r), 1, -1, -1, -1]))
     with pytest.raises(SourceError, match="as x2 does with x1"):
         read_table(path)
+
+
+def test_a_row_without_a_time_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "found.csv"
+    text = lines(lambda r: [r[0] / 25, *r[2:]], head="time,x,y,w,h")
+    path.write_text(text + "\n,1,2,30,40\n")
+    source = open_source(path, size=(WIDTH, HEIGHT), fps=25)
+    found = [f.detections for f in source.frames()]
+    assert_all([[] if one is None else one.boxes for one in found])
+    assert any("neither a frame nor a time" in one for one in source.losses)
+
+
+def test_classes_count_that_the_first_row_does_not_have(tmp_path: Path) -> None:
+    path = tmp_path / "found.jsonl"
+    rows: list[dict[str, Any]] = [{"frame": 0, "bbox": [1, 2, 30, 40]}]
+    rows += [{"frame": k, "bbox": [1, 2, 30, 40], "label": "dog"} for k in range(1, 5)]
+    path.write_text("\n".join(map(json.dumps, rows)))
+    found = [f.detections for f in open_source(path, size=(WIDTH, HEIGHT), fps=25).frames()]
+    assert [d.labels for d in found if d] == [[""], *[["dog"]] * 4]
+
+
+def test_a_truths_identities_may_be_words_and_what_is_no_box_is_told(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "gt.csv"
+    head = "frame,id,x,y,w,h"
+    path.write_text(lines(lambda r: [r[0], ("anna", "bert")[r[1] % 2], *r[2:]], head=head))
+    table = read_table(path)
+    assert len(table) == len(ROWS)
+    assert len(set(table.ids.tolist())) == 2
+    assert not table.left_out
+    path.write_text(path.read_text().rstrip() + "\n3,anna,here,2,3,4\n")
+    assert read_table(path).left_out
