@@ -21,6 +21,7 @@ _HEVC_CRA = 21
 _H264_SETS = frozenset({6, 7, 8, 9})
 _HEVC_SETS = frozenset({32, 33, 34, 35, 39, 40})
 _HEVC_PARAMETERS = frozenset({32, 33, 34})
+_H264_SPS, _HEVC_VPS = frozenset({0x27, 0x47, 0x67}), frozenset({0x40})
 _AV1_SEQUENCE_HEADER = 1
 _MOST_PENDING_BYTES = 1 << 20
 _DECODERS = {"av1": ("libdav1d", "libaom-av1", "av1")}
@@ -79,6 +80,19 @@ def is_key(codec: str, data: bytes) -> bool:
     if codec == "av1":
         return any(kind == _AV1_SEQUENCE_HEADER for kind in _obus(data))
     return True
+
+
+def other_codec(codec: str, data: bytes) -> str:
+    """What a packet that is said to be H.264 or H.265 is instead: parameter sets of the one are no
+    units that the other knows. Empty where nothing tells.
+
+    >>> other_codec("hevc", bytes.fromhex("00000001674d401f")), other_codec("h264", b"")
+    ('h264', '')
+    """
+    units = set(_units(annex_b(data)))
+    if codec == "hevc" and units & _H264_SPS:
+        return "h264"
+    return "hevc" if codec == "h264" and units & _HEVC_VPS else ""
 
 
 def _is_independent(codec: str, data: bytes) -> bool:

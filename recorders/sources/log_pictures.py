@@ -20,7 +20,7 @@ from recorders.payloads import (
     read_picture,
 )
 from recorders.payloads.pictures import bits_used, is_deep, raw_pixels
-from recorders.payloads.stream import VideoStream
+from recorders.payloads.stream import VideoStream, other_codec
 from recorders.pictures import Image, check_size, is_whole
 from recorders.sources.packet_times import Packet, PacketTimes
 from recorders.sources.source import PictureError
@@ -167,7 +167,7 @@ class PictureReader:
             pictures = []
         else:
             if video.waits_for_key and index not in {number for number, _ in pictures}:
-                self._times.lost(index, _without_key(found.codec))
+                self._times.lost(index, _without_key(found.codec, found.data))
         return before + self._given(pictures, video.reorders)
 
     def _given(
@@ -189,7 +189,9 @@ class PictureReader:
         return found
 
 
-def _without_key(codec: str) -> str:
+def _without_key(codec: str, data: bytes) -> str:
+    if other := other_codec(codec, data):
+        return f"a packet of {other} that is said to be {codec}"
     return f"a packet of {codec} without a whole key frame before it"
 
 
