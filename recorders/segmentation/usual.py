@@ -29,8 +29,9 @@ STEADY = 0.15
 SAME = 0.3
 """The same thing a moment later: the boxes' IoU."""
 LEAP = 2.0
-"""Or, small and fast, its like (to `GRAIN` px) no farther off than so many of its sizes, where a
-fifth of what stands alone has one: of specks of noise one in a hundred has.
+"""Or, small and fast, its like (to `GRAIN` px, and `STEADY` of its size, as legs change a small
+width by a third) no farther off than so many of its sizes, where a fifth of what stands alone has
+one: of specks of noise one in a hundred has.
 """
 GRAIN, FOUND_AGAIN = 1.5, 5
 MOVED = 0.02
@@ -177,13 +178,23 @@ class Sightings:
 
     def _with_leaps(self, rows: Floats) -> Floats:
         """Clean sightings, and those of what moved by more than itself where these are more, and
-        enough of what was looked for.
+        enough of what was looked for: in the recording, or, as small ones are far away, with their
+        feet nearby.
         """
         leaps = np.concatenate(self._leaps)[-MOST:]
         self._leaps = [leaps]
-        known = np.concatenate([rows, leaps])
-        enough = FOUND_AGAIN * len(known) >= min(self._looked_for, MOST)
-        return known if enough and len(leaps) > len(rows) else rows
+        if FOUND_AGAIN * (len(rows) + len(leaps)) < min(self._looked_for, MOST):
+            return rows
+        if len(leaps) <= len(rows):
+            feet = leaps[:, 1] + leaps[:, 3]
+            here, there = (
+                (np.abs(feet[:, None] - b[:, 1] - b[:, 3]) <= NEARBY * self.height).sum(
+                    axis=1
+                )
+                for b in (leaps, rows)
+            )
+            leaps = leaps[(here > there) & (here >= FEWEST)]
+        return np.concatenate([rows, leaps])
 
     def _of(
         self, rows: Floats, specks: bool, upright: SizeModel | None
@@ -243,7 +254,8 @@ def _found_again(found: Floats, later: Floats) -> Floats:
         )
     )
     off = np.abs(found[:, None, 2:4] - later[:, 2:4])
-    like = (off <= np.maximum(GRAIN, STEADY * found[:, None, 2:4])).all(axis=-1)
+    grain = np.maximum(GRAIN, STEADY * size)[:, None, None]
+    like = (off <= np.maximum(grain, STEADY * found[:, None, 2:4])).all(axis=-1)
     like &= far <= LEAP * size[:, None]
     # One has one like, and is it to no other.
     kept = (like.sum(axis=1) == 1) & (like[:, like.sum(axis=0) == 1].sum(axis=1) == 1)

@@ -141,3 +141,18 @@ def test_specks_of_noise_teach_no_size() -> None:
         )
         sightings.observe(now, later)
     assert sightings.learn() is None
+
+
+def test_small_fast_ones_teach_their_size_beside_large_ones_that_are_seen_more_often() -> (
+    None
+):
+    sightings = Sightings(640, 480)
+    for k in range(20):
+        small = [(600 - 28 * k, 60, 9, 37, 250)] if k % 3 == 0 else []
+        large = [(20 + 25 * k, 130, 90, 336, 16000)]
+        now = np.array(small + large, np.float64)
+        step = [[8, 0, 1, 0, 0]] * len(small) + [[12, 0, 0, 0, 0]]
+        sightings.observe(now, now + np.array(step, np.float64))
+    usual = sightings.learn()
+    assert usual is not None
+    assert usual.at(np.array([97.0, 466.0]))[1].tolist() == [37, 336]
