@@ -51,12 +51,13 @@ def _varint(value: int) -> bytes:
     return bytes(out)
 
 
-_LENGTHS = tuple(_varint(index) for index in range(1024))
+_READY = 1024
+_LENGTHS = tuple(_varint(index) for index in range(_READY))
 
 
 def _framed(tag: bytes, body: bytes) -> bytes:
     size = len(body)
-    return tag + (_LENGTHS[size] if size < 1024 else _varint(size)) + body
+    return tag + (_LENGTHS[size] if size < _READY else _varint(size)) + body
 
 
 def _double(tag: int, value: float) -> bytes:

@@ -160,9 +160,9 @@ class _Camera:
 
     def _take(self, frame: AnnotatedFrame) -> None:
         t = (frame.time_ns - self._facts.start_ns) / channels.NANOS
-        if frame.index <= self._frame or frame.index > _INT32:
+        if frame.index > _INT32:
             raise RecordingError(
-                f"frame {frame.index} after frame {self._frame}; frames must rise",
+                f"frame {frame.index} after frame {self._frame}: no table holds such a number",
                 self._facts.path,
                 record="tracks",
             )

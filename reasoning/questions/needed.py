@@ -37,11 +37,13 @@ def tables_of(sql: str) -> frozenset[str]:
     return frozenset(found)
 
 
-def tables_checked(kinds: Iterable[str]) -> frozenset[str]:
-    """The tables that tell whether what a question names is there, and where there are gaps; for the
-    kinds of its words (`question.Question.kinds`).
+def tables_ready(sql: str, kinds: Iterable[str] = ()) -> frozenset[str]:
+    """As `tables_of`, of the SQL of a ready question or a pattern, with the tables that tell where
+    there are gaps, and whether what it names is there; for the kinds of its words
+    (`question.Question.kinds`).
     """
-    return frozenset({"frames", *(t for kind in kinds for t in _OF_KIND.get(kind, ()))})
+    named = (table for kind in kinds for table in _OF_KIND.get(kind, ()))
+    return tables_of(sql) | {"frames", *named}
 
 
 def tables_asked(sql: str) -> frozenset[str]:

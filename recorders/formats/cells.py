@@ -27,7 +27,7 @@ def separator_of(text: str) -> str | None:
     for separator in ("\t", ", ", None):
         cells = [pointed(cell) for cell in text.split(separator)]
         decimal = _DECIMAL_WITHIN.search(text)
-        if decimal and len(cells) >= _LEAST and all(map(_is_number, cells)):
+        if decimal and len(cells) >= _LEAST and all(map(is_number, cells)):
             return separator  # the commas are decimal points
     if "," in text:
         return ","
@@ -55,7 +55,8 @@ def pointed(cell: str) -> str:
     return cell.replace(",", ".") if _DECIMAL.fullmatch(cell) else cell
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Whether a cell's text is a number (also one that is not finite)."""
     try:
         float(cell)
     except ValueError:

@@ -18,7 +18,8 @@ from typing import Any
 
 from recorders.errors import UsageError
 from recorders.formats.boxes import NOBODY, BoxRow
-from recorders.formats.file_names import FrameNames, since_1970
+from recorders.formats.cells import is_number
+from recorders.formats.file_names import SINCE_1970_S, FrameNames, since_1970
 from recorders.messages import Box
 
 _ROLES: dict[str, tuple[str, ...]] = {
@@ -69,7 +70,6 @@ _NO_WORDS = frozenset({"none", "null", "nan", "n/a", "na", "nil"})
 _TIMES = {"time": 1.0, "time_ms": 1e-3}
 _ASK_FROM = 8
 _MOST_STEP_S = 5
-_SINCE_1970 = 1e8
 _SHAPES = (("x", "y", "w", "h"), ("x1", "y1", "x2", "y2"), ("cx", "cy", "w", "h"))
 
 
@@ -192,7 +192,7 @@ def ask_of_times(path: Path, columns: Columns, times: Sequence[float]) -> None:
     known = {"frame", "file"} & set(columns.roles)
     if known or "time" not in columns.roles or not times:
         return
-    if max(times) > _SINCE_1970:
+    if max(times) > SINCE_1970_S:
         if since_1970(max(times)) is None:
             raise UsageError(
                 f"{path}: its times, up to {max(times):g}, are neither seconds from the first frame"
@@ -368,12 +368,3 @@ def parse_columns(text: str) -> Columns:
         return Columns.of(names)
     except ValueError as error:
         raise UsageError(f"--columns {text}: {error}") from error
-
-
-def is_number(cell: str) -> bool:
-    """Whether a cell's text is a number (also one that is not finite)."""
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return "_" not in cell

@@ -112,13 +112,12 @@ class Cvat:
         """A track's shapes; where it has nothing but key frames, with the boxes between these, which
         move evenly, as CVAT itself has it.
         """
+        yield from element
         shapes = [shape for shape in element if shape.get("keyframe")]
         if element.tag != "track" or not all(
             shape.tag == "box" and shape.get("keyframe") == "1" for shape in shapes
         ):
-            yield from element
             return
-        yield from element
         for one, after in pairwise(shapes):
             if one.get("outside") == "1":
                 continue

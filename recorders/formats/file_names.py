@@ -14,7 +14,7 @@ _EXPORT = re.compile(r"(_(jpe?g|png|bmp|webp))?\.rf\.[0-9A-Za-z]+$")
 """What Roboflow's exports put behind a name: ``walk_0012_jpg.rf.4f3a9c``."""
 _SUFFIX = re.compile(r"\.(jpe?g|png|bmp|webp|tiff?|txt|json|xml|gif|avif)$", re.IGNORECASE)
 
-_SINCE_1970_S = 1e8
+SINCE_1970_S = 1e8
 """No recording is as long: a time beyond it is one of the calendar."""
 _UNTIL_S = 4_102_444_800.0
 """The year 2100."""
@@ -29,7 +29,7 @@ def since_1970(value: float) -> float | None:
     (1750000000.04, None)
     """
     seconds = (value * unit for unit in (1.0, 1e-3, 1e-6, 1e-9))
-    return next((s for s in seconds if _SINCE_1970_S < s < _UNTIL_S), None)
+    return next((s for s in seconds if SINCE_1970_S < s < _UNTIL_S), None)
 
 
 def stem(name: str) -> str:
@@ -113,7 +113,7 @@ class FrameNames:
         """
         if not math.isfinite(seconds):
             raise ValueError(f"time {seconds:g} is not finite")
-        if seconds > _SINCE_1970_S:
+        if seconds > SINCE_1970_S:
             found = since_1970(seconds)
             if found is None:
                 raise ValueError(f"time {seconds:g} is of no unit that is known")

@@ -13,11 +13,12 @@ from typing import Any
 from recorders.errors import SourceError, UsageError
 from recorders.files import open_to_read
 from recorders.formats.boxes import NOBODY, BoxRow
-from recorders.formats.columns import is_number, number
+from recorders.formats.cells import is_number
+from recorders.formats.columns import number
 from recorders.formats.file_names import FrameNames
 from recorders.formats.readers import Bad, checked, read_json
 from recorders.limits import DEFAULT_LIMITS, Limits
-from recorders.names import by_number
+from recorders.names import by_number, whole
 from recorders.upright import box_around
 
 _LARGEST_FILE = 1 << 24
@@ -199,9 +200,9 @@ class BoxFolder:
 
     def _voc(self, path: Path, bad: Bad) -> Rows:  # noqa: ARG002 (all kinds are called alike)
         document = _parsed(path)
-        width, height = (document.findtext(f"size/{n}") or "" for n in ("width", "height"))
-        if width.isdigit() and height.isdigit() and int(width) > 0 < int(height):
-            self.size = int(width), int(height)
+        size = [whole(document.findtext(f"size/{n}") or "") for n in ("width", "height")]
+        if size[0] and size[1]:
+            self.size = size[0], size[1]
         for one in document.iter("object"):
             box: Any = one.find("bndbox")
             left, top, right, bottom = (

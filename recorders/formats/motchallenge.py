@@ -21,7 +21,7 @@ from pathlib import Path
 from recorders.errors import LimitError, SourceError
 from recorders.files import open_to_read
 from recorders.formats.boxes import MAX_FRAMES, BoxRow, check_box
-from recorders.formats.cells import COMMENTS, SPREADSHEET, cells_of, separator_of
+from recorders.formats.cells import COMMENTS, SPREADSHEET, cells_of, is_number, separator_of
 from recorders.names import whole
 
 _COLUMNS = range(6, 11)
@@ -104,7 +104,7 @@ class MotReader:
             SourceError: they name other columns, or the same ones in another order.
         """
         names = [cell.strip().strip('"').lower() for cell in cells]
-        if len(names) < len(_HEADER) or any(map(_is_number, names[: len(_HEADER)])):
+        if len(names) < len(_HEADER) or any(map(is_number, names[: len(_HEADER)])):
             return False
         if not all(name in known for name, known in zip(names, _HEADER, strict=False)):
             raise SourceError(
@@ -174,11 +174,3 @@ def counts_from(path: Path) -> int:
             if cell and cell[0].strip(b"0.") == b"" and cell[0][:1] == b"0":
                 return 0
     return 1
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True

@@ -14,14 +14,13 @@ from pathlib import Path
 from recorders.errors import AmbiguousError, SourceError, UsageError
 from recorders.files import open_to_read
 from recorders.formats.boxes import BoxRow
-from recorders.formats.cells import COMMENTS, SPREADSHEET, cells_of, separator_of
+from recorders.formats.cells import COMMENTS, SPREADSHEET, cells_of, is_number, separator_of
 from recorders.formats.columns import (
     Columns,
     ask_of_corners,
     ask_of_times,
     box_of,
     grow_as_corners,
-    is_number,
 )
 from recorders.formats.file_names import FrameNames
 from recorders.formats.readers import Bad, checked

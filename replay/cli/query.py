@@ -425,16 +425,14 @@ def asks_for_looks(query: str) -> bool:
 
 def _tables(query: str, args: argparse.Namespace) -> frozenset[str]:
     """The tables that are going to be read."""
-    from reasoning.questions.needed import tables_asked, tables_checked, tables_of
+    from reasoning.questions.needed import tables_asked, tables_ready
 
     if args.ask is not None:
         from reasoning.questions.ready_questions import question
 
-        return tables_of(query) | tables_checked(
-            question(args.ask[0]).kinds()[: len(args.ask) - 1]
-        )
+        return tables_ready(query, question(args.ask[0]).kinds()[: len(args.ask) - 1])
     if args.pattern is not None:
-        return tables_of(query) | tables_checked(())
+        return tables_ready(query)
     return tables_asked(query)
 
 

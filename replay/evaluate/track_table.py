@@ -41,10 +41,6 @@ def read_tracks(log: AnnotatedLog) -> TrackTable:
     whole, numbers, times = array("q"), array("d"), array("q")
     frames = array("q")
     for frame in log.frames(("tracks",)):
-        if frames and frame.index <= frames[-1]:
-            raise RecordingError(
-                f"frame {frame.index} after frame {frames[-1]}; frames must rise", log.path
-            )
         frames.append(frame.index)
         times.append(frame.time_ns)
         for track in frame.tracks:

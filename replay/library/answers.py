@@ -8,7 +8,7 @@ from typing import Any, overload
 
 from reasoning.questions import Answer, Case, QueryLimits
 from reasoning.questions.literals import Moment, duration, moment, only
-from reasoning.questions.needed import tables_asked, tables_checked, tables_of
+from reasoning.questions.needed import tables_asked, tables_ready
 from reasoning.questions.ready_questions import Options, question
 from recorders.errors import SceneTraceError
 
@@ -162,9 +162,7 @@ def ask(
         certainty=unsure.least,
     )
     # says what is wrong with the words before anything is read
-    tables = tables_of(asked.sql(texts, options)) | tables_checked(
-        asked.kinds()[: len(texts)]
-    )
+    tables = tables_ready(asked.sql(texts, options), asked.kinds()[: len(texts)])
     with _Asked(inputs, seconds, tables) as case:
         check_recording(case, recording)
         check_words(case, asked, texts, options)

@@ -12,6 +12,7 @@ Three people who start off together in a calm scene are therefore no pan.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,7 @@ class CameraMotion:
         if len(expected) < 2 or not len(found):
             return np.zeros(2)
         sizes = sizes_of(expected)
-        calm = (CALM * _median(sizes.tolist())) ** 2
+        calm = (CALM * median(sizes.tolist())) ** 2
         usual = (self._squares + _FRAMES * calm) / (self._frames + _FRAMES)
         told, weight = _likeliest(expected, sizes, found, usual)
         if weight > 0:
@@ -91,12 +92,6 @@ class CameraMotion:
         """Continue from what `state` gave."""
         self._squares = np.array(state["squares"], np.float64)
         self._frames = float(state["frames"])
-
-
-def _median(values: list[float]) -> float:
-    """The middle one of some values, or the mean of the two in the middle."""
-    ordered, half = sorted(values), len(values) // 2
-    return ordered[half] if len(values) % 2 else (ordered[half - 1] + ordered[half]) / 2
 
 
 def _likeliest(

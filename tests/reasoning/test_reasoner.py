@@ -153,17 +153,24 @@ def test_the_order_of_events_within_a_frame() -> None:
     ]
 
 
-def test_a_disagreement_is_told_once_per_episode() -> None:
-    config = configure(SECTIONS, assignments=["interactions.safety_margin=3"])
-    near, far = [person(1, 100), person(2, 200)], [person(1, 100), person(2, 600)]
-    _, answers = run([near, near, near, far, near, near], config)
-    told = [
+def disagreements(answers: list[SceneAnnotation]) -> list[tuple[int, object, object]]:
+    """In which frame what was told to disagree with what."""
+    return [
         (k, e.evidence["interaction"], e.evidence["relation"])
         for k, a in enumerate(answers)
         for e in a.events
         if e.kind == "disagreement"
     ]
-    assert told == [(1, "grouping", "INDEPENDENT"), (4, "grouping", "INDEPENDENT")]
+
+
+def test_a_disagreement_is_told_once_per_episode() -> None:
+    config = configure(SECTIONS, assignments=["interactions.safety_margin=3"])
+    near, far = [person(1, 100), person(2, 200)], [person(1, 100), person(2, 600)]
+    _, answers = run([near, near, near, far, near, near], config)
+    assert disagreements(answers) == [
+        (1, "grouping", "INDEPENDENT"),
+        (4, "grouping", "INDEPENDENT"),
+    ]
     assert answers[2].relations.relations == []  # recorded, never mended
     assert answers[2].tracks.tracks[0].grouping
 
@@ -176,13 +183,10 @@ def test_a_dispute_that_changes_kind_is_told_again() -> None:
     apart = [person(1, 100), person(2, 200)]
     shared = [person(1, 100, 7), person(2, 200, 7)]
     _, answers = run([apart, apart, shared, shared], config)
-    told = [
-        (k, e.evidence["interaction"], e.evidence["relation"])
-        for k, a in enumerate(answers)
-        for e in a.events
-        if e.kind == "disagreement"
+    assert disagreements(answers) == [
+        (1, "grouping", "INDEPENDENT"),
+        (2, "grouped", "INDEPENDENT"),
     ]
-    assert told == [(1, "grouping", "INDEPENDENT"), (2, "grouped", "INDEPENDENT")]
 
 
 def test_who_is_lost_out_of_a_group_is_told_as_the_reason_of_the_split() -> None:

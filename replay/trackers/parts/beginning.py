@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from reasoning.regions import SceneRegions
 from recorders.errors import ConfigError
 from recorders.messages import NO_BLOB, Notice
+from recorders.names import whole
 from replay.trackers.association import intersection, iou
 from replay.trackers.belief import LIKELY
 from replay.trackers.life import TENTATIVE, Life
@@ -50,10 +51,10 @@ def parse_init(words: str) -> tuple[Start, ...]:
         number, _, box = rest.partition(":")
         try:
             x, y, w, h = (float(v) for v in box.split(","))
-            digits = number.isascii() and number.isdigit()
+            index = whole(number)
             if (
                 kind != "frame"
-                or not digits
+                or index is None
                 or not all(map(math.isfinite, (x, y, w, h)))
                 or min(w, h) <= 0
             ):
@@ -62,7 +63,7 @@ def parse_init(words: str) -> tuple[Start, ...]:
             raise ConfigError(
                 f"parts.init: {word!r} must be frame:N:x,y,w,h with N from 0 and w and h over 0"
             ) from None
-        out.append(Start(int(number), (x, y, w, h)))
+        out.append(Start(index, (x, y, w, h)))
     return tuple(sorted(out, key=lambda s: s.frame))
 
 

@@ -15,8 +15,8 @@ from reasoning.questions.needed import (
     DIGEST,
     EVERYTHING,
     tables_asked,
-    tables_checked,
     tables_of,
+    tables_ready,
 )
 from reasoning.questions.patterns import SHIPPED, plan
 from reasoning.questions.ready_questions import QUESTIONS, Options, question
@@ -62,7 +62,7 @@ def test_a_ready_question_alone(log: Path, whole: Case, name: str) -> None:
     ]
     options = Options(at=moment("2") if "at" in asked.takes else None, certainty=0.0)
     sql = asked.sql(words, options)
-    with Case([log], tables=tables_of(sql) | tables_checked(asked.kinds())) as case:
+    with Case([log], tables=tables_ready(sql, asked.kinds())) as case:
         assert told(case, sql) == told(whole, sql)
 
 
