@@ -13,7 +13,7 @@ from typing import Any
 from recorders.errors import SourceError, UsageError
 from recorders.files import open_to_read
 from recorders.formats.boxes import NOBODY, BoxRow
-from recorders.formats.cells import is_number
+from recorders.formats.cells import is_number, pointed
 from recorders.formats.columns import number
 from recorders.formats.file_names import FrameNames
 from recorders.formats.readers import Bad, checked, read_json
@@ -96,7 +96,7 @@ class BoxFolder:
             cells = next((line.split() for _, line in _lines(path)), None)
             if cells is None:
                 continue
-            numbers = sum(is_number(_pointed(cell)) for cell in cells)
+            numbers = sum(is_number(pointed(cell)) for cell in cells)
             if not is_number(cells[0]) and numbers >= _KITTI_LEAST - 1:
                 return self._kitti, "KITTI text"
             if len(cells) >= _YOLO[0] and all(map(is_number, cells[1:])):
@@ -166,9 +166,9 @@ class BoxFolder:
             cells = line.split()
             # A class may be several words; some write numbers with a comma.
             words = next(
-                (k for k, cell in enumerate(cells) if is_number(_pointed(cell))), len(cells)
+                (k for k, cell in enumerate(cells) if is_number(pointed(cell))), len(cells)
             )
-            label, cells = " ".join(cells[:words]), [_pointed(c) for c in cells[words:]]
+            label, cells = " ".join(cells[:words]), [pointed(c) for c in cells[words:]]
             # A tracker's dump has the identity behind the class.
             at = 4 if len(cells) in (16, 17) else 3
             try:
@@ -271,10 +271,6 @@ def boxes_below(folder: Path, any_name: bool = False) -> Path | None:
         names = ", ".join(str(inner.relative_to(folder)) for inner in found[:6])
         raise UsageError(f"{folder}: files of boxes in several folders ({names}): name one")
     return found[0] if found else None
-
-
-def _pointed(cell: str) -> str:
-    return cell.replace(",", ".")
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
