@@ -93,7 +93,7 @@ class Cvat:
     def rows(self, bad: Bad) -> Iterator[BoxRow]:
         """See `recorders.formats.readers.RowReader`."""
         for element in self._elements():
-            for shape in self._between(element):
+            for shape in self._between(element, bad):
                 if shape.tag in _WITHOUT_BOX:
                     bad(f"a shape without a box ({shape.tag})", self.path.name)
                 if shape.tag not in _SHAPES or shape.get("outside") == "1":
@@ -108,7 +108,7 @@ class Cvat:
                 if kept is not None:
                     yield kept
 
-    def _between(self, element: Any) -> Iterator[Any]:
+    def _between(self, element: Any, bad: Bad) -> Iterator[Any]:
         """A track's shapes; where it has nothing but key frames, with the boxes between these, which
         move evenly, as CVAT itself has it.
         """
@@ -122,6 +122,14 @@ class Cvat:
             if one.get("outside") == "1":
                 continue
             with suppress(TypeError, ValueError):
+                apart = int(after.get("frame")) - int(one.get("frame"))
+                if apart > _MOST_BETWEEN:
+                    bad(
+                        f"over {_MOST_BETWEEN:,} frames between two key frames of a track"
+                        " (the boxes between them)",
+                        f"{self.path.name}, frame {one.get('frame')}",
+                    )
+                    continue
                 yield from _moving(one, after)
 
     def _row(self, element: Any, box: Any) -> BoxRow:
@@ -158,7 +166,7 @@ def _moving(one: Any, after: Any) -> Iterator[Any]:
     first, last = int(one.get("frame")), int(after.get("frame"))
     if after.get("outside") == "1":
         after = one  # it stands still until it is gone
-    for frame in range(first + 1, min(last, first + _MOST_BETWEEN)):
+    for frame in range(first + 1, last):
         share = (frame - first) / (last - first)
         between = {
             name: f"{(1 - share) * float(one.get(name)) + share * float(after.get(name)):.6f}"

@@ -318,6 +318,20 @@ def test_cvats_key_frames_stand_for_those_between(tmp_path: Path) -> None:
     assert_all(boxes_of(path))
 
 
+def test_cvats_key_frames_too_far_apart_are_told(tmp_path: Path) -> None:
+    sides = 'keyframe="1" outside="0" xtl="10" ytl="10" xbr="30" ybr="60"'
+    boxes = "".join(f'<box frame="{frame}" {sides}/>' for frame in (0, 4, 200_004))
+    path = tmp_path / "found.xml"
+    path.write_text(f'<annotations><track id="0" label="p">{boxes}</track></annotations>')
+    source = open_source(path, size=(WIDTH, HEIGHT), fps=25)
+    found = sum(len(f.detections.boxes) for f in source.frames() if f.detections)
+    assert found == 6
+    assert source.losses == [
+        "over 100,000 frames between two key frames of a track (the boxes between them),"
+        " at found.xml, frame 4"
+    ]
+
+
 def test_columns_that_do_not_fit_are_told(tmp_path: Path) -> None:
     path = tmp_path / "found.jsonl"
     path.write_text(objects(lambda r: {"frame": r[0], "bbox": corners(r)}))
