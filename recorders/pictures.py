@@ -242,9 +242,15 @@ def encode_jpeg(image: Image, quality: int = JPEG_QUALITY) -> bytes:
     return _encode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
 
 
-def encode_webp(image: Image, quality: int) -> bytes:
-    """A WebP of a BGR picture, for browsers: half of what a JPEG takes, and slower to make."""
-    return _encode(".webp", image, [cv2.IMWRITE_WEBP_QUALITY, quality])
+def encode_small_jpeg(image: Image, quality: int) -> bytes:
+    """A JPEG for browsers, its codes fitted to the picture: a twentieth smaller. WebP would save
+    a quarter more, and take fifteen times as long.
+    """
+    return _encode(
+        ".jpg",
+        image,
+        [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1],
+    )
 
 
 def encode_png(image: Image, level: int = PICTURE_PNG_LEVEL) -> bytes:

@@ -34,7 +34,7 @@ def add(commands: Commands) -> None:
         type=int,
         default=900,
         metavar="N",
-        help="most frames shown as pictures (900; fewer where they would take over 8 MB)",
+        help="most frames shown as pictures (900; fewer where they would take over 10 MB)",
     )
     parser.add_argument(
         "--recording",

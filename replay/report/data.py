@@ -60,13 +60,13 @@ class ReportOptions:
         intervals: most intervals of each sort on the timeline, the longest; the page says so if
             there were more.
         events: most events in the table; the page says so if there were more.
-        quality: WebP quality of the pictures.
+        quality: JPEG quality of the pictures.
         ground_frames: frames whose median is the ground that paths are drawn on.
     """
 
     thumbnails: int = 900
     thumbnail_width: int = 400
-    picture_bytes: int = 8_000_000
+    picture_bytes: int = 10_000_000
     steps: int = 300
     points: int = 300
     all_points: int = 60_000

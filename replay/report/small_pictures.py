@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import numpy as np
 
 from recorders.annotated.reader import AnnotatedLog
-from recorders.pictures import Image, encode_webp
+from recorders.pictures import Image, encode_small_jpeg
 from recorders.scene import SceneLog
 from recorders.vision import cv2
 
@@ -26,7 +26,7 @@ class SmallPictures:
         log: the log.
         frames: the numbers of its frames, in order.
         width: most pixels of a picture's width.
-        quality: of WebP.
+        quality: of JPEG.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class SmallPictures:
     def of(self, wanted: Sequence[int]) -> list[list[int | str]]:
         """Number and picture of frames, in order."""
         # Pictures are decoded by one and encoded by others; no more wait than that.
-        with ThreadPoolExecutor(max_workers=2, thread_name_prefix="webp") as pool:
+        with ThreadPoolExecutor(max_workers=2, thread_name_prefix="jpeg") as pool:
             waiting: deque[tuple[int, Future[str]]] = deque()
             out: list[list[int | str]] = []
             for frame, image in self._pictures(wanted):
@@ -73,8 +73,8 @@ class SmallPictures:
             size = self._width, max(1, round(height * self._width / width))
             resized = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
             image = np.asarray(resized, np.uint8)
-        data = encode_webp(image, self._quality)
-        return "data:image/webp;base64," + base64.b64encode(data).decode("ascii")
+        data = encode_small_jpeg(image, self._quality)
+        return "data:image/jpeg;base64," + base64.b64encode(data).decode("ascii")
 
     def _pictures(self, wanted: Sequence[int]) -> Iterator[tuple[int, Image]]:
         """The pictures of frames, in order: in one reading, or each by itself where few."""
