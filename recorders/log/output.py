@@ -57,10 +57,15 @@ class PartFile:
             # Who may write into the folder must not choose by a link what is written over.
             | getattr(os, "O_NOFOLLOW", 0)
         )
+        ours = True
         try:
-            descriptor = os.open(
-                self.part, flags | (0 if self._force else os.O_EXCL), 0o666
-            )
+            try:
+                descriptor = os.open(self.part, flags | os.O_EXCL, 0o666)
+            except FileExistsError:
+                if not self._force:
+                    raise
+                ours = False
+                descriptor = os.open(self.part, flags, 0o666)
         except FileExistsError as error:
             raise self._occupied() from error
         except OSError as error:
@@ -76,6 +81,9 @@ class PartFile:
                 return fresh
             os.ftruncate(descriptor, 0)
         except OSError as error:
+            if ours:
+                with contextlib.suppress(OSError):
+                    self.part.unlink()
             os.close(descriptor)
             raise self._failure(error) from error
         return descriptor
@@ -134,27 +142,18 @@ class PartFile:
             os.fsync(self._descriptor)
             self._rename()
             self._close()
-            self._sync_folder()
+            sync_folder(self.path.parent)
         except OSError as error:
             raise self._failure(error) from error
 
     def _rename(self) -> None:
         if self._force:
-            self.part.replace(self.path)
+            rename(self.part, self.path)
             return
         try:
             take_name(self.part, self.path)
         except FileExistsError as error:
             raise OutputExistsError(self.path) from error
-
-    def _sync_folder(self) -> None:
-        if not hasattr(os, "O_DIRECTORY"):
-            return
-        folder = os.open(self.path.parent, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
 
     def discard(self, *, keep: bool = False) -> None:
         """Stop writing; remove the part file unless ``keep``. Does nothing once it is closed."""
@@ -174,20 +173,56 @@ class PartFile:
 def take_name(part: Path, path: Path) -> None:
     """Give ``part`` the name ``path``, unless something has it.
 
+    A server of files may do what it is asked, lose its answer, and refuse when it is asked again:
+    what counts is what is there.
+
     Raises:
         FileExistsError: something has it.
         OSError: it cannot be renamed.
     """
     try:
         os.link(part, path)  # unlike a rename, this fails where the name exists
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without hard links
-        if _exists(path):
-            raise FileExistsError(path) from None
+    except OSError:
+        if not _same(part, path):
+            if _exists(path):
+                raise FileExistsError(path) from None
+            rename(part, path)  # a file system without hard links
+            return
+    part.unlink()
+
+
+def rename(part: Path, path: Path) -> None:
+    """Rename a file, or a folder to where none is; one that is told to have failed and has not,
+    has not.
+
+    Raises:
+        OSError: it cannot be renamed.
+    """
+    held = part.stat()
+    try:
         part.replace(path)
-    else:
-        part.unlink()
+    except OSError:
+        if _exists(part) or not _exists(path) or not os.path.samestat(held, path.stat()):
+            raise
+
+
+def _same(a: Path, b: Path) -> bool:
+    """Whether both are names of one file, and no links."""
+    try:
+        return os.path.samestat(a.lstat(), b.lstat())
+    except OSError:
+        return False
+
+
+def sync_folder(path: Path) -> None:
+    """Have the system write the names in a folder to the disk, where it can open folders."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
+    folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
 
 
 def lock_folder(folder: Path) -> int | None:

@@ -138,8 +138,12 @@ class LogWriter:
         self._storing = ThreadPoolExecutor(max_workers=1, thread_name_prefix="store")
         self._pending: deque[Future[None]] = deque()
         self._cut_off = False
-        self._put(wire.MAGIC)
-        self._put_checked(records.encode_header(profile, LIBRARY))
+        try:
+            self._put(wire.MAGIC)
+            self._put_checked(records.encode_header(profile, LIBRARY))
+        except BaseException:
+            self._file.discard()  # nothing to keep is in it
+            raise
 
     def __enter__(self) -> Self:
         return self

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import io
+import os
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, TextIO
 
-from recorders.errors import OutputExistsError, UsageError
-from recorders.log.output import PartFile
+from recorders.errors import OutputExistsError, RecordingError, UsageError
+from recorders.log.output import PartFile, lock_folder, rename, sync_folder
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
+# Where the system names files relative to an open folder.
+_BY_FOLDER = {os.open, os.mkdir, os.unlink, os.rmdir} <= os.supports_dir_fd
 FIGURES = (".png", ".pdf", ".svg")
 
 
@@ -115,13 +120,17 @@ def whole_folder(
 
     Raises:
         OutputExistsError, UsageError: as `check_folder`; a folder in it is a link that leads out.
+        RecordingError: another process writes it now, or what an interrupted one left is there
+            and ``force`` is not set.
     """
     check_folder(path, mark, force=force)
     part = path.with_name(f"{path.name}.part")
-    shutil.rmtree(part, ignore_errors=True)
-    part.mkdir(parents=True)
+    held = _part_folder(part, force=force)
     try:
         yield part
+        if held is not None and not os.path.samestat(os.fstat(held), part.lstat()):
+            raise UsageError(f"{part}: something else was put in its place")
+        _sync(part)
         if path.is_dir():
             # What is new comes first: names of what is old are another file's word, and one of
             # them may be no name.
@@ -129,34 +138,115 @@ def whole_folder(
             _move_into(part, path)
             _remove(path, [name for name in stale if Path(name) not in new])
         else:
-            part.rename(path)
+            rename(part, path)
+        sync_folder(path.parent)
     finally:
         shutil.rmtree(part, ignore_errors=True)
+        if held is not None:
+            os.close(held)
+
+
+def _part_folder(part: Path, *, force: bool) -> int | None:
+    """Make the folder to write into, and lock it for this process: two writers cannot meet.
+
+    Raises:
+        RecordingError: another process has it, or it is there already and ``force`` is not set.
+    """
+    try:
+        part.mkdir(parents=True)
+    except FileExistsError:
+        if not force or part.is_symlink():
+            raise RecordingError(
+                "exists already: another run is writing it, or one was interrupted; --force"
+                " overwrites it",
+                part,
+            ) from None
+        held = lock_folder(part)
+        _empty(part)
+        return held
+    try:
+        return lock_folder(part)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            part.rmdir()
+        raise
+
+
+def _empty(folder: Path) -> None:
+    for path in folder.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+
+
+def _sync(part: Path) -> None:
+    """Have the system write all of a folder to the disk."""
+    for file in sorted(part.rglob("*")):
+        if file.is_dir():
+            sync_folder(file)
+        else:
+            with file.open("rb+") as f:
+                os.fsync(f.fileno())
+    sync_folder(part)
 
 
 def _move_into(part: Path, path: Path) -> None:
-    root = path.resolve()
     for file in sorted(p for p in part.rglob("*") if p.is_file()):
-        place = path / file.relative_to(part)
-        if not place.parent.resolve().is_relative_to(root):
-            raise UsageError(f"{place.parent}: leads out of {path}; remove it")
-        place.parent.mkdir(parents=True, exist_ok=True)
-        file.replace(place)
+        with _place(path, file.relative_to(part), make=True) as (folder, name):
+            os.replace(file, name, dst_dir_fd=folder)
 
 
 def _remove(path: Path, names: Iterable[str]) -> None:
-    """Remove files below a folder, never one outside of it, and the folders that are empty then."""
-    root = path.resolve()
-    for name in names:
-        file = path / name
-        try:
-            ours = file.parent.resolve().is_relative_to(root) and (
-                file.is_file() or file.is_symlink()
-            )
-        except (OSError, ValueError):
+    """Remove files below a folder, never one outside of it, and the folders that are empty then.
+
+    The names are another file's word: what is no name of a file in there is passed over.
+    """
+    for inner in map(PurePath, names):
+        if not inner.name or inner.is_absolute() or ".." in inner.parts:
             continue
-        if not ours:
-            continue
-        file.unlink()
-        if file.parent.resolve() != root and not any(file.parent.iterdir()):
-            file.parent.rmdir()
+        with contextlib.suppress(OSError, ValueError, UsageError):
+            with _place(path, inner) as (folder, name):
+                os.unlink(name, dir_fd=folder)
+            if inner.parent.name:
+                with _place(path, inner.parent) as (folder, name):
+                    os.rmdir(name, dir_fd=folder)  # where it is empty
+
+
+@contextmanager
+def _place(
+    root: Path, inner: PurePath, *, make: bool = False
+) -> Iterator[tuple[int | None, str]]:
+    """Where a file below ``root`` is, as ``dir_fd`` and name for `os`: folders are opened one in
+    the other, so that no link leads out, not even one that is put there meanwhile.
+
+    Raises:
+        UsageError: one of the folders is a link, or no folder.
+    """
+    within = root / inner.parent
+    refused = UsageError(f"{within}: leads out of {root}; remove it")
+    if not _BY_FOLDER:
+        if not within.resolve().is_relative_to(root.resolve()):
+            raise refused
+        if make:
+            within.mkdir(parents=True, exist_ok=True)
+        yield None, str(root / inner)
+        return
+    folder = os.open(root, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        for name in inner.parent.parts:
+            if make:
+                with contextlib.suppress(FileExistsError):
+                    os.mkdir(name, dir_fd=folder)
+            try:
+                flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
+                inside = os.open(name, flags, dir_fd=folder)
+            except OSError as error:
+                if error.errno in (errno.ELOOP, errno.ENOTDIR):
+                    raise refused from error
+                raise
+            os.close(folder)
+            folder = inside
+        yield folder, inner.name
+    finally:
+        os.close(folder)

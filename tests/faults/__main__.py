@@ -64,7 +64,9 @@ def main() -> int:
         "--tries", type=int, help="inputs of each target, kills of each command"
     )
     parser.add_argument("--seconds", type=float, help="so long for each target of fuzz")
-    parser.add_argument("--target", default="", help="targets whose name begins so")
+    parser.add_argument(
+        "--target", default="", help="targets of fuzz, commands of io whose name begins so"
+    )
     parser.add_argument("--kept", type=Path, metavar="FILE", help="what was counted so far")
     args = parser.parse_args()
     unknown = [kind for kind in args.kinds if kind not in KINDS]
@@ -77,7 +79,9 @@ def main() -> int:
     for kind in args.kinds or KINDS:
         more: dict[str, Any] = {"tries": args.tries} if kind in SEEDED else {}
         if kind == "fuzz":
-            more |= {"seconds": args.seconds, "only": args.target}
+            more["seconds"] = args.seconds
+        if kind in ("fuzz", "io"):
+            more["only"] = args.target
         rows = kept.setdefault(kind, {})
         for tally in KINDS[kind](args.long, args.seed, **more):
             rows[tally.kind] = (

@@ -1,6 +1,7 @@
 /* Lets the n-th call that touches a folder fail, or kills the process there; loaded before libc
    (LD_PRELOAD). */
 #define _GNU_SOURCE
+#include <dirent.h>
 #include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -10,12 +11,16 @@
 #include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <sys/types.h>
 #include <sys/uio.h>
 #include <unistd.h>
 
+enum { CHANGES = 1, READS = 2 };
+
 static atomic_long calls;
+static int counted = CHANGES;
 static long fail_at = -1, fail_times = 1;
 static int fail_error;
 static const char *struck;
@@ -31,6 +36,9 @@ void fail_arm(const char *below, long at, long times, int error) {
   struck = 0;
   atomic_store(&calls, 0);
 }
+
+/* Which calls count: those that change something (1), those that only read (2). */
+void fail_kind(int kind) { counted = kind; }
 
 long fail_count(void) { return atomic_load(&calls); }
 
@@ -61,7 +69,8 @@ static int absolute_below(const char *path) {
   return below(full);
 }
 
-static int strikes(const char *call) {
+static int strikes_kind(int kind, const char *call) {
+  if (kind != counted) return 0;
   long n = atomic_fetch_add(&calls, 1) + 1;
   if (fail_at > 0 && n >= fail_at && n < fail_at + fail_times) {
     if (!struck) struck = call;
@@ -71,6 +80,13 @@ static int strikes(const char *call) {
   }
   return 0;
 }
+
+static int strikes(const char *call) { return strikes_kind(CHANGES, call); }
+
+static int strikes_read(const char *call) { return strikes_kind(READS, call); }
+
+/* A look at a file is counted with either kind. */
+static int strikes_look(const char *call) { return strikes_kind(counted, call); }
 
 #define REAL(type, name, ...) \
   static type (*real)(__VA_ARGS__); \
@@ -143,14 +159,69 @@ int linkat(int from_at, const char *from, int to_at, const char *to, int flags) 
 
 int stat64(const char *path, struct stat64 *found) {
   REAL(int, stat64, const char *, struct stat64 *);
-  if (absolute_below(path) && strikes(__func__)) return -1;
+  if (absolute_below(path) && strikes_look(__func__)) return -1;
   return real(path, found);
 }
 
 int fstat64(int fd, struct stat64 *found) {
   REAL(int, fstat64, int, struct stat64 *);
-  if (fd > 2 && open_below(fd) && strikes(__func__)) return -1;
+  if (fd > 2 && open_below(fd) && strikes_look(__func__)) return -1;
   return real(fd, found);
+}
+
+int lstat64(const char *path, struct stat64 *found) {
+  REAL(int, lstat64, const char *, struct stat64 *);
+  if (absolute_below(path) && strikes_look(__func__)) return -1;
+  return real(path, found);
+}
+
+ssize_t read(int fd, void *data, size_t size) {
+  REAL(ssize_t, read, int, void *, size_t);
+  if (fd > 2 && open_below(fd) && strikes_read(__func__)) return -1;
+  return real(fd, data, size);
+}
+
+ssize_t pread64(int fd, void *data, size_t size, off64_t at) {
+  REAL(ssize_t, pread64, int, void *, size_t, off64_t);
+  if (open_below(fd) && strikes_read(__func__)) return -1;
+  return real(fd, data, size, at);
+}
+
+off64_t lseek64(int fd, off64_t at, int from) {
+  REAL(off64_t, lseek64, int, off64_t, int);
+  if (fd > 2 && open_below(fd) && strikes_read(__func__)) return -1;
+  return real(fd, at, from);
+}
+
+DIR *opendir(const char *path) {
+  REAL(DIR *, opendir, const char *);
+  if (absolute_below(path) && strikes_read(__func__)) return 0;
+  return real(path);
+}
+
+int flock(int fd, int how) {
+  REAL(int, flock, int, int);
+  if (open_below(fd) && strikes(__func__)) return -1;
+  return real(fd, how);
+}
+
+int rmdir(const char *path) {
+  REAL(int, rmdir, const char *);
+  if (absolute_below(path) && strikes(__func__)) return -1;
+  return real(path);
+}
+
+/* Relative to an open folder, as trees of files are removed. */
+int unlinkat(int at, const char *path, int flags) {
+  REAL(int, unlinkat, int, const char *, int);
+  if ((at == AT_FDCWD ? absolute_below(path) : open_below(at)) && strikes(__func__)) return -1;
+  return real(at, path, flags);
+}
+
+int renameat(int from_at, const char *from, int to_at, const char *to) {
+  REAL(int, renameat, int, const char *, int, const char *);
+  if ((to_at == AT_FDCWD ? absolute_below(to) : open_below(to_at)) && strikes(__func__)) return -1;
+  return real(from_at, from, to_at, to);
 }
 
 int mkdir(const char *path, mode_t mode) {
@@ -160,7 +231,8 @@ int mkdir(const char *path, mode_t mode) {
 }
 
 static int opened(int (*real)(const char *, int, ...), const char *path, int flags, mode_t mode) {
-  if ((flags & (O_CREAT | O_WRONLY | O_RDWR)) && absolute_below(path) && strikes(__func__)) return -1;
+  int kind = flags & (O_CREAT | O_WRONLY | O_RDWR) ? CHANGES : READS;
+  if (absolute_below(path) && strikes_kind(kind, "open")) return -1;
   return real(path, flags, mode);
 }
 

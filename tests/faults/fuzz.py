@@ -16,6 +16,7 @@ from time import process_time
 import cv2
 
 from recorders.errors import SceneTraceError
+from tests.faults.guided import guided, there_is_guidance
 from tests.faults.small import memory
 from tests.faults.tally import Tally
 
@@ -56,6 +57,15 @@ def changed(data: bytes, rng: Random) -> bytes:
     return bytes(out)
 
 
+def all_targets(folder: Path) -> dict[str, tuple[Sequence[bytes], Target]]:
+    """Each target: sound inputs, and what reads one; libraries keep quiet."""
+    from tests.faults.more_targets import more_targets
+    from tests.faults.targets import targets
+
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    return {**targets(folder), **more_targets(folder)}
+
+
 def fuzz(
     long: bool,
     seed: int = 0,
@@ -66,16 +76,16 @@ def fuzz(
     """Every target (whose name begins so), with its seeds changed: so many inputs, or for so
     long.
     """
-    from tests.faults.more_targets import more_targets
-    from tests.faults.targets import targets
-
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     with tempfile.TemporaryDirectory(dir=memory()) as name, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         folder = Path(name)
-        for kind, (seeds, target) in {**targets(folder), **more_targets(folder)}.items():
-            if kind.startswith(only):
-                count = tries or (100_000 if long else 40)
+        count = tries or (100_000 if long else 40)
+        for kind, (seeds, target) in all_targets(folder).items():
+            if not kind.startswith(only):
+                continue
+            if long and there_is_guidance():
+                yield guided(kind, count, seed, seconds or inf)
+            else:
                 until = inf if seconds is None else process_time() + seconds
                 yield _target(kind, seeds, target, folder, count, seed, until)
 
@@ -99,25 +109,35 @@ def _target(
         fresh = rng.random() < 0.5  # what came to a new place lately, or any of all
         data = rng.choice(pool[-20:] if fresh else pool)
         data = changed(data, rng) if number >= len(seeds) else seeds[number]
-        tally.tries += 1
-        try:
-            target(data, folder)
-        except SceneTraceError as error:
-            tally.survived += 1
+        error = tried(tally, target, data, folder, f"{seed}-{number}")
+        if error is not None:
             place = _place(error)
             if place not in places and len(pool) < _MOST_KEPT:
                 places.add(place)
                 pool.append(data)
-        except (Exception, RecursionError) as error:
-            tally.foreign += 1
-            tally.note(f"{tally.kind}: {type(error).__name__}: {error}: {data[:300]!r}")
-            keep = os.environ.get("SCENETRACE_CRASHES")
-            if keep and tally.foreign <= 20:
-                name = f"{kind.replace('/', '-')}-{seed}-{number}"
-                (Path(keep) / name).write_bytes(data)
-        else:
-            tally.survived += 1
     return tally
+
+
+def tried(
+    tally: Tally, target: Target, data: bytes, folder: Path, name: str
+) -> SceneTraceError | None:
+    """Count what became of one input; the error by which it was refused, if it was."""
+    tally.tries += 1
+    try:
+        target(data, folder)
+    except SceneTraceError as error:
+        tally.survived += 1
+        return error
+    except (Exception, RecursionError) as error:
+        tally.foreign += 1
+        tally.note(f"{tally.kind}: {type(error).__name__}: {error}: {data[:300]!r}")
+        keep = os.environ.get("SCENETRACE_CRASHES")
+        if keep and tally.foreign <= 20:
+            kind = tally.kind.removeprefix("fuzz: ").replace("/", "-")
+            (Path(keep) / f"{kind}-{name}").write_bytes(data)
+    else:
+        tally.survived += 1
+    return None
 
 
 def _place(error: BaseException) -> tuple[tuple[str, int], ...]:

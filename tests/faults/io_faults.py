@@ -1,5 +1,5 @@
-"""Each call that writes fails in turn, in each command that writes: the old output or the whole
-new one, never half; one line; nothing temporary left behind.
+"""Each call that writes, and each that reads, fails in turn, in each command that writes: the old
+output or the whole new one, never half; one line; nothing temporary left behind.
 
 The calls fail by a small C library that is loaded before libc, so this needs a C compiler and
 runs in a process of its own, which forks for each try.
@@ -26,7 +26,14 @@ import msgspec
 from tests.faults.tally import Tally
 
 HERE = Path(__file__).resolve().parent
-ERRORS = (errno.ENOSPC, errno.EIO, errno.EMFILE, errno.EINTR)
+ALWAYS = 1 << 30
+_CHANGES, _READS = 1, 2  # as fail.c names them
+ERRORS = {
+    _CHANGES: (errno.ENOSPC, errno.EIO, errno.EMFILE, errno.EINTR),
+    _READS: (errno.EIO, errno.EMFILE, errno.EINTR),
+}
+_KINDS = {_CHANGES: "writes", _READS: "reads"}
+_SECONDS = 300.0  # a try that takes longer has hung; the machine may be busy
 
 
 def compiler() -> str | None:
@@ -34,12 +41,14 @@ def compiler() -> str | None:
     return shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 
-def io_faults(long: bool, seed: int = 0) -> Iterator[Tally]:
-    """All commands that write, all their calls (or every few), with several errors."""
-    return served("tests.faults.io_faults:all_faults", long, seed, 0)
+def io_faults(long: bool, seed: int = 0, only: str = "") -> Iterator[Tally]:
+    """All commands that write (whose name begins so), all their calls (or every few), with
+    several errors.
+    """
+    return served("tests.faults.io_faults:all_faults", long, seed, 0, only)
 
 
-def served(work: str, long: bool, seed: int, tries: int) -> Iterator[Tally]:
+def served(work: str, long: bool, seed: int, tries: int, only: str = "") -> Iterator[Tally]:
     """What `module:function` counts in a process of its own that has the library, as it comes."""
     module, function = work.split(":")
     with tempfile.TemporaryDirectory() as name:
@@ -52,7 +61,7 @@ def served(work: str, long: bool, seed: int, tries: int) -> Iterator[Tally]:
         )
         script = (
             f"from {module} import {function} as work; from tests.faults.io_faults import tell;"
-            f" tell(work({long}, {seed}, {tries}))"
+            f" tell(work({long}, {seed}, {tries}, {only!r}))"
         )
         with subprocess.Popen(
             [sys.executable, "-c", script],
@@ -115,35 +124,57 @@ def failing() -> Any:
     return library
 
 
-def all_faults(long: bool, seed: int, tries: int) -> Iterator[Tally]:
+def all_faults(long: bool, seed: int, tries: int, only: str) -> Iterator[Tally]:
     """Go through all of it, in the process that has the library."""
     del seed, tries
     from tests.faults.small import annotated, memory
 
     library = failing()
     with tempfile.TemporaryDirectory(dir=memory()) as name:
-        folder = Path(name)
+        folder = Path(name).resolve()
         annotated(folder)
-        # The first whole run loads everything and warms every pool before the first try.
         for command, words in COMMANDS.items():
-            yield _command(command, words, folder, library, long)
+            if command.startswith(only):
+                _warm(words, folder)
+                for kind in (_CHANGES, _READS):
+                    yield _command(command, words, folder, library, kind, long)
+
+
+def _warm(words: list[str], folder: Path) -> None:
+    """Run a command here: what it loads and keeps, the processes that are forked have then."""
+    from tests.faults.small import run
+
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory(dir=folder) as name:
+        os.chdir(name)
+        run(*words)
+        os.chdir(before)
 
 
 def _command(
-    command: str, words: list[str], folder: Path, library: Any, long: bool
+    command: str, words: list[str], folder: Path, library: Any, kind: int, long: bool
 ) -> Tally:
-    tally = Tally(f"a failing call in `{command}`")
-    whole, count = _try(words, folder, library, 0, 0, 0)
+    tally = Tally(f"a call that {_KINDS[kind]} fails in `{command}`")
+    tried = [_try(words, folder, library, kind, 0, 0, 0) for _ in range(3 if long else 1)]
+    # Threads of a library may divide their work otherwise the next time.
+    whole, count = tried[0][0], max(calls for _, calls in tried)
     assert whole.code in (0, 3), (command, whole)
-    step = 1 if long else max(1, count // 3)
-    for error in ERRORS if long else ERRORS[:1]:
-        for at in range(1, count + 1, step):
-            for times in (1, 1 << 30) if long else (1 << 30,):
-                done, _ = _try(words, folder, library, at, times, error)
+    for error in ERRORS[kind] if long else ERRORS[kind][:1]:
+        for at in range(1, count + 1, 1 if long else max(1, count // 3)):
+            for times in _times(error) if long else (ALWAYS,):
+                done, _ = _try(words, folder, library, kind, at, times, error)
+                if not done.struck and done.code == whole.code:
+                    continue  # it made fewer calls this time
                 tally.tries += 1
-                where = f"{errno.errorcode[error]} x {times} at call {at} of {count} ({done.struck})"
+                often = "always" if times == ALWAYS else "once"
+                where = f"{errno.errorcode[error]} {often} from call {at} of {count} ({done.struck})"
                 _judge(tally, done, whole, where, command, once=times == 1)
     return tally
+
+
+def _times(error: int) -> tuple[int, ...]:
+    """Once, or from there on; a signal does not come for ever."""
+    return (1,) if error == errno.EINTR else (1, ALWAYS)
 
 
 class Tried(msgspec.Struct):
@@ -158,12 +189,20 @@ class Tried(msgspec.Struct):
 
 
 def _try(
-    words: list[str], folder: Path, library: Any, at: int, times: int, error: int
+    words: list[str],
+    folder: Path,
+    library: Any,
+    kind: int,
+    at: int,
+    times: int,
+    error: int,
 ) -> tuple[Tried, int]:
     from tests.faults.small import run
 
     def work(place: Path) -> tuple[int, str, str, int]:
-        library.fail_arm(str(place).encode(), at, times, error)
+        below = place if kind == _CHANGES else folder  # what is read lies beside
+        library.fail_kind(kind)
+        library.fail_arm(str(below).encode(), at, times, error)
         try:
             code, told = run(*words)
             return code, told, library.fail_struck().decode(), library.fail_count()
@@ -172,8 +211,8 @@ def _try(
 
     with tempfile.TemporaryDirectory(dir=folder) as name:
         place = Path(name).resolve()
-        answer, said = forked(place, work)
-        code, told, struck, count = answer or (70, said, "", 0)
+        answer, said = forked(place, work, _SECONDS)
+        code, told, struck, count = answer or (70, said or "killed, or it hung", "", 0)
         return Tried(code, told, struck, files_of(place)), count
 
 
@@ -228,7 +267,8 @@ def _judge(
     # A database's bytes are not the same each time; that it opens is tested elsewhere.
     same = set(done.files) == set(whole.files) if lasting else done.files == whole.files
     if done.code in (0, 3):
-        if same or (done.struck == "unlink" and lines):
+        told = bool(lines) and (done.struck == "unlink" or done.code == 3 != whole.code)
+        if same or told:
             tally.survived += 1
         else:
             tally.silent += 1

@@ -39,9 +39,9 @@ def kills(long: bool, seed: int = 0, tries: int | None = None) -> Iterator[Tally
     yield from served("tests.faults.kills:all_kills", long, seed, count)
 
 
-def all_kills(long: bool, seed: int, tries: int) -> Iterator[Tally]:
+def all_kills(long: bool, seed: int, tries: int, only: str) -> Iterator[Tally]:
     """All but `batch`, in the process that has the library."""
-    del long
+    del long, only
     rng, library = Random(seed), failing()
     with tempfile.TemporaryDirectory(dir=memory()) as name:
         folder = Path(name)

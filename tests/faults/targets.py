@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 
 import cv2
 import msgspec
 import numpy as np
+from mcap.writer import Writer
 
 from reasoning.questions import Case
 from reasoning.questions.patterns import parse
@@ -129,7 +132,10 @@ def targets(folder: Path) -> dict[str, tuple[Sequence[bytes], Target]]:
     for name, seed in _ROWS.items():
         found[f"boxes ({name})"] = ([seed], _rows(name))
     for topic in ("detections", "tracks", "events", "graph"):
-        found[f"messages ({topic})"] = ([messages[f"/camera/{topic}"]], _message(topic))
+        found[f"messages ({topic})"] = (
+            [messages[f"/camera/{topic}"]],
+            _message(topic, log),
+        )
     return found
 
 
@@ -219,23 +225,56 @@ def _sources(data: bytes, folder: Path) -> None:
     sources_of([f"@{path}"])
 
 
-def _message(topic: str) -> Target:
-    """A log whose messages are those of a fuzzer: sound as MCAP, wrong inside."""
-    from recorders.log import LogWriter
+def _message(topic: str, log: Path) -> Target:
+    """A log whose last message of a topic is that of a fuzzer: sound as MCAP, wrong inside."""
     from tests.faults.damage import answers
 
+    before, after = _around(topic, log)
+
     def read(data: bytes, folder: Path) -> None:
-        path, sound = folder / "within.mcap", folder / "annotated-zstd.mcap"
-        with LogReader(sound) as log, LogWriter(path, force=True) as out:
-            channels = {
-                c.id: out.channel(c.topic, c.schema, c.message_encoding, c.metadata)
-                for c in log.channels
-            }
-            for number, m in enumerate(log.messages()):
-                wrong = m.topic.endswith(f"/{topic}") and number > 8
-                out.write(channels[m.channel.id], data if wrong else m.data, m.log_time_ns)
-            for name, values in log.metadata():
-                out.metadata(name, values)
+        path = folder / "within.mcap"
+        head = before[-_MESSAGE_HEAD:]
+        size = struct.pack("<BQ", _MESSAGE, len(head) + len(data))
+        path.write_bytes(b"".join([before[:-_MESSAGE_HEAD], size, head, data, after]))
         answers(path)
 
     return read
+
+
+_MESSAGE, _MESSAGE_HEAD = 5, 22
+
+
+def _around(topic: str, log: Path) -> tuple[bytes, bytes]:
+    """What stands before the data of the topic's last message, but for opcode and length of its
+    record, and what stands after it, in the log without chunks and without a summary.
+    """
+    out = BytesIO()
+    writer = Writer(out, use_chunking=False)
+    places = []
+    with LogReader(log) as opened:
+        writer.start()
+        ids = {}
+        for c in opened.channels:
+            assert c.schema is not None
+            schema = writer.register_schema(c.schema.name, c.schema.encoding, c.schema.data)
+            ids[c.id] = writer.register_channel(
+                c.topic, c.message_encoding, schema, dict(c.metadata)
+            )
+        for name, values in opened.metadata():
+            writer.add_metadata(name, dict(values))
+        for m in opened.messages():
+            if m.topic.endswith(f"/{topic}"):
+                places.append((out.tell(), len(m.data)))
+            writer.add_message(
+                ids[m.channel.id], m.log_time_ns, m.data, m.publish_time_ns, m.sequence
+            )
+    place, size = places[-1]
+    end = out.tell()
+    ending = struct.pack("<BQI", 15, 4, 0) + struct.pack("<BQQQI", 2, 20, 0, 0, 0)
+    written = out.getvalue()
+    assert written[place] == _MESSAGE
+    head = place + 9
+    return (
+        written[:place] + written[head : head + _MESSAGE_HEAD],
+        written[head + _MESSAGE_HEAD + size : end] + ending + written[:8],
+    )
