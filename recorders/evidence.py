@@ -181,6 +181,7 @@ EVIDENCE: Mapping[str, tuple[EvidenceShape, ...]] = {
     "scene_changed": (
         EvidenceShape(("gap_s",), ("kind", "usual_s")),
         EvidenceShape(("light_change",), ("kind", "light", "light_before", "since_frame")),
+        EvidenceShape(("tint_change",), ("kind", "red", "blue", "since_frame")),
         EvidenceShape(("coloured_share",), ("kind", "since_frame")),
         EvidenceShape(("moved_px",), ("kind", "right_px", "down_px", "since_frame")),
         EvidenceShape(("landmarks_share",), ("kind", "view", "view_before", "since_frame")),

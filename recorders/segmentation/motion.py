@@ -171,7 +171,8 @@ class MotionSegmenter:
         if view is not None and self._steps % self._follow_every == 0:
             everywhere = self._steps % (self._follow_every * SLOW_FOREGROUND) == 0
             still = np.full_like(mask, 255) if everywhere else cv2.bitwise_not(mask)
-            view.follow(picture, as_image(still))
+            # Its own light is the background's: else a passing change of the light stays in it.
+            view.follow(light.off(picture), as_image(still))
         learn = self._live and self._steps % self._observe_every == 0
 
         def detect() -> Detections:

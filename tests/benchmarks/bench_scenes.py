@@ -135,12 +135,20 @@ def _noisier(image: Image, number: int, _: int) -> Image:
     return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
 
 
+def _quality(scale: int) -> tuple[tuple[str, str], ...]:
+    """MJPEG at one quantiser scale throughout, 2 (best) to 31: what ``-q:v`` says on ffmpeg's
+    command line. The encoder by itself knows no such option.
+    """
+    return (("qmin", str(scale)), ("qmax", str(scale)))
+
+
 AS_IS = "as is"
 VARIANTS: dict[str, Variant] = {
     AS_IS: Variant(),
     "crf 10": Variant(codec="libx264", options=(("crf", "10"),)),
     "crf 23": Variant(codec="libx264", options=(("crf", "23"),)),
-    "mjpeg": Variant(codec="mjpeg", options=(("q:v", "3"),)),
+    "mjpeg": Variant(codec="mjpeg", options=_quality(3)),
+    "coarse mjpeg": Variant(codec="mjpeg", options=_quality(25)),
     "png": Variant(record=("--codec", "png")),
     "half rate": Variant(step=2),
     "first half": Variant(part=0.5),

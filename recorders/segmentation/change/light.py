@@ -1,8 +1,8 @@
 """The light of a picture against that of its background, and whether it has colours.
 
 A lamp, the sun or the camera's exposure changes the brightness of all things: by a step, in
-proportion, or along a curve. Medians over the picture find it as long as bodies are the smaller
-part.
+proportion, or along a curve. Another lamp, or the camera's white balance, changes red, green and
+blue by a curve each. Medians over the picture find it as long as bodies are the smaller part.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
 
 Floats = NDArray[np.float64]
+Curve = tuple[tuple[float, float], ...]
 
 AGREES_LEVELS = 8
 """A pixel agrees with a light that predicts its brightness within this, levels."""
@@ -40,6 +41,8 @@ LEAST_CHANGE = 0.06
 """and a proportion if it differs from 1 by this."""
 GREY_LEVELS = 3
 """Cr and Cb of a grey pixel differ from 128 by at most this: compression shifts them a little."""
+TINT_LEVELS = 6
+"""A pixel agrees in colour, too, if its Cr and Cb together are off by no more than this, levels."""
 COLOURED_LEVELS = 8
 """By how much the colours changed is told by pixels whose Cr or Cb is at least so far from grey."""
 CELLS = 4
@@ -56,9 +59,13 @@ class Light:
     Attributes:
         chroma: factors of Cr and Cb about grey; none: ``gain``.
         curve: levels of the background and of the picture, in order; none: there is no curve.
+        channels: such a curve, and the slope beyond its end, for each of blue, green and red, in
+            place of all of these; none: all change alike.
         known: most of the picture agrees.
         agreeing: the share of the picture that agrees.
         level: the picture's brightness as a share of the background's, as far as it is known.
+        tint: by how many levels red and blue (Cr and Cb) differ from the background's, in the
+            middle, where each colour has a curve of its own.
     """
 
     gain: float = 1.0
@@ -66,8 +73,10 @@ class Light:
     known: bool = True
     agreeing: float = 1.0
     level: float = 1.0
+    tint: tuple[float, float] = (0.0, 0.0)
     chroma: tuple[float, ...] = ()
-    curve: tuple[tuple[float, float], ...] = ()
+    curve: Curve = ()
+    channels: tuple[tuple[Curve, float], ...] = ()
 
     @property
     def same(self) -> bool:
@@ -78,6 +87,8 @@ class Light:
         """A background (H, W, 3) uint8 in Y, Cr, Cb under this light."""
         if self.same:
             return colour
+        if self.channels:
+            return _by_channel(colour, self.channels)
         if self.gain == 1.0:
             lit = colour.copy()
             lit[..., 0] = np.clip(colour[..., 0].astype(np.int16) + self.offset, 0, 255)
@@ -95,8 +106,7 @@ class Light:
     def _unlit(self, levels: Floats) -> Floats:
         """Levels of the picture in the background's own light."""
         if self.curve:
-            inverse = tuple((b, a) for a, b in self.curve)
-            return _along(inverse, levels, 1 / self.gain)
+            return _along(_turned(self.curve), levels, 1 / self.gain)
         unlit: Floats = (levels - self.offset) / self.gain
         return unlit
 
@@ -104,6 +114,10 @@ class Light:
         """The picture as it would be in the background's own light."""
         if self.same:
             return picture
+        if self.channels:
+            return _by_channel(
+                picture, tuple((_turned(c), 1 / slope) for c, slope in self.channels)
+            )
         factors = self.chroma or (self.gain, self.gain)
         return as_image(cv2.LUT(picture, _table([1 / f for f in factors], self._unlit)))
 
@@ -118,7 +132,21 @@ class Light:
         return as_image(cv2.LUT(level, table))
 
 
-def _along(curve: tuple[tuple[float, float], ...], levels: Floats, slope: float) -> Floats:
+def _turned(curve: Curve) -> Curve:
+    """The way back."""
+    return tuple((b, a) for a, b in curve)
+
+
+def _by_channel(picture: Image, channels: Sequence[tuple[Curve, float]]) -> Image:
+    """A picture in Y, Cr, Cb whose blue, green and red go along a curve each."""
+    v = np.arange(256.0)
+    levels = np.stack([_along(curve, v, slope) for curve, slope in channels], -1)
+    table = np.clip(np.rint(levels), 0, 255).astype(np.uint8)[:, None]
+    colours = cv2.LUT(cv2.cvtColor(picture, cv2.COLOR_YCrCb2BGR), table)
+    return as_image(cv2.cvtColor(colours, cv2.COLOR_BGR2YCrCb))
+
+
+def _along(curve: Curve, levels: Floats, slope: float) -> Floats:
     """Levels along a curve, from black on and beyond its end by a slope."""
     x, y = (list(v) for v in zip(*curve, strict=True))
     ends = y[-1] + slope * (255 - x[-1])
@@ -137,7 +165,7 @@ def _table(factors: Sequence[float], lit: Callable[[Floats], Floats]) -> Image:
 
 
 def light_of(picture: Image, colour: Image) -> Light:
-    """The light of a picture against a background, both (H, W, ...) uint8 with Y first.
+    """The light of a picture against a background, both (H, W, 1 or 3) uint8 with Y first.
 
     A step in brightness, as the median difference, holds where half of the picture agrees; a
     proportion where clearly more of the picture agrees with it.
@@ -157,9 +185,12 @@ def light_of(picture: Image, colour: Image) -> Light:
     large = abs(offset) > LARGE_STEP * float(np.median(behind))
     if share < CLOSE or large:
         found = _proportional(now, behind, stepped)
-    if found.same:
+    coloured = min(picture.shape[2], colour.shape[2]) > 1
+    if coloured:
+        found = _in_colours(picture[::step, ::step], colour[::step, ::step], found)
+    if found.same or found.channels:
         return found
-    if found.curve and picture.shape[2] > 1:
+    if found.curve and coloured:
         chroma = _chroma(picture[::step, ::step], colour[::step, ::step])
         found = replace(found, chroma=chroma)
     usual = np.array([float(np.median(behind))])
@@ -171,6 +202,23 @@ def _proportional(now: NDArray[np.int16], behind: Image, stepped: Light) -> Ligh
     """A light in proportion, or along a curve, where one of them holds better than a step."""
     if behind.size < BINS:
         return stepped
+    pairs, gain = _medians(now, behind)
+    if not 0.05 <= gain <= 20:
+        return stepped
+    found = stepped
+    if abs(gain - 1.0) >= LEAST_CHANGE:
+        offset = round(float(np.median([b - gain * a for a, b in pairs])))
+        found = _better(Light(gain, offset), found, now, behind)
+    if found.agreeing < CLOSE and len(pairs) >= BINS // 2:
+        curve = Light(gain if gain != 1.0 else 1.001, curve=tuple(pairs))
+        found = _better(curve, found, now, behind)
+    return found
+
+
+def _medians(now: NDArray[np.int16], behind: Image) -> tuple[Curve, float]:
+    """Levels of the background and of the picture over `BINS` parts of it, the darkest first, and
+    the slope that is usual between them.
+    """
     order = np.argsort(behind, axis=None, kind="stable")
     pairs = [
         (float(np.median(behind.ravel()[part])), float(np.median(now.ravel()[part])))
@@ -183,17 +231,46 @@ def _proportional(now: NDArray[np.int16], behind: Image, stepped: Light) -> Ligh
         for c, d in pairs[k + 1 :]
         if c - a >= LEAST_RANGE
     ]
-    gain = float(np.median(slopes)) if slopes else 1.0
-    if not 0.05 <= gain <= 20:
-        return stepped
-    found = stepped
-    if abs(gain - 1.0) >= LEAST_CHANGE:
-        offset = round(float(np.median([b - gain * a for a, b in pairs])))
-        found = _better(Light(gain, offset), found, now, behind)
-    if found.agreeing < CLOSE and len(pairs) >= BINS // 2:
-        curve = Light(gain if gain != 1.0 else 1.001, curve=tuple(pairs))
-        found = _better(curve, found, now, behind)
-    return found
+    return tuple(pairs), float(np.median(slopes)) if slopes else 1.0
+
+
+def _in_colours(now: Image, behind: Image, found: Light) -> Light:
+    """A light that changes blue, green and red by a curve each, where clearly more of the picture
+    agrees with it, in its colours as well, than with the one that was found.
+    """
+    now, behind = np.ascontiguousarray(now), np.ascontiguousarray(behind)
+    lit = found.over(behind)
+    tint = np.abs(np.median(now[..., 1:].astype(np.int16) - lit[..., 1:], axis=(0, 1)))
+    share = _agreeing(now, lit)
+    if share >= CLOSE or tint.max() < LEAST_STEP or now.size < 3 * BINS:
+        return found
+    colours, grounds = (
+        cv2.cvtColor(p, cv2.COLOR_YCrCb2BGR).astype(np.int16) for p in (now, behind)
+    )
+    channels = [_medians(colours[..., k], as_image(grounds[..., k])) for k in range(3)]
+    if any(len(c) < BINS // 2 or not 0.05 <= slope <= 20 for c, slope in channels):
+        return found
+    light = Light(2.0, channels=tuple(channels))
+    lit = light.over(behind)
+    better = _agreeing(now, lit)
+    if better < 0.5 or better - share < BETTER:
+        return found
+    level = float(np.median(lit[..., 0])) / max(1.0, float(np.median(behind[..., 0])))
+    gain = level if level != 1.0 else 1.001
+    red, blue = np.median(
+        lit[..., 1:].astype(np.int16) - behind[..., 1:], axis=(0, 1)
+    ).tolist()
+    return replace(light, gain=gain, agreeing=better, level=level, tint=(red, blue))
+
+
+def _agreeing(now: Image, lit: Image) -> float:
+    """The share of a picture that agrees with a background under a light in brightness and
+    colours.
+    """
+    apart = np.abs(now.astype(np.int16) - lit)
+    tint = apart[..., 1] + apart[..., 2]
+    held: NDArray[np.bool_] = (apart[..., 0] <= AGREES_LEVELS) & (tint <= TINT_LEVELS)
+    return int(np.count_nonzero(held)) / held.size
 
 
 def _chroma(now: Image, behind: Image) -> tuple[float, float]:

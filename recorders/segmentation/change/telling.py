@@ -28,6 +28,10 @@ STEADY = 0.03
 """from one level to another, each of which changes by less than this."""
 DRIFTED = 0.3
 """It has changed slowly where by this share."""
+TINTED, TINT_STEADY = 6.0, 3.0
+"""The light's colour has changed where red or blue (Cr or Cb) did by so many levels, to where it
+then stays within so many.
+"""
 MOVED_PX = 2
 """A camera was moved if its picture lies this much aside, px, and lies still by no more than this,"""
 MOVED_S, MOVED_FRAMES = 1.0, 12
@@ -54,6 +58,8 @@ class Teller:
         self._sudden = max(1, round(SUDDEN_S * fps))
         self._levels: deque[float] = deque(maxlen=2 * self._lasts + self._gap)
         self._level = 1.0
+        self._tints: deque[tuple[float, float]] = deque(maxlen=self._lasts)
+        self._tint = (0.0, 0.0)
         self._ground: tuple[int, bool] | None = None
         self._began = False
         self._still = 0
@@ -80,9 +86,14 @@ class Teller:
             self._ground = ground
             self._levels.clear()
             self._level = max(light.level, 0.01) if light.known else 1.0
+            self._tints.clear()
+            self._tint = light.tint
         if light.known:
             self._levels.append(light.level)
-        return [*found, *self._moved(frame, look), *self._lit(frame)]
+            self._tints.append(light.tint)
+        lit = [*self._lit(frame)]
+        lit += self._tinted(frame, told=bool(lit))
+        return [*found, *self._moved(frame, look), *lit]
 
     def _begin(self, look: Look) -> None:
         self._began = True
@@ -249,6 +260,36 @@ class Teller:
         self._level = max(level, 0.01)
         yield told
 
+    def _tinted(self, frame: int, *, told: bool) -> list[SceneChange]:
+        """Another colour of the light; nothing where with this frame its change was ``told``."""
+        if len(self._tints) < self._lasts:
+            return []
+        red, blue = zip(*self._tints, strict=True)
+        if max(max(red) - min(red), max(blue) - min(blue)) > TINT_STEADY:
+            return []
+        now = median(red), median(blue)
+        by = now[0] - self._tint[0], now[1] - self._tint[1]
+        change = max(map(abs, by))
+        if told:
+            self._tint = now
+        if told or change < TINTED:
+            return []
+        self._tint = now
+        return [
+            SceneChange(
+                frame,
+                "light",
+                {
+                    "tint_change": round(change, 1),
+                    "tint_change_at_least": TINTED,
+                    "red": round(by[0], 1),
+                    "blue": round(by[1], 1),
+                    "since_frame": frame - self._lasts + 1,
+                },
+                f"The light's colour changed: the picture is {_hue(by)}.",
+            )
+        ]
+
     def _at_once(self, levels: list[float], change: float) -> bool:
         """Whether most of a change of the light lies between frames that are close together."""
         apart = zip(levels, levels[self._sudden :], strict=False)
@@ -291,6 +332,18 @@ class _Lasting(Generic[T]):
 
 def _steady(levels: list[float]) -> bool:
     return max(levels) - min(levels) <= STEADY * max(levels)
+
+
+def _hue(by: tuple[float, float]) -> str:
+    """A change of red and blue in words.
+
+    >>> _hue((-2.0, 7.0)), _hue((9.0, 1.0))
+    ('bluer', 'redder')
+    """
+    red, blue = by
+    if abs(blue) >= abs(red):
+        return "bluer" if blue > 0 else "yellower"
+    return "redder" if red > 0 else "greener"
 
 
 def _way(by: Shift) -> str:

@@ -18,6 +18,10 @@ from recorders.vision import cv2
 
 KNOWN_AGAIN = 0.35
 """A picture shows a view if this share of the view's landmarks is seen."""
+SURE = 0.75
+"""Nothing better is looked for where this part of the share of landmarks that is usual is seen:
+windows in a row are like one another a few pixels aside as well.
+"""
 MOST_STEPS = 3
 """Searches nearby that go on from where the one before came to."""
 LOST = 0.2
@@ -50,6 +54,10 @@ class CameraPlace:
     def least(self) -> float:
         """With fewer of its landmarks it is lost."""
         return min(LOST, 0.4 * self.usual)
+
+    def surely(self, sight: LandmarkSight) -> bool:
+        """Whether a sight is as good as any can be expected to be."""
+        return shows(sight) and sight.still and sight.share >= SURE * self.usual
 
 
 @dataclass(frozen=True)
@@ -121,13 +129,13 @@ def find(picture: Image, place: CameraPlace, shift: Shift) -> tuple[Shift, Landm
     reference = place.reference
     best = shift, reference.sight(picture, shift)
     for _ in range(MOST_STEPS):
-        if shows(best[1]) and best[1].still:
+        if place.surely(best[1]):
             return best
         found = reference.near(picture, best[0])
         if found[0] == best[0]:
             break
         best = found
-    if not shows(best[1]):
+    if not place.surely(best[1]):
         found = reference.around(picture, shift)
         if found[1].score > best[1].score:
             best = found

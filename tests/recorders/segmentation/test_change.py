@@ -13,6 +13,8 @@ from fixtures.disturbed import FPS, HEIGHT, WIDTH, dimmed, grey, picture, place,
 from recorders.evidence import unlike
 from recorders.messages import CHANGES, SceneChange
 from recorders.pictures import Image
+from recorders.segmentation.change.landmarks import Reference
+from recorders.segmentation.change.views import CameraPlace, find, shows
 from recorders.segmentation.motion import MotionSegmenter
 from recorders.segmentation.parameters import SegmentationParameters
 
@@ -116,6 +118,72 @@ def test_light_that_falls_and_comes_back_is_told_twice(
     assert told[1].evidence["light"] == pytest.approx(1.0, abs=0.05)
     assert told[0].evidence["since_frame"] == HALF
     assert alike(masks, undisturbed, range(HALF, HALF + 30)) > 0.7
+
+
+def test_a_passing_change_of_the_light_does_not_stay_in_the_background(
+    undisturbed: list[Image],
+) -> None:
+    """While it lasts, a background that follows quickly takes up nothing of it."""
+    kept = [
+        dimmed(image, 0.6 if 15 <= k < 60 else 1) for k, image in enumerate(walk(FRAMES))
+    ]
+    quick = SegmentationParameters(adaptation_s=0.2)
+    segmenter = MotionSegmenter(quick, WIDTH, HEIGHT, FPS)
+    segmenter.prepare(iter(kept[::2]))
+    masks = [segmenter.segment(k, image).mask for k, image in enumerate(kept)]
+    afterwards = range(60, 75)
+    assert all(np.count_nonzero(undisturbed[k]) for k in afterwards)
+    assert alike(masks, undisturbed, afterwards) > 0.8
+
+
+def warmer(image: Image, blue: float) -> Image:
+    """Another lamp, or white balance: blue and red change by curves of their own."""
+    v = np.arange(256) / 255
+    curves = np.rint(255 * np.stack([v**blue, v, v ** (1 / blue)], -1))
+    return np.asarray(np.stack([curves[image[..., c], c] for c in range(3)], -1), np.uint8)
+
+
+@pytest.mark.parametrize(("blue", "hue"), [(1.5, "yellower"), (0.7, "bluer")])
+def test_another_colour_of_the_light_is_told_and_bodies_are_found_in_it(
+    undisturbed: list[Image], blue: float, hue: str
+) -> None:
+    masks, told = run(
+        warmer(image, blue) if HALF <= k < HALF + 30 else image
+        for k, image in enumerate(walk(FRAMES))
+    )
+    assert kinds(told) == ["light", "light"]
+    assert told[0].evidence["since_frame"] == HALF
+    assert hue in told[0].text
+    assert hue not in told[1].text
+    assert alike(masks, undisturbed, range(HALF, HALF + 30)) > 0.7
+    assert alike(masks, undisturbed, range(HALF + 30, FRAMES)) > 0.8
+
+
+def test_a_view_is_known_by_its_brightness_alone_under_a_curve_of_light() -> None:
+    """Where none of its landmarks is seen, the light against a picture in grey is asked."""
+    rng = np.random.default_rng(0)
+    luma = np.repeat(np.repeat(rng.integers(10, 240, (24, 32), np.uint8), 10, 0), 10, 1)
+    lit = np.rint(255 * (luma / 255.0) ** 2).astype(np.uint8)
+    neutral = np.full_like(lit, 128)
+    assert Reference(luma).agrees(np.stack([lit, neutral, neutral], -1))
+    assert not Reference(luma).agrees(np.stack([lit[::-1].copy(), neutral, neutral], -1))
+
+
+def test_windows_in_a_row_are_not_taken_for_their_neighbours() -> None:
+    """Half of the landmarks look the same a few pixels aside; the other half tells."""
+    rng = np.random.default_rng(2)
+    luma = np.repeat(np.repeat(rng.integers(40, 220, (60, 80), np.uint8), 4, 0), 4, 1)
+    bars = np.arange(320) % 8 < 3
+    luma[:120] = np.where(bars, 60, 140) + 20 * (np.arange(120)[:, None] % 20 < 10)
+    neutral = np.full_like(luma, 128)
+    moved = np.stack([np.roll(luma, -8, 1), neutral, neutral], -1)
+    seen = CameraPlace(0, Reference(luma))
+    unmoved = seen.reference.sight(moved, (0, 0))
+    assert shows(unmoved)
+    assert unmoved.still
+    shift, sight = find(moved, seen, (0, 0))
+    assert shift == (-8, 0)
+    assert sight.share > 0.9
 
 
 def test_an_exposure_that_wanders_is_no_switch(undisturbed: list[Image]) -> None:
