@@ -143,7 +143,7 @@ class PairChange:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Cluster:
-    """Members under one observed region: colliding targets in one blob or over one group tracker."""
+    """Members under one observed region: grouped targets in one blob or over one group tracker."""
 
     members: tuple[int, ...]
     source: str
@@ -272,12 +272,6 @@ class InteractionBook:
         touching = self._touching(areas, row)
         collides = set(touching)
         regions, source = self._regions(target_rows, areas, group_tracks)
-        clusters = _clusters(target_rows.ids, regions, source, touching)
-        over = {
-            member: index
-            for index, cluster in enumerate(clusters)
-            for member in cluster.members
-        }
         changes: list[PairChange] = []
         for pair in [
             bond for bond in self.bonds if bond[0] not in row or bond[1] not in row
@@ -292,7 +286,8 @@ class InteractionBook:
         for a, b in self.bonds:
             todo.setdefault((a, b), (row[a], row[b]))
         for pair, rows in todo.items():
-            one_group = pair[0] in over and over[pair[0]] == over.get(pair[1])
+            number = regions[rows[0]]
+            one_group = number == regions[rows[1]] != NO_BLOB
             change = self._pair(
                 frame,
                 time_ns,
@@ -304,15 +299,20 @@ class InteractionBook:
                 collides=rows in collides,
             )
             if change is not None:
-                number = regions[rows[0]]
-                same = number == regions[rows[1]] != NO_BLOB
                 region = f"{source} {number}"
                 changes.append(
                     dataclasses.replace(change, region=region, jumped=False)
-                    if same
+                    if one_group
                     else change
                 )
         self._collect(target_rows.ids)
+        # Who is grouped with nobody, as who is only predicted may begin nothing, is no member.
+        grouped = [
+            rows
+            for pair, rows in todo.items()
+            if pair in self.bonds and self.bonds[pair].bit == GROUPED
+        ]
+        clusters = _clusters(target_rows.ids, regions, source, grouped)
         return sorted(changes, key=lambda c: (c.a, c.b)), clusters
 
     def _touching(self, areas: SafetyAreas, row: Mapping[int, int]) -> list[Pair]:
@@ -484,16 +484,15 @@ class InteractionBook:
 
 
 def _clusters(
-    ids: Sequence[int], regions: Sequence[int], source: str, touching: Sequence[Pair]
+    ids: Sequence[int], regions: Sequence[int], source: str, grouped: Sequence[Pair]
 ) -> list[Cluster]:
-    """Colliding targets over one region, two or more, by their first member."""
-    if sum(region != NO_BLOB for region in regions) < 2:
+    """Grouped targets over one region, two or more, by their first member."""
+    if not grouped:
         return []
     root = list(range(len(ids)))
-    for i, j in touching:
-        if regions[i] == regions[j] != NO_BLOB:
-            ri, rj = _find(root, i), _find(root, j)
-            root[max(ri, rj)] = min(ri, rj)
+    for i, j in grouped:
+        ri, rj = _find(root, i), _find(root, j)
+        root[max(ri, rj)] = min(ri, rj)
     found: dict[int, list[int]] = {}
     for index in range(len(ids)):
         if regions[index] != NO_BLOB:

@@ -225,6 +225,22 @@ def test_what_is_only_predicted_begins_nothing() -> None:
     assert crowd.book.bonds == {}
 
 
+def test_who_is_grouped_with_nobody_is_no_member_of_the_group() -> None:
+    crowd = Crowd()
+    far = (500, 500, 10, 10)
+    over = [
+        GroupTrack(0, far, True, members=[1, 2, 3]),
+        GroupTrack(1, (-5, -5, 90, 40), True),
+    ]
+    crowd.step({1: 0, 2: 10, 3: 80})
+    crowd.step({1: 0, 2: 10, 3: 80}, tracks=over[:1])
+    assert [c.members for c in crowd.clusters] == [(1, 2)]
+    # He is only predicted to have come, and may begin nothing.
+    assert crowd.step({1: 0, 2: 10, 3: 20}, tracks=over[1:], unseen=(3,)) == {}
+    assert [c.members for c in crowd.clusters] == [(1, 2)]
+    assert crowd.book.states[3] == NONE
+
+
 def test_a_jump_out_of_a_group_is_told_and_splits_for_one_frame() -> None:
     crowd = Crowd()
     crowd.step({1: 0, 2: 10})
