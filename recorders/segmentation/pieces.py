@@ -21,8 +21,8 @@ from recorders.vision import cv2
 
 Floats = NDArray[np.float64]
 
-GAP = (0.25, 0.35)
-"""Between pieces lies at most this, of the usual width and height."""
+GAP = 0.25
+"""Between pieces lies at most this, of the usual width."""
 REACH = 1.4
 """Together they are at most so many usual widths wide and usual heights high."""
 WITHIN = 1.02
@@ -111,7 +111,7 @@ def _costs(box: Floats, usual: UsualSize) -> Floats:
     own = box[:, 2:] - box[:, :2]
     fits = (size <= REACH * most).all(axis=-1)
     fits |= (size <= WITHIN * np.maximum(own[:, None], own)).all(axis=-1)
-    fits &= (gap <= np.array(GAP) * most).all(axis=-1)
+    fits &= (gap <= np.array((GAP, usual.gap)) * most).all(axis=-1)
     fits &= np.arange(len(box))[:, None] < np.arange(len(box))
     cost = (gap / most).sum(axis=-1) + SIZE_WEIGHT * (size / most).max(axis=-1)
     return np.where(fits, cost, np.inf)

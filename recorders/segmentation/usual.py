@@ -9,12 +9,13 @@ everywhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recorders.segmentation.sizes import SizeModel
+from recorders.segmentation.torn import TORN, TORN_GAP, going_together, joined
 
 Floats = NDArray[np.float64]
 
@@ -66,6 +67,10 @@ MOST = 1500
 """Of more sightings, the latest are kept."""
 
 
+GAP = 0.35
+"""Between the pieces of a body lies at most this, of the usual height, unless bodies are torn."""
+
+
 @dataclass(frozen=True)
 class UsualSize:
     """Usual width, height (px) and area (px^2) of a body whose feet are at a place.
@@ -75,11 +80,13 @@ class UsualSize:
         sizes: (K, 3) width, height, area.
         alike: (K,) 1 where bodies there are alike, so that two of them have twice the area of one;
             else 0.
+        gap: between the pieces of a body lies at most this, of the usual height.
     """
 
     feet: Floats
     sizes: Floats
     alike: Floats
+    gap: float = GAP
 
     def at(self, feet: Floats) -> tuple[Floats, Floats, Floats]:
         """Width, height and area at feet (any shape, px); each of that shape."""
@@ -107,6 +114,9 @@ class Sightings:
     _all: list[Floats] = field(default_factory=list)
     _leaps: list[Floats] = field(default_factory=list)
     _looked_for: int = 0
+    _joined: list[Floats] = field(default_factory=list)
+    _moved: float = 0.0
+    _in_pieces: float = 0.0
 
     def observe(self, now: Floats, later: Floats) -> None:
         """Take in the regions of two pictures, `MOMENT_S` apart.
@@ -120,7 +130,8 @@ class Sightings:
         self._all.append(np.column_stack([some, some[:, 4] / max(1.0, some[:, 4].sum())]))
         if not len(now) or not len(later):
             return
-        found = now[self._alone(now)]
+        alone = self._alone(now)
+        found = now[alone]
         if not len(found):
             return
         overlap = ious(found[:, :4], later[:, :4])
@@ -140,6 +151,26 @@ class Sightings:
         moves = way >= MOVED * np.sqrt(found[:, 2] * found[:, 3])
         weight = np.where(moves, 1.0, RESTING)
         self._clean.append(np.column_stack([found, weight])[steady])
+        self._join(now, later, alone)
+
+    def _join(self, now: Floats, later: Floats, alone: NDArray[np.bool_]) -> None:
+        """Take in the bodies whose pieces go together, and how much of what stands alone does."""
+        overlap = ious(now[:, :4], later[:, :4])
+        same = later[overlap.argmax(axis=1)]
+        way = same[:, 0] + same[:, 2] / 2 - now[:, 0] - now[:, 2] / 2
+        kept = np.abs(np.log(same[:, 4] / now[:, 4])) <= 2 * STEADY
+        way[(overlap.max(axis=1) < SAME) | ~kept] = 0.0
+        first = going_together(now, way)
+        area = now[:, 4] * (alone & (way != 0.0))
+        self._moved += float(area.sum())
+        self._in_pieces += float(area[np.bincount(first)[first] > 1].sum())
+        bodies = joined(now, first)
+        self._joined.append(np.column_stack([bodies, np.ones(len(bodies))]))
+
+    @property
+    def torn(self) -> bool:
+        """Bodies are seen in pieces that go together."""
+        return self._in_pieces > 0 and self._in_pieces >= TORN * self._moved
 
     @property
     def count(self) -> int:
@@ -174,6 +205,11 @@ class Sightings:
             return None
         rows = np.concatenate(self._clean)[-MOST:]
         self._clean = [rows]
+        if self.torn:
+            self._joined = [np.concatenate(self._joined)[-MOST:]]
+            found = self._of(self._joined[0], specks, upright)
+            if found is not None:
+                return replace(found, gap=TORN_GAP)
         return self._of(self._with_leaps(rows), specks, upright)
 
     def _with_leaps(self, rows: Floats) -> Floats:

@@ -7,6 +7,7 @@ import pytest
 
 from recorders.segmentation.pieces import bodies_of, together, without_thin
 from recorders.segmentation.recurring import FEWEST, recurring
+from recorders.segmentation.torn import going_together
 from recorders.segmentation.usual import Sightings, UsualSize
 from recorders.vision import cv2
 
@@ -56,6 +57,54 @@ def test_what_never_moves_teaches_nothing(moves: int) -> None:
             rows((10 + 30 * k, 100, 20, 60)), rows((10 + 30 * k + moves, 100, 20, 60))
         )
     assert (seen.learn() is None) == (moves == 0)
+
+
+def torn(*, together: bool) -> Sightings:
+    """A head and legs, far apart, that move by the same way or by ways of their own."""
+    seen = Sightings(WIDTH, HEIGHT)
+    for k in range(8):
+        head, legs = (12 + 30 * k, 90, 10, 12), (10 + 30 * k, 140, 14, 30)
+        other = 4 if together else -4
+        later = (head[0] + 4, *head[1:]), (legs[0] + other, *legs[1:])
+        seen.observe(rows(head, legs), rows(*later))
+    return seen
+
+
+def test_pieces_that_go_together_teach_the_size_of_the_body_that_they_are_of() -> None:
+    learnt = torn(together=True).learn()
+    assert learnt is not None
+    assert [float(v) for v in learnt.at(np.array(170.0))] == [14.0, 80.0, 540.0]
+    pieces = rows((50, 90, 10, 12), (48, 140, 14, 30))
+    assert len(together(pieces, learnt)) == 1
+    assert len(together(pieces, usual(14.0, 80.0))) == 2
+
+
+def test_what_passes_above_one_another_is_no_body() -> None:
+    seen = torn(together=False)
+    learnt = seen.learn()
+    assert not seen.torn
+    assert learnt is not None
+    assert float(learnt.at(np.array(170.0))[1]) == 30.0
+
+
+@pytest.mark.parametrize(
+    ("regions", "way", "first"),
+    [
+        ([(0, 0, 9, 9), (0, 20, 9, 9), (0, 40, 9, 9)], [3, 4, 3], [0, 0, 0]),
+        ([(0, 0, 9, 9), (0, 20, 9, 9), (0, 40, 9, 9)], [3, 9, 3], [0, 1, 0]),
+        ([(0, 0, 9, 9), (6, 20, 9, 9)], [3, 3], [0, 1]),
+        ([(0, 0, 9, 9), (0, 5, 9, 9)], [3, 3], [0, 1]),
+        ([(0, 0, 9, 9), (0, 20, 2, 2)], [3, 3], [0, 1]),
+        ([(0, 0, 9, 9), (0, 20, 9, 9)], [1, 1], [0, 1]),
+        ([], [], []),
+    ],
+    ids=["a chain", "another way", "beside", "over it", "a speck", "at rest", "nothing"],
+)
+def test_which_regions_go_together(
+    regions: list[tuple[int, int, int, int]], way: list[float], first: list[int]
+) -> None:
+    found = going_together(rows(*regions).reshape(-1, 5), np.array(way, np.float64))
+    assert found.tolist() == first
 
 
 def test_near_and_far_bodies_have_sizes_of_their_own() -> None:
