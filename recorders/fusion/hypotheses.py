@@ -22,6 +22,10 @@ thinned out.
 """
 HELD = 0.8
 """A box of the detector that lies in one of the masks with this share of it is held by it."""
+BESIDE = 0.7
+"""What a box of the masks has beside the bodies that it holds is another body from this share of
+their width on.
+"""
 SCORE_STEPS = (0.4, 0.55, 0.7, 0.85)
 """Scores are told apart by these steps; what a step is worth is learnt from the recording."""
 NOTHING = 0
@@ -66,12 +70,19 @@ def hypotheses(masked: Detections, detected: Detections) -> list[Hypothesis]:
     alone = np.zeros(len(theirs), np.intp)
     kept = suppress(theirs, scores, alone, DOUBLE).tolist()
     overlap = overlaps(mine, theirs[kept])
-    overlap[_run_together(mine, theirs[kept], scores[kept])] = 0.0
+    held = _held(mine, theirs[kept], scores[kept])
+    overlap[held.sum(axis=1) >= 2] = 0.0  # several run together are nobody's place
+    parts = [_beside(box, theirs[kept][held[row]]) for row, box in enumerate(masked.boxes)]
+    divided = [row for row, box in enumerate(masked.boxes) if parts[row] != [box]]
+    overlap[divided] = 0.0
     pairs = _pairs(overlap)
     made = []
     for row, box in enumerate(masked.boxes):
         column = pairs.get(row)
-        made.append(_made(box, row, detected, None if column is None else kept[column]))
+        if column is None:
+            made += [_made(part, row, detected, None) for part in parts[row]]
+        else:
+            made.append(_made(box, row, detected, kept[column]))
     taken = list(pairs.values())
     rest = [
         k
@@ -103,14 +114,26 @@ def _made(box: Box | None, row: int, detected: Detections, k: int | None) -> Hyp
     return Hypothesis(box, detected.boxes[k], step, score, label, row, k)
 
 
-def _run_together(mine: Floats, theirs: Floats, scores: Floats) -> NDArray[np.bool_]:
-    """(N,) which of the masks' boxes hold several of the detector's: they are nobody's place."""
+def _held(mine: Floats, theirs: Floats, scores: Floats) -> NDArray[np.bool_]:
+    """(N, M) which of the masks' boxes hold which of the detector's."""
     low = np.maximum(mine[:, None, :2], theirs[None, :, :2])
     high = np.minimum(mine[:, None, 2:], theirs[None, :, 2:])
     shared = np.maximum(high - low, 0.0).prod(axis=2)
     areas = (theirs[:, 2:] - theirs[:, :2]).prod(axis=1)
-    held = (shared >= HELD * areas) & (scores >= SCORE_STEPS[1])
-    return np.asarray(held.sum(axis=1) >= 2)
+    return np.asarray((shared >= HELD * areas) & (scores >= SCORE_STEPS[1]))
+
+
+def _beside(box: Box, held: Floats) -> list[Box]:
+    """What a box of the masks has beside the bodies that it holds, left and right, (M, 4) corners,
+    where that is as wide as a body; all of it where it is not.
+    """
+    if not len(held):
+        return [box]
+    x, y, w, h = box
+    low, high = float(held[:, 0].min()), float(held[:, 2].max())
+    least = BESIDE * float((held[:, 2] - held[:, 0]).mean())
+    sides = ((x, low - x), (high, x + w - high))
+    return [(left, y, width, h) for left, width in sides if width >= least] or [box]
 
 
 def _pairs(overlap: Floats) -> dict[int, int]:

@@ -241,6 +241,37 @@ def test_shares_are_even_before_anything_was_seen() -> None:
     assert Steadiness().shares() == pytest.approx([0.5] * 4)
 
 
+@pytest.mark.parametrize(
+    ("detected", "left"),
+    [
+        ((20.0, 100.0, 30.0, 80.0), [(50.0, 96.0, 40.0, 90.0)]),
+        ((60.0, 100.0, 30.0, 80.0), [(16.0, 96.0, 44.0, 90.0)]),
+        ((40.0, 100.0, 30.0, 80.0), [(16.0, 96.0, 24.0, 90.0), (70.0, 96.0, 20.0, 90.0)]),
+    ],
+    ids=["right of it", "left of it", "on both sides, narrow"],
+)
+def test_what_a_blob_has_beside_a_detected_body_is_another(
+    detected: Box, left: list[Box]
+) -> None:
+    both = (16.0, 96.0, 74.0, 90.0)
+    found = hypotheses(masks(0, both), detector(0, (detected, 0.8)))
+    beside = [h.masked for h in found if h.masked is not None]
+    assert beside == [box for box in left if box[2] >= 0.7 * 30] or beside == [both]
+
+
+def test_who_rides_behind_one_whom_alone_the_detector_sees_is_kept() -> None:
+    frames: list[Given] = []
+    for k in range(40):
+        front, behind = walker(k, 60), walker(k, 20)
+        together = (behind[0], 100.0, 70.0, 80.0)
+        mine = [together] if 15 <= k < 25 else [front, behind]
+        theirs = [(front, 0.8)] + ([] if 15 <= k < 25 else [(behind, 0.8)])
+        frames.append((mine, theirs))
+    for k, found in enumerate(fused(frames)):
+        assert len(found.boxes) == 2
+        assert min(box[0] for box in found.boxes) == pytest.approx(20 + 4 * k, abs=3)
+
+
 def test_a_box_of_the_masks_that_holds_two_is_nobodys_place() -> None:
     a, b = (40.0, 40.0, 40.0, 100.0), (85.0, 40.0, 30.0, 100.0)
     merged = (40.0, 40.0, 75.0, 100.0)
