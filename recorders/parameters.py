@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from recorders.errors import ConfigError
+from recorders.toml_files import toml_bytes
 
 _LARGEST_INT = 2**53
 Plain = bool | int | float | str
@@ -185,8 +186,7 @@ def _built(section: str, cls: type[Parameters], values: Mapping[str, Any]) -> Pa
 
 def _read_toml(file: str | Path) -> dict[str, Any]:
     try:
-        with Path(file).open("rb") as f:
-            return tomllib.load(f)
+        return tomllib.loads(toml_bytes(Path(file)).decode())
     except OSError as error:
         raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
     except (ValueError, RecursionError) as error:  # whatever tomllib makes of it

@@ -85,15 +85,20 @@ def _from_summary(
 ) -> LogIndex:
     statistics = summary.statistics
     assert statistics is not None
+    # Most chunks hold the same channels: one set for all of them.
+    shared: dict[frozenset[int], frozenset[int]] = {}
+
+    def channels(chunk: records.ChunkIndexRecord) -> frozenset[int] | None:
+        found = frozenset(chunk.message_index_offsets)
+        return shared.setdefault(found, found) if chunk.message_index_length else None
+
     blocks = [
         Block(
             offset=chunk.offset,
             length=chunk.length,
             start_ns=chunk.start_ns,
             end_ns=chunk.end_ns,
-            channels=frozenset(chunk.message_index_offsets)
-            if chunk.message_index_length
-            else None,
+            channels=channels(chunk),
             chunked=True,
             index=chunk,
         )

@@ -188,37 +188,46 @@ def encode_message_index(identity: int, entries: array[int]) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class ChunkIndexRecord:
-    """A ChunkIndex record."""
+    """A ChunkIndex record; ``offsets`` are those of the message indexes, as they stand in it."""
 
     start_ns: int
     end_ns: int
     offset: int
     length: int
-    message_index_offsets: dict[int, int]
+    offsets: bytes
     message_index_length: int
     compression: str
     compressed_size: int
     uncompressed_size: int
 
+    @property
+    def message_index_offsets(self) -> dict[int, int]:
+        """Where each channel's message index stands, by channel id."""
+        return dict(wire.CHANNEL_OFFSET.iter_unpack(self.offsets))
+
+
+def packed_offsets(places: Mapping[int, int]) -> bytes:
+    """``offsets`` of a `ChunkIndexRecord`."""
+    return b"".join(wire.CHANNEL_OFFSET.pack(k, places[k]) for k in sorted(places))
+
 
 def parse_chunk_index(content: bytes | memoryview) -> ChunkIndexRecord:
     """ChunkIndex: times, place, message index offsets by channel, sizes."""
-    # Long logs have a hundred thousand of them.
+    # Long logs have a hundred thousand of them: what each holds is small.
     cursor = wire.Cursor(content)
     start, end, offset, length = cursor.numbers(wire.FOUR_U64, "times and place")
     inner = cursor.within("message index offsets")
-    try:
-        offsets = dict(wire.CHANNEL_OFFSET.iter_unpack(content[inner.position : inner.end]))
-    except struct.error as error:
-        raise wire.WireError("its message index offsets end within an entry") from error
+    offsets = bytes(content[inner.position : inner.end])
+    if len(offsets) % wire.CHANNEL_OFFSET.size:
+        raise wire.WireError("its message index offsets end within an entry")
     return ChunkIndexRecord(
         start,
         end_ns=end,
         offset=offset,
         length=length,
-        message_index_offsets=offsets,
+        offsets=offsets,
         message_index_length=cursor.u64("message index length"),
-        compression=cursor.text("compression"),
+        compression=sys.intern(cursor.text("compression")),
         compressed_size=cursor.u64("compressed size"),
         uncompressed_size=cursor.u64("uncompressed size"),
     )
@@ -226,16 +235,17 @@ def parse_chunk_index(content: bytes | memoryview) -> ChunkIndexRecord:
 
 def encode_chunk_index(index: ChunkIndexRecord) -> bytes:
     """A ChunkIndex record."""
-    offsets = b"".join(
-        wire.U16.pack(k) + wire.U64.pack(offset)
-        for k, offset in sorted(index.message_index_offsets.items())
-    )
     return wire.record(
         wire.CHUNK_INDEX,
         struct.pack(
-            "<QQQQI", index.start_ns, index.end_ns, index.offset, index.length, len(offsets)
+            "<QQQQI",
+            index.start_ns,
+            index.end_ns,
+            index.offset,
+            index.length,
+            len(index.offsets),
         ),
-        offsets,
+        index.offsets,
         wire.U64.pack(index.message_index_length),
         wire.text(index.compression),
         struct.pack("<QQ", index.compressed_size, index.uncompressed_size),

@@ -58,7 +58,7 @@ class SummaryBuilder:
         return before + records.encode_footer(start, start + len(body), before)
 
     def _statistics(self, counts: dict[int, int]) -> bytes:
-        filled = [entry for entry in self.chunks if entry.message_index_offsets]
+        filled = [entry for entry in self.chunks if entry.offsets]
         return records.encode_statistics(
             records.StatisticsRecord(
                 message_count=sum(counts.values()),

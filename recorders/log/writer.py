@@ -378,7 +378,7 @@ class LogWriter:
             end_ns=end,
             offset=offset,
             length=length,
-            message_index_offsets=places,
+            offsets=records.packed_offsets(places),
             message_index_length=index_length,
             compression=chunk.compression,
             compressed_size=len(packed),

@@ -17,9 +17,9 @@ from recorders.annotated.provenance import provenance_of
 from recorders.corrections import read_corrections
 from recorders.errors import SourceError, UsageError
 from recorders.log import LogReader
+from recorders.toml_files import toml_bytes
 
 SUFFIX = ".toml"
-_MOST_BYTES = 1 << 20
 Text = Annotated[str, Meta(max_length=4000)]
 Name = Annotated[str, Meta(min_length=1, max_length=1000)]
 Point = tuple[float, float]
@@ -104,9 +104,7 @@ def read_case(path: str | Path) -> CaseFile:
     """
     path = Path(path)
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise SourceError(f"over {_MOST_BYTES} bytes: no case", path)
-        found = msgspec.toml.decode(path.read_bytes(), type=CaseFile)
+        found = msgspec.toml.decode(toml_bytes(path), type=CaseFile)
     except OSError as error:
         raise SourceError(f"cannot be read: {error.strerror}", path) from error
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:

@@ -1,6 +1,6 @@
 """The table of docs/reliability.md: `python tests/faults [KIND...] [--long] [--seed N]`.
 
-Kinds: flips, cuts, io, kills, fuzz, memory, length. Each is a row of the table on stdout, what it is made
+Kinds: flips, cuts, io, kills, fuzz, hostile, length. Each is a row of the table on stdout, what it is made
 of on stderr. Short by default, as the tests run them; `--long`
 takes every byte, every call, 86 kills of each command and 10^5 inputs of each target (hours).
 `--kept FILE` keeps what was counted, so that a long run may be made in pieces: what has a seed
@@ -22,10 +22,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from tests.faults.damage import cuts, flips
 from tests.faults.fuzz import fuzz
+from tests.faults.hostile import hostile
 from tests.faults.io_faults import COMMANDS, io_faults
 from tests.faults.kills import kills
 from tests.faults.length import length
-from tests.faults.memory import memory
 from tests.faults.tally import HEAD, Tally, added, summed
 
 KINDS: dict[str, Callable[..., Iterable[Tally]]] = {
@@ -34,7 +34,7 @@ KINDS: dict[str, Callable[..., Iterable[Tally]]] = {
     "io": io_faults,
     "kills": kills,
     "fuzz": fuzz,
-    "memory": memory,
+    "hostile": hostile,
     "length": length,
 }
 NAMES = {
@@ -43,7 +43,7 @@ NAMES = {
     "io": f"calls that fail, {len(COMMANDS)} commands",
     "kills": f"kill -9, {len(COMMANDS) + 1} commands",
     "fuzz": "inputs changed at random",
-    "memory": "hostile files under 2 GiB and 60 s",
+    "hostile": "hostile files under 2 GiB and 60 s",
     "length": "recordings of 1, 6 and 24 h: under 500 MB, time as their length",
 }
 
@@ -65,7 +65,9 @@ def main() -> int:
     )
     parser.add_argument("--seconds", type=float, help="so long for each target of fuzz")
     parser.add_argument(
-        "--target", default="", help="targets of fuzz, commands of io whose name begins so"
+        "--target",
+        default="",
+        help="targets of fuzz, commands of io, sorts of hostile files whose name begins so",
     )
     parser.add_argument("--kept", type=Path, metavar="FILE", help="what was counted so far")
     args = parser.parse_args()
@@ -80,7 +82,7 @@ def main() -> int:
         more: dict[str, Any] = {"tries": args.tries} if kind in SEEDED else {}
         if kind == "fuzz":
             more["seconds"] = args.seconds
-        if kind in ("fuzz", "io"):
+        if kind in ("fuzz", "io", "hostile"):
             more["only"] = args.target
         rows = kept.setdefault(kind, {})
         for tally in KINDS[kind](args.long, args.seed, **more):

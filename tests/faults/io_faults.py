@@ -137,7 +137,7 @@ def all_faults(long: bool, seed: int, tries: int, only: str) -> Iterator[Tally]:
             if command.startswith(only):
                 _warm(words, folder)
                 for kind in (_CHANGES, _READS):
-                    yield _command(command, words, folder, library, kind, long)
+                    yield from _command(command, words, folder, library, kind, long)
 
 
 def _warm(words: list[str], folder: Path) -> None:
@@ -153,13 +153,15 @@ def _warm(words: list[str], folder: Path) -> None:
 
 def _command(
     command: str, words: list[str], folder: Path, library: Any, kind: int, long: bool
-) -> Tally:
-    tally = Tally(f"a call that {_KINDS[kind]} fails in `{command}`")
+) -> Iterator[Tally]:
+    """A row for each error."""
     tried = [_try(words, folder, library, kind, 0, 0, 0) for _ in range(3 if long else 1)]
     # Threads of a library may divide their work otherwise the next time.
     whole, count = tried[0][0], max(calls for _, calls in tried)
     assert whole.code in (0, 3), (command, whole)
     for error in ERRORS[kind] if long else ERRORS[kind][:1]:
+        name = errno.errorcode[error]
+        tally = Tally(f"a call that {_KINDS[kind]} fails in `{command}`: {name}")
         for at in range(1, count + 1, 1 if long else max(1, count // 3)):
             for times in _times(error) if long else (ALWAYS,):
                 done, _ = _try(words, folder, library, kind, at, times, error)
@@ -167,9 +169,9 @@ def _command(
                     continue  # it made fewer calls this time
                 tally.tries += 1
                 often = "always" if times == ALWAYS else "once"
-                where = f"{errno.errorcode[error]} {often} from call {at} of {count} ({done.struck})"
+                where = f"{often} from call {at} of {count} ({done.struck})"
                 _judge(tally, done, whole, where, command, once=times == 1)
-    return tally
+        yield tally
 
 
 def _times(error: int) -> tuple[int, ...]:

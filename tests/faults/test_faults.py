@@ -8,9 +8,9 @@ import pytest
 
 from tests.faults.damage import cuts, flips
 from tests.faults.fuzz import fuzz
+from tests.faults.hostile import hostile
 from tests.faults.io_faults import compiler, io_faults
 from tests.faults.kills import kills
-from tests.faults.memory import memory
 from tests.faults.tally import Tally
 
 
@@ -46,4 +46,4 @@ def test_killed_commands_leave_nothing_half() -> None:
 
 @pytest.mark.slow
 def test_hostile_files_stay_within_memory_and_time() -> None:
-    check(memory(long=False))
+    check(hostile(long=False))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import time
 import zlib
 from contextlib import suppress
 from itertools import pairwise
@@ -11,11 +12,14 @@ from pathlib import Path
 import pytest
 
 from recorders.clock import Clock, nominal_ns
-from recorders.errors import RecordingError, SceneTraceError
+from recorders.errors import ConfigError, RecordingError, SceneTraceError, SourceError
 from recorders.formats.opening import open_rows
 from recorders.log import LogReader, LogWriter, Schema
 from recorders.log.info import examine, inspect
 from recorders.log.recovery import recover
+from recorders.parameters import configure
+from recorders.recording import SECTIONS
+from replay.cases.case_file import read_case
 
 
 def records(data: bytes | bytearray) -> list[tuple[int, int]]:
@@ -165,3 +169,25 @@ def test_a_number_beyond_all_others_is_told_or_left_out(
             assert all(
                 0 <= row.frame < 10**6 for row in open_rows(path).rows(lambda *_: None)
             )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        ".".join("a" * 100_000) + " = 1\n",
+        f"[{'.'.join('a' * 100_000)}]\n",
+        f"a = {{{'.'.join('a' * 100_000)} = 1}}\n",
+        "#" * 2_000_000,
+    ],
+)
+def test_toml_that_takes_the_square_of_its_length_is_refused_at_once(
+    tmp_path: Path, text: str
+) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(text)
+    begun = time.process_time()
+    with pytest.raises(SourceError, match="not a case"):
+        read_case(path)
+    with pytest.raises(ConfigError, match="not TOML"):
+        configure(SECTIONS, path)
+    assert time.process_time() - begun < 1
