@@ -170,8 +170,11 @@ def _one_file(a: Path, b: Path, *, both_written: bool) -> bool:
     try:
         return a.samefile(b) and not a.is_dir()
     except OSError:
-        # What is not there yet cannot be read, but be written twice.
-        return both_written and a.absolute() == b.absolute()
+        # What is not there yet cannot be read, but be written twice; some file systems take upper
+        # and lower case for the same.
+        return both_written and (
+            str(a.absolute()).casefold() == str(b.absolute()).casefold()
+        )
     except ValueError:
         return False  # a word that is no path
 
