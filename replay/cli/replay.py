@@ -236,6 +236,7 @@ def _replay(args: argparse.Namespace, out: Path) -> int:
                 next((frame.regions for frame in scene.frames()), None),
             )
         )
+    del scene  # its index of a day's chunks would stay beside that of the replay
     options = ReplayOptions(
         tracker=tracker,
         config=config,

@@ -135,8 +135,8 @@ def _bombs(folder: Path) -> Iterator[Path]:
 
 
 def _damaged(folder: Path, rng: Random) -> Iterator[Path]:
-    """The annotated log and the scene, with what each record says it is, where it ends and what
-    is in its middle changed; with bits flipped; cut; with zeros or more at the end.
+    """The annotated log and the scene, with what some records say they are, where they end and
+    what is in their middle changed; with bits flipped; cut; with zeros or more at the end.
     """
     folder.mkdir(exist_ok=True)
     for name in ("sound.mcap", "scene.mcap"):
@@ -146,9 +146,10 @@ def _damaged(folder: Path, rng: Random) -> Iterator[Path]:
             (size,) = struct.unpack_from("<Q", data, at + 1)
             places += [at, at + 1, at + 9 + size // 2]
             at += 9 + size
-        places += [rng.randrange(len(data)) for _ in range(20)]
+        places = rng.sample(places, min(25, len(places)))
+        places += [rng.randrange(len(data)) for _ in range(10)]
         damaged = [data[:at] + bytes([data[at] ^ 4]) + data[at + 1 :] for at in places]
-        damaged += [data[: rng.randrange(len(data))] for _ in range(10)]
+        damaged += [data[: rng.randrange(len(data))] for _ in range(5)]
         half = data[: len(data) // 2]
         damaged += [half + bytes(5000), data + data, data + b"more", half + data, data[8:]]
         for number, changed in enumerate(damaged):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import struct
 import time
+import tracemalloc
 import zlib
 from contextlib import suppress
 from itertools import pairwise
@@ -19,7 +21,10 @@ from recorders.log.info import examine, inspect
 from recorders.log.recovery import recover
 from recorders.parameters import configure
 from recorders.recording import SECTIONS
+from replay.annotated_writer import AnnotatedWriter, ReplaySummary
 from replay.cases.case_file import read_case
+from replay.run import Run
+from tests.faults.small import WORDS, boxes, run
 
 
 def records(data: bytes | bytearray) -> list[tuple[int, int]]:
@@ -191,3 +196,40 @@ def test_toml_that_takes_the_square_of_its_length_is_refused_at_once(
     with pytest.raises(ConfigError, match="not TOML"):
         configure(SECTIONS, path)
     assert time.process_time() - begun < 1
+
+
+def test_an_open_log_takes_little_memory_for_each_chunk(tmp_path: Path) -> None:
+    """A recording of a day has a hundred thousand."""
+    path, chunks = tmp_path / "log.mcap", 5000
+    with LogWriter(path, flush_interval_ns=1) as log:
+        a, b = log.channel("/a", None, "raw"), log.channel("/b", None, "raw")
+        for k in range(chunks):
+            log.write(a, b"a", k * 1_000_000_007)
+            log.write(b, b"b", k * 1_000_000_007)
+    tracemalloc.start()
+    try:
+        with LogReader(path) as opened:
+            assert len(opened.index.blocks) == chunks
+            held = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert held < 500 * chunks
+
+
+def test_a_replay_keeps_one_index_of_its_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    boxes(tmp_path / "det.txt")
+    scene, found = tmp_path / "scene.mcap", []
+    assert run("record", str(tmp_path / "det.txt"), "-o", str(scene), *WORDS)[0] == 0
+    finish = AnnotatedWriter.finish
+
+    def counted(self: AnnotatedWriter, done: Run) -> ReplaySummary:
+        gc.collect()
+        held = [o for o in gc.get_objects() if isinstance(o, LogReader)]
+        found.append(sum(log.path == scene for log in held))
+        return finish(self, done)
+
+    monkeypatch.setattr(AnnotatedWriter, "finish", counted)
+    assert run("replay", str(scene), "-o", str(tmp_path / "made.mcap"))[0] == 0
+    assert found == [1]
