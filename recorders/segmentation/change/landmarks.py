@@ -129,13 +129,27 @@ class Landmarks:
         return len(self.corners)
 
     @classmethod
-    def of(cls, luma: Image) -> Landmarks:
-        """The most textured patch of each cell of a picture, (H, W) uint8."""
+    def of(
+        cls, luma: Image, *, among: Ints | None = None, all_of_them: bool = False
+    ) -> Landmarks:
+        """The most textured patch of each cell of a picture, (H, W) uint8.
+
+        Args:
+            luma: the picture.
+            among: (N, 2) the only ones that are asked, row and column of their first pixels.
+            all_of_them: every textured patch, however many lie in a cell.
+        """
         height, width = luma.shape
         down, across = height // SIDE, width // SIDE
         if not down * across:
             return cls(luma, np.zeros((0, 2), np.int64))
         texture = _texture(luma[: down * SIDE, : across * SIDE])
+        if among is not None:
+            asked = np.zeros_like(texture)
+            asked[tuple(among.T // SIDE)] = 1.0
+            texture = texture * asked
+        if all_of_them:
+            return cls(luma, np.argwhere(texture >= LEAST_GRADIENT**2) * SIDE)
         corners = []
         for i in range(ROWS):
             for j in range(COLUMNS):
@@ -240,9 +254,16 @@ class Reference:
     large.
     """
 
-    def __init__(self, luma: Image, kept: NDArray[np.bool_] | None = None) -> None:
+    def __init__(
+        self,
+        luma: Image,
+        kept: NDArray[np.bool_] | None = None,
+        among: Ints | None = None,
+    ) -> None:
         self._levels = _halved(luma)
         self._marks = [Landmarks.of(level) for level in self._levels]
+        if among is not None:
+            self._marks[0] = Landmarks.of(luma, among=among)
         if kept is not None:
             self._marks[0] = self._marks[0].only(kept, luma)
         self._flat = _without_light(self._levels[-1])

@@ -280,11 +280,11 @@ def _know_by(
 ) -> None:
     """Know a place by its background, and by the landmarks there that are mostly seen."""
     luma = as_image(cv2.extractChannel(background.colour, 0))
-    reference = Reference(luma)
+    reference = Reference(luma, among=place.steady)
     if reference.known:
         sights = [reference.sight(picture, shift) for picture, shift in shown]
         times = np.sum([sight.seen for sight in sights], axis=0)
-        reference = Reference(luma, times >= STABLE * len(sights))
+        reference = Reference(luma, times >= STABLE * len(sights), place.steady)
     place.reference = reference
     shares = sorted(reference.sight(picture, shift).share for picture, shift in shown)
     place.usual = shares[len(shares) // 2]

@@ -11,8 +11,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from recorders.pictures import Image
-from recorders.segmentation.change.landmarks import LandmarkSight, Reference, Shift, shifted
+from recorders.segmentation.change.landmarks import (
+    Ints,
+    LandmarkSight,
+    Reference,
+    Shift,
+    shifted,
+)
 from recorders.segmentation.change.light import coloured_share, light_of, one_colour_share
+from recorders.segmentation.change.steady import steady_view
 from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
 
@@ -44,11 +51,13 @@ class CameraPlace:
         number: from 0, in the order in which they are first seen.
         reference: how it is known again.
         usual: the share of its landmarks that is usually seen.
+        steady: row and column of the patches that alone may be landmarks, None: any.
     """
 
     number: int
     reference: Reference
     usual: float = 1.0
+    steady: Ints | None = None
 
     @property
     def least(self) -> float:
@@ -173,7 +182,32 @@ def divide(pictures: list[Image]) -> Division:
         made.seen.append(ViewSeen(number, shifts[number], coloured))
     made.seen = _at_rest(made.seen)
     made.colours = colours.usual
+    if len(made.places) > 1:
+        _take_together(made, pictures)
     return made
+
+
+def _take_together(made: Division, pictures: list[Image]) -> None:
+    """Pictures that show what is steady, unmoved, are of one place, whatever leaves do there."""
+    shown = [k for k, seen in enumerate(made.seen) if seen.place is not None]
+    view = steady_view([pictures[k] for k in shown])
+    if view is None:
+        return
+    luma, steady = view
+    reference = Reference(luma, among=steady)
+    for k in shown:
+        sight = reference.sight(pictures[k], (0, 0))
+        if shows(sight) and sight.still:
+            made.seen[k] = replace(made.seen[k], place=-1, shift=(0, 0))
+    here = CameraPlace(-1, reference, steady=steady)
+    every = {place.number: place for place in (here, *made.places)}
+    order = [
+        number for number in dict.fromkeys(s.place for s in made.seen) if number is not None
+    ]
+    made.seen = [
+        s if s.place is None else replace(s, place=order.index(s.place)) for s in made.seen
+    ]
+    made.places = [replace(every[number], number=k) for k, number in enumerate(order)]
 
 
 def _known(

@@ -1,0 +1,77 @@
+"""A camera that rests before leaves: one view, however much of the picture moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from recorders.pictures import Image
+from recorders.segmentation.change.landmarks import Landmarks
+from recorders.segmentation.change.steady import steady_view
+from recorders.segmentation.change.views import divide
+
+WIDTH, HEIGHT, COUNT = 320, 240, 12
+
+
+def texture(seed: int) -> Image:
+    """(HEIGHT, WIDTH) uint8: tiles of 4 px, another picture for each seed."""
+    small = np.random.default_rng(seed).integers(40, 216, (HEIGHT // 4, WIDTH // 4))
+    return np.repeat(np.repeat(small, 4, axis=0), 4, axis=1).astype(np.uint8)
+
+
+def pictures(still_from: int, still_to: int, order: list[int]) -> list[Image]:
+    """Pictures in Y, Cr, Cb that all show the same in some rows, and elsewhere what each has."""
+    shown = []
+    for seed in order:
+        luma = texture(seed + 1)
+        luma[still_from:still_to] = texture(0)[still_from:still_to]
+        neutral = np.full_like(luma, 128)
+        shown.append(np.dstack([luma, neutral, neutral]))
+    return shown
+
+
+def test_leaves_over_most_of_the_picture_make_no_new_views() -> None:
+    shown = pictures(HEIGHT * 3 // 4, HEIGHT, list(range(COUNT)))
+    division = divide(shown)
+    assert [seen.place for seen in division.seen] == [0] * COUNT
+    assert [seen.shift for seen in division.seen] == [(0, 0)] * COUNT
+    (place,) = division.places
+    assert place.steady is not None
+    assert (place.steady[:, 0] >= HEIGHT * 3 // 4 - 16).all()
+
+
+def test_a_picture_of_elsewhere_among_them_stays_a_view_of_its_own() -> None:
+    shown = pictures(HEIGHT * 3 // 4, HEIGHT, list(range(COUNT)))
+    away = texture(99)
+    shown[5] = np.dstack([away, np.full_like(away, 128), np.full_like(away, 128)])
+    division = divide(shown)
+    assert [seen.place for seen in division.seen] == [0] * 5 + [1] + [0] * 6
+    assert [place.number for place in division.places] == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("still", "order"),
+    [
+        ((0, 16), list(range(COUNT))),
+        ((0, 0), [0, 1, 2] * 4),
+    ],
+    ids=["a burnt-in clock", "three views in turn"],
+)
+def test_other_views_stay_other_views(still: tuple[int, int], order: list[int]) -> None:
+    shown = pictures(*still, order)
+    assert steady_view(shown) is None
+    division = divide(shown)
+    assert len(division.places) == len(set(order))
+
+
+def test_an_even_picture_has_nothing_steady() -> None:
+    assert steady_view([np.full((HEIGHT, WIDTH, 3), 128, np.uint8)] * 3) is None
+
+
+def test_landmarks_are_chosen_among_the_patches_that_are_asked() -> None:
+    luma = texture(0)
+    every = Landmarks.of(luma, all_of_them=True)
+    assert len(every) == (WIDTH // 16) * (HEIGHT // 16)
+    some = Landmarks.of(luma, among=every.corners[:20])
+    assert 0 < len(some) <= 8
+    assert (some.corners[:, 0] == 0).all()
