@@ -321,9 +321,9 @@ def _opening(pair: Pair) -> Floats:
 def confidence(together_s: float, distance: float) -> float:
     """How often two who looked like this were together, in [0, 1).
 
-    A logistic function of the seconds together and of the median distance in body sizes, fitted
-    to all encounters that the rule finds in the places that it was chosen on; relative speed and
-    drift add nothing to these two.
+    The odds are so many times the seconds together, and fall with the median distance in body
+    sizes: a logistic function fitted to all encounters that the rule finds in the places that it
+    was chosen on; relative speed and drift add nothing to these two.
     """
-    odds = 1.35 * math.sqrt(together_s) * together_s * math.exp(-2.1 * distance)
+    odds = 12.0 * together_s * math.exp(-4.6 * distance)
     return round(odds / (1.0 + odds), 4)

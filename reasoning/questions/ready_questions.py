@@ -55,11 +55,15 @@ def _met(words: Sequence[str], _: Options) -> Mapping[str, str]:
     return {"a": str(a), "b": first, "a_too": second}
 
 
-def _two(words: Sequence[str], _: Options) -> Mapping[str, str]:
-    a, b = track_of(words[0]), track_of(words[1])
+def _together(words: Sequence[str], options: Options) -> Mapping[str, str]:
+    sure = {"sure": repr(options.certainty or 0.0)}
+    a = track_of(words[0])
+    if len(words) == 1:
+        return {"who": f"{a} IN (e.a, e.b)", **sure}
+    b = track_of(words[1])
     if a == b:
         raise UsageError(f"--ask together {a} {b}: two different targets are wanted")
-    return {"a": str(min(a, b)), "b": str(max(a, b))}
+    return {"who": f"e.a = {min(a, b)} AND e.b = {max(a, b)}", **sure}
 
 
 def _one(words: Sequence[str], options: Options) -> Mapping[str, str]:
@@ -141,9 +145,10 @@ QUESTIONS: Mapping[str, Question] = {
     for x in (
         Question("met", "A [B]", "whom A met or passed (whose shells touched A's), when, and how long", sql.MET, _met,
                  "target A's shell never touched such a shell; `timeline A` shows all there is of it", few_from=2),
-        Question("together", "A B", "when A and B were socially together, in hindsight", sql.TOGETHER, _two,
-                 "A and B were never near and slow against one another for long; `met A B` shows if they passed",
-                 few_from=2),
+        Question("together", "A [B]", "with whom A was socially together, and when, in hindsight", sql.TOGETHER,
+                 _together,
+                 "target A was never near and slow against another for long; `met A` shows whom it passed",
+                 few_from=1),
         Question("left-with", "A --within 5s",
                  "who left with A: the same way, in contact until the first of them left (--gap 1s)",
                  sql.LEFT_WITH, _one,

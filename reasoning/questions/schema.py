@@ -309,7 +309,8 @@ MEANING: Mapping[str, str] = {
     ),
     "relations": (
         "one row per interval in which a and b (a < b) were in INTERACTION or JOINT; nearest:"
-        " least distance on the ground, in body sizes"
+        " least distance on the ground, in body sizes; NULL where the two were never seen apart,"
+        " and may be one"
     ),
     "groups": (
         "one row per group's life; ended_by is the kind of the event that ended it, NULL at"

@@ -4,6 +4,8 @@ Times are compared as they are shown, to the millisecond: a row at a limit that 
 in the answer.
 """
 
+from reasoning.encounters.nearness import NEAR_ODDS, NEAR_POWER
+
 SHOWN = """seen_share, existence, identity,
   least(seen_share, existence, identity) AS certainty, joins"""
 """How sure a row is; as many as its least sure part (see `schema.BELIEF`)."""
@@ -15,11 +17,10 @@ OF_ALL = """round(sum(seen_share * (end_frame - start_frame + 1)) / sum(end_fram
 
 BELIEF = "seen_share, existence, identity, joins"
 
-REACH = 1.2
-"""Shells touch where two are about so near, in body sizes; the further apart they are on the ground,
-the less sure it is that they were near: they may touch in the picture alone.
+NEAR = f"coalesce({NEAR_ODDS} / ({NEAR_ODDS} + nearest ** {NEAR_POWER}), 0.4)"
+"""How sure it is that two came near one another at all, see `nearness.sure_near`: their shells may
+touch in the picture alone, or at the edge. Of two who were never seen apart nobody knows.
 """
-NEAR = f"coalesce(least(1.0, ({REACH} / greatest(nearest, 0.01)) ** 2), 1.0)"
 
 MET = f"""
 -- intervals of A with one partner that follow one another within a second are one meeting
@@ -51,22 +52,30 @@ FROM whole ORDER BY recording, first, other
 """
 
 TOGETHER = """
+-- company: who else was together with one of the two for a second of that time: groups of three and more
+WITH told AS (
+  SELECT *, least(seen_share, existence, identity, confidence) AS certainty FROM sure_encounters WHERE true$only)
 SELECT e.recording, e.a, e.b, e.kind, e.start_frame, e.end_frame, e.start_t, e.end_t,
   round(e.end_t - e.start_t, 3) AS seconds, e.confidence, round(v.distance, 2) AS body_sizes_apart,
-  round(v.relative_speed, 2) AS relative_speed, e.seen_share, e.existence, e.identity,
-  least(e.seen_share, e.existence, e.identity, e.confidence) AS certainty, e.joins,
+  round(v.relative_speed, 2) AS relative_speed,
+  coalesce((SELECT list_sort(list_distinct(list(if(o.a IN (e.a, e.b), o.b, o.a)))) FROM told o
+    WHERE o.recording = e.recording AND (o.a IN (e.a, e.b)) <> (o.b IN (e.a, e.b)) AND o.certainty >= $sure
+      AND round(least(o.end_t, e.end_t) - greatest(o.start_t, e.start_t), 3) >= 1.0), []) AS company,
+  e.seen_share, e.existence, e.identity, e.certainty, e.joins,
   format('encounter:{}-{}@{}', e.a, e.b, e.start_frame) AS explain
-FROM sure_encounters e LEFT JOIN encounter_evidence v USING (recording, a, b, start_frame)
-WHERE e.a = $a AND e.b = $b$only ORDER BY e.recording, e.start_frame
+FROM told e LEFT JOIN encounter_evidence v USING (recording, a, b, start_frame)
+WHERE $who ORDER BY e.recording, e.start_frame, e.a, e.b
 """
 
 BESIDE = 2.0
 """Who left within so many of their heights of one another left by the same way."""
-BESIDE_ONLY = 0.8
-"""Who left side by side, and was never otherwise together, left with somebody with so much."""
+BESIDE_ONLY = 0.4
+"""Who left side by side, and was never otherwise together, left with somebody with at most so much:
+on a street that was looked at from above, 1 of 98 such pairs knew one another.
+"""
 
 LEFT_WITH = f"""
--- with: in contact until at most $gap s before the first of them left; of several contacts the one that was seen best;
+-- with: in contact until at most $gap s before the first of them left; of several contacts the surest one;
 -- and gone the same way, within {BESIDE:g} of their heights of one another: who pass go opposite ways.
 -- leaving is the last exit; without one, the last sight of a track that was gone before the recording ended: then
 -- nobody saw it leave, and it is as good as unsure
@@ -97,20 +106,20 @@ contact AS (
     {BESIDE_ONLY} * {NEAR} AS near FROM sure_relations WHERE a = $a$only
   UNION ALL SELECT recording, a, start_t, end_t, 'relation', start_frame, seen_share,
     {BESIDE_ONLY} * {NEAR} FROM sure_relations WHERE b = $a$only
-  UNION ALL SELECT recording, b, start_t, end_t, 'encounter', start_frame, seen_share, 1.0 FROM sure_encounters
-    WHERE a = $a$only
-  UNION ALL SELECT recording, a, start_t, end_t, 'encounter', start_frame, seen_share, 1.0 FROM sure_encounters
-    WHERE b = $a$only),
+  UNION ALL SELECT recording, b, start_t, end_t, 'encounter', start_frame, seen_share, confidence
+    FROM sure_encounters WHERE a = $a$only
+  UNION ALL SELECT recording, a, start_t, end_t, 'encounter', start_frame, seen_share, confidence
+    FROM sure_encounters WHERE b = $a$only),
 last_contact AS (
   SELECT recording, other, max(c.end_t) AS end_t,
-    max({{'seen': c.seen_share, 't': c.end_t, 'what': c.what, 'frame': c.start_frame}}) AS which,
-    round(max(c.near), 4) AS near
+    max({{'sure': least(c.seen_share, c.near), 't': c.end_t, 'what': c.what, 'frame': c.start_frame,
+      'seen': c.seen_share}}) AS which
   FROM both_left g JOIN contact c USING (recording, other)
   WHERE c.start_t <= g.until_t AND round(g.until_t - c.end_t, 3) <= $gap GROUP BY recording, other)
 SELECT g.recording, $a AS track, g.other, g.first_t AS track_left_t, g.t AS other_left_t,
   round(g.t - g.first_t, 3) AS seconds_after, c.end_t AS last_contact_t, g.heights_apart,
   c.which.seen AS seen_share, g.existence, g.identity,
-  least(c.which.seen, g.existence, g.identity, g.seen_leaving, c.near) AS certainty, g.joins,
+  least(round(c.which.sure, 4), g.existence, g.identity, g.seen_leaving) AS certainty, g.joins,
   concat_ws(' ', format('{{}}:{{}}-{{}}@{{}}', c.which.what, least($a, g.other), greatest($a, g.other),
     c.which.frame), if(g.event IS NULL,
     format('track:{{}}@{{}}', g.other, g.frame), format('event:{{}}', g.event))) AS explain
@@ -277,7 +286,7 @@ near AS (
     AND p.start_t < e.t AND round(e.t - p.end_t, 3) <= $within)
 SELECT recording, event, subject, other, how, greatest(start_t, t - $within) AS from_t, least(end_t, t) AS until_t,
   round(t - least(end_t, t), 3) AS seconds_before, seen_share, existence, identity,
-  least(seen_share, existence, identity, confidence) AS certainty, joins,
+  least(seen_share, existence, identity, round(confidence, 4)) AS certainty, joins,
   format('{{}}:{{}}-{{}}@{{}} event:{{}}', what, least(subject, other), greatest(subject, other), start_frame,
     event) AS explain
 FROM near ORDER BY recording, seconds_before, from_t, subject, other, how
@@ -285,21 +294,29 @@ FROM near ORDER BY recording, seconds_before, from_t, subject, other, how
 
 # Contacts: ``id`` is ascending with the start, and says which row it was: its first frame, or its
 # group's label.
-_CONTACT = """{'seen_share': seen_share, 'existence': existence, 'identity': identity, 'joins': joins} AS belief"""
+
+
+def _contact(holds: str) -> str:
+    """Belief in a contact; ``holds``: how sure it is that the two were in contact at all."""
+    return f"""{{'seen_share': seen_share, 'existence': existence, 'identity': identity, 'joins': joins,
+  'holds': {holds}}} AS belief"""
+
+
 _SURE = " AND least(seen_share, existence, identity) >= $sure"
 
 BY_RELATIONS = f"""
-SELECT recording, a, b, start_t, end_t, start_frame::BIGINT * 4294967296 AS id, {_CONTACT}
+SELECT recording, a, b, start_t, end_t, start_frame::BIGINT * 4294967296 AS id, {_contact(NEAR)}
 FROM sure_relations WHERE true{_SURE} AND {NEAR} >= $sure$only"""
 
 BY_JOINT = BY_RELATIONS.replace("WHERE true", "WHERE state = 'JOINT'")
 
 BY_ENCOUNTERS = f"""
-SELECT recording, a, b, start_t, end_t, start_frame::BIGINT * 4294967296 AS id, {_CONTACT}
+SELECT recording, a, b, start_t, end_t, start_frame::BIGINT * 4294967296 AS id, {_contact("confidence")}
 FROM sure_encounters WHERE confidence >= $sure{_SURE}$only"""
 
 BY_GROUPS = f"""
-SELECT g.recording, m.a, n.b, g.start_t, g.end_t, g.start_frame::BIGINT * 4294967296 + g.group_id AS id, {_CONTACT}
+SELECT g.recording, m.a, n.b, g.start_t, g.end_t, g.start_frame::BIGINT * 4294967296 + g.group_id AS id,
+  {_contact("1.0")}
 FROM (FROM sure_groups WHERE true{_SURE}$only) g, unnest(g.members) AS m(a), unnest(g.members) AS n(b)
 WHERE m.a < n.b"""
 
@@ -324,14 +341,14 @@ contact AS MATERIALIZED (
   WHERE t IS NULL OR start_t <= t
   UNION ALL SELECT b, a, start_t, end_t, id, belief FROM pairs LEFT JOIN by_then ON who = a
   WHERE t IS NULL OR start_t <= t),
-reached(who, t, contacts, via, ids, seen_share, existence, identity, joins) USING KEY (who) AS (
+reached(who, t, contacts, via, ids, seen_share, existence, identity, holds, joins) USING KEY (who) AS (
   SELECT base + $a, since, 0, CAST([] AS INTEGER[]), CAST([] AS BIGINT[]),
-    CAST(1 AS DOUBLE), CAST(1 AS DOUBLE), CAST(1 AS DOUBLE), CAST([] AS INTEGER[]) FROM numbered
+    CAST(1 AS DOUBLE), CAST(1 AS DOUBLE), CAST(1 AS DOUBLE), CAST(1 AS DOUBLE), CAST([] AS INTEGER[]) FROM numbered
   UNION (
     SELECT taker, first.t, s.contacts + 1, list_append(s.via, CAST(first.giver % 4294967296 AS INTEGER)),
       list_append(s.ids, first.id), least(s.seen_share, first.belief.seen_share),
       least(s.existence, first.belief.existence), least(s.identity, first.belief.identity),
-      list_concat(s.joins, first.belief.joins)
+      least(s.holds, first.belief.holds), list_concat(s.joins, first.belief.joins)
     FROM (
       SELECT n.taker, min({'t': greatest(s.t, n.first_t), 'giver': n.giver, 'id': n.id, 'belief': n.belief}) AS first
       -- of each giver the contact that began first of those that had not ended: that one passes on first
@@ -343,7 +360,7 @@ reached(who, t, contacts, via, ids, seen_share, existence, identity, joins) USIN
       JOIN reached s ON s.who = n.giver GROUP BY n.taker)
     JOIN reached s ON s.who = first.giver))
 SELECT recording, CAST(who - base AS INTEGER) AS track, contacts, t AS reached_t, via, seen_share, existence, identity,
-  least(seen_share, existence, identity) AS certainty, list_sort(list_distinct(joins)) AS joins,
+  least(seen_share, existence, identity, round(holds, 4)) AS certainty, list_sort(list_distinct(joins)) AS joins,
   array_to_string(list_transform(range(1, contacts + 1), lambda i: $why), ' ') AS explain
 FROM reached JOIN numbered ON base = who - who % 4294967296
 WHERE contacts > 0 ORDER BY recording, t, contacts, track

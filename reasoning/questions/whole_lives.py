@@ -20,7 +20,7 @@ from reasoning.encounters import (
     still,
 )
 from reasoning.encounters.ground import GroundSlope, ground_of
-from reasoning.encounters.nearness import nearest
+from reasoning.encounters.nearness import ever_apart, nearest
 from reasoning.questions.recording_facts import RecordingFacts, Row
 from reasoning.questions.runs import Belief
 from reasoning.questions.track_boxes import TrackBoxes, feet, first_way, usual_height
@@ -96,10 +96,18 @@ def rows_of(
 def _related(
     lives: Lives, histories: Mapping[int, History], ground: GroundSlope, tables: Set[str]
 ) -> Iterator[TableRow]:
-    """The ground is known once all boxes are, and with it how near people came on it."""
+    """The ground is known once all boxes are, and with it how near people came on it. Of two who
+    never were apart, and so may be one, no distance is told.
+    """
+    two: dict[tuple[int, int], bool] = {}
 
     def away(a: int, b: int, first: int, last: int) -> float | None:
         if a not in histories or b not in histories:
+            return None
+        pair = min(a, b), max(a, b)
+        if pair not in two:
+            two[pair] = ever_apart(histories[a], histories[b])
+        if not two[pair]:
             return None
         return nearest(histories[a], histories[b], first, last, ground)
 
@@ -110,7 +118,7 @@ def _related(
         track, _, partners, first, last, *_ = row
         found = [away(track, partner, first, last) for partner in partners]
         known = [distance for distance in found if distance is not None]
-        yield "bits", (*row, max(known, default=None))
+        yield "bits", (*row, max(known) if known and len(known) == len(found) else None)
 
 
 def _targets(

@@ -13,6 +13,10 @@ Thresholds are chosen from a small grid without the file that is scored (leave-o
 the place that it is from (leave-one-place-out). Of all settings within one labelled item of the
 best, the one in the middle of the grid is taken: so few items cannot tell them apart.
 
+Groups are who hangs together by pairs that are likelier together than not. A labelled one is found
+if one of ours has two thirds of its members, and of whose own no more than a third are others; F1
+of groups, of all of them and of three and more.
+
 With ``--log``, what a tracker's errors cost: the encounters of an annotated log against those
 that the same rule finds in the true boxes (MOTChallenge text), in frames of pairs; each target is
 in each frame who it overlaps by half or more.
@@ -23,7 +27,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -296,6 +300,50 @@ def report_places(
     )
 
 
+def hang_together(pairs: Iterable[tuple[int, int]]) -> list[set[int]]:
+    """The groups that pairs make."""
+    groups: list[set[int]] = []
+    for pair in pairs:
+        mine = [g for g in groups if g & set(pair)]
+        groups = [g for g in groups if not g & set(pair)] + [set(pair).union(*mine)]
+    return groups
+
+
+def likely(people: Mapping[int, History]) -> list[tuple[int, int]]:
+    """Pairs that are likelier together than not."""
+    return [(e.a, e.b) for e in find_encounters(people) if e.confidence >= 0.5]
+
+
+def group_counts(
+    ours: Iterable[tuple[int, int]], labelled: Iterable[tuple[int, int]], least: int
+) -> Counts:
+    """True, false, missed groups of so many and more."""
+    told, meant = hang_together(ours), hang_together(labelled)
+
+    def same(mine: set[int], theirs: set[int]) -> bool:
+        both = len(mine & theirs)
+        return 3 * both >= 2 * len(theirs) and 3 * both >= 2 * len(mine)
+
+    found = sum(len(t) >= least and any(same(m, t) for m in told) for t in meant)
+    false = sum(len(m) >= least and not any(same(m, t) for t in meant) for m in told)
+    return np.array([found, false, sum(len(t) >= least for t in meant) - found])
+
+
+def report_groups(sequences: list[caviar.Sequence], there: Street) -> None:
+    print("groups, F1 (tp fp fn)")
+    for least in (2, 3):
+        lobby = [
+            group_counts(likely(s.people()), [(x.a, x.b) for x in s.together], least)
+            for s in sequences
+        ]
+        on_it = group_counts(likely(there.people), sorted(there.together), least)
+        cells = [
+            f"{place} {pair_f1(counts):.2f} {counts.tolist()}"
+            for place, counts in (("CAVIAR", np.sum(lobby, axis=0)), ("EWAP", on_it))
+        ]
+        print(f"  of {least} and more: {', '.join(cells)}")
+
+
 def compare(log: Path, truth: Path, truth_size: tuple[int, int]) -> None:
     """Print precision, recall and F1 of (person, person, frame) together, tracked against the
     true boxes.
@@ -378,6 +426,7 @@ def main() -> int:
     there = street(args.street)
     report_street(there)
     report_places(sequences, table, there)
+    report_groups(sequences, there)
     return 0
 
 

@@ -60,7 +60,7 @@ def test_chains_equal_a_search_of_every_path(depth: int, since: float | None) ->
         for statement in create_statements():
             con.execute(statement)
         rows: list[tuple[Any, ...]] = [
-            (g, a, b, "JOINT", s, e, float(s), float(e), 1.0, 0.9, 0.8, [], None)
+            (g, a, b, "JOINT", s, e, float(s), float(e), 1.0, 0.9, 0.8, [], 0.1)
             for g, cs in made.items()
             for a, b, s, e in cs
         ]

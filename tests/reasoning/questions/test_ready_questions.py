@@ -84,6 +84,25 @@ def test_who_only_touch_in_the_picture_hardly_met(
     assert (row["certainty"] < 0.5) == deep, row
 
 
+@pytest.mark.parametrize(("drawn_apart", "told"), [(0.0, False), (1.0, True)])
+def test_who_was_never_seen_apart_from_another_may_be_him(
+    tmp_path: Path,
+    story_type: type[Any],
+    write_story: Callable[..., Any],
+    drawn_apart: float,
+    told: bool,
+) -> None:
+    places = {
+        1: (0, 60, (100.0, 50.0, 20.0, 40.0), (1.0, 0.0)),
+        2: (30, 60, (133.0, 52.0, 20.0, 40.0), (1.0 + drawn_apart, 0.0)),
+    }
+    story = story_type(61, places, relations=[(1, 2, "INTERACTION", 30, 60)])
+    with Case([write_story(story, tmp_path / "one.mcap")]) as c:
+        (row,) = ask(c, "met", "1")
+        assert (row["certainty"] > 0.5) == told, row
+        assert (row["nearest"] is not None) == told
+
+
 @pytest.mark.parametrize(("step", "sure"), [(0.0, 0.4), (1.0, 0.9)])
 def test_who_is_found_standing_did_not_come_in_then(
     tmp_path: Path,
