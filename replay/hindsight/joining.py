@@ -17,12 +17,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from reasoning.geometry import share_inside
 from replay.hindsight.fragments import End, Fragment, end_of
 from replay.hindsight.parameters import HindsightParameters
 from replay.trackers.appearance import BRIGHTNESS, SIGNATURE
 
 _QUANTUM = 2.0**-20
 _NEVER = 2.0**20
+HANDED_OVER_S = 1.0
+"""A fragment may begin so long before the one that it follows ends: a detector's second box on
+somebody may start a track of its own, which goes on where the first ends.
+"""
+AT_ONE_PLACE = 0.6
+"""Then so much of the smaller of the two boxes lies within the other, on the mean."""
 UNKNOWN = 0.4
 """Colours that are not known differ as strangers' do: nothing is won by that."""
 
@@ -63,10 +70,10 @@ def price(
         return None
     out, into = ends
     gap = (into.time_ns - out.time_ns) * 1e-9
-    if gap <= 0 or gap > p.join_s or (b.told and not a.told):
+    if gap > p.join_s or (b.told and not a.told) or (gap <= 0 and not handed_over(a, b)):
         return None
     size = (out.size + into.size) / 2
-    sigma = size * (p.drift + p.drift_rate * gap)
+    sigma = size * (p.drift + p.drift_rate * max(gap, 0.0))
     # Each side alone, straight or standing still, and both sides meeting in the middle: people
     # stop and turn behind an occluder, so the best of these explanations counts.
     misses = [
@@ -74,7 +81,9 @@ def price(
             out.x + u * gap * out.vx - (into.x - v * gap * into.vx),
             out.y + u * gap * out.vy - (into.y - v * gap * into.vy),
         )
-        for u, v in ((0.5, 0.5), (1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
+        for u, v in (
+            ((0.5, 0.5), (1.0, 0.0), (0.0, 1.0), (0.0, 0.0)) if gap > 0 else ((0.0, 1.0),)
+        )
     ]
     motion = 0.5 * (min(misses) / sigma) ** 2
     ratio = abs(math.log(out.h / into.h)) + abs(math.log(out.w / into.w))
@@ -82,12 +91,28 @@ def price(
     cost = (
         motion
         + 0.5 * ratio
-        + p.gap_weight * gap
+        + p.gap_weight * max(gap, 0.0)
         + p.appearance_weight * (UNKNOWN if colours is None else colours)
     )
     return (
-        Join(a.id, b.id, gap, cost, motion, ratio, colours) if cost < p.join_cost else None
+        Join(a.id, b.id, max(gap, 0.0), cost, motion, ratio, colours)
+        if cost < p.join_cost
+        else None
     )
+
+
+def handed_over(a: Fragment, b: Fragment) -> bool:
+    """Whether b, which begins before a ends, is on the body that a was on, and goes on with it."""
+    overlap = a.last.time_ns - b.first.time_ns
+    if overlap > HANDED_OVER_S * a.second * 1e9 or b.last.time_ns <= a.last.time_ns:
+        return False
+    mine = {s.at: s.box for s in a.tail}
+    shares = [
+        max(share_inside(s.box, mine[s.at]), share_inside(mine[s.at], s.box))
+        for s in b.head
+        if s.at in mine
+    ]
+    return bool(shares) and math.fsum(shares) >= AT_ONE_PLACE * len(shares)
 
 
 def join(
@@ -110,9 +135,10 @@ def join(
     prices: dict[tuple[int, int], Join] = {}
     for i, a in enumerate(items):
         ended = a.last.time_ns
-        for j in range(
-            bisect_right(starts, ended), bisect_right(starts, ended + int(p.join_s * 1e9))
-        ):
+        since = max(
+            i + 1, bisect_right(starts, ended - int(HANDED_OVER_S * a.second * 1e9))
+        )
+        for j in range(since, bisect_right(starts, ended + int(p.join_s * 1e9))):
             found = price(a, items[j], (outs[i], intos[j]), p)
             if found is not None:
                 prices[i, j] = found

@@ -94,6 +94,27 @@ def test_fragments_are_joined_and_the_gap_is_filled_on_the_path() -> None:
     assert first.evidence["support_at_least"] == p.min_support
 
 
+@pytest.mark.parametrize(
+    ("aside", "overlap", "ids"),
+    [(4.0, 3, {1}), (4.0, 9, {1}), (4.0, 14, {1, 2}), (14.0, 3, {1, 2})],
+)
+def test_a_second_box_on_somebody_takes_his_track_over(
+    aside: float, overlap: int, ids: set[int]
+) -> None:
+    """Where it stands on him, and the first one ends within a second."""
+    frames = []
+    for k in range(60):
+        here = [_target(1, k, 50 + 5.0 * k)] if k < 30 else []
+        here += [_target(2, k, 50 + 5.0 * k, 200 + aside * 2)] if k >= 30 - overlap else []
+        frames.append(Targets(k, here))
+    out = _run(frames)
+    assert {t.id for frame in out for t in frame.targets} == ids
+    if ids == {1}:
+        assert all(len(frame.targets) == 1 for frame in out)
+        [(frame, notice)] = _notices(out, "track_recovered")
+        assert (frame, notice.evidence["gap_s"]) == (30 - overlap, 0.0)
+
+
 def test_who_left_the_scene_does_not_go_on_as_who_comes_in() -> None:
     frames = _walk(60, range(20, 32))
     for left, ids in ((False, {1}), (True, {1, 2})):
