@@ -26,6 +26,7 @@ from replay.export.graphml import interaction_graph, node_link
 from replay.export.output import whole_file, whole_folder
 
 if TYPE_CHECKING:
+    import duckdb
     import networkx as nx
 
 _BLOCK = 1 << 20
@@ -201,21 +202,25 @@ def _write_tables(
     """
     if table not in TABLES:
         raise UsageError(f"no table {table!r}; there are: {', '.join(TABLES)}")
+    import duckdb
+
     path = Path(out)
     suffix, options = kind
     if path.suffix and not path.is_dir():
         with (
             whole_file(path, force=force) as file,
             TableSpool(log, camera, limits) as spool,
+            duckdb.connect(config={"threads": 1}) as db,
         ):
-            _copy(spool, table, file.part, options)
+            _copy(db, spool, table, file.part, options)
             return {table: spool.rows[table]}
     with (
         whole_folder(path, None, force=force) as folder,
         TableSpool(log, camera, limits) as spool,
+        duckdb.connect(config={"threads": 1}) as db,
     ):
         for name in TABLES:
-            _copy(spool, name, folder / f"{name}.{suffix}", options)
+            _copy(db, spool, name, folder / f"{name}.{suffix}", options)
         return spool.rows
 
 
@@ -230,26 +235,27 @@ def _csv_cell(column: str, kinds: dict[str, str]) -> str:
     )
 
 
-def _copy(spool: TableSpool, table: str, out: Path, options: str) -> None:
+def _copy(
+    db: duckdb.DuckDBPyConnection, spool: TableSpool, table: str, out: Path, options: str
+) -> None:
     import duckdb
 
     kinds = dict(TABLES[table])
     columns = ", ".join(f"{name}: '{kinds[name]}'" for name in shown(table))
-    with duckdb.connect(config={"threads": 1}) as db:
-        rows = (
-            f"read_json($rows, format = 'newline_delimited', columns = {{{columns}}},"
-            " maximum_object_size = 134217728)"
+    rows = (
+        f"read_json($rows, format = 'newline_delimited', columns = {{{columns}}},"
+        " maximum_object_size = 134217728)"
+    )
+    try:
+        cells = (
+            "*"
+            if options is not CSV[1]
+            else ", ".join(_csv_cell(c, kinds) for c in shown(table))
         )
-        try:
-            cells = (
-                "*"
-                if options is not CSV[1]
-                else ", ".join(_csv_cell(c, kinds) for c in shown(table))
-            )
-            db.execute(
-                f"COPY (SELECT {cells} FROM {rows}) TO $out ({options},"  # noqa: S608
-                " USE_TMP_FILE false)",
-                {"rows": str(spool.path(table)), "out": str(out)},
-            )
-        except duckdb.Error as error:
-            raise SceneTraceError(f"{out}: cannot be written: {reason(error)}") from error
+        db.execute(
+            f"COPY (SELECT {cells} FROM {rows}) TO $out ({options},"  # noqa: S608
+            " USE_TMP_FILE false)",
+            {"rows": str(spool.path(table)), "out": str(out)},
+        )
+    except duckdb.Error as error:
+        raise SceneTraceError(f"{out}: cannot be written: {reason(error)}") from error
