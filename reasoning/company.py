@@ -36,7 +36,11 @@ class Company:
                 if split
             ]
             entered = [[i, *self._interactions.partners(i, SPLITTING)] for i in born]
-            entered = [name for name in entered if not self._may_be_known(name, rows)]
+            entered = [
+                name
+                for name in entered
+                if not self._may_be_known(name, rows) and not self._came_apart(name, born)
+            ]
         self._keep(clusters, rows)
         return self._groups.step(
             frame, ns, clusters, merge_overlapping(entered), splitting, rows.row
@@ -54,10 +58,18 @@ class Company:
 
     def _may_be_known(self, born: Sequence[int], rows: TargetColumns) -> bool:
         """Whether one who is born of a split may be somebody who came by himself: one with whom
-        they shared a region has vanished since.
+        they shared a region is not seen now.
         """
-        there = {target.id for target in rows.targets if target.present}
+        there = {target.id for target in rows.targets if target.present and target.observed}
         return any(j not in there for i in born for j in self._known.get(i, ()))
+
+    def _came_apart(self, name: Sequence[int], born: Sequence[int]) -> bool:
+        """Whether one who is born of a split has split from several, so that nobody knows with
+        whom of them he came, unless they had come as one themselves.
+        """
+        before = [i for i in name if i not in born]
+        as_one = [set(g.members) for g in self._groups.groups if g.entered_as_one]
+        return len(before) > 1 and not any(members.issuperset(before) for members in as_one)
 
     def state(self) -> list[list[Any]]:
         """Plain data."""

@@ -451,10 +451,11 @@ def group(log: EventLog, group_change: GroupChange) -> None:
         rule = (
             "EVENTS 3.1, ours: who collides with no member of a splitting group has left it"
         )
-    subjects = sorted(
-        {member for b in group_change.before for member in b.members}.union(members)
-    )
-    log.add(group_change.kind, subjects, rule, evidence, text, labels)
+    subjects = set(members)
+    if group_change.kind != "group_entered_scene":
+        # Who was with one of them before has entered with nobody.
+        subjects.update(member for b in group_change.before for member in b.members)
+    log.add(group_change.kind, sorted(subjects), rule, evidence, text, labels)
 
 
 def _membership(held_group: HeldGroup, before: Sequence[HeldGroup]) -> dict[str, Any]:

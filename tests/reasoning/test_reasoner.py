@@ -318,6 +318,33 @@ def test_who_appears_beside_another_within_the_scene_is_born_of_a_split() -> Non
     assert (group.members, group.entered_as_one, group.formed_from) == ([1, 2], True, [])
 
 
+def entered_as_one(answers: list[SceneAnnotation]) -> list[list[int]]:
+    return [
+        e.subjects for a in answers for e in a.events if e.kind == "group_entered_scene"
+    ]
+
+
+def test_who_splits_from_two_who_came_apart_has_come_with_nobody_known() -> None:
+    apart, two = [person(1, 100), person(2, 300)], [person(1, 200), person(2, 212)]
+    three = [*two, person(3, 206)]
+    _, answers = run([apart, apart, two, three])
+    assert entered_as_one(answers) == []
+    # Who had come as one with another has come with a third as well.
+    _, answers = run([[person(1, 200)], [person(1, 200)], two, three])
+    assert entered_as_one(answers) == [[1, 2], [1, 2, 3]]
+
+
+def test_who_may_be_a_partner_whom_nobody_sees_has_entered_with_nobody() -> None:
+    met = [person(1, 200, 7), person(2, 212, 7)]
+    told = []
+    for observed in (True, False):
+        hidden = person(2, 300, -1, observed=observed, mode="predicted")
+        beside = [person(1, 200, 7), hidden, person(3, 214, 8)]
+        _, answers = run([met, met, [person(1, 200, 7), hidden], beside])
+        told.append(entered_as_one(answers))
+    assert told == [[[1, 3]], []]
+
+
 def test_a_group_names_whom_the_ones_before_it_had() -> None:
     def three(b: int, c: int) -> list[Target]:
         return [person(1, 100, 7), person(2, 112, b), person(3, 124, c)]
