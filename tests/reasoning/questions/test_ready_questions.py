@@ -52,6 +52,28 @@ def test_together(case: Case) -> None:
     assert row["confidence"] > 0
 
 
+def test_together_with_anybody_names_the_company(
+    tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any]
+) -> None:
+    """Three walk abreast, the fourth far off; and who leaves with whom."""
+    places = {
+        k: (0, 199 if k < 3 else 249, (x, 100.0, 30.0, 80.0), (0.5, 0.0))
+        for k, x in ((1, 100.0), (2, 145.0), (3, 190.0), (4, 400.0))
+    }
+    exits: list[Any] = [("exited", [k], 199, [], {}) for k in (1, 2)]
+    near = [(1, 2, "INTERACTION", 0, 199), (2, 3, "INTERACTION", 0, 199)]
+    story = story_type(250, places, relations=near, events=exits)
+    with Case([write_story(story, tmp_path / "three.mcap")]) as c:
+        rows = {(r["a"], r["b"]): r["company"] for r in ask(c, "together", "2")}
+        assert rows == {(1, 2): [3], (2, 3): [1]}
+        assert all(2 in r["company"] for r in ask(c, "together", "1") if r["b"] == 3)
+        assert ask(c, "together", "4") == []
+        (left,) = ask(c, "left-with", "1")
+        (met,) = ask(c, "together", "1", "2")
+        assert left["other"] == 2
+        assert left["certainty"] == min(met["certainty"], met["confidence"]) > 0.5
+
+
 def test_left_with(case: Case) -> None:
     (row,) = ask(case, "left-with", "2", within_s=5.0, gap_s=5.0)
     assert (row["other"], row["track_left_t"], row["other_left_t"]) == (3, 10.0, 11.2)
