@@ -29,6 +29,10 @@ SURE = 0.75
 """Nothing better is looked for where this part of the share of landmarks that is usual is seen:
 windows in a row are like one another a few pixels aside as well.
 """
+CLEARLY_MORE = 1.25
+"""Under a shift that shows the view well another one is better only if it shows so many times as
+many landmarks: bodies that cover some of them look like others by chance, a pixel aside.
+"""
 MOST_STEPS = 3
 """Searches nearby that go on from where the one before came to."""
 LOST = 0.2
@@ -141,14 +145,20 @@ def find(picture: Image, place: CameraPlace, shift: Shift) -> tuple[Shift, Landm
         if place.surely(best[1]):
             return best
         found = reference.near(picture, best[0])
-        if found[0] == best[0]:
+        if found[0] == best[0] or not _clearly_better(found[1], best[1]):
             break
         best = found
     if not place.surely(best[1]):
         found = reference.around(picture, shift)
-        if found[1].score > best[1].score:
+        if found[1].score > best[1].score and _clearly_better(found[1], best[1]):
             best = found
     return best
+
+
+def _clearly_better(found: LandmarkSight, best: LandmarkSight) -> bool:
+    if not (shows(best) and best.still):
+        return True
+    return found.share >= CLEARLY_MORE * best.share
 
 
 def shows(sight: LandmarkSight) -> bool:

@@ -5,6 +5,7 @@ generated street against the same street undisturbed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from fixtures.disturbed import FPS, HEIGHT, WIDTH, dimmed, grey, picture, place,
 from recorders.evidence import unlike
 from recorders.messages import CHANGES, SceneChange
 from recorders.pictures import Image
-from recorders.segmentation.change.landmarks import Reference
+from recorders.segmentation.change.landmarks import LandmarkSight, Reference, Shift
 from recorders.segmentation.change.views import CameraPlace, find, shows
 from recorders.segmentation.motion import MotionSegmenter
 from recorders.segmentation.parameters import SegmentationParameters
@@ -184,6 +185,34 @@ def test_windows_in_a_row_are_not_taken_for_their_neighbours() -> None:
     shift, sight = find(moved, seen, (0, 0))
     assert shift == (-8, 0)
     assert sight.share > 0.9
+
+
+class Shown:
+    """A view of which a picture shows some landmarks unmoved, and others a pixel aside."""
+
+    def __init__(self, unmoved: float, aside: float) -> None:
+        self._unmoved, self._aside = unmoved, aside
+
+    def sight(self, *_: object) -> LandmarkSight:
+        return LandmarkSight(self._unmoved, 20.0, (0.0, 0.0), np.zeros(0, bool))
+
+    def near(self, *_: object) -> tuple[Shift, LandmarkSight]:
+        return (0, 1), LandmarkSight(self._aside, 21.0, (0.0, 0.0), np.zeros(0, bool))
+
+    around = near
+
+
+@pytest.mark.parametrize(
+    ("unmoved", "aside", "shift"),
+    [(0.5, 0.55, (0, 0)), (0.5, 0.7, (0, 1)), (0.2, 0.22, (0, 1))],
+    ids=["bodies cover some", "clearly more there", "not seen at all here"],
+)
+def test_a_camera_behind_bodies_is_not_moved_by_chance(
+    unmoved: float, aside: float, shift: Shift
+) -> None:
+    shown = cast("Reference", Shown(unmoved, aside))
+    found, _ = find(place(), CameraPlace(0, shown), (0, 0))
+    assert found == shift
 
 
 def test_an_exposure_that_wanders_is_no_switch(undisturbed: list[Image]) -> None:
