@@ -36,6 +36,8 @@ ALIKE = 0.6
 """A landmark is seen where the correlation is at least this."""
 DRIFT_PX = 0.5
 """From this mean displacement on, another shift is looked for."""
+BETWEEN_PX = 0.2
+"""A picture shifted by this much less or more than a whole number lies between pixels."""
 UNEVEN_PX = 0.45
 """A picture is turned, or nearer, where its landmarks are scattered by more than this."""
 NEAR = 2
@@ -74,6 +76,11 @@ class LandmarkSight:
     def even(self) -> bool:
         """All of the view is shifted alike: the picture is neither turned nor nearer."""
         return self.scatter <= UNEVEN_PX
+
+    @property
+    def whole(self) -> bool:
+        """The picture is shifted by a whole number of pixels."""
+        return max(map(abs, self.drift)) <= BETWEEN_PX
 
     @property
     def near(self) -> bool:

@@ -36,6 +36,8 @@ GRAIN_PX = 3
 """A camera's noise is that of single pixels, whatever the picture's size."""
 JUMP, JUMP_SHARE = 1.5, 0.01
 """Foreground jumps up if it grows by this factor and by this share of the picture."""
+BETWEEN_SHARE = 0.1
+"""Of pictures that lie one over another to a pixel at best there are more than this share."""
 STABLE = 0.5
 """A landmark is kept if it is seen in this share of the pictures."""
 
@@ -55,7 +57,7 @@ class ViewBackground:
         past: pictures that it goes on learning from, None: it was learnt in hindsight.
         new: how many of them it does not know yet.
         borrowed: it was made of another view's.
-        shaken: its pictures had to be moved to lie over one another.
+        shaken: its pictures had to be moved to lie over one another, and do so to a pixel at best.
     """
 
     background: Background
@@ -73,6 +75,7 @@ class View:
     place: CameraPlace
     ground: ViewBackground
     shift: Shift = (0, 0)
+    whole: bool = True
 
     @property
     def background(self) -> Background:
@@ -82,7 +85,7 @@ class View:
     @property
     def inexact(self) -> bool:
         """Picture and background lie over one another to a pixel, and no better."""
-        return self.ground.shaken or any(self.shift)
+        return self.ground.shaken or (any(self.shift) and not self.whole)
 
     def over_background(self, picture: Image) -> Image:
         """A picture moved to where the background lies, without grain where there is some."""
@@ -105,8 +108,8 @@ class View:
 
     def found_again(self, picture: Image) -> View:
         """The same view as another picture, a moment later, shows it."""
-        shift, _ = find(picture, self.place, self.shift)
-        return View(self.place, self.ground, shift)
+        shift, sight = find(picture, self.place, self.shift)
+        return View(self.place, self.ground, shift, sight.whole)
 
 
 class Scenery:
@@ -154,15 +157,18 @@ class Scenery:
             return False
         self._division = division
         for number, coloured in views:
-            shown = [
-                (picture, seen.shift)
+            these = [
+                (picture, seen)
                 for picture, seen in zip(pictures, division.seen, strict=True)
                 if (seen.place, seen.coloured) == (number, coloured)
             ]
+            shown = [(picture, seen.shift) for picture, seen in these]
+            between = sum(not seen.whole for _, seen in these)
             stack = aligned([p for p, _ in shown], [s for _, s in shown])
             assert number is not None
             ground = self._learnt(stack)
-            ground.shaken = len({s for _, s in shown}) > 1
+            moved = len({s for _, s in shown}) > 1
+            ground.shaken = moved and between > BETWEEN_SHARE * len(shown)
             self._grounds[number, coloured] = ground
             if counts[number, coloured] >= counts[number, not coloured]:
                 _know_by(division.places[number], ground.background, shown)
@@ -204,7 +210,7 @@ class Scenery:
         if ground is None:
             return None
         place = next(p for p in self._watch.places if p.number == seen.place)
-        return View(place, ground, seen.shift)
+        return View(place, ground, seen.shift, seen.whole)
 
     # -- frame by frame ------------------------------------------------------------------------
 
@@ -243,7 +249,7 @@ class Scenery:
         if ground.past.wants_next() and any(look.shift):
             right, down = look.shift
             picture = shifted(picture, (-right, -down), ground.background.colour)
-            ground.shaken = True
+            ground.shaken |= not look.whole
         if not ground.past.add(picture):
             return
         ground.new += 1

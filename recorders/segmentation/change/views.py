@@ -81,11 +81,13 @@ class ViewSeen:
         place: the place's number, None where it shows none that was seen before or after.
         shift: against the place's reference.
         coloured: it has colours.
+        whole: it lies over the place's reference to a fraction of a pixel.
     """
 
     place: int | None
     shift: Shift = (0, 0)
     coloured: bool = True
+    whole: bool = True
 
 
 @dataclass
@@ -179,7 +181,7 @@ def divide(pictures: list[Image]) -> Division:
             made.seen.append(ViewSeen(None))
             continue
         coloured = colours.step(coloured_share(picture))
-        number = _known(picture, made.places, shifts, last)
+        number, whole = _known(picture, made.places, shifts, last)
         if number is None:
             reference = Reference(as_image(cv2.extractChannel(picture, 0)))
             if made.places and not reference.known:
@@ -189,7 +191,7 @@ def divide(pictures: list[Image]) -> Division:
             made.places.append(CameraPlace(number, reference))
             shifts.append((0, 0))
         last = number
-        made.seen.append(ViewSeen(number, shifts[number], coloured))
+        made.seen.append(ViewSeen(number, shifts[number], coloured, whole))
     made.seen = _at_rest(made.seen)
     made.colours = colours.usual
     if len(made.places) > 1:
@@ -222,20 +224,23 @@ def _take_together(made: Division, pictures: list[Image]) -> None:
 
 def _known(
     picture: Image, places: list[CameraPlace], shifts: list[Shift], last: int
-) -> int | None:
-    """The number of the place that a picture shows; its shift goes into ``shifts``."""
+) -> tuple[int | None, bool]:
+    """The number of the place that a picture shows, and whether it is shifted by a whole number of
+    pixels; its shift goes into ``shifts``.
+    """
     order = sorted(places, key=lambda place: (place.number != last, -place.number))
     for place in order:
         shift, sight = find(picture, place, shifts[place.number])
         if shows(sight):
             shifts[place.number] = shift
-            return place.number
+            return place.number, sight.whole
     for place in order:
         shift, sight = place.reference.anywhere(picture)
         if shows(sight):
             shifts[place.number] = shift
-            return place.number
-    return next((p.number for p in order if p.reference.agrees(picture)), None)
+            return place.number, sight.whole
+    agreeing = (p.number for p in order if p.reference.agrees(picture))
+    return next(agreeing, None), True
 
 
 def _at_rest(seen: list[ViewSeen]) -> list[ViewSeen]:

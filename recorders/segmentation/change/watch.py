@@ -47,6 +47,7 @@ class Look:
         one_colour: the name of the colour that fills it, "" where none does.
         one_colour_share: the share of it that it fills, as last looked at.
         new: a place that was not known before: the camera has come to rest on it.
+        whole: the shift is so to a fraction of a pixel.
     """
 
     place: int | None
@@ -57,6 +58,7 @@ class Look:
     one_colour: str = ""
     one_colour_share: float = 0.0
     new: bool = False
+    whole: bool = True
 
 
 class Watch:
@@ -136,7 +138,15 @@ class Watch:
                     self._moved_at = self._frames
                 self._home, self._rest = (place, shift), None
                 share = 1.0 if sight is NO_SIGHT else sight.share
-                return Look(place.number, shift, coloured, colours, share, new=new)
+                return Look(
+                    place.number,
+                    shift,
+                    coloured,
+                    colours,
+                    share,
+                    new=new,
+                    whole=sight.whole,
+                )
             share, name = one_colour_share(picture)
         if share >= self._one_colour:
             self._rest = None

@@ -80,6 +80,24 @@ def test_a_bump_is_told_in_pixels_and_masks_stay_in_the_pictures_own_place(
     assert alike(masks, moved, range(HALF, FRAMES)) > 0.8
 
 
+def test_where_a_bump_is_of_whole_pixels_nothing_is_lost_by_it() -> None:
+    """Thin bodies, no brighter or darker than the busy ground around them: as without the bump."""
+    rng = np.random.default_rng(5)
+    busy = np.repeat(np.repeat(rng.integers(60, 200, (75, 90, 3), np.uint8), 4, 0), 4, 1)
+
+    def spokes(k: int, right: int) -> Image:
+        seen = busy.copy()
+        for x in range(60 + 3 * k % 200, 60 + 3 * k % 200 + 24, 6):
+            seen[100:150, x : x + 3] = 130
+        return np.ascontiguousarray(seen[60 : 60 + HEIGHT, 60 + right : 60 + right + WIDTH])
+
+    still, _ = run(spokes(k, 0) for k in range(FRAMES))
+    bumped, told = run(spokes(k, -4 if k >= HALF else 0) for k in range(FRAMES))
+    assert kinds(told) == ["moved"]
+    assert all(np.count_nonzero(still[k]) for k in range(10, 20))
+    assert alike(bumped, still, range(HALF)) > 0.95
+
+
 def test_a_shake_is_compensated_and_no_move(undisturbed: list[Image]) -> None:
     rng = np.random.default_rng(1)
     shakes = rng.integers(-2, 3, (FRAMES, 2)).tolist()
