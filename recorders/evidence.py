@@ -84,6 +84,11 @@ EVIDENCE: Mapping[str, tuple[EvidenceShape, ...]] = {
         EvidenceShape(
             ("gap_s", "cost"), ("fragment", "after", "motion", "size"), ("appearance",)
         ),
+        EvidenceShape(  # in part of the gap nobody could be seen
+            ("watched_s", "cost"),
+            ("fragment", "after", "gap_s", "motion", "size"),
+            ("appearance",),
+        ),
         EvidenceShape(("gap_s",)),
         EvidenceShape((), ("gap_s",)),  # its place was not known meanwhile
         _UNTOLD,

@@ -189,6 +189,13 @@ class SceneLog(Closing):
         for message in self._log.messages([self._topics["detections"]]):
             yield self._time(message)
 
+    def changes(self) -> Iterator[tuple[int, SceneChange]]:
+        """How the picture changed as a whole, each with its frame's log time in ns, reading that
+        channel alone.
+        """
+        for message in self._log.messages([self._topics["changes"]]):
+            yield message.log_time_ns, self._decode("changes", message)
+
     def frames(
         self,
         start_ns: int | None = None,

@@ -49,6 +49,7 @@ from replay.engine import (
     recorded_now,
 )
 from replay.frame_payloads import payloads
+from replay.hindsight.blind import blind_times
 from replay.trackers.choice import DEFAULT_TRACKER, AnyTracker, TrackerChoice, choose
 from replay.trackers.tracker import Payloads
 
@@ -350,6 +351,7 @@ class Run:
             self.options.parameters,
             names,
             [] if self._corrector is None else self._corrector.apart,
+            blind_times(self.scene.changes(), times),
         )
         frames = self.scene.frames(
             start_ns, first, again=True, own=self.options.annotations_only

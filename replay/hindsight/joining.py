@@ -4,8 +4,10 @@ appearance.
 A join's cost is a sum of recorded terms: how far the straight paths out of the gap's two sides
 miss one another (in standard deviations that grow with the gap), how much the sizes differ, how
 much the colours differ (Hellinger distance), and the gap's length. Joining must cost less than
-leaving both ends loose (`join_cost`). Ties follow `scipy.optimize.linear_sum_assignment` on costs
-quantised to 2**-20, fragments in the order of their ids.
+leaving both ends loose (`join_cost`). While nobody could be seen (`blind`), a gap costs nothing,
+and where the view changed meanwhile nothing is known of the way. Ties follow
+`scipy.optimize.linear_sum_assignment` on costs quantised to 2**-20, fragments in the order of their
+ids.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from reasoning.geometry import share_inside
-from replay.hindsight.fragments import End, Fragment, end_of
+from replay.hindsight.blind import Blind, blind_within, seen_until
+from replay.hindsight.fragments import ENDS_S, End, Fragment, end_of
 from replay.hindsight.parameters import HindsightParameters
 from replay.trackers.appearance import BRIGHTNESS, SIGNATURE
 
@@ -32,11 +35,15 @@ AT_ONE_PLACE = 0.6
 """Then so much of the smaller of the two boxes lies within the other, on the mean."""
 UNKNOWN = 0.4
 """Colours that are not known differ as strangers' do: nothing is won by that."""
+UNPLACED = 0.3
+"""Nor is a place, while nobody could be seen."""
 
 
 @dataclass(frozen=True, slots=True)
 class Join:
-    """Fragment ``later`` goes on where ``earlier`` ended; costs by term."""
+    """Fragment ``later`` goes on where ``earlier`` ended; costs by term; ``unwatched_s`` of the gap
+    nobody could be seen.
+    """
 
     earlier: int
     later: int
@@ -45,6 +52,7 @@ class Join:
     motion: float
     size: float
     appearance: float | None
+    unwatched_s: float = 0.0
 
 
 def hellinger(a: Sequence[float], b: Sequence[float]) -> float:
@@ -61,17 +69,30 @@ def hellinger(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def price(
-    a: Fragment, b: Fragment, ends: tuple[End, End], p: HindsightParameters
+    a: Fragment,
+    b: Fragment,
+    ends: tuple[End, End],
+    p: HindsightParameters,
+    blind: Sequence[Blind] = (),
 ) -> Join | None:
     """What it costs to let b follow a; None outside the gates, and where a life that is told
     would begin before it.
     """
-    if a.left:
-        return None
     out, into = ends
     gap = (into.time_ns - out.time_ns) * 1e-9
-    if gap > p.join_s or (b.told and not a.told) or (gap <= 0 and not handed_over(a, b)):
+    unwatched, moved = blind_within(blind, out.time_ns, into.time_ns)
+    watched = max(gap, 0.0) - unwatched
+    if (
+        watched > p.join_s
+        or (b.told and not a.told)
+        or (gap <= 0 and not handed_over(a, b))
+    ):
         return None
+    # Who was there until nothing could be seen was not seen to leave.
+    if a.left and not (unwatched and watched <= ENDS_S):
+        return None
+    if moved and gap <= p.fill_s:
+        return None  # a path would be drawn from one view into the other
     size = (out.size + into.size) / 2
     sigma = size * (p.drift + p.drift_rate * max(gap, 0.0))
     # Each side alone, straight or standing still, and both sides meeting in the middle: people
@@ -85,20 +106,19 @@ def price(
             ((0.5, 0.5), (1.0, 0.0), (0.0, 1.0), (0.0, 0.0)) if gap > 0 else ((0.0, 1.0),)
         )
     ]
-    motion = 0.5 * (min(misses) / sigma) ** 2
+    # People come nearer and go farther off: sizes are compared as far as they were watched.
+    blindly = unwatched / gap if unwatched else 0.0
+    motion = UNPLACED * blindly + (0.0 if moved else 0.5 * (min(misses) / sigma) ** 2)
     ratio = abs(math.log(out.h / into.h)) + abs(math.log(out.w / into.w))
     colours = hellinger(a.signature, b.signature) if a.signatures and b.signatures else None
     cost = (
         motion
-        + 0.5 * ratio
-        + p.gap_weight * max(gap, 0.0)
+        + 0.5 * ratio * (1.0 - blindly)
+        + p.gap_weight * watched
         + p.appearance_weight * (UNKNOWN if colours is None else colours)
     )
-    return (
-        Join(a.id, b.id, max(gap, 0.0), cost, motion, ratio, colours)
-        if cost < p.join_cost
-        else None
-    )
+    made = Join(a.id, b.id, max(gap, 0.0), cost, motion, ratio, colours, unwatched)
+    return made if cost < p.join_cost else None
 
 
 def handed_over(a: Fragment, b: Fragment) -> bool:
@@ -119,6 +139,7 @@ def join(
     fragments: dict[int, Fragment],
     p: HindsightParameters,
     apart: Sequence[tuple[int, int]] = (),
+    blind: Sequence[Blind] = (),
 ) -> list[Join]:
     """The cheapest set of joins over all fragments, each end and each beginning used once, by
     later fragment.
@@ -138,8 +159,9 @@ def join(
         since = max(
             i + 1, bisect_right(starts, ended - int(HANDED_OVER_S * a.second * 1e9))
         )
-        for j in range(since, bisect_right(starts, ended + int(p.join_s * 1e9))):
-            found = price(a, items[j], (outs[i], intos[j]), p)
+        latest = seen_until(blind, ended, p.join_s)
+        for j in range(since, bisect_right(starts, latest)):
+            found = price(a, items[j], (outs[i], intos[j]), p, blind)
             if found is not None:
                 prices[i, j] = found
     joins = _joined(prices, p.join_cost)

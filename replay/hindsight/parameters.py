@@ -11,7 +11,13 @@ from recorders.parameters import Parameters, param
 class HindsightParameters(Parameters):
     """What may be joined, filled, smoothed and dropped once the whole recording is known."""
 
-    join_s: float = param(5.0, "longest gap that is joined", unit="s", low=0.0, high=3600.0)
+    join_s: float = param(
+        5.0,
+        "longest gap that is joined; time in which nobody could be seen does not count",
+        unit="s",
+        low=0.0,
+        high=3600.0,
+    )
     join_cost: float = param(
         1.0, "dearest join; a join costs less than two loose ends", low=0.0, high=100.0
     )

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from recorders.messages import NO_BLOB, Box, GroupTrack, Notice, Target, Targets
 from recorders.parameters import Config
 from recorders.scene import SceneInfo
+from replay.hindsight.blind import Blind
 from replay.hindsight.doubles import Within
 from replay.hindsight.exchanges import Exchange, exchanges_of, undone
 from replay.hindsight.fragments import Fragment, gather
@@ -65,6 +66,7 @@ def rewrite(
     config: Config,
     names: dict[int, int] | None = None,
     apart: Sequence[tuple[int, int]] = (),
+    blind: Sequence[Blind] = (),
 ) -> Iterator[Targets]:
     """Rewrite a forward pass in hindsight.
 
@@ -76,6 +78,7 @@ def rewrite(
         config: section ``hindsight``.
         names: gets every kept forward id's final id before the first answer.
         apart: pairs of forward ids that a person says are two: never joined into one life.
+        blind: when nobody could be seen, in order.
 
     Yields:
         One answer per frame, in order, with the forward pass's group tracks; notices of births,
@@ -95,7 +98,7 @@ def rewrite(
     fragments, within, beside = read(_noting(targets(), exchanges))
     if exchanges:
         fragments, within, beside = read(undone(targets(), exchanges))
-    joins = join(fragments, p, apart)
+    joins = join(fragments, p, apart, blind)
     lives, reasons = lives_of(fragments, joins, within, beside, p, scene, times)
     del fragments  # and with them those of dropped paths
     if names is not None:
@@ -404,7 +407,10 @@ class _Writer:
                     "gap_s": j.gap_s,
                     "cost": j.cost,
                 }
-                costs |= {"gap_s_at_most": self._p.join_s, "cost_under": self._p.join_cost}
+                watched = "watched_s" if j.unwatched_s else "gap_s"
+                costs[watched] = j.gap_s - j.unwatched_s
+                costs[f"{watched}_at_most"] = self._p.join_s
+                costs["cost_under"] = self._p.join_cost
                 costs |= {"motion": j.motion, "size": j.size}
                 costs |= {} if j.appearance is None else {"appearance": j.appearance}
                 notices.append(
