@@ -39,6 +39,15 @@ def little_light(image: Image, number: int, frames: int) -> Image:
     return _gain(image, 0.85) if _spell(number, frames) else image
 
 
+def lamp(image: Image, number: int, frames: int) -> Image:
+    """Another lamp for a tenth of the time: blue, green and red along a curve each."""
+    if not _spell(number, frames):
+        return image
+    levels = np.arange(256) / 255
+    curves = [np.rint(255 * levels**power).astype(np.uint8) for power in (1.5, 1.2, 0.9)]
+    return np.dstack([curve[image[..., k]] for k, curve in enumerate(curves)])
+
+
 def exposure(image: Image, number: int, frames: int) -> Image:
     """An exposure that wanders by 15 %."""
     return _gain(image, 1 + 0.15 * math.sin(number / 12))
@@ -93,6 +102,7 @@ def no_signal(image: Image, number: int, frames: int) -> Image:
 DISTURBANCES: dict[str, Callable[[Image, int, int], Image]] = {
     "light": light,
     "little light": little_light,
+    "lamp": lamp,
     "exposure": exposure,
     "infrared": infrared,
     "bumped": bumped,
