@@ -59,11 +59,11 @@ def _together(words: Sequence[str], options: Options) -> Mapping[str, str]:
     sure = {"sure": repr(options.certainty or 0.0)}
     a = track_of(words[0])
     if len(words) == 1:
-        return {"who": f"{a} IN (e.a, e.b)", **sure}
+        return {"who": f"{a} IN (a, b)", **sure}
     b = track_of(words[1])
     if a == b:
         raise UsageError(f"--ask together {a} {b}: two different targets are wanted")
-    return {"who": f"e.a = {min(a, b)} AND e.b = {max(a, b)}", **sure}
+    return {"who": f"a = {min(a, b)} AND b = {max(a, b)}", **sure}
 
 
 def _one(words: Sequence[str], options: Options) -> Mapping[str, str]:

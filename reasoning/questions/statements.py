@@ -53,18 +53,18 @@ FROM whole ORDER BY recording, first, other
 
 TOGETHER = """
 -- company: who else was together with one of the two for a second of that time: groups of three and more
-WITH told AS (
-  SELECT *, least(seen_share, existence, identity, confidence) AS certainty FROM sure_encounters WHERE true$only)
 SELECT e.recording, e.a, e.b, e.kind, e.start_frame, e.end_frame, e.start_t, e.end_t,
   round(e.end_t - e.start_t, 3) AS seconds, e.confidence, round(v.distance, 2) AS body_sizes_apart,
   round(v.relative_speed, 2) AS relative_speed,
-  coalesce((SELECT list_sort(list_distinct(list(if(o.a IN (e.a, e.b), o.b, o.a)))) FROM told o
-    WHERE o.recording = e.recording AND (o.a IN (e.a, e.b)) <> (o.b IN (e.a, e.b)) AND o.certainty >= $sure
+  coalesce((SELECT list_sort(list_distinct(list(if(o.a IN (e.a, e.b), o.b, o.a)))) FROM sure_encounters o
+    WHERE o.recording = e.recording AND (o.a IN (e.a, e.b)) <> (o.b IN (e.a, e.b))
+      AND least(o.seen_share, o.existence, o.identity, o.confidence) >= $sure
       AND round(least(o.end_t, e.end_t) - greatest(o.start_t, e.start_t), 3) >= 1.0), []) AS company,
-  e.seen_share, e.existence, e.identity, e.certainty, e.joins,
+  e.seen_share, e.existence, e.identity,
+  least(e.seen_share, e.existence, e.identity, e.confidence) AS certainty, e.joins,
   format('encounter:{}-{}@{}', e.a, e.b, e.start_frame) AS explain
-FROM told e LEFT JOIN encounter_evidence v USING (recording, a, b, start_frame)
-WHERE $who ORDER BY e.recording, e.start_frame, e.a, e.b
+FROM (FROM sure_encounters WHERE $who$only) e LEFT JOIN encounter_evidence v USING (recording, a, b, start_frame)
+ORDER BY e.recording, e.start_frame, e.a, e.b
 """
 
 BESIDE = 2.0
