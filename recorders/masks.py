@@ -14,19 +14,32 @@ from recorders.vision import cv2
 
 Mask = NDArray[np.uint8]
 Labels = NDArray[np.uint16]
+_MOST_LABELS = np.iinfo(np.uint16).max
 
 
 def label_blobs(mask: Mask) -> tuple[int, Labels]:
     """The number of a mask's blobs, and each pixel's, (H, W): k + 1 for component k of the
     detections, 0 for none.
     """
-    height, width = mask.shape
-    # 16 bits take half the time of 32. Every label needs a foreground pixel, and a block of 2 x 2
-    # pixels to itself.
-    most = min(((height + 1) // 2) * ((width + 1) // 2), cv2.countNonZero(mask))
-    depth = cv2.CV_16U if most < 1 << 16 else cv2.CV_32S
+    depth = cv2.CV_16U if has_few_labels(mask) else cv2.CV_32S
     count, labels = cv2.connectedComponents(mask, connectivity=8, ltype=depth)
     return count - 1, np.asarray(labels, np.uint16)
+
+
+def has_few_labels(mask: Mask) -> bool:
+    """Whether 16 bits cannot run out while a mask of one value (and 0) is labelled, which takes less
+    than half the time of 32.
+
+    While its pixels are walked over, a label is begun for a block of 2 x 2 pixels at most, and only
+    where no pixel before is touched: at the begin of a run of pixels in their row.
+    """
+    height, width = mask.shape
+    if ((height + 1) // 2) * ((width + 1) // 2) < _MOST_LABELS:
+        return True
+    if cv2.countNonZero(mask) < _MOST_LABELS:
+        return True
+    runs = np.count_nonzero(mask[:, 0]) + np.count_nonzero(mask[:, 1:] > mask[:, :-1])
+    return bool(runs < _MOST_LABELS)
 
 
 class RecordedMask:

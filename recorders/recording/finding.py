@@ -5,6 +5,8 @@ together.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
+from typing import cast
 
 import msgspec
 import numpy as np
@@ -12,6 +14,7 @@ import numpy as np
 from recorders.detectors import Detector, as_detections
 from recorders.errors import SceneTraceError
 from recorders.fusion import FusedFrames
+from recorders.masks import label_blobs
 from recorders.messages import NO_BLOB, Detections, SceneChange
 from recorders.pictures import Image
 from recorders.segmentation import (
@@ -22,7 +25,6 @@ from recorders.segmentation import (
 )
 from recorders.segmentation.tally import overlaps
 from recorders.sources import Source, SourceFrame
-from recorders.vision import cv2
 
 COMPARED_EVERY = 10
 """Detector and masks are compared in every so-manieth frame."""
@@ -77,8 +79,9 @@ class Finder:
         if self.segmenter is None:
             return None, lambda: [self._given(frame) or self._nothing(frame.index)]
         assert frame.image is not None
-        if isinstance(self.segmenter, SegmenterInParts):
-            mask, detect = self.segmenter.begin(frame.index, frame.image)
+        if _works_in_parts(type(self.segmenter)):
+            in_parts = cast(SegmenterInParts, self.segmenter)
+            mask, detect = in_parts.begin(frame.index, frame.image)
         else:
             whole = self.segmenter.segment(frame.index, frame.image)
             mask, detect = whole.mask, lambda: whole.detections
@@ -86,8 +89,9 @@ class Finder:
 
     def changes(self) -> tuple[SceneChange, ...]:
         """How the picture changed as a whole, as far as it is told with the last frame begun."""
-        watching = self.segmenter
-        return watching.changes() if isinstance(watching, SegmenterThatWatches) else ()
+        if self.segmenter is None or not _watches(type(self.segmenter)):
+            return ()
+        return cast(SegmenterThatWatches, self.segmenter).changes()
 
     def finish(self) -> list[Detections]:
         """The detections that are known once there are no more frames."""
@@ -141,13 +145,24 @@ class Finder:
         return as_detections(self.detector_name, index, *size, found)
 
 
+@cache
+def _works_in_parts(kind: type) -> bool:
+    """`SegmenterInParts`: what a class can, Python takes long to find out; so once, not every frame."""
+    return issubclass(kind, SegmenterInParts)
+
+
+@cache
+def _watches(kind: type) -> bool:
+    return issubclass(kind, SegmenterThatWatches)
+
+
 def with_blobs(given: Detections, found: Segmented) -> Detections:
     """Given detections with the blobs of a segmented frame: each has the blob that fills most of
     its box.
 
     Equal shares: the blob with the smaller id. `NO_BLOB` where no foreground lies in the box.
     """
-    count, labels = cv2.connectedComponents(found.mask, connectivity=8)
+    count, labels = label_blobs(found.mask)
     height, width = labels.shape
     blobs = []
     for x, y, w, h in given.boxes:

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from recorders.masks import has_few_labels
 from recorders.messages import Blob, Box, Ellipse
 from recorders.pictures import Image
 from recorders.vision import cv2
@@ -118,10 +119,7 @@ def _labelled(part: Image) -> tuple[int, Labels, NDArray[np.int32]]:
     """How many labels there are with the background's, the labels (h, w) int32, and each one's x, y,
     w, h, area, in scan order of 2 x 2 blocks.
     """
-    # Labels of 16 bits take half of the time, where they cannot run out: a component has a block
-    # to itself.
-    h, w = part.shape
-    few = ((w + 1) // 2) * ((h + 1) // 2) < np.iinfo(np.uint16).max
+    few = has_few_labels(part)
     count, labels, stats, _ = cv2.connectedComponentsWithStatsWithAlgorithm(
         np.ascontiguousarray(part),
         8,

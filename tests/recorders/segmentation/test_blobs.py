@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
+from recorders.masks import has_few_labels, label_blobs
 from recorders.segmentation import blobs as module
-from recorders.segmentation.blobs import components, ellipse_of
+from recorders.segmentation.blobs import components, ellipse_of, numbered
 from recorders.vision import cv2
 from tests.examples import examples
 
@@ -123,3 +125,53 @@ def test_of_very_many_components_the_largest_are_kept(
         mask[2 : 2 + size, 8 * k] = 255
     _, _, found = components(mask, 0)
     assert [b.area for b in found] == [4, 5, 3]
+
+
+def _bodies(height: int, width: int) -> NDArray[np.uint8]:
+    """A picture with large, holed bodies: more pixels than 16 bits count, few pieces."""
+    rng = np.random.default_rng(height)
+    mask = np.zeros((height, width), np.uint8)
+    for x, y in rng.integers(0, (width, height), (12, 2)).tolist():
+        cv2.ellipse(mask, (x, y), (60, 150), float(x % 90), 0, 360, 255, -1)
+    mask[rng.random(mask.shape) < 0.05] = 0
+    return mask
+
+
+def _dots(every: int) -> NDArray[np.uint8]:
+    mask = np.zeros((1080, 1920), np.uint8)
+    mask[::every, ::every] = 255
+    return mask
+
+
+@pytest.mark.parametrize(
+    ("mask", "few"),
+    [
+        (_bodies(1080, 1920), True),
+        (_bodies(600, 1500), True),
+        (_dots(8), True),
+        (_dots(4), False),
+        (_dots(2), False),
+        (np.full((1080, 1920), 255, np.uint8), True),
+    ],
+    ids=[
+        "bodies",
+        "holes",
+        "dots",
+        "more dots than 16 bits",
+        "as many as there are",
+        "all",
+    ],
+)
+def test_large_masks_are_labelled_as_in_32_bits(mask: NDArray[np.uint8], few: bool) -> None:
+    assert has_few_labels(mask) == few
+    count, labels, stats, _ = cv2.connectedComponentsWithStatsWithAlgorithm(
+        mask, 8, cv2.CV_32S, cv2.CCL_BBDT
+    )
+    found, left, top, rows = numbered(mask)
+    inside = labels[top : top + found.shape[0], left : left + found.shape[1]]
+    np.testing.assert_array_equal(found, inside)
+    np.testing.assert_array_equal(rows, stats[1:])
+    blobs, painted = label_blobs(mask)
+    if count < 1 << 16:
+        assert blobs == count - 1
+        np.testing.assert_array_equal(painted, labels)
