@@ -20,7 +20,7 @@ import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache, partial
-from importlib import import_module, metadata
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -48,9 +48,15 @@ class Plugin:
     version: str
 
 
+def _entry_points(**chosen: str) -> Any:
+    from importlib.metadata import entry_points  # which brings a mail parser along
+
+    return entry_points(**chosen)
+
+
 def names(group: str) -> list[str]:
     """The names that installed packages give in a group, sorted."""
-    return sorted({entry.name for entry in metadata.entry_points(group=group)})
+    return sorted({entry.name for entry in _entry_points(group=group)})
 
 
 def load(group: str, name: str, own: Iterable[str] = (), *, beside: bool = True) -> Plugin:
@@ -71,7 +77,7 @@ def load(group: str, name: str, own: Iterable[str] = (), *, beside: bool = True)
     if ":" in name:
         value = _addressed(kind, name, beside)
         return Plugin(name, value, version_of(value))
-    found = list(metadata.entry_points(group=group, name=name))
+    found = list(_entry_points(group=group, name=name))
     if not found:
         known = ", ".join([*own, *names(group)])
         raise UsageError(

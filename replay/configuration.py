@@ -6,8 +6,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping
-from functools import cache
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +14,9 @@ import msgspec
 from reasoning import reasoner
 from recorders.corrections import Corrections
 from recorders.errors import ConfigError, UsageError
+from recorders.installed import version_of
 from recorders.parameters import Config, Parameters, as_plain, configure
-from recorders.recording.sections import SECTIONS as RECORD_SECTIONS
 from replay import hindsight
-from replay.asking_configuration import ASKING_SECTIONS
 from replay.trackers.catalogue import TRACKERS
 from replay.trackers.choice import AnyTracker, TrackerChoice, choose
 
@@ -59,6 +56,9 @@ def all_sections() -> dict[str, type[Parameters]]:
     """Every section of every command: what `scenetrace config` prints and a configuration file
     may hold.
     """
+    from recorders.recording.sections import SECTIONS as RECORD_SECTIONS
+    from replay.asking_configuration import ASKING_SECTIONS
+
     every = {**RECORD_SECTIONS, **ASKING_SECTIONS}
     for tracker in TRACKERS:
         every.update(sections(tracker))
@@ -76,7 +76,9 @@ def replay_config(
     Raises:
         UsageError: unknown tracker, parameter, or a value out of range.
     """
-    return configure(sections(tracker), file, assignments, values, all_sections())
+    # Others' sections are asked for where somebody may have named one.
+    others = all_sections() if file is not None or values else ()
+    return configure(sections(tracker), file, assignments, values, others)
 
 
 def recorded_config(
@@ -137,15 +139,7 @@ def recorded_config(
 
 def package_versions() -> dict[str, str]:
     """Versions of the packages that can change a result, by name."""
-    return {name: _version(name) for name in sorted(DECISIVE_PACKAGES)}
-
-
-@cache
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return "absent"
+    return {name: version_of(name) for name in sorted(DECISIVE_PACKAGES)}
 
 
 def fingerprint(

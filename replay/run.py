@@ -15,10 +15,10 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import chain, islice, repeat
 from pathlib import Path
 from threading import Event
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import msgspec
 from msgspec import Struct
@@ -39,7 +39,6 @@ from recorders.parameters import Config
 from recorders.scene import Frame, SceneLog
 from replay import hindsight
 from replay.configuration import fingerprint, replay_config
-from replay.correcting import Corrector
 from replay.engine import (
     AHEAD,
     Forward,
@@ -54,6 +53,10 @@ from replay.trackers.choice import DEFAULT_TRACKER, AnyTracker, TrackerChoice, c
 from replay.trackers.tracker import Payloads
 
 Progress = Callable[[str, int], None]
+
+if TYPE_CHECKING:
+    from replay.correcting import Corrector
+
 _BLOCK = 1 << 20
 
 
@@ -284,9 +287,7 @@ class Run:
         self._fingerprint = fingerprint(
             options.choice, options.parameters, options.corrections
         )
-        self._corrector = (
-            None if options.corrections is None else Corrector(options.corrections)
-        )
+        self._corrector = _corrector(options.corrections)
         self._hindsight = options.choice.wants_hindsight(options.parameters)
         # Whether the second reading has to decode what was detected, for its labels alone.
         self._labelled = False
@@ -324,14 +325,17 @@ class Run:
         before, self._periods = self._periods, (now - self._start_ns) // period
         return self._periods > before
 
-    def _two_readings(self, start: Checkpoint | None, spool: Spool) -> Iterator[Step]:
-        times = array("q")
+    def _first_reading(
+        self, start: Checkpoint | None, spool: Spool, times: array[int]
+    ) -> Iterator[Targets]:
+        """The tracker's answers while they are made; they and their times are kept."""
         if start is not None:
             assert self.options.checkpoints is not None
             path, limits = self.options.checkpoints, self.options.limits
             for time_ns, before in recorded_targets(path, self.scene.camera, start, limits):
                 times.append(time_ns)
                 spool.append(SpoolEntry(before))
+                yield before
         for step in self._forward(start):
             self._labelled = self._labelled or any(step.frame.detections.labels)
             times.append(step.frame.time_ns)
@@ -341,11 +345,16 @@ class Run:
                 )
             )
             self._progress("tracking", step.frame.index)
+            yield step.targets
+
+    def _two_readings(self, start: Checkpoint | None, spool: Spool) -> Iterator[Step]:
+        times = array("q")
+        readings = chain([self._first_reading(start, spool, times)], repeat(None))
         first = 0 if start is None else start.frame + 1
         start_ns = None if start is None else start.time_ns + 1
         names: dict[int, int] = {}
         rewritten = hindsight.rewrite(
-            spool.targets,
+            lambda: next(readings) or spool.targets(),
             self.scene.info,
             times,
             self.options.parameters,
@@ -486,6 +495,15 @@ class Run:
                 f" {self.scene.path}"
             )
         return best
+
+
+def _corrector(corrections: Corrections | None) -> Corrector | None:
+    """What corrects as a person said; nothing of it is loaded where nobody did."""
+    if corrections is None:
+        return None
+    from replay.correcting import Corrector
+
+    return Corrector(corrections)
 
 
 def _last_checkpoint(log: LogReader, before_ns: int) -> Checkpoint | None:

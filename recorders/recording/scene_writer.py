@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 
 import msgspec
@@ -13,6 +12,7 @@ import msgspec
 from recorders import channels
 from recorders.errors import SourceError
 from recorders.format_version import FORMAT_VERSION
+from recorders.installed import version_of
 from recorders.log import LogWriter
 from recorders.machine import machine, opencv_build, python_version
 from recorders.message_checks import check_detections
@@ -198,7 +198,7 @@ def _known_at_start(source: Source, options: RecordOptions) -> dict[str, str]:
         "kind": "scene",
         "camera": options.camera,
         "configuration": _json(as_plain(options.config)),
-        "packages": _json(_package_versions()),
+        "packages": _json({name: version_of(name) for name in _PACKAGES}),
         "python": python_version(),
         "machine": machine(),
         "opencv_build": opencv_build(),
@@ -223,13 +223,3 @@ def _counted_from(first: int, change: SceneChange) -> SceneChange:
 
 def _json(value: object) -> str:
     return msgspec.json.encode(value, order="deterministic").decode()
-
-
-def _package_versions() -> dict[str, str]:
-    found = {}
-    for name in _PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = "absent"
-    return found

@@ -27,9 +27,11 @@ def check_starts(config: Config, scene: SceneLog, frames: int | None) -> list[in
     Raises:
         UsageError: a start after the last frame, or of a box that is no body in this picture.
     """
+    parts = config.get("parts")
+    if parts is None:
+        return []
     from replay.trackers.parts.parameters import PartsParameters
 
-    parts = config.get("parts")
     if not isinstance(parts, PartsParameters):
         return []
     from replay.trackers.parts.beginning import parse_init

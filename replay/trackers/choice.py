@@ -45,7 +45,7 @@ class TrackerChoice:
     @property
     def foreign(self) -> bool:
         """It is not one of scenetrace's."""
-        return self.factory not in TRACKERS.values()
+        return self.name not in TRACKERS or TRACKERS[self.name] is not self.factory
 
     def wants_hindsight(self, config: Mapping[str, Parameters]) -> bool:
         """Whether the hindsight step follows the forward pass: as a parameter ``hindsight`` in

@@ -29,6 +29,13 @@ OTHERS = (
     "scipy.optimize",
 )  # fmt: skip
 """Methods of other commands and trackers, and the package around the solver."""
+NO_REPLAY = (
+    "importlib.metadata", "recorders.recording.sections", "replay.correcting.corrector",
+    "replay.trackers.parts", "replay.trackers.shells",
+)  # fmt: skip
+"""And what a replay by one tracker, that nobody corrects, has no use for; versions of packages are read
+from their folders.
+"""
 REPLAYING = frozenset(
     {"reasoning.reasoner", "replay.hindsight.rewrite", "replay.trackers.events.tracker"}
 )
@@ -73,5 +80,6 @@ def test_a_command_loads_what_it_uses(log: Path, command: str, words: list[str])
     assert code == 0
     assert HEAVY & {name.partition(".")[0] for name in loaded} <= MAY_LOAD[command]
     assert command == "record" or not set(OTHERS) & set(loaded)
+    assert command != "replay" or not set(NO_REPLAY) & set(loaded)
     assert (command == "replay") == (set(loaded) >= REPLAYING)
     assert command == "replay" or not REPLAYING & set(loaded)
