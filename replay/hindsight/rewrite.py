@@ -72,9 +72,10 @@ def rewrite(
 
     Args:
         targets: called twice, gives the forward pass's answers in order each time; a third time
-            where the tracker found that identities had been exchanged.
+            where the tracker found that identities had been exchanged. The first reading may
+            make them.
         scene: what is known of the recording.
-        times: capture time in ns of the k-th answer.
+        times: capture time in ns of the k-th answer, there when that is read.
         config: section ``hindsight``.
         names: gets every kept forward id's final id before the first answer.
         apart: pairs of forward ids that a person says are two: never joined into one life.
@@ -158,27 +159,32 @@ class _Writer:
         self._go_on(start, start + len(window))
         rows = self._rows(window, start)
         rows = [r for r in rows if r.at[0] < end and r.at[-1] >= block]
-        values, rates, blurred, lively = self._smooth(rows, start, len(window))
+        smoothed = self._smooth(rows, start, len(window))
+        values, rates, blurred = (
+            table[block - start : end - start].tolist() for table in smoothed[:3]
+        )
+        lively = smoothed[3].tolist()
         known = [
             {t.id: t for t in answer.targets}
             for answer in window[block - start : end - start]
         ]
         living = self._living(block, end, {row.life.id for row in rows})
         for at in range(block, end):
-            answer, forward = window[at - start], known[at - block]
+            index = at - block
+            answer, forward = window[at - start], known[index]
             here: list[tuple[TrackLife, Target]] = []
             doubted = [n for life in living for n in life.go_on(at)]
             for k, row in enumerate(rows):
-                if row.at[0] <= at <= row.at[-1] and not blurred[at - start, k]:
+                if row.at[0] <= at <= row.at[-1] and not blurred[index][k]:
                     seen = row.life.of(forward)
-                    value = values[at - start, k]
+                    value = values[index][k]
                     dashing = lively[k] or self._second > 1.0
                     if self._has_masks and dashing and seen is not None and seen.observed:
                         # Pixels say where who dashes about, or is filmed rarely, is better than
                         # any path through them.
                         x, y, w, h = seen.measured or seen.box
-                        value = np.array([x + w / 2, y + h / 2, w, h])
-                    target = _target(row, at, seen, value, rates[at - start, k])
+                        value = [x + w / 2, y + h / 2, w, h]
+                    target = _target(row, at, seen, value, rates[index][k])
                     here.append((row.life, target))
             doubted += self._pass(here, at)
             out = [life.believed(target) for life, target in here]
@@ -464,15 +470,19 @@ def _smooth_lively(
 
 
 def _target(
-    row: _Row, at: int, forward: Target | None, value: Floats, rate: Floats
+    row: _Row,
+    at: int,
+    forward: Target | None,
+    value: Sequence[float],
+    rate: Sequence[float],
 ) -> Target:
     """A target of the rewritten frame: smoothed place, everything else as the forward pass had
     it.
     """
-    cx, cy, w, h = value.tolist()
+    cx, cy, w, h = value
     w, h = max(w, 1.0), max(h, 1.0)
     box = (cx - w / 2, cy - h / 2, w, h)
-    vx, vy = float(rate[0]), float(rate[1])
+    vx, vy = rate[:2]
     newborn = at == row.life.first_at
     if forward is None:
         sighted = at in row.at

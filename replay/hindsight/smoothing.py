@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from replay.trackers.kalman import KalmanBank
+from replay.trackers.kalman import State, predicted, updated, white_noise
 
 Floats = NDArray[np.float64]
 LONGEST_STEP_S = 600.0
@@ -105,41 +105,51 @@ class Filtered:
         x_t + C (x_t+1|T - x_t+1|t), C = P_t F' P_t+1|t^-1 and
         P_t|T = P_t + C (P_t+1|T - P_t+1|t) C', the two-by-two products written out.
         """
-        value, rate, s00, s01, s11 = (table.copy() for table in self.after)
-        if len(value) < 2:
-            return value, rate, s00
+        after, before = self.after, self.before
+        moved, spread = after[:2].swapaxes(0, 1).copy(), after[2:].swapaxes(0, 1).copy()
+        if len(moved) < 2:
+            return moved[:, 0], moved[:, 1], spread[:, 0]
         dt = self.steps_s[1:, None, None]
-        p00, p01, p11 = self.after[2:, :-1]
-        q00, q01, q11 = self.before[2:, 1:]
+        p00, p01, p11 = after[2:, :-1]
+        q00, q01, q11 = before[2:, 1:]
         determinant = q00 * q11 - q01 * q01
         a, b = p00 + dt * p01, p01 + dt * p11
         to_value = (a * q11 - p01 * q01), (p01 * q00 - a * q01)
         to_rate = (b * q11 - p11 * q01), (p11 * q00 - b * q01)
-        gain_value = to_value[0] / determinant, to_value[1] / determinant
-        gain_rate = to_rate[0] / determinant, to_rate[1] / determinant
-        (a, b), (c, d) = gain_value, gain_rate
-        of_s00 = np.stack([a * a, 2 * a * b, b * b])
-        of_s01 = np.stack([a * c, a * d + b * c, b * d])
-        of_s11 = np.stack([c * c, 2 * c * d, d * d])
-        started = (self.first[None, :] <= np.arange(len(value) - 1)[:, None])[:, :, None]
-        all_started: list[bool] = np.asarray(started.all(axis=(1, 2))).tolist()
-        for t in range(len(value) - 2, -1, -1):
-            dv = value[t + 1] - self.before[0, t + 1]
-            dr = rate[t + 1] - self.before[1, t + 1]
-            steps = [
-                (to_value[0][t] * dv + to_value[1][t] * dr) / determinant[t],
-                (to_rate[0][t] * dv + to_rate[1][t] * dr) / determinant[t],
-            ]
-            d00, d01, d11 = (
-                s[t + 1] - p[t] for s, p in ((s00, q00), (s01, q01), (s11, q11))
+        # (T, 2, 2, N, D): how value and rate follow those after them, and (T, 3, 3, N, D), how the
+        # covariance follows that after it.
+        to_moved = np.array([to_value, to_rate]).transpose(2, 1, 0, 3, 4).copy()
+        (a, b), (c, d) = (
+            (to / determinant for to in to_value),
+            (to / determinant for to in to_rate),
+        )
+        to_spread = (
+            np.array(
+                [
+                    [a * a, a * c, c * c],
+                    [2 * a * b, a * d + b * c, 2 * c * d],
+                    [b * b, b * d, d * d],
+                ]
             )
-            for of in (of_s00, of_s01, of_s11):
-                steps.append(of[0, t] * d00 + of[1, t] * d01 + of[2, t] * d11)
+            .transpose(2, 0, 1, 3, 4)
+            .copy()
+        )
+        expected = before.swapaxes(0, 1)
+        started = (self.first[None, :] <= np.arange(len(moved) - 1)[:, None])[:, :, None]
+        all_started: list[bool] = np.asarray(started.all(axis=(1, 2))).tolist()
+        for t in range(len(moved) - 2, -1, -1):
+            off = moved[t + 1] - expected[t + 1, :2]
+            step = to_moved[t] * off[:, None]
+            step = (step[0] + step[1]) / determinant[t]
+            off = spread[t + 1] - expected[t + 1, 2:]
+            change = to_spread[t] * off[:, None]
+            change = change[0] + change[1] + change[2]
             if not all_started[t]:
-                steps = [np.where(started[t], step, 0.0) for step in steps]
-            for table, step in zip((value, rate, s00, s01, s11), steps, strict=True):
-                table[t] += step
-        return value, rate, s00
+                step = np.where(started[t], step, 0.0)
+                change = np.where(started[t], change, 0.0)
+            moved[t] += step
+            spread[t] += change
+        return moved[:, 0], moved[:, 1], spread[:, 0]
 
 
 def filtered(
@@ -156,22 +166,36 @@ def filtered(
     steps_s = np.minimum(steps_s, LONGEST_STEP_S)
     frames, count, components = measured.shape
     first = np.argmax(seen, axis=0)
-    bank = KalmanBank(components)
-    bank.add(measured[first, np.arange(count)], variance, rate)
     after, before = np.empty((5, *measured.shape)), np.empty((5, *measured.shape))
-    # The bank's tables as one, so that a frame's are kept with one copy.
-    state = np.stack([bank.value, bank.rate, bank.p00, bank.p01, bank.p11])
-    bank.value, bank.rate, bank.p00, bank.p01, bank.p11 = state
+    start = np.zeros((5, count, components))
+    start[0], start[2], start[4] = measured[first, np.arange(count)], variance, rate
     begun = first[None, :] < np.arange(frames)[:, None]
     measuring = begun & seen
-    predicting, updating = begun.sum(axis=1).tolist(), measuring.sum(axis=1).tolist()
+    moving, some = begun.sum(axis=1).tolist(), measuring.sum(axis=1).tolist()
+    state, last, noise = start, -1.0, white_noise(0.0, acceleration)
     for t, dt in enumerate(steps_s.tolist()):
-        if predicting[t]:
-            rows = slice(None) if predicting[t] == count else np.flatnonzero(begun[t])
-            bank.predict(dt, acceleration[rows], rows)
-        before[:, t] = state
-        if updating[t]:
-            rows = slice(None) if updating[t] == count else np.flatnonzero(measuring[t])
-            bank.update(rows, measured[t, rows], variance[rows])
-        after[:, t] = state
+        if dt != last:
+            last, noise = dt, white_noise(dt, acceleration)
+        # All paths are reckoned on at once, and of those taken that it is true of.
+        now, later = before[:, t], after[:, t]
+        if moving[t] < count:
+            now[...] = state
+        if moving[t]:
+            _take(now, predicted(state, dt, noise), begun[t], moving[t])
+        if some[t] < count:
+            later[...] = now
+        if some[t]:
+            _take(later, updated(now, measured[t], variance), measuring[t], some[t])
+        state = later
     return Filtered(after, before, first, steps_s)
+
+
+def _take(table: Floats, state: State, rows: NDArray[np.bool_], count: int) -> None:
+    """Write a state into a table (5, N, D), of rows (N,) of which so many are true."""
+    if count == len(rows):
+        for into, values in zip(table, state, strict=True):
+            into[...] = values
+        return
+    where = rows[:, None]
+    for into, values in zip(table, state, strict=True):
+        np.copyto(into, values, where=where)

@@ -36,11 +36,25 @@ def intersection(a: Floats, b: Floats) -> Floats:
     """Pairwise intersection areas of boxes (N, 4) and (M, 4) [x, y, w, h], (N, M) in square
     pixels.
     """
-    left = np.maximum(a[:, None, 0], b[None, :, 0])
-    top = np.maximum(a[:, None, 1], b[None, :, 1])
-    right = np.minimum(a[:, None, 0] + a[:, None, 2], b[None, :, 0] + b[None, :, 2])
-    bottom = np.minimum(a[:, None, 1] + a[:, None, 3], b[None, :, 1] + b[None, :, 3])
-    return np.asarray(np.maximum(right - left, 0.0) * np.maximum(bottom - top, 0.0))
+    side = np.maximum(_common(*_axes(a, b)), 0.0)
+    return np.asarray(side[0] * side[1])
+
+
+def _axes(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Boxes (N, 4) and (M, 4) by axis, (4, N, 1) and (4, 1, M): both axes' overlap in one step, as
+    of few boxes the steps cost and not the pairs; in memory so that of many the pairs of an
+    axis stand together.
+    """
+    return a.T.copy()[:, :, None], b.T.copy()[:, None]
+
+
+def _common(a: Floats, b: Floats) -> Floats:
+    """How far boxes (`_axes`) reach into one another along x and y, (2, N, M) pixels; below 0: how
+    far they are apart.
+    """
+    side = np.minimum(a[:2] + a[2:], b[:2] + b[2:])
+    side -= np.maximum(a[:2], b[:2])
+    return np.asarray(side)
 
 
 def iou(a: Floats, b: Floats) -> Floats:
@@ -57,21 +71,13 @@ def widened_iou(a: Floats, b: Floats, by: Floats) -> Floats:
     Boxes of somebody who went further than his own width do not overlap; widened ones do (Yang
     et al. 2023, "Hard to Track Objects with Irregular Motions ...", buffered IoU).
     """
-    x, y = by[:, None, 0], by[:, None, 1]
-    wide = (
-        np.minimum(a[:, None, 0] + a[:, None, 2], b[None, :, 0] + b[None, :, 2])
-        - np.maximum(a[:, None, 0], b[None, :, 0])
-        + 2 * x
-    )
-    high = (
-        np.minimum(a[:, None, 1] + a[:, None, 3], b[None, :, 1] + b[None, :, 3])
-        - np.maximum(a[:, None, 1], b[None, :, 1])
-        + 2 * y
-    )
-    inside = np.maximum(wide, 0.0) * np.maximum(high, 0.0)
-    of_a = (a[:, None, 2] + 2 * x) * (a[:, None, 3] + 2 * y)
-    of_b = (b[None, :, 2] + 2 * x) * (b[None, :, 3] + 2 * y)
-    return np.asarray(inside / np.maximum(of_a + of_b - inside, 1e-12))
+    of_a, of_b = _axes(a, b)
+    wider = (2 * by.T.copy())[:, :, None]
+    side = np.maximum(_common(of_a, of_b) + wider, 0.0)
+    inside = side[0] * side[1]
+    of_a, of_b = of_a[2:] + wider, of_b[2:] + wider
+    union = of_a[0] * of_a[1] + of_b[0] * of_b[1] - inside
+    return np.asarray(inside / np.maximum(union, 1e-12))
 
 
 def overlaps(boxes: Sequence[Box]) -> list[tuple[int, int, float]]:

@@ -19,6 +19,43 @@ if TYPE_CHECKING:
     from filterpy.kalman import KalmanFilter
 
 Floats = NDArray[np.float64]
+State = tuple[Floats, Floats, Floats, Floats, Floats]
+"""Value, rate, p00, p01, p11 of some components; also as one table (5, ...)."""
+Noise = tuple[Floats | float, Floats | float, Floats | float]
+
+
+def white_noise(dt: float, acceleration_variance: Floats | float) -> Noise:
+    """What dt seconds of white-noise acceleration of a variance add to p00, p01 and p11."""
+    q = acceleration_variance
+    return q * (0.25 * dt * dt * dt * dt), q * (0.5 * dt * dt * dt), q * (dt * dt)
+
+
+def predicted(state: State | Floats, dt: float, noise: Noise) -> State:
+    """A state dt seconds later, under such noise; of arrays of any shape, all alike."""
+    value, rate, p00, p01, p11 = state
+    step = dt * p11
+    return (
+        value + dt * rate,
+        rate,
+        p00 + dt * (2 * p01 + step) + noise[0],
+        p01 + step + noise[1],
+        p11 + noise[2],
+    )
+
+
+def updated(state: State | Floats, measured: Floats, variance: Floats | float) -> State:
+    """A state corrected with measured values of a variance."""
+    value, rate, p00, p01, p11 = state
+    s = p00 + variance
+    k0, k1 = p00 / s, p01 / s
+    residual, left = measured - value, 1 - k0
+    return (
+        value + k0 * residual,
+        rate + k1 * residual,
+        left * p00,
+        left * p01,
+        p11 - k1 * p01,
+    )
 
 
 class KalmanBank:
@@ -72,12 +109,8 @@ class KalmanBank:
         """Advance by dt seconds under discrete white-noise acceleration of the given variance
         (units/s^2)^2.
         """
-        q = acceleration_variance
-        p00, p01, p11 = self.p00[rows], self.p01[rows], self.p11[rows]
-        self.value[rows] = self.value[rows] + dt * self.rate[rows]
-        self.p00[rows] = p00 + dt * (2 * p01 + dt * p11) + q * (0.25 * dt * dt * dt * dt)
-        self.p01[rows] = p01 + dt * p11 + q * (0.5 * dt * dt * dt)
-        self.p11[rows] = p11 + q * (dt * dt)
+        found = predicted(self._rows(rows), dt, white_noise(dt, acceleration_variance))
+        self._set(rows, found)
 
     def update(
         self, rows: NDArray[np.intp] | slice, measured: Floats, variance: Floats | float
@@ -85,15 +118,16 @@ class KalmanBank:
         """Correct the given rows with measured values (M, D) of the given variance, broadcastable
         to (M, D).
         """
-        p00, p01, p11 = self.p00[rows], self.p01[rows], self.p11[rows]
-        s = p00 + variance
-        k0, k1 = p00 / s, p01 / s
-        residual = measured - self.value[rows]
-        self.value[rows] = self.value[rows] + k0 * residual
-        self.rate[rows] = self.rate[rows] + k1 * residual
-        self.p11[rows] = p11 - k1 * p01
-        self.p00[rows] = (1 - k0) * p00
-        self.p01[rows] = (1 - k0) * p01
+        self._set(rows, updated(self._rows(rows), measured, variance))
+
+    def _rows(self, rows: Any) -> State:
+        return (
+            self.value[rows], self.rate[rows], self.p00[rows], self.p01[rows], self.p11[rows],
+        )  # fmt: skip
+
+    def _set(self, rows: Any, state: State) -> None:
+        self.value[rows], self.rate[rows], self.p00[rows] = state[:3]
+        self.p01[rows], self.p11[rows] = state[3:]
 
     def update_row(self, row: int, measured: Floats, variance: Floats | float) -> None:
         """The same for one target: measured (D,), variance (D,) or one for all."""
