@@ -52,6 +52,7 @@ LOGS: dict[str, str] = {
     "record": "record FILE -o OUT.mcap",
     "seal": "seal FILE -o OUT.json",
 }
+_REWRITING = ("recover", "replay", "cut", "filter", "merge", "sort", "record", "seal")
 OTHERS: dict[str, str] = {
     "record": "record FILE -o OUT.mcap --fps 25",
     "record beside pictures": "record ../pictures --detections FILE --fps 25 -o OUT.mcap",
@@ -112,7 +113,7 @@ def hostile(long: bool, seed: int = 0, only: str = "") -> Iterator[Tally]:
         most = _MEMORY + _address_space() - fresh
         for sort, files in sorts.items():
             if sort.startswith(only):
-                yield _sort(sort, files(folder / "files"), folder, most, long)
+                yield from _sort(sort, files(folder / "files"), folder, most, long)
 
 
 def _warm(folder: Path) -> None:
@@ -159,20 +160,24 @@ def _damaged(folder: Path, rng: Random) -> Iterator[Path]:
             path.unlink()
 
 
-def _sort(sort: str, files: Iterator[Path], folder: Path, most: int, long: bool) -> Tally:
-    tally = Tally(f"{sort}, each through the commands that read")
+def _sort(
+    sort: str, files: Iterator[Path], folder: Path, most: int, long: bool
+) -> Iterator[Tally]:
+    """A row for each file."""
     replayed = folder / "replayed.mcap"
     for file in files:
+        tally = Tally(f"{sort}: {file.name}")
         commands = LOGS if file.suffix == ".mcap" else OTHERS
         if not long:
             commands = {name: commands[name] for name in ("record", "info", "query")}
         _through(tally, commands, _File(file, folder, most, replayed, file.name))
         if replayed.exists():
             # What was read without a word must be of use afterwards.
+            answering = {name: LOGS[name] for name in LOGS if name not in _REWRITING}
             name = f"{file.name}, replayed"
-            _through(tally, LOGS, _File(replayed, folder, most, None, name))
+            _through(tally, answering, _File(replayed, folder, most, None, name))
             replayed.unlink()
-    return tally
+        yield tally
 
 
 def _through(tally: Tally, commands: dict[str, str], told: _File) -> None:
