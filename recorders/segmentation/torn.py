@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-TORN = 0.2
+TORN = 0.07
 """Bodies are torn where this share of what is seen clean and moves, by area, goes together with
-something else: of whole bodies it is some hundredths.
+something else: of whole bodies it is under .03, of torn ones over .1.
 """
 TORN_GAP = 0.75
 """Between the pieces of a torn body lies at most this, of the usual height."""
