@@ -2,7 +2,8 @@
 
 Kinds: flips, cuts, io, kills, fuzz, hostile, length. Each is a row of the table on stdout, what it is made
 of on stderr. Short by default, as the tests run them; `--long`
-takes every byte, every call, 86 kills of each command and 10^5 inputs of each target (hours).
+takes every byte, every call, 86 kills of each command and 10^5 inputs of each target (hours),
+guided by branches where atheris is installed.
 `--kept FILE` keeps what was counted, so that a long run may be made in pieces: what has a seed
 adds up, other rows are replaced, and the table is of all that was kept.
 Exit code 1 where something was lost, silent or foreign.
@@ -92,7 +93,9 @@ def main() -> int:
             print(tally.row(), file=sys.stderr, flush=True)
             wrong += tally.notes if not tally.clean else []
             if args.kept is not None:
-                args.kept.write_bytes(msgspec.json.encode(kept))
+                fresh = args.kept.with_name(f"{args.kept.name}.new")
+                fresh.write_bytes(msgspec.json.encode(kept))
+                fresh.replace(args.kept)
     print(HEAD)
     for kind in KINDS:
         if kind in kept:

