@@ -19,6 +19,7 @@ from recorders.unreadable import Unreadable, noticed
 from replay.cli import exit_codes
 from replay.cli.common import check_outputs, say
 from replay.cli.exit_codes import Exit
+from replay.cli.memory import ADVICE, out_of_memory
 
 # Command, the module that has it, its line in the overview. A module is imported when its command
 # is called.
@@ -145,6 +146,11 @@ def main(  # noqa: PLR0911
         say(
             f"scenetrace: error: {error.filename or _written(words)}: {error.strerror or error}"
         )
+        return Exit.FAILED
+    except Exception as error:
+        if not out_of_memory(error):
+            raise
+        say(f"scenetrace: error: {ADVICE}")
         return Exit.FAILED
 
 

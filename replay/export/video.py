@@ -187,6 +187,7 @@ class Encoder:
         import av
 
         self._av = av
+        self._path = path
         self.frames = 0
         self._start_ns = start_ns
         self._last = -1
@@ -227,7 +228,7 @@ class Encoder:
         # Two frames closer than the clock's tick still need times of their own.
         self._last = max(self._last + 1, (time_ns - self._start_ns) * CLOCK // NANOS)
         frame.pts = self._last
-        self._container.mux(self._stream.encode(frame))
+        self._encode(frame)
 
     def _bridge(self, length_ns: int) -> None:
         """Before the next picture, so long after the last one: a title that nothing was recorded."""
@@ -241,7 +242,18 @@ class Encoder:
 
     def finish(self) -> None:
         """Write what the encoder still holds."""
-        self._container.mux(self._stream.encode())
+        self._encode(None)
+
+    def _encode(self, frame: Any) -> None:
+        try:
+            packets = self._stream.encode(frame)
+        except self._av.error.ExternalError as error:
+            raise RecordingError(
+                f"the H.264 encoder failed on pictures of {self._width}x{self._height}: too"
+                f" small, too large, or too little memory ({error})",
+                self._path,
+            ) from error
+        self._container.mux(packets)
 
     def close(self) -> None:
         """Write the container's end."""

@@ -189,3 +189,30 @@ def test_a_reader_that_goes_away_is_no_error(folder: Path, start: Start, form: s
     process.stderr.close()
     assert process.wait(timeout=60) == 141
     assert said == b""
+
+
+@pytest.mark.parametrize(
+    "error",
+    [MemoryError(), RuntimeError("can't start new thread")],
+    ids=["bytes", "threads"],
+)
+def test_memory_that_does_not_suffice_is_one_line(
+    error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def greedy(_: object) -> int:
+        raise error
+
+    monkeypatch.setattr("replay.cli.info.run", greedy)
+    assert main(["info", "a.mcap"]) == 1
+    assert one_line(capsys).startswith("scenetrace: error: out of memory; give it more")
+
+
+def test_what_is_no_want_of_memory_is_not_called_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def wrong(_: object) -> int:
+        raise ValueError("wrong")
+
+    monkeypatch.setattr("replay.cli.info.run", wrong)
+    with pytest.raises(ValueError, match="wrong"):
+        main(["info", "a.mcap"])
