@@ -25,6 +25,7 @@ from bench_replay import run as replayed
 
 from recorders.detectors.onnx import ModelOptions
 from recorders.recording import RecordOptions, record
+from recorders.segmentation.segmenter import as_image
 from recorders.sources import open_source
 from recorders.vision import cv2
 
@@ -46,7 +47,7 @@ def film(video: Path, out: Path, frames: int) -> Path:
                 reader.read()[1], (WIDTH - 2 * SIDE, HEIGHT), interpolation=cv2.INTER_CUBIC
             )
             image = cv2.copyMakeBorder(image, 0, 0, SIDE, SIDE, cv2.BORDER_REFLECT)
-            picture: Any = av.VideoFrame.from_ndarray(image, format="bgr24")
+            picture: Any = av.VideoFrame.from_ndarray(as_image(image), format="bgr24")
             file.mux(stream.encode(picture))
         file.mux(stream.encode())
     return out
