@@ -237,7 +237,11 @@ class MotionSegmenter:
         level = light.level_under(background.level)
         evidence = cv2.min(difference, cv2.add(level, level))
         evidence = cv2.subtract(cv2.add(evidence, self._neutral), level)
-        return foreground_of(as_image(evidence), level, self._window)
+        found = foreground_of(as_image(evidence), level, self._window)
+        if background.swaying is None:
+            return found
+        mask = background.swaying.seen_through(found.mask)
+        return Foreground(mask, found.weak | mask)
 
 
 def _nothing(picture: Image) -> Foreground:

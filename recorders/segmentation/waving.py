@@ -41,6 +41,12 @@ FINER = 20
 """Steps in which parts are counted."""
 LEAST = 0.01
 """Less of the picture than this, in one piece, does not wave."""
+MUCH = 0.3
+"""Where this share of the picture waves, those who pass are seen through it, in pieces:"""
+THROUGH = 0.16
+"""foreground counts with what is in a window of this side, of the picture's height,"""
+SPARSE, DENSE = 0.05, 0.15
+"""where that has the first share of foreground, and goes on to where it has the second."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +85,38 @@ class Waving:
         low, high = _range(around, r)
         other = outside(picture[part], low[inner], high[inner])
         cv2.copyTo(other, self.mask, difference[part])
+
+    def seen_through(self, mask: Image) -> Image:
+        """The foreground, (H, W) uint8, 0 or 255, where much of the picture waves; else ``mask``
+        itself, likewise.
+
+        There leaves cover most of whoever passes, and his colours are often theirs. What is left of
+        him lies close together, leaves that are mistaken for foreground lie here and there: these
+        go, and the gaps in what remains are closed.
+        """
+        if np.count_nonzero(self.mask) < MUCH * mask.size:
+            return mask
+        side = 2 * round(THROUGH * mask.shape[0] / 2) + 1
+        near = cv2.boxFilter(mask, cv2.CV_32S, (side, side), normalize=False)
+        full = 255 * side * side
+        some = as_image((near >= SPARSE * full).view(np.uint8))
+        count, numbers = cv2.connectedComponents(some)
+        body = np.zeros(count, np.uint8)
+        body[numbers[near >= DENSE * full]] = 255
+        closed = _closed(as_image(mask & body[numbers]), side)
+        h, w = self.mask.shape
+        part = np.s_[self.top : self.top + h, self.left : self.left + w]
+        found = mask.copy()
+        cv2.copyTo(closed[part], _closed(self.mask, side), found[part])
+        return found
+
+
+def _closed(mask: Image, side: int) -> Image:
+    """A mask whose gaps are closed that a window fits across."""
+    around = cv2.copyMakeBorder(mask, side, side, side, side, cv2.BORDER_CONSTANT, value=0)
+    kernel = np.ones((side, side), np.uint8)
+    closed = cv2.morphologyEx(around, cv2.MORPH_CLOSE, kernel)
+    return as_image(closed[side:-side, side:-side])
 
 
 def _range(picture: Image, reach: int) -> tuple[Image, Image]:

@@ -20,6 +20,7 @@ LEAST = {
     "crowded_dark_windows": (0.6, 0.26),
     "glossy_mall": (0.75, 0.6),
     "tree_in_the_wind": (0.65, 0.7),
+    "behind_leaves": (0.9, 0.87),
     "left_bag": (0.85, 0.85),
     "near_and_far": (0.85, 0.6),
 }
@@ -43,7 +44,13 @@ def hits_of(boxes: list[Box], truth: list[Box]) -> int:
     return hits
 
 
-LARGE = ("dark_windows", "crowded_dark_windows", "glossy_mall", "near_and_far")
+LARGE = (
+    "dark_windows",
+    "crowded_dark_windows",
+    "glossy_mall",
+    "near_and_far",
+    "behind_leaves",
+)
 
 
 @pytest.mark.parametrize(
