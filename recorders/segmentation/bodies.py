@@ -27,8 +27,10 @@ REST_AREA = 0.25
 FITS_SIZE, FITS_AREA = (0.6, 1.25), (0.4, 1.35)
 """A blob is one body if its height, width and area are within these of the usual ones: it needs no
 explanation."""
-MIN_AGREEING_AREA = 0.4
-"""A size model holds if blobs of this share of all area agree with it."""
+MIN_AGREEING_AREA = 0.6
+"""A size model holds if blobs of this share of all area agree with it: of upright people on a
+plane .85 or more do, of cyclists who come near .37 to .46.
+"""
 AGREES = 0.2
 
 

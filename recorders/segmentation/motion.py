@@ -103,7 +103,10 @@ class MotionSegmenter:
             view = self._scenery.of_sample(number)
             if view is not None:
                 after = view.found_again(later)
-                masks.append((self._found(now, view)[0], self._found(later, after)[0]))
+                # Both in one place: what moves there does so itself, and not with the camera.
+                masks.append(
+                    (self._found(now, view)[0], self._found(later, after, view)[0])
+                )
         self._bodies.learn_usual_of(masks, self._min_area)
         found = [self._bodies.measured_in(now, self._min_area) for now, _ in masks]
         for blobs in found:
@@ -202,14 +205,19 @@ class MotionSegmenter:
                 found, light = self._found(picture, view)
         return found, view, light
 
-    def _found(self, picture: Image, view: View) -> tuple[Foreground, Light]:
-        """The foreground of a picture that shows a view, in the picture's own place."""
+    def _found(
+        self, picture: Image, view: View, place: View | None = None
+    ) -> tuple[Foreground, Light]:
+        """The foreground of a picture that shows a view, in the picture's own place, or in that of
+        another one that shows it.
+        """
+        place = place or view
         here = view.over_background(picture)
         light = light_of(here, view.background.colour)
         found = self._foreground(here, view.background, light, view.inexact)
-        if any(view.shift):
+        if any(place.shift):
             found = Foreground(
-                view.as_in_picture(found.mask), view.as_in_picture(found.weak)
+                place.as_in_picture(found.mask), place.as_in_picture(found.weak)
             )
         return found, light
 

@@ -16,6 +16,7 @@ from recorders.messages import Blob
 from recorders.pictures import Image
 from recorders.segmentation.blobs import Labels, components, numbered
 from recorders.segmentation.segmenter import as_image
+from recorders.segmentation.usual import GAP as USUAL_GAP
 from recorders.segmentation.usual import UsualSize
 from recorders.vision import cv2
 
@@ -26,7 +27,9 @@ GAP = 0.25
 REACH = 1.4
 """Together they are at most so many usual widths wide and usual heights high."""
 WITHIN = 1.02
-"""What lies beside a large piece and makes it no larger belongs to it."""
+"""What lies beside a large piece and makes it no larger belongs to it, and what lies above or below
+a wide one and is no higher with it than a body: a cyclist's upper half and his legs.
+"""
 SPECK = 0.01
 """A piece has at least this share of the usual area."""
 THIN = 0.15
@@ -109,8 +112,12 @@ def _costs(box: Floats, usual: UsualSize) -> Floats:
     most = np.stack([w, h], axis=-1)
     size = high - low
     own = box[:, 2:] - box[:, :2]
-    fits = (size <= REACH * most).all(axis=-1)
-    fits |= (size <= WITHIN * np.maximum(own[:, None], own)).all(axis=-1)
+    reached = size <= REACH * most
+    within = size <= WITHIN * np.maximum(own[:, None], own)
+    fits = reached.all(axis=-1) | within.all(axis=-1)
+    if usual.gap <= USUAL_GAP:
+        # A large piece's other half. Over the gaps of torn bodies it may be a crowd's.
+        fits |= (reached | within).all(axis=-1)
     fits &= (gap <= np.array((GAP, usual.gap)) * most).all(axis=-1)
     fits &= np.arange(len(box))[:, None] < np.arange(len(box))
     cost = (gap / most).sum(axis=-1) + SIZE_WEIGHT * (size / most).max(axis=-1)

@@ -36,7 +36,9 @@ one: of specks of noise one in a hundred has.
 """
 GRAIN, FOUND_AGAIN = 1.5, 5
 MOVED = 0.02
-"""It moves if by this share of its size."""
+"""It moves if both its edges go the same way, by this share of its size: of a stain of light one
+edge comes and goes.
+"""
 RESTING = 0.05
 """One that rests counts so much of one that moves: it may be a light on a wall."""
 FEWEST, FEWEST_MOVING = 5, 2
@@ -142,13 +144,8 @@ class Sightings:
         steady = (overlap.max(axis=1) >= SAME) & (
             factor <= (STEADY, STEADY, 2 * STEADY)
         ).all(axis=1)
-        way = np.hypot(
-            *(
-                same[:, k] + same[:, k + 2] / 2 - found[:, k] - found[:, k + 2] / 2
-                for k in (0, 1)
-            )
-        )
-        moves = way >= MOVED * np.sqrt(found[:, 2] * found[:, 3])
+        way = np.hypot(*(_way(found, same, k) for k in (0, 1)))
+        moves = (way > 0) & (way >= MOVED * np.sqrt(found[:, 2] * found[:, 3]))
         weight = np.where(moves, 1.0, RESTING)
         self._clean.append(np.column_stack([found, weight])[steady])
         self._join(now, later, alone)
@@ -273,6 +270,16 @@ class Sightings:
         off = (rows[:, 1] + rows[:, 3] - places[:, None]) / (NEARBY * self.height)
         near: Floats = 1.0 / (1.0 + np.abs(off) ** 3)
         return near
+
+
+def _way(now: Floats, later: Floats, axis: int) -> Floats:
+    """How far regions (N, 5) go along an axis, px, (N,): as far as both of their edges do; 0 where
+    they go opposite ways or one stays.
+    """
+    low = later[:, axis] - now[:, axis]
+    high = low + later[:, axis + 2] - now[:, axis + 2]
+    way: Floats = np.where(low * high > 0, np.minimum(np.abs(low), np.abs(high)), 0.0)
+    return way
 
 
 def _found_again(found: Floats, later: Floats) -> Floats:

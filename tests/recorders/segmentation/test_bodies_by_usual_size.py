@@ -59,6 +59,19 @@ def test_what_never_moves_teaches_nothing(moves: int) -> None:
     assert (seen.learn() is None) == (moves == 0)
 
 
+def test_a_stain_of_light_whose_one_edge_comes_and_goes_teaches_nothing() -> None:
+    def learnt(shift: int, growth: int) -> UsualSize | None:
+        seen = Sightings(WIDTH, HEIGHT)
+        for k in range(8):
+            x = 10 + 30 * k
+            seen.observe(rows((x, 50, 12, 10)), rows((x + shift, 50, 12 + growth, 10)))
+        return seen.learn()
+
+    assert learnt(shift=1, growth=0) is not None
+    assert learnt(shift=0, growth=1) is None
+    assert learnt(shift=-1, growth=1) is None
+
+
 def torn(*, together: bool) -> Sightings:
     """A head and legs, far apart, that move by the same way or by ways of their own."""
     seen = Sightings(WIDTH, HEIGHT)
@@ -124,6 +137,15 @@ def test_pieces_of_one_body_are_one_and_two_bodies_are_two() -> None:
     groups = together(rows(head, trunk, legs, other), usual())
     assert sorted(sorted(g.pieces) for g in groups) == [[0, 1, 2], [3]]
     assert groups[0].box == (100, 50, 120, 110)
+
+
+def test_a_piece_above_a_wide_one_is_its_other_half_up_to_a_body_s_height() -> None:
+    upper, legs = (100, 60, 50, 38), (115, 100, 20, 38)
+    assert len(together(rows(upper, legs), usual())) == 1
+    higher = (100, 50, 50, 48)
+    assert len(together(rows(higher, legs), usual())) == 2
+    beside = (145, 100, 20, 38)
+    assert len(together(rows(upper, beside), usual())) == 2
 
 
 def test_a_body_is_one_component_of_the_mask_and_specks_are_none() -> None:
