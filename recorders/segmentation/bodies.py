@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from recorders.messages import NO_BLOB, Blob, Box, Detections, Ellipse
@@ -122,7 +124,9 @@ class FoundBodies:
 
     def look_twice(self, now: Image, later: Image) -> None:
         """Take in the masks of two pictures, `recorders.segmentation.usual.MOMENT_S` apart."""
-        self._sightings.observe(numbered(now)[3], numbered(later)[3])
+        self._sightings.observe(
+            numbered(now)[3], numbered(later)[3], pieces=self.beside_boxes
+        )
 
     def learn_usual(self, least: float) -> None:
         """How large bodies usually are, of what was looked at twice so far; where they are not seen
@@ -132,6 +136,8 @@ class FoundBodies:
         self.guessed = self.usual is None
         if self.guessed:
             guess = self._sightings.guess()
+            if guess is not None:
+                guess = replace(guess, halves=not self.beside_boxes)
             self.usual = guess if guess is not None and guess.least_area >= least else None
 
     @property

@@ -16,7 +16,6 @@ from recorders.messages import Blob
 from recorders.pictures import Image
 from recorders.segmentation.blobs import Labels, components, numbered
 from recorders.segmentation.segmenter import as_image
-from recorders.segmentation.usual import GAP as USUAL_GAP
 from recorders.segmentation.usual import UsualSize
 from recorders.vision import cv2
 
@@ -115,8 +114,7 @@ def _costs(box: Floats, usual: UsualSize) -> Floats:
     reached = size <= REACH * most
     within = size <= WITHIN * np.maximum(own[:, None], own)
     fits = reached.all(axis=-1) | within.all(axis=-1)
-    if usual.gap <= USUAL_GAP:
-        # A large piece's other half. Over the gaps of torn bodies it may be a crowd's.
+    if usual.halves:
         fits |= (reached | within).all(axis=-1)
     fits &= (gap <= np.array((GAP, usual.gap)) * most).all(axis=-1)
     fits &= np.arange(len(box))[:, None] < np.arange(len(box))

@@ -83,12 +83,15 @@ class UsualSize:
         alike: (K,) 1 where bodies there are alike, so that two of them have twice the area of one;
             else 0.
         gap: between the pieces of a body lies at most this, of the usual height.
+        halves: what lies above or below a wide piece may be its other half. Not over the gaps of
+            torn bodies, where it may be a crowd's, nor where pieces are wanted as they are.
     """
 
     feet: Floats
     sizes: Floats
     alike: Floats
     gap: float = GAP
+    halves: bool = True
 
     def at(self, feet: Floats) -> tuple[Floats, Floats, Floats]:
         """Width, height and area at feet (any shape, px); each of that shape."""
@@ -120,12 +123,14 @@ class Sightings:
     _moved: float = 0.0
     _in_pieces: float = 0.0
 
-    def observe(self, now: Floats, later: Floats) -> None:
+    def observe(self, now: Floats, later: Floats, *, pieces: bool = False) -> None:
         """Take in the regions of two pictures, `MOMENT_S` apart.
 
         Args:
             now: (N, 5) x, y, w, h, area of the first one's.
             later: (M, 5) of the second one's.
+            pieces: pieces of bodies count, which grow and shrink as they move: it is enough that a
+                region's centre moves.
         """
         now, later = largest(now), largest(later)
         some = largest(now, MOST_OF_ALL)
@@ -144,7 +149,7 @@ class Sightings:
         steady = (overlap.max(axis=1) >= SAME) & (
             factor <= (STEADY, STEADY, 2 * STEADY)
         ).all(axis=1)
-        way = np.hypot(*(_way(found, same, k) for k in (0, 1)))
+        way = np.hypot(*(_way(found, same, k, one_edge=pieces) for k in (0, 1)))
         moves = (way > 0) & (way >= MOVED * np.sqrt(found[:, 2] * found[:, 3]))
         weight = np.where(moves, 1.0, RESTING)
         self._clean.append(np.column_stack([found, weight])[steady])
@@ -206,7 +211,7 @@ class Sightings:
             self._joined = [np.concatenate(self._joined)[-MOST:]]
             found = self._of(self._joined[0], specks, upright)
             if found is not None:
-                return replace(found, gap=TORN_GAP)
+                return replace(found, gap=TORN_GAP, halves=False)
         return self._of(self._with_leaps(rows), specks, upright)
 
     def _with_leaps(self, rows: Floats) -> Floats:
@@ -242,7 +247,8 @@ class Sightings:
             return None
         feet = np.linspace(0.0, self.height, PLACES)
         weights = rows[:, 4] * rows[:, 5] / _alike(rows) * self._near(feet, rows)
-        return UsualSize(feet, _sizes(rows, weights), _alike_at(rows, weights))
+        sizes, alike = _sizes(rows, weights), _alike_at(rows, weights)
+        return UsualSize(feet, sizes, alike, halves=not specks)
 
     def guess(self) -> UsualSize | None:
         """What most of the foreground belongs to, clean or not: better than nothing where bodies
@@ -272,12 +278,14 @@ class Sightings:
         return near
 
 
-def _way(now: Floats, later: Floats, axis: int) -> Floats:
+def _way(now: Floats, later: Floats, axis: int, *, one_edge: bool) -> Floats:
     """How far regions (N, 5) go along an axis, px, (N,): as far as both of their edges do; 0 where
-    they go opposite ways or one stays.
+    they go opposite ways or one stays. Or, where one edge is enough, as far as the centre does.
     """
     low = later[:, axis] - now[:, axis]
     high = low + later[:, axis + 2] - now[:, axis + 2]
+    if one_edge:
+        return np.abs(low + high) / 2
     way: Floats = np.where(low * high > 0, np.minimum(np.abs(low), np.abs(high)), 0.0)
     return way
 
