@@ -360,7 +360,7 @@ class Run:
             self.options.parameters,
             names,
             [] if self._corrector is None else self._corrector.apart,
-            blind_times(self.scene.changes(), times),
+            lambda: blind_times(self.scene.changes(), times),
         )
         frames = self.scene.frames(
             start_ns, first, again=True, own=self.options.annotations_only

@@ -43,6 +43,7 @@ _LOADED = (
     "numpy.ma",
     "reasoning.questions.catalogue",
     "replay.annotated_writer",
+    "replay.asking_configuration",
     "replay.assignment",
     "replay.batch.steps",
     "replay.cli.record",

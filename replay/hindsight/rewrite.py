@@ -66,7 +66,7 @@ def rewrite(
     config: Config,
     names: dict[int, int] | None = None,
     apart: Sequence[tuple[int, int]] = (),
-    blind: Sequence[Blind] = (),
+    blind: Callable[[], Sequence[Blind]] = tuple,
 ) -> Iterator[Targets]:
     """Rewrite a forward pass in hindsight.
 
@@ -79,7 +79,7 @@ def rewrite(
         config: section ``hindsight``.
         names: gets every kept forward id's final id before the first answer.
         apart: pairs of forward ids that a person says are two: never joined into one life.
-        blind: when nobody could be seen, in order.
+        blind: tells when nobody could be seen, in order; asked once ``times`` are whole.
 
     Yields:
         One answer per frame, in order, with the forward pass's group tracks; notices of births,
@@ -99,7 +99,7 @@ def rewrite(
     fragments, within, beside = read(_noting(targets(), exchanges))
     if exchanges:
         fragments, within, beside = read(undone(targets(), exchanges))
-    joins = join(fragments, p, apart, blind)
+    joins = join(fragments, p, apart, blind())
     lives, reasons = lives_of(fragments, joins, within, beside, p, scene, times)
     del fragments  # and with them those of dropped paths
     if names is not None:

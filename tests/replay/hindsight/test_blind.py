@@ -70,7 +70,7 @@ def identities(frames: list[Targets], *blind: Blind) -> dict[str, list[int]]:
     found: dict[str, list[int]] = {"red": [], "blue": []}
     forward = {k: {t.box[0]: t.signature for t in f.targets} for k, f in enumerate(frames)}
     config = configure(SECTIONS)
-    for answer in rewrite(lambda: iter(frames), SCENE, TIMES, config, blind=blind):
+    for answer in rewrite(lambda: iter(frames), SCENE, TIMES, config, blind=lambda: blind):
         for t in answer.targets:
             x = min(forward[answer.frame], key=lambda v: abs(v - t.box[0]), default=None)
             if x is not None:
@@ -131,7 +131,7 @@ def test_a_join_says_how_long_nobody_could_look() -> None:
     config = configure(SECTIONS)
     notices = [
         n
-        for f in rewrite(lambda: iter(frames), SCENE, TIMES, config, blind=[BLACK])
+        for f in rewrite(lambda: iter(frames), SCENE, TIMES, config, blind=lambda: [BLACK])
         for n in f.notices
         if n.kind == "track_recovered"
     ]
@@ -165,7 +165,11 @@ def test_somebody_of_other_colours_is_somebody_else() -> None:
     ids = {
         t.id
         for f in rewrite(
-            lambda: iter(strangers), SCENE, TIMES, configure(SECTIONS), blind=[TURNED]
+            lambda: iter(strangers),
+            SCENE,
+            TIMES,
+            configure(SECTIONS),
+            blind=lambda: [TURNED],
         )
         for t in f.targets
     }
