@@ -570,7 +570,7 @@ def _most_memory(count: int) -> int:
 
 def test_a_life_that_is_over_takes_little_memory() -> None:
     _most_memory(50)  # what is loaded and kept once
-    assert _most_memory(150) - _most_memory(50) < 100 * 4_000
+    assert _most_memory(150) - _most_memory(50) < 100 * 8_000
 
 
 def _apart(frames: list[Targets], *pairs: tuple[int, int]) -> list[Targets]:
