@@ -15,7 +15,7 @@ from random import Random
 
 from tests.faults.case_files import case_files
 from tests.faults.damage import messages_of
-from tests.faults.io_faults import files_of, forked
+from tests.faults.io_faults import counted, files_of, forked, warm
 from tests.faults.small import annotated, memory, run
 from tests.faults.tally import Tally
 from tests.lying_files import mcap_bomb, png
@@ -93,8 +93,14 @@ BOMBS: dict[str, Callable[[], bytes]] = {
 
 def hostile(long: bool, seed: int = 0, only: str = "") -> Iterator[Tally]:
     """Bombs, damaged logs, the files that people reported: a row for each sort (whose name
-    begins so).
+    begins so). Counted in a process of its own, in which nothing has taken memory before.
     """
+    return counted("tests.faults.hostile:all_hostile", long, seed, 0, only, {})
+
+
+def all_hostile(long: bool, seed: int, tries: int, only: str) -> Iterator[Tally]:
+    """Go through all of it, in the process that the others are forked from."""
+    del tries
     sorts: dict[str, Callable[[Path], Iterator[Path]]] = {"bombs": _bombs}
     if long:
         sorts |= {
@@ -106,26 +112,15 @@ def hostile(long: bool, seed: int = 0, only: str = "") -> Iterator[Tally]:
         annotated(folder).rename(folder / "sound.mcap")
         (folder / "pictures").mkdir()
         (folder / "pictures" / "1.png").write_bytes(png(8, 8))
+        fresh = _address_space()
         if long:
-            _warm(folder)
-        # What this process has reserved, from which the others are forked, does not count: tests
-        # that ran before, and the threads of commands. A thread that gets no memory never starts,
-        # and is waited for.
-        most = _MEMORY + _address_space()
+            # What commands load and keep, the processes that are forked have then.
+            for words in LOGS.values():
+                named = {"FILE": "../sound.mcap", "SQL": "SELECT 1"}
+                warm([named.get(word, word) for word in words.split()], folder)
         for sort, files in sorts.items():
             if sort.startswith(only):
-                yield from _sort(sort, files(folder / "files"), folder, most, long)
-
-
-def _warm(folder: Path) -> None:
-    """Run each command here: what it loads and keeps, the processes that are forked have then."""
-    for words in LOGS.values():
-        named = {"FILE": "../sound.mcap", "SQL": "SELECT 1"}
-        with tempfile.TemporaryDirectory(dir=folder) as name:
-            before = Path.cwd()
-            os.chdir(name)
-            run(*[named.get(word, word) for word in words.split()])
-            os.chdir(before)
+                yield from _sort(sort, files(folder / "files"), folder, fresh, long)
 
 
 def _bombs(folder: Path) -> Iterator[Path]:
@@ -162,7 +157,7 @@ def _damaged(folder: Path, rng: Random) -> Iterator[Path]:
 
 
 def _sort(
-    sort: str, files: Iterator[Path], folder: Path, most: int, long: bool
+    sort: str, files: Iterator[Path], folder: Path, fresh: int, long: bool
 ) -> Iterator[Tally]:
     """A row for each file."""
     replayed = folder / "replayed.mcap"
@@ -171,12 +166,12 @@ def _sort(
         commands = LOGS if file.suffix == ".mcap" else OTHERS
         if not long:
             commands = {name: commands[name] for name in ("record", "info", "query")}
-        _through(tally, commands, _File(file, folder, most, replayed, file.name))
+        _through(tally, commands, _File(file, folder, fresh, replayed, file.name))
         if replayed.exists():
             # What was read without a word must be of use afterwards.
             answering = {name: LOGS[name] for name in LOGS if name not in _REWRITING}
             name = f"{file.name}, replayed"
-            _through(tally, answering, _File(replayed, folder, most, None, name))
+            _through(tally, answering, _File(replayed, folder, fresh, None, name))
             replayed.unlink()
         yield tally
 
@@ -194,9 +189,9 @@ class _File:
     """
 
     def __init__(
-        self, path: Path, folder: Path, most: int, replayed: Path | None, name: str
+        self, path: Path, folder: Path, fresh: int, replayed: Path | None, name: str
     ) -> None:
-        self.path, self.folder, self.most = path, folder, most
+        self.path, self.folder, self.fresh = path, folder, fresh
         self.replayed, self.name = replayed, name
         self.codes: dict[str, int] = {}
 
@@ -206,7 +201,7 @@ class _File:
         line = [named.get(word, word) for word in words.split()]
         with tempfile.TemporaryDirectory(dir=self.folder) as name:
             place = Path(name)
-            answer, said = forked(place, lambda _: _held(line, self.most), _PATIENCE_S)
+            answer, said = forked(place, lambda _: _held(line, self.fresh), _PATIENCE_S)
             tally.tries += 1
             code, told = answer or (70, said or f"killed, or took over {_SECONDS} s")
             self.codes[command] = code
@@ -243,7 +238,10 @@ class _File:
         return ""
 
 
-def _held(words: list[str], most: int) -> tuple[int, str]:
+def _held(words: list[str], fresh: int) -> tuple[int, str]:
+    # What this process has taken since it was fresh, it took for all: to be warm, and to compare. A
+    # thread that gets no memory never starts, and is waited for.
+    most = _MEMORY + _address_space() - fresh
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
     resource.setrlimit(resource.RLIMIT_CPU, (_SECONDS, _SECONDS))
     return run(*words)

@@ -15,7 +15,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from select import select
 from signal import SIGKILL
@@ -50,7 +50,6 @@ def io_faults(long: bool, seed: int = 0, only: str = "") -> Iterator[Tally]:
 
 def served(work: str, long: bool, seed: int, tries: int, only: str = "") -> Iterator[Tally]:
     """What `module:function` counts in a process of its own that has the library, as it comes."""
-    module, function = work.split(":")
     with tempfile.TemporaryDirectory() as name:
         library = Path(name) / "fail.so"
         built = compiler()
@@ -59,25 +58,32 @@ def served(work: str, long: bool, seed: int, tries: int, only: str = "") -> Iter
             [built, "-O2", "-shared", "-fPIC", "-o", library, HERE / "fail.c", "-ldl"],
             check=True,
         )
-        script = (
-            f"from {module} import {function} as work; from tests.faults.io_faults import tell;"
-            f" tell(work({long}, {seed}, {tries}, {only!r}))"
-        )
-        with subprocess.Popen(
-            [sys.executable, "-c", script],
-            env={
-                **os.environ,
-                "LD_PRELOAD": str(library),
-                "SCENETRACE_FAIL": str(library),
-                "PYTHONPATH": os.pathsep.join([str(HERE.parent.parent), *sys.path]),
-            },
-            stdout=subprocess.PIPE,
-        ) as process:
-            assert process.stdout is not None
-            for line in process.stdout:
-                if line.startswith(_TOLD):
-                    yield msgspec.json.decode(line.removeprefix(_TOLD), type=Tally)
-        assert process.returncode == 0, f"{work} failed"
+        has_library = {"LD_PRELOAD": str(library), "SCENETRACE_FAIL": str(library)}
+        yield from counted(work, long, seed, tries, only, has_library)
+
+
+def counted(
+    work: str, long: bool, seed: int, tries: int, only: str, variables: Mapping[str, str]
+) -> Iterator[Tally]:
+    """What `module:function` counts in a process of its own, with more environment variables, as it
+    comes.
+    """
+    module, function = work.split(":")
+    script = (
+        f"from {module} import {function} as work; from tests.faults.io_faults import tell;"
+        f" tell(work({long}, {seed}, {tries}, {only!r}))"
+    )
+    path = os.pathsep.join([str(HERE.parent.parent), *sys.path])
+    with subprocess.Popen(
+        [sys.executable, "-c", script],
+        env={**os.environ, **variables, "PYTHONPATH": path},
+        stdout=subprocess.PIPE,
+    ) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if line.startswith(_TOLD):
+                yield msgspec.json.decode(line.removeprefix(_TOLD), type=Tally)
+    assert process.returncode == 0, f"{work} failed"
 
 
 _TOLD = b"tally "
@@ -135,12 +141,12 @@ def all_faults(long: bool, seed: int, tries: int, only: str) -> Iterator[Tally]:
         annotated(folder)
         for command, words in COMMANDS.items():
             if command.startswith(only):
-                _warm(words, folder)
+                warm(words, folder)
                 for kind in (_CHANGES, _READS):
                     yield from _command(command, words, folder, library, kind, long)
 
 
-def _warm(words: list[str], folder: Path) -> None:
+def warm(words: list[str], folder: Path) -> None:
     """Run a command here: what it loads and keeps, the processes that are forked have then."""
     from tests.faults.small import run
 
