@@ -138,10 +138,10 @@ class Sightings:
         if not len(now) or not len(later):
             return
         alone = self._alone(now)
-        found = now[alone]
-        if not len(found):
+        if not alone.any():
             return
-        overlap = ious(found[:, :4], later[:, :4])
+        every = ious(now[:, :4], later[:, :4])
+        found, overlap = now[alone], every[alone]
         self._leaps.append(_found_again(found[overlap.max(axis=1) < SAME], later))
         self._looked_for += len(found)
         same = later[overlap.argmax(axis=1)]
@@ -153,11 +153,12 @@ class Sightings:
         moves = (way > 0) & (way >= MOVED * np.sqrt(found[:, 2] * found[:, 3]))
         weight = np.where(moves, 1.0, RESTING)
         self._clean.append(np.column_stack([found, weight])[steady])
-        self._join(now, later, alone)
+        self._join(now, later, every, alone)
 
-    def _join(self, now: Floats, later: Floats, alone: NDArray[np.bool_]) -> None:
+    def _join(
+        self, now: Floats, later: Floats, overlap: Floats, alone: NDArray[np.bool_]
+    ) -> None:
         """Take in the bodies whose pieces go together, and how much of what stands alone does."""
-        overlap = ious(now[:, :4], later[:, :4])
         same = later[overlap.argmax(axis=1)]
         way = same[:, 0] + same[:, 2] / 2 - now[:, 0] - now[:, 2] / 2
         kept = np.abs(np.log(same[:, 4] / now[:, 4])) <= 2 * STEADY

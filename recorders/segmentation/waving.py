@@ -11,6 +11,7 @@ most of their pixels.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,12 +58,14 @@ class Waving:
         mask: (h, w) uint8, 255 where it does, of the part of the picture that holds all of it.
         left, top: of that part, px.
         reach: how far it waves, px.
+        size: height and width of the whole picture.
     """
 
     mask: Image
     left: int
     top: int
     reach: int
+    size: tuple[int, int]
 
     def soften(self, difference: Image, picture: Image, behind: Image) -> None:
         """Where the ground waves, put the difference from all colours nearby into ``difference``,
@@ -94,9 +97,9 @@ class Waving:
         him lies close together, leaves that are mistaken for foreground lie here and there: these
         go, and the gaps in what remains are closed.
         """
-        if np.count_nonzero(self.mask) < MUCH * mask.size:
+        if self._closed_mask is None:
             return mask
-        side = 2 * round(THROUGH * mask.shape[0] / 2) + 1
+        side = self._window
         near = cv2.boxFilter(mask, cv2.CV_32S, (side, side), normalize=False)
         full = 255 * side * side
         some = as_image((near >= SPARSE * full).view(np.uint8))
@@ -107,8 +110,20 @@ class Waving:
         h, w = self.mask.shape
         part = np.s_[self.top : self.top + h, self.left : self.left + w]
         found = mask.copy()
-        cv2.copyTo(closed[part], _closed(self.mask, side), found[part])
+        cv2.copyTo(closed[part], self._closed_mask, found[part])
         return found
+
+    @property
+    def _window(self) -> int:
+        return 2 * round(THROUGH * self.size[0] / 2) + 1
+
+    @cached_property
+    def _closed_mask(self) -> Image | None:
+        """Where the ground waves, without gaps; None where that is little of the picture."""
+        height, width = self.size
+        if np.count_nonzero(self.mask) < MUCH * height * width:
+            return None
+        return _closed(self.mask, self._window)
 
 
 def _closed(mask: Image, side: int) -> Image:
@@ -176,7 +191,7 @@ def waving(stack: list[Image], colour: Image, level: Image) -> Waving | None:
     if w == 0:
         return None
     mask = np.ascontiguousarray(there[top : top + h, left : left + w])
-    return Waving(mask, left, top, reach)
+    return Waving(mask, left, top, reach, level.shape)
 
 
 def _expected(differs: Image, samples: int) -> Image:

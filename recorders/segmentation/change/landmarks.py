@@ -268,9 +268,8 @@ class Reference:
         among: Ints | None = None,
     ) -> None:
         self._levels = _halved(luma)
-        self._marks = [Landmarks.of(level) for level in self._levels]
-        if among is not None:
-            self._marks[0] = Landmarks.of(luma, among=among)
+        full, *smaller = self._levels
+        self._marks = [Landmarks.of(full, among=among), *map(Landmarks.of, smaller)]
         if kept is not None:
             self._marks[0] = self._marks[0].only(kept, luma)
         self._flat = _without_light(self._levels[-1])

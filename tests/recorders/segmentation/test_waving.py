@@ -11,7 +11,7 @@ from recorders.segmentation.waving import Waving
 
 def leafy(left: int, right: int) -> Waving:
     """The ground waves between two columns of a picture of 200 x 300 px."""
-    return Waving(np.full((200, right - left), 255, np.uint8), left, 0, 4)
+    return Waving(np.full((200, right - left), 255, np.uint8), left, 0, 4, (200, 300))
 
 
 def pieces(top: int, left: int) -> Image:
