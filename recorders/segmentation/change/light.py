@@ -240,9 +240,11 @@ def _in_colours(now: Image, behind: Image, found: Light) -> Light:
     """
     now, behind = np.ascontiguousarray(now), np.ascontiguousarray(behind)
     lit = found.over(behind)
-    tint = np.abs(np.median(now[..., 1:].astype(np.int16) - lit[..., 1:], axis=(0, 1)))
     share = _agreeing(now, lit)
-    if share >= CLOSE or tint.max() < LEAST_STEP or now.size < 3 * BINS:
+    if share >= CLOSE or now.size < 3 * BINS:
+        return found
+    tint = np.abs(np.median(now[..., 1:].astype(np.int16) - lit[..., 1:], axis=(0, 1)))
+    if tint.max() < LEAST_STEP:
         return found
     colours, grounds = (
         cv2.cvtColor(p, cv2.COLOR_YCrCb2BGR).astype(np.int16) for p in (now, behind)
