@@ -40,6 +40,8 @@ BETWEEN_PX = 0.2
 """A picture shifted by this much less or more than a whole number lies between pixels."""
 UNEVEN_PX = 0.45
 """A picture is turned, or nearer, where its landmarks are scattered by more than this."""
+FURTHEST_PX, FINE = 2, 256
+"""A landmark's displacement is known no farther than this; and to so many parts of a pixel."""
 NEAR = 2
 """Reach of the search around a shift, px."""
 SMALLEST_SIDE = 128
@@ -63,7 +65,7 @@ class LandmarkSight:
         drift: median displacement of those that are seen, px right and down.
         seen: which ones.
         scatter: median distance of their displacements from the median, px: large where the picture
-            is turned or nearer.
+            is turned or nearer. Of steady landmarks, as far as it follows from where they lie.
     """
 
     share: float
@@ -102,11 +104,13 @@ class Landmarks:
     Args:
         luma: (H, W) uint8.
         corners: (N, 2) row and column of each patch's first pixel.
+        steady: they are what is steady between leaves, which a coarse codec moves one by one.
     """
 
-    def __init__(self, luma: Image, corners: Ints) -> None:
+    def __init__(self, luma: Image, corners: Ints, *, steady: bool = False) -> None:
         self._height, self._width = luma.shape
         self.corners = corners
+        self._steady = steady
         within = np.arange(SIDE)
         rows = corners[:, 0, None, None] + within[:, None]
         columns = corners[:, 1, None, None] + within
@@ -143,7 +147,8 @@ class Landmarks:
 
         Args:
             luma: the picture.
-            among: (N, 2) the only ones that are asked, row and column of their first pixels.
+            among: (N, 2) the only ones that are asked, which are steady: row and column of their
+                first pixels.
             all_of_them: every textured patch, however many lie in a cell.
         """
         height, width = luma.shape
@@ -166,11 +171,12 @@ class Landmarks:
                 if cell.size and cell.max() >= LEAST_GRADIENT**2:
                     k, m = divmod(int(cell.argmax()), cell.shape[1])
                     corners.append(((top + k) * SIDE, (left + m) * SIDE))
-        return cls(luma, np.array(corners, np.int64).reshape(-1, 2))
+        found = np.array(corners, np.int64).reshape(-1, 2)
+        return cls(luma, found, steady=among is not None)
 
     def only(self, kept: NDArray[np.bool_], luma: Image) -> Landmarks:
         """Some of them; ``luma`` is the picture that they are of."""
-        return Landmarks(luma, self.corners[kept])
+        return Landmarks(luma, self.corners[kept], steady=self._steady)
 
     def sight(self, luma: Image, shift: Shift, step: int = 1) -> LandmarkSight:
         """How a picture shows them under a shift.
@@ -235,8 +241,12 @@ class Landmarks:
         dx, dy = inverse * (yy * ex - xy * ey), inverse * (xx * ey - xy * ex)
         dx, dy = dx[seen], dy[seen]
         drift = float(np.median(dx)), float(np.median(dy))
-        distance = np.maximum(np.abs(dx - drift[0]), np.abs(dy - drift[1]))
-        return drift, float(np.median(distance))
+        dx, dy = dx - drift[0], dy - drift[1]
+        scatter = float(np.median(np.maximum(np.abs(dx), np.abs(dy))))
+        if self._steady and scatter > UNEVEN_PX:
+            dx, dy = (_by_place(d, self.corners[seen]) for d in (dx, dy))
+            scatter = float(np.median(np.maximum(np.abs(dx), np.abs(dy))))
+        return drift, scatter
 
     def search(self, luma: Image, around: Shift, reach: int) -> tuple[Shift, LandmarkSight]:
         """The shift under which they are seen best, within a reach of one; of equal ones the
@@ -338,6 +348,24 @@ def _dot(a: NDArray[np.int32], b: NDArray[np.int32]) -> Ints:
 def _total(a: NDArray[np.int32]) -> Ints:
     total: Ints = np.einsum("pn->p", a).astype(np.int64)
     return total
+
+
+def _by_place(displaced: Floats, corners: Ints) -> Floats:
+    """That part of displacements (N,), px, that is linear in the places (N, 2): a turn's or a
+    zoom's. Sums of integers, so that it is the same on every machine.
+    """
+    most = FURTHEST_PX * FINE
+    d = np.clip(np.rint(displaced * FINE), -most, most).astype(np.int64)
+    n = len(d)
+    y, x = (n * corners - corners.sum(axis=0)).T
+    yy, xx, xy = (int((a * b).sum()) for a, b in ((y, y), (x, x), (x, y)))
+    yd, xd = int((y * d).sum()), int((x * d).sum())
+    both = yy * xx - xy * xy
+    if not both:
+        return np.zeros(n)
+    down, right = (yd * xx - xd * xy) / both, (xd * yy - yd * xy) / both
+    found: Floats = (down * y + right * x) / FINE
+    return found
 
 
 def _texture(luma: Image) -> Floats:

@@ -9,6 +9,8 @@ from recorders.pictures import Image
 from recorders.segmentation.change.landmarks import Landmarks
 from recorders.segmentation.change.steady import steady_view
 from recorders.segmentation.change.views import divide
+from recorders.segmentation.segmenter import as_image
+from recorders.vision import cv2
 
 WIDTH, HEIGHT, COUNT = 320, 240, 12
 
@@ -75,3 +77,40 @@ def test_landmarks_are_chosen_among_the_patches_that_are_asked() -> None:
     some = Landmarks.of(luma, among=every.corners[:20])
     assert 0 < len(some) <= 8
     assert (some.corners[:, 0] == 0).all()
+
+
+def moved_apart(luma: Image, marks: Landmarks, seed: int) -> Image:
+    """Each landmark displaced by itself, by up to a pixel."""
+    ways = np.random.default_rng(seed).uniform(-1, 1, (len(marks), 2))
+    shown = luma.copy()
+    for (row, column), (right, down) in zip(marks.corners, ways, strict=True):
+        way = np.array([[1, 0, right], [0, 1, down]], np.float32)
+        there = cv2.warpAffine(luma, way, (WIDTH, HEIGHT))
+        shown[row : row + 16, column : column + 16] = there[
+            row : row + 16, column : column + 16
+        ]
+    return shown
+
+
+def smooth(seed: int) -> Image:
+    return as_image(cv2.GaussianBlur(texture(seed), (0, 0), 1.5))
+
+
+def test_steady_landmarks_that_a_codec_moves_one_by_one_show_the_view() -> None:
+    luma = smooth(0)
+    marks = Landmarks.of(luma)
+    steady = Landmarks.of(luma, among=marks.corners)
+    shown = moved_apart(luma, steady, 1)
+    assert not marks.sight(shown, (0, 0)).even
+    assert steady.sight(shown, (0, 0)).even
+
+
+def test_steady_landmarks_of_a_picture_that_is_turned_do_not() -> None:
+    luma = smooth(0)
+    steady = Landmarks.of(luma, among=Landmarks.of(luma).corners)
+    turn = cv2.getRotationMatrix2D((WIDTH / 2, HEIGHT / 2), 0.7, 1.0)
+    turned = as_image(cv2.warpAffine(luma, turn, (WIDTH, HEIGHT)))
+    assert not steady.sight(turned, (0, 0)).even
+    nearer = cv2.getRotationMatrix2D((WIDTH / 2, HEIGHT / 2), 0, 1.012)
+    zoomed = as_image(cv2.warpAffine(luma, nearer, (WIDTH, HEIGHT)))
+    assert not steady.sight(zoomed, (0, 0)).even
