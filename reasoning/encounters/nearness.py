@@ -45,7 +45,7 @@ def nearest(
     Returns:
         None where both are there in none of the frames.
     """
-    away = _ways(a, b, first, last, ground)
+    _, away = _ways(a, b, first, last, ground)
     return round(float(away.min()), 2) if len(away) else None
 
 
@@ -63,8 +63,37 @@ def ever_apart(a: History, b: History) -> bool:
     return bool((inside < ONE_PLACE * smaller).any())
 
 
-def _ways(a: History, b: History, first: int, last: int, ground: GroundSlope) -> Floats:
-    """The distances in the frames in which both are there."""
+def drawing_away(
+    a: History, b: History, since_s: float, until_s: float, ground: GroundSlope
+) -> float | None:
+    """By how much two draw away from one another in a span of time, body sizes per second; less
+    than nothing where they close in. The straight line through all distances, so that a stride
+    that widens a box counts for little.
+
+    Args:
+        a: one target.
+        b: the other one.
+        since_s: the span's start, s.
+        until_s: its end, included.
+        ground: of the recording.
+
+    Returns:
+        None where both are there in fewer than two of the frames.
+    """
+    first, last = np.searchsorted(a.times_s, (since_s - 5e-4, until_s + 5e-4))
+    if last - first < 2:
+        return None
+    t, away = _ways(a, b, int(a.frames[first]), int(a.frames[last - 1]), ground)
+    if len(t) < 2:
+        return None
+    t = t - t.mean()
+    return round(float((t * away).sum() / (t * t).sum()), 3)
+
+
+def _ways(
+    a: History, b: History, first: int, last: int, ground: GroundSlope
+) -> tuple[Floats, Floats]:
+    """The times of the frames in which both are there, and the distances then."""
     mine = slice(*np.searchsorted(a.frames, (first, last + 1)))
     others = slice(*np.searchsorted(b.frames, (first, last + 1)))
     _, i, j = np.intersect1d(
@@ -76,4 +105,4 @@ def _ways(a: History, b: History, first: int, last: int, ground: GroundSlope) ->
     deep = (one[:, 1] + one[:, 3]) - (two[:, 1] + two[:, 3])
     stretch = ground.stretch((one[:, 3] + two[:, 3]) / 2)
     away: Floats = np.hypot(across, deep * stretch) / np.maximum(size, 1.0)
-    return away
+    return a.times_s[mine][i], away

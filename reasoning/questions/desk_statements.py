@@ -3,7 +3,7 @@ happened between two moments, who left or took a thing. As in `statements`, ``$o
 one recording and times are compared as they are shown, to the millisecond.
 """
 
-from reasoning.questions.statements import BELIEF, SHOWN, STAYS_TOGETHER
+from reasoning.questions.statements import BELIEF, CAME, SHOWN, STAYS_TOGETHER
 
 CROSSED = f"""
 SELECT recording, track, frame, t, direction, x, y, {SHOWN},
@@ -59,7 +59,8 @@ GROUP BY s.recording, s.direction, s.n ORDER BY s.recording, s.n, s.direction
 
 FOLLOWED = """
 -- B is on A's trail at a moment if it stands where A stood between $shortest and $within s before, A has gone on
--- since, and it is much nearer to that place than to A: who walks beside A is not. Five moments a second
+-- since, and it is much nearer to that place than to A: who walks beside A is not. Five moments a second. B follows if
+-- it comes to A's places in A's order, at a quarter of A's pace or more: who comes towards A walks the same way back
 WITH whose AS (SELECT DISTINCT recording FROM presence WHERE track = $a$only),
 sample AS (
   SELECT recording, frame, t FROM (
@@ -91,39 +92,53 @@ whole AS (
     round(max(t) - min(t), 3) AS seconds, round(median(behind_s), 2) AS behind_s,
     round(median(off_sizes), 2) AS off_sizes,
     sqrt((arg_max(px, t) - arg_min(px, t)) ** 2 + (arg_max(py, t) - arg_min(py, t)) ** 2) / median(size) AS way,
+    coalesce(regr_slope(t - behind_s, t), 0) AS pace,
     round(avg(seen::INTEGER), 4) AS seen_share, round(avg(existence), 4) AS existence, min(identity) AS identity
   FROM numbered GROUP BY recording, track, n)
 SELECT recording, $a AS track, track AS follower, start_frame, end_frame, start_t, end_t, seconds, behind_s, off_sizes,
   round(way, 2) AS body_sizes, seen_share, existence, identity, least(seen_share, existence, identity) AS certainty,
   concat('track:', track, '@', start_frame, ' track:', track, '@', end_frame) AS explain
-FROM whole WHERE seconds >= $least AND way >= 2 ORDER BY recording, start_t, follower
+FROM whole WHERE seconds >= $least AND way >= 2 AND pace >= 0.25 ORDER BY recording, start_t, follower
 """
 
-FIRST_LAST = """
+FIRST_LAST = f"""
+-- nobody appears out of nothing: who is first seen within the picture was hidden until then, or there and not found;
+-- surely so if he did not move at first, or came out of a group. Who is last seen there, and did not go out of the
+-- region of interest, may be there still
 WITH ends AS (
   SELECT recording, 'first seen' AS what, min_by(start_frame, start_frame) AS frame, min(start_t) AS t,
     min_by(existence, start_frame) AS existence, min_by(identity, start_frame) AS identity FROM presence
   WHERE track = $a$only GROUP BY recording
   UNION ALL SELECT recording, 'last seen', max(end_frame), max(end_t), max_by(existence, end_frame),
     max_by(identity, end_frame) FROM presence WHERE track = $a$only GROUP BY recording),
+told AS (
+  SELECT recording, kind, frame FROM sure_events WHERE list_contains(subjects, $a)
+    AND kind IN ('entering', 'exited')$only),
 shown AS (
   SELECT e.*, round(k.x + k.w / 2, 1) AS x, round(k.y + k.h, 1) AS y, k.seen, k.x AS left_x, k.x + k.w AS right_x,
-    k.y AS top_y, k.y + k.h AS foot_y, r.width, r.height, r.seconds, r.first_frame
+    k.y AS top_y, k.y + k.h AS foot_y, r.width, r.height, r.seconds, r.first_frame,
+    coalesce(w.first_way < {CAME:g}, false) AS stood,
+    EXISTS (FROM told o WHERE o.recording = e.recording AND o.frame BETWEEN e.frame - 1 AND e.frame + 1
+      AND o.kind = if(e.what = 'first seen', 'entering', 'exited')) AS told
   FROM ends e JOIN (FROM sure_tracks WHERE track = $a$only) k USING (recording, frame)
-  JOIN recordings r USING (recording))
-SELECT recording, $a AS track, what, frame, t, x, y,
-  CASE WHEN what = 'first seen' AND frame = first_frame THEN 'there from the start'
+  JOIN recordings r USING (recording)
+  LEFT JOIN sure_targets w ON w.recording = e.recording AND w.track = $a),
+placed AS (
+  SELECT *, CASE WHEN what = 'first seen' AND frame = first_frame THEN 'there from the start'
     WHEN what = 'last seen' AND t >= seconds THEN 'there at the end'
     WHEN width > 0 AND left_x < 0.05 * width THEN 'at the left edge'
     WHEN width > 0 AND right_x > 0.95 * width THEN 'at the right edge'
     WHEN height > 0 AND foot_y > 0.95 * height THEN 'at the lower edge'
     WHEN height > 0 AND top_y < 0.05 * height THEN 'at the upper edge'
-    ELSE 'within the picture' END AS place,
+    ELSE 'within the picture' END AS place FROM shown)
+SELECT recording, $a AS track, what, frame, t, x, y, place,
   (SELECT string_agg(z.zone, ', ' ORDER BY z.zone) FROM zones z WHERE z.recording = s.recording AND z.track = $a
     AND s.frame BETWEEN z.start_frame AND z.end_frame) AS zones,
-  seen, existence, identity, least(existence, identity) AS certainty,
+  seen, existence, identity,
+  least(existence, identity, CASE WHEN place <> 'within the picture' OR width = 0 THEN 1.0
+    WHEN told AND what = 'last seen' THEN 1.0 WHEN told AND NOT stood THEN 0.6 ELSE 0.4 END) AS certainty,
   concat('track:', $a, '@', frame) AS explain
-FROM shown s ORDER BY recording, t, what
+FROM placed s ORDER BY recording, t, what
 """
 
 BETWEEN = f"""

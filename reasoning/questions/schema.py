@@ -160,6 +160,7 @@ TABLES: Mapping[str, Columns] = {
         *SPAN,
         *BELIEF,
         ("nearest", "DOUBLE"),
+        ("drift", "DOUBLE"),
     ),
     "zones": (
         ("recording", "VARCHAR"),
@@ -340,7 +341,9 @@ MEANING: Mapping[str, str] = {
     "presence": "one row per unbroken time in which a track was present",
     "bits": (
         "one row per time in which a track was grouping, grouped or splitting with the same"
-        " partners; nearest: least distance on the ground to the farthest of them, in body sizes"
+        " partners; nearest: least distance on the ground to the farthest of them, in body sizes;"
+        " drift: by how many body sizes a second they draw away from one another (less than"
+        " nothing: close in) in the second before it groups, or after it splits"
     ),
     "zones": "one row per stay of a track in a named zone",
     "hidden": (

@@ -20,7 +20,7 @@ from reasoning.encounters import (
     still,
 )
 from reasoning.encounters.ground import GroundSlope, ground_of
-from reasoning.encounters.nearness import ever_apart, nearest
+from reasoning.encounters.nearness import drawing_away, ever_apart, nearest
 from reasoning.questions.recording_facts import RecordingFacts, Row
 from reasoning.questions.runs import Belief
 from reasoning.questions.track_boxes import TrackBoxes, feet, first_way, usual_height
@@ -39,6 +39,8 @@ BOXES = frozenset(
     {*ENCOUNTERS, "relations", "bits", "zones", "targets", "looks", "still", "near"}
 )
 """Tables that are made from where everybody was in all frames."""
+MOMENT_S = 1.0
+"""Who joins was on his way a second before, who leaves is a second later."""
 
 
 @dataclass
@@ -115,10 +117,44 @@ def _related(
         a, b, _, first, last, *_ = row
         yield "relations", (*row, away(a, b, first, last))
     for row in lives.held_bits:
-        track, _, partners, first, last, *_ = row
+        track, bit, partners, first, last, start_t, end_t, *_ = row
         found = [away(track, partner, first, last) for partner in partners]
         known = [distance for distance in found if distance is not None]
-        yield "bits", (*row, max(known) if known and len(known) == len(found) else None)
+        far = max(known) if known and len(known) == len(found) else None
+        yield (
+            "bits",
+            (*row, far, _drift(histories, ground, track, bit, partners, (start_t, end_t))),
+        )
+
+
+def _drift(
+    histories: Mapping[int, History],
+    ground: GroundSlope,
+    track: int,
+    bit: str,
+    partners: Sequence[int],
+    span: tuple[float, float],
+) -> float | None:
+    """How fast a target that is grouping closes in on its partners, from a second before on, or one
+    that is splitting draws away, to a second after: of the partner of whom that is least so.
+    """
+    if bit == "grouped" or track not in histories:
+        return None
+    since, until = (
+        (span[0] - MOMENT_S, span[1])
+        if bit == "grouping"
+        else (span[0], span[1] + MOMENT_S)
+    )
+    drifts = [
+        drawing_away(histories[track], histories[partner], since, until, ground)
+        if partner in histories
+        else None
+        for partner in partners
+    ]
+    told = [drift for drift in drifts if drift is not None]
+    if not told or len(told) < len(drifts):
+        return None
+    return max(told) if bit == "grouping" else min(told)
 
 
 def _targets(

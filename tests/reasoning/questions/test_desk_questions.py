@@ -165,13 +165,15 @@ def test_a_crossing_that_nobody_saw_is_not_sure() -> None:
 
 
 FOLLOWED = Script(
-    "One crosses; another walks the same way four seconds later; a third beside the first",
+    "One crosses; another walks the same way four seconds later; a third beside the first; a"
+    " fifth comes back along the way of both",
     18.0,
     (
         walk("0 -.1 .8; 12 1.1 .8", "red"),
         walk("4 -.1 .8; 16 1.1 .8", "blue"),
         walk("0 -.1 .62; 12 1.1 .62", "green"),
         walk("2 1.1 .9; 14 -.1 .9", "white"),
+        walk("8 1.1 .8; 20 -.1 .8", "black"),
     ),
 )
 LEFT_BAG = Script(

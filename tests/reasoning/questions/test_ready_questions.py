@@ -294,6 +294,73 @@ def test_hidden(case: Case) -> None:
     assert ask(case, "hidden", "1") == []
 
 
+def test_a_part_is_surely_hidden_only_behind_somebody_or_beyond_the_edge(
+    tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any]
+) -> None:
+    story = story_type(
+        30,
+        {
+            1: (0, 29, (100.0, 100.0, 30.0, 80.0), (0.0, 0.0)),
+            2: (0, 29, (85.0, 110.0, 30.0, 80.0), (0.0, 0.0)),
+            3: (0, 29, (620.0, 100.0, 40.0, 80.0), (0.0, 0.0)),
+        },
+        hidden=[(1, "left_legs", 5, 20), (1, "right_legs", 5, 20), (2, "right_legs", 5, 20),
+                (3, "right_torso", 5, 20), (3, "left_torso", 5, 20)],
+    )  # fmt: skip
+    with Case([write_story(story, tmp_path / "behind.mcap")]) as c:
+        rows = {(r["track"], r["part"]): r for r in ask(c, "hidden")}
+    sure = {key: r["behind"] for key, r in rows.items() if r["certainty"] > 0.5}
+    assert sure == {(1, "left_legs"): [2], (3, "right_torso"): []}
+    assert rows[1, "right_legs"]["certainty"] == rows[2, "right_legs"]["certainty"] == 0.4
+
+
+def test_who_drives_beside_somebody_does_not_join_him(
+    tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any]
+) -> None:
+    """3 drives ahead; 1 and 2 fall back, side by side, or 2 closes in on 1."""
+    bits = [(1, "grouping", [2], 50, 80), (1, "splitting", [3], 50, 80)]
+    told = {}
+    for name, speed in (("beside", 1.0), ("closes in", 0.2)):
+        tracks = {
+            1: (0, 120, (100.0, 100.0, 30.0, 80.0), (1.0, 0.0)),
+            2: (
+                0,
+                120,
+                (160.0 if speed == 1.0 else 210.0, 100.0, 30.0, 80.0),
+                (speed, 0.0),
+            ),
+            3: (0, 120, (60.0, 100.0, 30.0, 80.0), (3.0, 0.0)),
+        }
+        path = write_story(story_type(121, tracks, bits=bits), tmp_path / f"{name}.mcap")
+        with Case([path]) as c:
+            (row,) = ask(c, "grouping-and-splitting")
+            told[name] = row["certainty"]
+    assert told["beside"] == 0.4
+    assert told["closes in"] > 0.6
+
+
+def test_nobody_is_surely_first_seen_in_the_middle_of_the_picture(
+    tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any]
+) -> None:
+    box = (300.0, 200.0, 30.0, 80.0)
+    story = story_type(
+        200,
+        {
+            1: (50, 150, (0.0, 200.0, 30.0, 80.0), (2.0, 0.0)),
+            2: (50, 199, box, (1.0, 0.0)),
+            3: (50, 150, box, (0.0, 0.0)),
+            4: (50, 150, box, (1.0, 0.0)),
+        },
+        events=[("entering", [i], 50, [], {}) for i in (1, 2, 3)] + [("exited", [1], 150, [], {})],
+    )  # fmt: skip
+    with Case([write_story(story, tmp_path / "ends.mcap")]) as c:
+        ends = {
+            i: [r["certainty"] for r in ask(c, "first-last", str(i))] for i in story.tracks
+        }
+    # At the edge, and gone over it; hidden until then, and there at the end; stood there; came out of a group.
+    assert ends == {1: [0.9, 0.9], 2: [0.6, 0.9], 3: [0.4, 0.4], 4: [0.4, 0.4]}
+
+
 def test_grouping_and_splitting(case: Case) -> None:
     (row,) = ask(case, "grouping-and-splitting")
     assert (row["track"], row["start_frame"], row["end_frame"]) == (2, 170, 179)
