@@ -41,7 +41,7 @@ from recorders.log.info import inspect
 from recorders.pictures import Image
 from recorders.quality import recorded_quality
 from replay.cli.common import progress
-from replay.evaluate import evaluate, read_truth
+from replay.evaluate import MotTable, evaluate, read_truth
 
 ROOT = Path(__file__).resolve().parents[2]
 LEAST_SEEN = 0.25
@@ -186,7 +186,9 @@ def measured(
     run("replay", log, "-o", out, "--force", "--tracker", args.tracker, *words)
     boxes = out.with_suffix(".txt")
     run("export", out, "--to", "mot", "-o", boxes, "--force")
-    truth, found = read_truth(truth_file), read_truth(boxes)
+    truth, found = read_truth(truth_file), MotTable.from_rows([])
+    if boxes.read_text(encoding="utf-8"):
+        found = read_truth(boxes)
     s = evaluate(truth, found)
     said = {
         m.name: m

@@ -164,9 +164,8 @@ class Scenery:
             ]
             shown = [(picture, seen.shift) for picture, seen in these]
             between = sum(not seen.whole for _, seen in these)
-            stack = aligned([p for p, _ in shown], [s for _, s in shown])
             assert number is not None
-            ground = self._learnt(stack)
+            ground = self._in_hindsight(shown)
             moved = len({s for _, s in shown}) > 1
             ground.shaken = moved and between > BETWEEN_SHARE * len(shown)
             self._grounds[number, coloured] = ground
@@ -184,20 +183,31 @@ class Scenery:
         )
         return True
 
+    def _in_hindsight(self, shown: list[tuple[Image, Shift]]) -> ViewBackground:
+        """The background of pictures of one view, each with its shift.
+
+        Where noise decides what is foreground the grain goes before the pictures are put in one
+        light: of single noisy pixels no light can be told.
+        """
+        shifts = [shift for _, shift in shown]
+        background = self._background(aligned([p for p, _ in shown], shifts))
+        if not background.noisy:
+            return ViewBackground(background)
+        stack = aligned([without_grain(p) for p, _ in shown], shifts)
+        return ViewBackground(self._background(stack), grainy=True)
+
     def _learnt(self, stack: list[Image]) -> ViewBackground:
         """A background; where noise alone decides what is foreground, that of pictures without
         their grain.
         """
-        background = Background.learn(
-            stack, self._p.threshold_levels, self._p.spread_weight
-        )
+        background = self._background(stack)
         if not background.noisy:
             return ViewBackground(background)
         stack = [without_grain(picture) for picture in stack]
-        return ViewBackground(
-            Background.learn(stack, self._p.threshold_levels, self._p.spread_weight),
-            grainy=True,
-        )
+        return ViewBackground(self._background(stack), grainy=True)
+
+    def _background(self, stack: list[Image]) -> Background:
+        return Background.learn(stack, self._p.threshold_levels, self._p.spread_weight)
 
     def of_sample(self, number: int) -> View | None:
         """The view that a picture of those that were learnt from shows."""

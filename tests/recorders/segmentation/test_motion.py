@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from fixtures.scenes import GeneratedScene, generate
+from fixtures.surroundings import surrounded
 from recorders.messages import Box, to_json
 from recorders.pictures import Image
 from recorders.segmentation import SEGMENTERS, SegmentationParameters, Segmenter
+from recorders.segmentation.change.scenery import Scenery
+from recorders.segmentation.segmenter import as_image
 from recorders.sources import open_source
 from recorders.vision import cv2
 
@@ -320,6 +323,23 @@ def found_share(scene: GeneratedScene, images: Any) -> tuple[float, float]:
             found + len(boxes),
         )
     return right / wanted, right / found
+
+
+def test_light_is_told_without_the_grain() -> None:
+    """Medians over single noisy pixels make a curve of light where there is none."""
+    scene = surrounded("dark_windows", seed=1, size=(240, 180))
+    noise = np.random.default_rng(0)
+    stack = []
+    for k in range(0, scene.frame_count, 6):
+        noisy = scene.image(k) + noise.normal(0, 9, (180, 240, 3))
+        image = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        stack.append(as_image(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb)))
+    scenery = Scenery(SegmentationParameters(), scene.fps)
+    assert scenery.learn(stack)
+    assert scenery.grainy
+    view = scenery.of_sample(0)
+    assert view is not None
+    assert np.median(view.background.level) < 40
 
 
 def test_people_are_found_in_noise_and_without_colours(walkers: Walkers) -> None:
