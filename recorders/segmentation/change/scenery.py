@@ -11,7 +11,14 @@ import numpy as np
 
 from recorders.pictures import Image
 from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
-from recorders.segmentation.change.landmarks import Reference, Shift, shifted
+from recorders.segmentation.change.landmarks import (
+    Ints,
+    LandmarkSight,
+    Reference,
+    Shift,
+    shifted,
+)
+from recorders.segmentation.change.steady import steady_view
 from recorders.segmentation.change.views import (
     CameraPlace,
     ColourMode,
@@ -20,6 +27,7 @@ from recorders.segmentation.change.views import (
     aligned,
     divide,
     find,
+    shows,
 )
 from recorders.segmentation.change.watch import Look, Watch
 from recorders.segmentation.parameters import SegmentationParameters
@@ -294,13 +302,30 @@ class Scenery:
 def _know_by(
     place: CameraPlace, background: Background, shown: list[tuple[Image, Shift]]
 ) -> None:
-    """Know a place by its background, and by the landmarks there that are mostly seen."""
+    """Know a place by its background, and by the landmarks there that are mostly seen; where these
+    do not tell all of its pictures, as they are leaves, by the patches that are steady.
+    """
     luma = as_image(cv2.extractChannel(background.colour, 0))
-    reference = Reference(luma, among=place.steady)
-    if reference.known:
-        sights = [reference.sight(picture, shift) for picture, shift in shown]
-        times = np.sum([sight.seen for sight in sights], axis=0)
-        reference = Reference(luma, times >= STABLE * len(sights), place.steady)
-    place.reference = reference
-    shares = sorted(reference.sight(picture, shift).share for picture, shift in shown)
+    place.reference = _stable(luma, shown, place.steady)
+    if place.steady is None and not all(shows(s) for s in _sights(place.reference, shown)):
+        view = steady_view([picture for picture, _ in shown])
+        if view is not None:
+            luma, place.steady = view
+            place.reference = _stable(luma, shown, place.steady)
+    shares = sorted(sight.share for sight in _sights(place.reference, shown))
     place.usual = shares[len(shares) // 2]
+
+
+def _stable(
+    luma: Image, shown: list[tuple[Image, Shift]], steady: Ints | None
+) -> Reference:
+    """A reference, of landmarks that are seen in `STABLE` of some pictures, each with its shift."""
+    reference = Reference(luma, among=steady)
+    if not reference.known:
+        return reference
+    times = np.sum([sight.seen for sight in _sights(reference, shown)], axis=0)
+    return Reference(luma, times >= STABLE * len(shown), steady)
+
+
+def _sights(reference: Reference, shown: list[tuple[Image, Shift]]) -> list[LandmarkSight]:
+    return [reference.sight(picture, shift) for picture, shift in shown]
