@@ -8,6 +8,7 @@ out in the correlation.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,10 @@ FEWEST = 6
 LEAST_GRADIENT = 6
 """A patch is textured if in its weaker direction its brightness changes by this from pixel to
 pixel, root mean square, levels."""
+ABOVE_NOISE, QUIET, MOST_PAIRS = 2.5, 0.2, 12
+"""And by so many times what noise alone makes of it, in squares; which is measured where this share of
+the picture is quietest, in so many pairs of pictures.
+"""
 ALIKE = 0.6
 """A landmark is seen where the correlation is at least this."""
 DRIFT_PX = 0.5
@@ -141,7 +146,12 @@ class Landmarks:
 
     @classmethod
     def of(
-        cls, luma: Image, *, among: Ints | None = None, all_of_them: bool = False
+        cls,
+        luma: Image,
+        *,
+        among: Ints | None = None,
+        all_of_them: bool = False,
+        noise: float = 0.0,
     ) -> Landmarks:
         """The most textured patch of each cell of a picture, (H, W) uint8.
 
@@ -150,7 +160,9 @@ class Landmarks:
             among: (N, 2) the only ones that are asked, which are steady: row and column of their
                 first pixels.
             all_of_them: every textured patch, however many lie in a cell.
+            noise: see `noise_of`.
         """
+        least = max(float(LEAST_GRADIENT**2), ABOVE_NOISE * noise)
         height, width = luma.shape
         down, across = height // SIDE, width // SIDE
         if not down * across:
@@ -161,14 +173,14 @@ class Landmarks:
             asked[tuple(among.T // SIDE)] = 1.0
             texture = texture * asked
         if all_of_them:
-            return cls(luma, np.argwhere(texture >= LEAST_GRADIENT**2) * SIDE)
+            return cls(luma, np.argwhere(texture >= least) * SIDE)
         corners = []
         for i in range(ROWS):
             for j in range(COLUMNS):
                 top, bottom = i * down // ROWS, (i + 1) * down // ROWS
                 left, right = j * across // COLUMNS, (j + 1) * across // COLUMNS
                 cell = texture[top:bottom, left:right]
-                if cell.size and cell.max() >= LEAST_GRADIENT**2:
+                if cell.size and cell.max() >= least:
                     k, m = divmod(int(cell.argmax()), cell.shape[1])
                     corners.append(((top + k) * SIDE, (left + m) * SIDE))
         found = np.array(corners, np.int64).reshape(-1, 2)
@@ -276,10 +288,14 @@ class Reference:
         luma: Image,
         kept: NDArray[np.bool_] | None = None,
         among: Ints | None = None,
+        noise: float = 0.0,
     ) -> None:
         self._levels = _halved(luma)
-        full, *smaller = self._levels
-        self._marks = [Landmarks.of(full, among=among), *map(Landmarks.of, smaller)]
+        # Each half has a fourth of the noise.
+        self._marks = [
+            Landmarks.of(half, among=None if k else among, noise=noise / 4**k)
+            for k, half in enumerate(self._levels)
+        ]
         if kept is not None:
             self._marks[0] = self._marks[0].only(kept, luma)
         self._flat = _without_light(self._levels[-1])
@@ -368,7 +384,7 @@ def _by_place(displaced: Floats, corners: Ints) -> Floats:
     return found
 
 
-def _texture(luma: Image) -> Floats:
+def _texture(luma: Image | NDArray[np.int16]) -> Floats:
     """The mean square of the gradient in its weaker direction, of each tile of `SIDE` pixels."""
     tiles = luma.astype(np.int64).reshape(luma.shape[0] // SIDE, SIDE, -1, SIDE)
     gx = tiles[:, :, :, 1:] - tiles[:, :, :, :-1]
@@ -379,6 +395,22 @@ def _texture(luma: Image) -> Floats:
     weaker = (xx + yy - np.sqrt((xx - yy) ** 2 + 4 * xy * xy)) / 2
     texture: Floats = weaker / SIDE**2
     return texture
+
+
+def noise_of(pictures: list[Image]) -> float:
+    """The mean square of the gradient that noise makes, as `_texture` measures it: of what differs
+    between one picture, (H, W, 3) uint8 with Y first, and the next where they differ least.
+    """
+    height, width = (side // SIDE * SIDE for side in pictures[0].shape[:2])
+    if len(pictures) < 2 or not height * width:
+        return 0.0
+    every = max(1, len(pictures) // MOST_PAIRS)
+    found = []
+    for now, later in list(itertools.pairwise(pictures))[::every]:
+        a, b = (p[:height, :width, 0].astype(np.int16) for p in (now, later))
+        tiles = np.sort(_texture(a - b), axis=None)
+        found.append(float(tiles[int(QUIET * len(tiles))]) / 2)
+    return sorted(found)[len(found) // 2]
 
 
 def _halved(luma: Image) -> list[Image]:

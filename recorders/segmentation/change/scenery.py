@@ -188,6 +188,7 @@ class Scenery:
             division.flat,
             steady=steady,
             colours=ColourMode(colours[0], division.colours) if any(colours) else None,
+            noise=division.noise,
         )
         return True
 

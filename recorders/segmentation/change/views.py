@@ -16,6 +16,7 @@ from recorders.segmentation.change.landmarks import (
     LandmarkSight,
     Reference,
     Shift,
+    noise_of,
     shifted,
 )
 from recorders.segmentation.change.light import coloured_share, light_of, one_colour_share
@@ -99,12 +100,14 @@ class Division:
         seen: of each picture.
         flat: the share of them that has one colour, usually.
         colours: the share of their cells that has colours, where there are some.
+        noise: see `noise_of`.
     """
 
     places: list[CameraPlace] = field(default_factory=list)
     seen: list[ViewSeen] = field(default_factory=list)
     flat: float = 0.0
     colours: float = 1.0
+    noise: float = 0.0
 
 
 def one_colour_from(usual: float) -> float:
@@ -168,6 +171,13 @@ def shows(sight: LandmarkSight) -> bool:
     return sight.share >= KNOWN_AGAIN and sight.even
 
 
+def reference_of(picture: Image, noise: float) -> Reference:
+    """What a view is known by after one picture of it, (H, W, 3) uint8 with Y first; ``noise``: see
+    `noise_of`.
+    """
+    return Reference(as_image(cv2.extractChannel(picture, 0)), noise=noise)
+
+
 def divide(pictures: list[Image]) -> Division:
     """Divide pictures, (H, W, 3) uint8 in Y, Cr, Cb in the order of time, by what they show."""
     made = Division()
@@ -176,6 +186,7 @@ def divide(pictures: list[Image]) -> Division:
     colours = ColourMode()
     flat = [one_colour_share(picture)[0] for picture in pictures]
     made.flat = sorted(flat)[len(flat) // 2]
+    made.noise = noise_of(pictures)
     for picture, share in zip(pictures, flat, strict=True):
         if share >= one_colour_from(made.flat):
             made.seen.append(ViewSeen(None))
@@ -183,7 +194,7 @@ def divide(pictures: list[Image]) -> Division:
         coloured = colours.step(coloured_share(picture))
         number, whole = _known(picture, made.places, shifts, last)
         if number is None:
-            reference = Reference(as_image(cv2.extractChannel(picture, 0)))
+            reference = reference_of(picture, made.noise)
             if made.places and not reference.known:
                 made.seen.append(ViewSeen(None, coloured=coloured))
                 continue

@@ -21,10 +21,9 @@ from recorders.segmentation.change.views import (
     ColourMode,
     find,
     one_colour_from,
+    reference_of,
     shows,
 )
-from recorders.segmentation.segmenter import as_image
-from recorders.vision import cv2
 
 LOOK_EVERY = 5
 """A camera that has not moved is looked at every so many frames, and where foreground jumps up."""
@@ -71,6 +70,7 @@ class Watch:
         steady: the camera is thought not to move.
         colours: whether pictures have colours, as the first one is expected to; None: there are
             none in the whole recording.
+        noise: see `noise_of`.
     """
 
     def __init__(
@@ -81,7 +81,9 @@ class Watch:
         *,
         steady: bool = False,
         colours: ColourMode | None = None,
+        noise: float = 0.0,
     ) -> None:
+        self._noise = noise
         self.places = places
         self._fps = fps
         self._one_colour = one_colour_from(one_colour)
@@ -185,7 +187,7 @@ class Watch:
         if self.places:
             # Pictures of it were seen, though this one shows it badly.
             return self.places[0], (0, 0), NO_SIGHT
-        return CameraPlace(0, _reference(picture)), (0, 0), NO_SIGHT
+        return CameraPlace(0, reference_of(picture, self._noise)), (0, 0), NO_SIGHT
 
     def _anywhere(self, picture: Image) -> tuple[CameraPlace | None, Shift, LandmarkSight]:
         known = [place for place in self.places if place.reference.known]
@@ -205,7 +207,9 @@ class Watch:
                 rested = self._frames - rest.since
                 if rested >= max(FEWEST_PICTURES, REST_S * self._fps):
                     return (
-                        CameraPlace(self._next_number(), _reference(picture)),
+                        CameraPlace(
+                            self._next_number(), reference_of(picture, self._noise)
+                        ),
                         (0, 0),
                         NO_SIGHT,
                     )
@@ -213,7 +217,7 @@ class Watch:
                     rest.searched = True
                     return self._anywhere(picture)
                 return None, (0, 0), NO_SIGHT
-        self._rest = _Rest(_reference(picture), self._frames)
+        self._rest = _Rest(reference_of(picture, self._noise), self._frames)
         return None, (0, 0), NO_SIGHT
 
 
@@ -226,10 +230,6 @@ class _Rest:
     reference: Reference
     since: int
     searched: bool = False
-
-
-def _reference(picture: Image) -> Reference:
-    return Reference(as_image(cv2.extractChannel(picture, 0)))
 
 
 def find_at_rest(picture: Image, place: CameraPlace) -> tuple[Shift, LandmarkSight]:

@@ -114,3 +114,18 @@ def test_steady_landmarks_of_a_picture_that_is_turned_do_not() -> None:
     nearer = cv2.getRotationMatrix2D((WIDTH / 2, HEIGHT / 2), 0, 1.012)
     zoomed = as_image(cv2.warpAffine(luma, nearer, (WIDTH, HEIGHT)))
     assert not steady.sight(zoomed, (0, 0)).even
+
+
+def test_noise_is_no_texture_to_know_a_view_by() -> None:
+    plain = np.full((HEIGHT, WIDTH, 3), 128, np.uint8)
+    plain[: HEIGHT // 2, :, 0] = 90
+    noise = np.random.default_rng(0)
+    shown = []
+    for _ in range(COUNT):
+        noisy = plain[..., 0] + noise.normal(0, 9, (HEIGHT, WIDTH))
+        picture = plain.copy()
+        picture[..., 0] = np.clip(np.rint(noisy), 0, 255)
+        shown.append(picture)
+    assert len(Landmarks.of(np.ascontiguousarray(shown[0][..., 0]))) > 40
+    division = divide(shown)
+    assert [seen.place for seen in division.seen] == [0] * COUNT
