@@ -60,7 +60,8 @@ GROUP BY s.recording, s.direction, s.n ORDER BY s.recording, s.n, s.direction
 FOLLOWED = """
 -- B is on A's trail at a moment if it stands where A stood between $shortest and $within s before, A has gone on
 -- since, and it is much nearer to that place than to A: who walks beside A is not. Five moments a second. B follows if
--- it comes to A's places in A's order, at a quarter of A's pace or more: who comes towards A walks the same way back
+-- it comes to A's places in A's order, at a quarter of A's pace or more: who comes
+-- towards A walks the same way back. The farther off the trail, the less sure
 WITH whose AS (SELECT DISTINCT recording FROM presence WHERE track = $a$only),
 sample AS (
   SELECT recording, frame, t FROM (
@@ -96,7 +97,8 @@ whole AS (
     round(avg(seen::INTEGER), 4) AS seen_share, round(avg(existence), 4) AS existence, min(identity) AS identity
   FROM numbered GROUP BY recording, track, n)
 SELECT recording, $a AS track, track AS follower, start_frame, end_frame, start_t, end_t, seconds, behind_s, off_sizes,
-  round(way, 2) AS body_sizes, seen_share, existence, identity, least(seen_share, existence, identity) AS certainty,
+  round(way, 2) AS body_sizes, seen_share, existence, identity,
+  least(seen_share, existence, identity, 1 - off_sizes) AS certainty,
   concat('track:', track, '@', start_frame, ' track:', track, '@', end_frame) AS explain
 FROM whole WHERE seconds >= $least AND way >= 2 AND pace >= 0.25 ORDER BY recording, start_t, follower
 """

@@ -210,7 +210,8 @@ ENTERED_NEVER_LEFT = f"""
 -- who was there in the first frames did not come in; of who left and came in again the last time counts
 -- who was not there at first and is now came in, seen or not (out of a group, through a door; or was hidden at first,
 -- so that is less sure): from the first sight; who comes up beside somebody who was there from the start was likelier
--- behind him since then; who does not move at first was standing there, found late
+-- behind him since then; who does not move at first was standing there, found late; who lies wholly inside a frame
+-- after his first sight was not seen to come over an edge
 -- who is lost before the end without having been seen to leave may be gone all the same: unsure
 WITH told AS (
   SELECT recording, unnest(subjects) AS track, event, kind, frame, t FROM sure_events
@@ -218,7 +219,9 @@ WITH told AS (
 gone AS (
   SELECT recording, track, max((frame, event)) AS at FROM told WHERE kind = 'exited' GROUP BY recording, track),
 entered AS (
-  SELECT t.recording, t.track, min(t.frame) AS frame, min(t.t) AS t, arg_min(t.event, (t.frame, t.event)) AS event
+  SELECT t.recording, t.track, min(t.frame) AS frame, min(t.t) AS t, arg_min(t.event, (t.frame, t.event)) AS event,
+    count(*) FILTER (t.kind = 'entering') > 0
+      AND min(t.frame) FILTER (t.kind = 'entered') <= min(t.frame) + 1 AS at_once
   FROM told t LEFT JOIN gone g USING (recording, track)
   WHERE t.kind <> 'exited' AND (g.at IS NULL OR (t.frame, t.event) > g.at) GROUP BY t.recording, t.track),
 stays AS (
@@ -238,7 +241,8 @@ behind AS (
 stayed AS (
   SELECT s.recording, s.track, coalesce(e.frame, s.first) AS entered_frame, coalesce(e.t, s.first_t) AS entered_t,
     s.last, s.last_t, s.last_t >= r.seconds AS there_at_the_end, e.event, s.seen_share, s.existence, s.identity,
-    s.joins, h.track IS NOT NULL AS was_behind, w.first_way < {CAME:g} AND NOT s.left_before AS stood
+    s.joins, h.track IS NOT NULL AS was_behind, coalesce(e.at_once, false) AS at_once,
+    w.first_way < {CAME:g} AND NOT s.left_before AS stood
   FROM stays s LEFT JOIN entered e USING (recording, track) LEFT JOIN behind h USING (recording, track)
     LEFT JOIN sure_targets w ON w.recording = s.recording AND w.track = s.track
     JOIN recordings r USING (recording)
@@ -248,7 +252,8 @@ stayed AS (
 SELECT recording, track, entered_frame, entered_t, last AS last_seen_frame, last_t AS last_seen_t, there_at_the_end,
   seen_share, existence, identity,
   least(seen_share, existence, identity, if(there_at_the_end, 1.0, 0.4),
-    if(event IS NULL, if(was_behind, 0.4, 0.6), 1.0), if(stood, 0.4, 1.0)) AS certainty,
+    CASE WHEN event IS NOT NULL AND NOT at_once THEN 1.0 WHEN was_behind AND event IS NULL THEN 0.4 ELSE 0.6 END,
+    if(stood, 0.4, 1.0)) AS certainty,
   joins,
   concat_ws(' ', if(event IS NULL, format('track:{{}}@{{}}', track, entered_frame), format('event:{{}}', event)),
     format('track:{{}}@{{}}', track, last)) AS explain

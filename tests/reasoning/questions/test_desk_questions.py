@@ -195,6 +195,9 @@ def test_who_followed_whom(write_scene: Callable[..., Path], tmp_path: Path) -> 
         assert row["follower"] == 2
         assert row["behind_s"] == pytest.approx(4.0, abs=0.5)
         assert row["seconds"] > 6
+        assert row["certainty"] == min(
+            row["existence"], row["identity"], 1 - row["off_sizes"]
+        )
         assert ask(case, "followed", 2) == []
         assert ask(case, "followed", 1, 3) == []
         assert len(ask(case, "followed", 1, 2)) == 1

@@ -280,6 +280,18 @@ def test_who_left_and_came_in_again_is_there(
         assert found == [(3, 3), (1, 30)]
 
 
+def test_who_turns_up_wholly_inside_was_not_seen_to_come_in(
+    tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any]
+) -> None:
+    tracks = {i: (50, 199, (100.0 * i, 100.0, 30.0, 80.0), (0.5, 0.0)) for i in (1, 2)}
+    events = [("entering", [1], 50, [], {}), ("entering", [2], 50, [], {}),
+              ("entered", [1], 51, [], {}), ("entered", [2], 60, [], {})]  # fmt: skip
+    path = write_story(story_type(200, tracks, events=events), tmp_path / "inside.mcap")
+    with Case([path]) as c:
+        told = {r["track"]: r["certainty"] for r in ask(c, "entered-never-left")}
+    assert told == {1: 0.6, 2: 0.9}
+
+
 def test_hidden(case: Case) -> None:
     hers = [
         (r["part"], r["start_frame"], r["end_frame"], r["seconds"])
