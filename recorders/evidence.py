@@ -58,6 +58,10 @@ _SEEN = EvidenceShape(
     ("within_roi_px",),
     (*_STATUS, *_PLACE),
 )
+_CROSSED = (
+    "with", "price_as_themselves", "price_exchanged", "identity", "alternative",
+    "alternative_probability",
+)  # fmt: skip
 _GONE = EvidenceShape((), (*_STATUS, "reason", "box", "regions"))
 
 EVIDENCE: Mapping[str, tuple[EvidenceShape, ...]] = {
@@ -182,6 +186,12 @@ EVIDENCE: Mapping[str, tuple[EvidenceShape, ...]] = {
             ("gap_s", "identity", "alternative", "alternative_probability"),
             ("fragment", "after"),
         ),
+        EvidenceShape(  # went by others
+            ("same",),
+            ("together_s", "way_sizes", "with", "alternative", "alternative_probability"),
+        ),
+        EvidenceShape(("same",), _CROSSED),
+        EvidenceShape(("price_exchanged",), ("same", *_CROSSED)),
     ),
     "scene_changed": (
         EvidenceShape(("gap_s",), ("kind", "usual_s")),

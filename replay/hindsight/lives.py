@@ -9,12 +9,14 @@ from msgspec.structs import replace
 
 from recorders.messages import Notice, Target
 from recorders.scene import SceneInfo
+from replay.hindsight.crossings import Crossing
 from replay.hindsight.doubles import Within
 from replay.hindsight.fragments import Fragment
 from replay.hindsight.joining import Join
 from replay.hindsight.left import BesideWhom
 from replay.hindsight.parameters import HindsightParameters
 from replay.hindsight.verdicts import (
+    CrossingDoubt,
     Doubt,
     Whole,
     confidence,
@@ -22,6 +24,7 @@ from replay.hindsight.verdicts import (
     lessened,
     mean_odds,
     moving_odds,
+    told_crossing,
     told_doubt,
     whole,
     why_not,
@@ -46,7 +49,7 @@ class TrackLife:
     why: dict[str, float] = field(default_factory=dict)
     odds: float | None = None
     judged: bool = False
-    doubts: list[Doubt] = field(default_factory=list)
+    doubts: list[Doubt | CrossingDoubt] = field(default_factory=list)
     identity: float = 1.0
     doubted: int = 0
 
@@ -55,9 +58,12 @@ class TrackLife:
         told: list[Notice] = []
         while self.doubted < len(self.doubts) and self.doubts[self.doubted].at <= at:
             doubt = self.doubts[self.doubted]
-            self.identity = lessened(self.identity, 1.0 / max(doubt.same, 1e-9) - 1.0)
+            self.identity = lessened(self.identity, doubt.odds)
             self.doubted += 1
-            notice = told_doubt(self.id, doubt, self.identity)
+            if isinstance(doubt, CrossingDoubt):
+                notice = told_crossing(self.id, doubt, self.identity)
+            else:
+                notice = told_doubt(self.id, doubt, self.identity)
             told += [] if notice is None else [notice]
         return told
 
@@ -84,9 +90,10 @@ def lives_of(
     p: HindsightParameters,
     scene: SceneInfo,
     times: Sequence[int],
+    crossings: Sequence[Crossing] = (),
 ) -> tuple[dict[int, TrackLife], dict[int, str]]:
     """Every forward id's life, and of those that are not told why. A life has the id of its first
-    fragment.
+    fragment; of its doubts are those of the ``crossings`` of its forward ids.
     """
     followed = {join.later: join for join in joins}
     chains = _chains(fragments, followed)
@@ -118,10 +125,17 @@ def lives_of(
         life = TrackLife(identity, parts, joined, parts[0].first.at, parts[-1].last.at)
         life.why, known, _ = judged[identity]
         life.odds, life.judged = known.odds, mean_odds(parts) is not None
-        life.doubts = doubts(parts, joined, scene.has_images)
+        life.doubts += doubts(parts, joined, scene.has_images)
         for part in parts:
             part.forget()
         lives.update((k, life) for k in chain)
+    for crossing in crossings:
+        for one, other in ((crossing.a, crossing.b), (crossing.b, crossing.a)):
+            if one in lives:
+                with_whom = lives[other].id if other in lives else None
+                lives[one].doubts.append(CrossingDoubt(crossing.at, with_whom, crossing))
+    for life in lives.values():
+        life.doubts.sort(key=lambda doubt: doubt.at)
     return lives, reasons
 
 

@@ -25,6 +25,8 @@ NEAR = 1.5
 """Two centres within so many sizes of the larger one are near one another."""
 PASSED = 0.056
 """Odds of being another, by way in sizes that another one went by, without colours."""
+ASKED = 0.5
+"""So much of that where crossings are asked about one by one (`replay.hindsight.crossings`)."""
 GREW = 0.3
 """And by the logarithm of height that was gained and lost."""
 GROWTH_S = 0.5
@@ -57,6 +59,7 @@ class Passing:
 
     def __init__(self, *, seeing: bool, masks: bool) -> None:
         self._less = 1.0 / keeps(1.0, seeing=seeing)
+        self._passed = PASSED * self._less * (1.0 if seeing or masks else ASKED)
         self._masks = masks
         self._now: dict[int, Passed] = {}
         self._places: dict[int, tuple[float, float]] = {}
@@ -87,7 +90,7 @@ class Passing:
             passed.others += [k for k in ways if k not in passed.others]
             passed.last_ns = time_ns
             way = math.fsum(ways.values())
-            odds = PASSED * self._less * way
+            odds = self._passed * way
             passed.way, passed.odds = passed.way + way, passed.odds + odds
             notice = None
             if lessened(1.0, passed.odds) < SURE and not passed.told:

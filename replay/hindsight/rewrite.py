@@ -24,6 +24,7 @@ from recorders.messages import NO_BLOB, Box, GroupTrack, Notice, Target, Targets
 from recorders.parameters import Config
 from recorders.scene import SceneInfo
 from replay.hindsight.blind import Blind
+from replay.hindsight.crossings import Crossings, named, uncrossed
 from replay.hindsight.doubles import Within
 from replay.hindsight.exchanges import Exchange, exchanges_of, undone
 from replay.hindsight.fragments import Fragment, gather
@@ -96,15 +97,24 @@ def rewrite(
         stream = beside.watch(within.watch(stream))
         return gather(stream, times, second), within, beside
 
-    fragments, within, beside = read(_noting(targets(), exchanges))
-    if exchanges:
-        fragments, within, beside = read(undone(targets(), exchanges))
+    crossings = Crossings(times, second)
+    stream = _noting(targets(), exchanges)
+    if not (scene.has_images or scene.has_masks):
+        stream = crossings.watch(stream)  # else colours and regions tell who is who
+    fragments, within, beside = read(stream)
+
+    def mended() -> Iterator[Targets]:
+        return uncrossed(undone(targets(), exchanges), crossings.found)
+
+    if exchanges or any(c.exchanged for c in crossings.found):
+        fragments, within, beside = read(mended())
     joins = join(fragments, p, apart, blind())
-    lives, reasons = lives_of(fragments, joins, within, beside, p, scene, times)
+    met = named(crossings.found)
+    lives, reasons = lives_of(fragments, joins, within, beside, p, scene, times, met)
     del fragments  # and with them those of dropped paths
     if names is not None:
         names.update((live, lives[live].id) for live in sorted(lives))
-    yield from _Writer(lives, reasons, scene, times, p).run(undone(targets(), exchanges))
+    yield from _Writer(lives, reasons, scene, times, p).run(mended())
 
 
 def _noting(stream: Iterable[Targets], exchanges: list[Exchange]) -> Iterator[Targets]:

@@ -30,6 +30,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from recorders.messages import Notice, Target, Targets, Withheld
+from replay.hindsight.crossings import Crossing
 from replay.hindsight.fragments import Fragment, reach, wandering
 from replay.hindsight.joining import UNKNOWN, Join
 from replay.hindsight.parameters import HindsightParameters
@@ -79,6 +80,27 @@ class Doubt:
     gap_s: float
     same: float
     join: Join | None = None
+
+    @property
+    def odds(self) -> float:
+        """The odds that somebody else goes on."""
+        return 1.0 / max(self.same, 1e-9) - 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class CrossingDoubt:
+    """Somebody was at one place with ``other`` (a final id, None where nothing is told of that one),
+    nearest at frame ``at`` of the stream.
+    """
+
+    at: int
+    other: int | None
+    crossing: Crossing
+
+    @property
+    def odds(self) -> float:
+        """The odds that he is somebody else by now."""
+        return self.crossing.odds
 
 
 def mean_odds(parts: Sequence[Fragment]) -> float | None:
@@ -212,6 +234,37 @@ def confidence(odds: float, target: Target, judged: bool) -> float:
         inside = min(max(target.likely, 0.001), 0.999)
         own = math.log(inside / (1.0 - inside))
     return likelihood(WITNESS * (odds + own))
+
+
+def told_crossing(identity: int, doubt: CrossingDoubt, left: float) -> Notice | None:
+    """The notice of a crossing that is worth one: nothing was exchanged without a word, nor is kept
+    where that is unsure; ``left``: the life's identity after it.
+    """
+    crossing, same = doubt.crossing, lessened(1.0, doubt.odds)
+    if same >= SURE and not crossing.exchanged:
+        return None
+    others = [] if doubt.other is None else [doubt.other]
+    evidence = {
+        "with": others,
+        "price_as_themselves": crossing.straight,
+        "price_exchanged": crossing.across,
+        "same": same,
+    }
+    if crossing.exchanged:
+        evidence["price_exchanged_under"] = crossing.exchanged_under
+        evidence["alternative"] = "each is himself"
+    else:
+        evidence["same_under"] = SURE
+        evidence["alternative"] = "exchanged, or somebody else"
+    evidence |= {"identity": left, "alternative_probability": 1.0 - same}
+    whom = f"target {others[0]}" if others else "another one"
+    what = "exchanged with him" if crossing.exchanged else "he goes on as himself"
+    text = (
+        f"Target {identity} and {whom} were at one place: by the paths before and after {what},"
+        f" with {same:.2f}."
+    )
+    rule = "ours: the paths before and after a crossing, as a whole"
+    return Notice("identity", [identity], rule, evidence, text)
 
 
 def told_doubt(identity: int, doubt: Doubt, left: float) -> Notice | None:

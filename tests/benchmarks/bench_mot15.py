@@ -5,11 +5,14 @@
     python tests/benchmarks/bench_mot15.py --thresholds 0 0.9   plain SORT at these scores beside it
     python tests/benchmarks/bench_mot15.py --trackers --peers   five peers at six scores, and their best
     python tests/benchmarks/bench_mot15.py --parameters         one by one, 5 % up and down
+    python tests/benchmarks/bench_mot15.py --first 200          recorded alone, and within the whole
 
 "together" pools the counts of the four MOT15 sequences, as TrackEval's COMBINED does; PETS and TUD
 stand beside them. The curve says how many of the boxes that are told with a confidence are right;
 the calibration error is the mean distance of the two, weighted by boxes, in tenths of confidence.
-That of `identity` is the same of boxes on somebody: how many are on whom their track began on.
+That of `identity` is the same of boxes on somebody: how many are on whom their track began on. A
+track's boxes stand and fall together, and a sequence has 6 to 70 tracks: beside its error stands the
+one that it would show if every probability were right.
 """
 
 from __future__ import annotations
@@ -65,6 +68,7 @@ class Result:
         parts: (19, 4) by alpha: hits, result boxes, true boxes, sum of the hits' association.
         sure, right: (N,) confidence of every box told, and whether it is a hit at IoU .5.
         known, same: (M,) identity of every hit, and whether it is on whom its track began on.
+        whose: (M,) its track.
     """
 
     counts: Floats
@@ -73,6 +77,7 @@ class Result:
     right: NDArray[np.bool_]
     known: Floats
     same: NDArray[np.bool_]
+    whose: NDArray[np.int64]
 
     @property
     def scores(self) -> tuple[float, float, float]:
@@ -123,6 +128,7 @@ def judged(truth: MotTable, table: MotTable, identity: Floats | None = None) -> 
         right,
         identity[rows_hit][order],
         np.array(same, np.bool_),
+        both.result.ids[rows_hit][order].astype(np.int64),
     )
 
 
@@ -145,6 +151,7 @@ def pooled(results: Sequence[Result]) -> Result:
         np.concatenate([r.right for r in results]),
         np.concatenate([r.known for r in results]),
         np.concatenate([r.same for r in results]),
+        np.concatenate([r.whose + 10**6 * k for k, r in enumerate(results)]),
     )
 
 
@@ -163,8 +170,33 @@ def curve(
     return rows, off / max(1, len(said))
 
 
+def expected(result: Result, times: int = 200) -> float:
+    """The calibration error that identities would show if all of them were right: each track is
+    lost for good somewhere, as likely as its identity says.
+    """
+    _, track = np.unique(result.whose, return_inverse=True)
+    random = np.random.default_rng(0)
+    errors = [
+        curve(result.known, result.known >= random.random(track.max() + 1)[track])[1]
+        for _ in range(times)
+    ]
+    return float(np.mean(errors))
+
+
 def tracked(name: str, log: Path, tracker: str, settings: Sequence[str]) -> Result:
     """A sequence through one tracker."""
+    return judged(truth_of(name), *told_of(log, tracker, settings))
+
+
+def truth_of(name: str) -> MotTable:
+    """A sequence's truth."""
+    return read_truth(DATA / SEQUENCES[name][0] / "gt.txt")
+
+
+def told_of(
+    log: Path, tracker: str, settings: Sequence[str] = ()
+) -> tuple[MotTable, Floats]:
+    """What a tracker tells of a scene log, and the identity of its rows."""
     out = log.with_suffix(".annotated.mcap")
     config = replay_config(tracker, assignments=settings)
     replay(
@@ -173,8 +205,7 @@ def tracked(name: str, log: Path, tracker: str, settings: Sequence[str]) -> Resu
         ReplayOptions(tracker=tracker, config=config, annotations_only=True, force=True),
     )
     with AnnotatedLog(out) as annotated:
-        truth = read_truth(DATA / SEQUENCES[name][0] / "gt.txt")
-        return judged(truth, read_tracks(annotated).table, identities(annotated))
+        return read_tracks(annotated).table, identities(annotated)
 
 
 def identities(annotated: AnnotatedLog) -> Floats:
@@ -198,9 +229,7 @@ def plain(name: str, least: float) -> Result:
     for frame in range(int(rows[:, 0].max())):
         here = rows[(rows[:, 0] == frame + 1) & (rows[:, 6] >= least)]
         told += [(frame, i, *box, 1.0) for i, box in sort.step(here[:, 2:6])]
-    return judged(
-        read_truth(DATA / SEQUENCES[name][0] / "gt.txt"), MotTable.from_rows(told)
-    )
+    return judged(truth_of(name), MotTable.from_rows(told))
 
 
 def peer(name: str, sequence: str, least: float) -> Result:
@@ -214,7 +243,7 @@ def peer(name: str, sequence: str, least: float) -> Result:
         here = rows[rows[:, 0] == frame + 1]
         found = tracker.step(here[:, 2:6], here[:, 6])
         told += [(frame, identity, *box, 1.0) for identity, box in found]
-    return judged(read_truth(where / "gt.txt"), MotTable.from_rows(told))
+    return judged(truth_of(sequence), MotTable.from_rows(told))
 
 
 def compare_peers() -> None:
@@ -239,14 +268,43 @@ def line(what: str, results: Sequence[Result]) -> str:
     return f"{what:24}{scores}{np.mean(hota):>7.1f}{min(hota):>7.1f}"
 
 
-def recorded(folder: Path) -> dict[str, Path]:
-    """Scene logs by sequence."""
+def recorded(folder: Path, first: int = 0) -> dict[str, Path]:
+    """Scene logs by sequence; of its first frames alone."""
     logs = {}
     for name, (where, fps, size) in SEQUENCES.items():
-        logs[name] = folder / f"{name}.mcap"
-        source = open_source(DATA / where / "det.txt", fps=fps, size=size)
+        logs[name] = folder / f"{name}-{first}.mcap"
+        detections = DATA / where / "det.txt"
+        if first:
+            rows = detections.read_text().splitlines(keepends=True)
+            detections = folder / f"{name}-{first}.txt"
+            detections.write_text("".join(r for r in rows if int(r.split(",")[0]) <= first))
+        source = open_source(detections, fps=fps, size=size)
         record(source, logs[name], RecordOptions(force=True))
     return logs
+
+
+def begun(folder: Path, tracker: str, first: int) -> None:
+    """The first frames of each sequence, as recorded alone and as told within the whole."""
+    within, alone = recorded(folder), recorded(folder, first)
+    names = [name for name in SEQUENCES if name != "TUD-Campus"]  # it has no more than that
+    off = []
+    for name in names:
+        truth = truth_of(name)
+        truth = truth.select(truth.frames < first)
+        table, _ = told_of(within[name], tracker)
+        whole = judged(truth, table.select(table.frames < first)).scores
+        short = judged(truth, told_of(alone[name], tracker)[0]).scores
+        off.append([s - w for s, w in zip(short, whole, strict=True)])
+        print(
+            f"{tracker:8}{name:14} alone {'/'.join(f'{s:.1f}' for s in short)}, within the whole"
+            f" {'/'.join(f'{w:.1f}' for w in whole)}",
+            flush=True,
+        )
+    mean, worst = np.mean(off, axis=0), np.min(off, axis=0)
+    print(
+        f"{tracker:8}alone less within: mean {'/'.join(f'{m:+.1f}' for m in mean)},"
+        f" worst {'/'.join(f'{w:+.1f}' for w in worst)}"
+    )
 
 
 def shaken(logs: dict[str, Path], tracker: str) -> None:
@@ -282,11 +340,16 @@ def main() -> int:
     parser.add_argument("--thresholds", nargs="*", type=float, default=[0.0, 0.7, 0.9])
     parser.add_argument("--peers", action="store_true")
     parser.add_argument("--parameters", action="store_true")
+    parser.add_argument("--first", type=int, default=0, metavar="FRAMES")
     args = parser.parse_args()
     if not (DATA / "mot15").exists():
         print(f"no MOT15 at {DATA}; set SCENETRACE_DATA", file=sys.stderr)
         return 0
     with TemporaryDirectory() as temporary:
+        if args.first:
+            for tracker in args.trackers:
+                begun(Path(temporary), tracker, args.first)
+            return 0
         logs = recorded(Path(temporary))
         if args.parameters:
             for tracker in args.trackers:
@@ -309,10 +372,15 @@ def main() -> int:
             print(line(tracker, results), flush=True)
             for what in ("confidence", "identity"):
                 rows, off = curve(*pooled(results).told(what))
-                each = [curve(*r.told(what))[1] for r in results]
+                each = [f"{curve(*r.told(what))[1]:.3f}" for r in results]
+                if what == "identity":
+                    each = [
+                        f"{e} ({expected(r):.3f})"
+                        for e, r in zip(each, results, strict=True)
+                    ]
                 print(
                     f"  calibration error of {what} {off:.3f}, of each "
-                    + ", ".join(f"{e:.3f}" for e in each)
+                    + ", ".join(each)
                     + "; told, right, boxes: "
                     + ", ".join(f"{s:.2f} {t:.2f} {n}" for s, t, n in rows)
                 )
