@@ -119,7 +119,7 @@ told AS (
 shown AS (
   SELECT e.*, round(k.x + k.w / 2, 1) AS x, round(k.y + k.h, 1) AS y, k.seen, k.x AS left_x, k.x + k.w AS right_x,
     k.y AS top_y, k.y + k.h AS foot_y, r.width, r.height, r.seconds, r.first_frame,
-    coalesce(w.first_way < {CAME:g}, false) AS stood,
+    coalesce(w.first_way < {CAME:g}, true) AS stood,
     EXISTS (FROM told o WHERE o.recording = e.recording AND o.frame BETWEEN e.frame - 1 AND e.frame + 1
       AND o.kind = if(e.what = 'first seen', 'entering', 'exited')) AS told
   FROM ends e JOIN (FROM sure_tracks WHERE track = $a$only) k USING (recording, frame)

@@ -10,6 +10,9 @@ of a second of the row's time? ``shown``: rows of certainty .5 and more. ``sure`
 came against how often they did, and what `nearness.sure_near` says; then its two numbers as each
 place would have them chosen by the others, and the mean distance from what was right there.
 
+From pixels, also the other way round: of each time in which two of the truth are within a body size of one
+another for two seconds, is it in any answer of `met`, at any certainty, for half of it?
+
 On EWAP's street, whose people are labelled by who walks with whom, also `left-with`: how many of the
 pairs that it names are labelled, of those that were together until then and of those that were not.
 """
@@ -33,6 +36,7 @@ from numpy.typing import NDArray
 from reasoning.encounters import History
 from reasoning.encounters.ground import ground_of
 from reasoning.encounters.nearness import nearest, sure_near
+from reasoning.encounters.pair import pairs, spans
 from reasoning.questions import Case
 from reasoning.questions.ready_questions import DEFAULT_CERTAINTY, Options, question
 from recorders.segmentation.usual import ious
@@ -45,6 +49,7 @@ FROM_BOXES = {**SEQUENCES, STREET: ("ewap-hotel", 7.5, (784, 513))}
 PLACES = {"pets": "PETS09-S2L1", "campus": "TUD-Campus"}
 """Scenes from pixels that are of the same place as one from boxes."""
 NEAR = 1.0
+NEAR_S = 2.0
 SLACK_S = 0.25
 LEAST_SHARE = 0.5
 EDGES = (0.0, 0.6, 0.8, 0.9, 1.0, 1.1, 1.2, 1.5, 9.0)
@@ -123,6 +128,36 @@ def met(log: Path, truth: MotTable) -> list[Met]:
     return out
 
 
+def silent(log: Path, truth: MotTable) -> tuple[int, list[tuple[int, int, float, float]]]:
+    """How often two of a truth are near for `NEAR_S`, and those times that no answer tells."""
+    with Case([log]) as case:
+        width, seconds, count = case.rows("SELECT width, seconds, frames FROM recordings")[
+            0
+        ]
+        people = by_person(truth, (count - 1) / seconds)
+        who = who_is(case, people)
+        met_ones = case.rows("SELECT a, b, start_frame, end_frame FROM relations")
+    told: dict[tuple[int, int], set[int]] = {}
+    for a, b, first, last in met_ones:
+        for n in range(first, last + 1):
+            one, two = who.get((a, n)), who.get((b, n))
+            if one is not None and two is not None:
+                told.setdefault((min(one, two), max(one, two)), set()).add(n)
+    stretch = ground_of(people, float(width)).stretch
+    times, missed = 0, []
+    for a, b in itertools.combinations(sorted(people), 2):
+        for pair in pairs(people[a], people[b], SLACK_S, SLACK_S, False, stretch):
+            for i, j in spans(pair.distance <= NEAR):
+                start, end = float(pair.times_s[i]), float(pair.times_s[j])
+                if end - start < NEAR_S:
+                    continue
+                times += 1
+                frames = set(pair.frames[i : j + 1].tolist())
+                if len(frames & told.get((a, b), set())) < LEAST_SHARE * len(frames):
+                    missed.append((a, b, round(start, 1), round(end, 1)))
+    return times, missed
+
+
 def left_with(log: Path, truth: MotTable, labelled: frozenset[tuple[int, int]]) -> None:
     """How many pairs of `left-with` know one another."""
     with Case([log]) as case:
@@ -163,6 +198,11 @@ def measured(names: list[str]) -> dict[str, list[Met]]:
                 truth = truth_of(scene, VARIANTS[AS_IS], (source.width, source.height))
                 run("replay", log, "-o", out, "--force")
                 found[scene.name] = met(out, truth)
+                times, missed = silent(out, truth)
+                print(
+                    f"{scene.name}: {times} times two are near for {NEAR_S:g} s, {len(missed)} of them"
+                    f" in no answer{': ' if missed else ''}{', '.join(map(str, missed))}"
+                )
         for sequence, (where, fps, (width, height)) in FROM_BOXES.items():
             if names and sequence not in names:
                 continue

@@ -284,12 +284,14 @@ def test_who_turns_up_wholly_inside_was_not_seen_to_come_in(
     tmp_path: Path, story_type: type[Any], write_story: Callable[..., Any]
 ) -> None:
     tracks = {i: (50, 199, (100.0 * i, 100.0, 30.0, 80.0), (0.5, 0.0)) for i in (1, 2)}
+    tracks[3] = (180, 199, (300.0, 100.0, 30.0, 80.0), (0.5, 0.0))  # nobody can tell
     events = [("entering", [1], 50, [], {}), ("entering", [2], 50, [], {}),
-              ("entered", [1], 51, [], {}), ("entered", [2], 60, [], {})]  # fmt: skip
+              ("entered", [1], 51, [], {}), ("entered", [2], 60, [], {}),
+              ("entering", [3], 180, [], {}), ("entered", [3], 181, [], {})]  # fmt: skip
     path = write_story(story_type(200, tracks, events=events), tmp_path / "inside.mcap")
     with Case([path]) as c:
         told = {r["track"]: r["certainty"] for r in ask(c, "entered-never-left")}
-    assert told == {1: 0.6, 2: 0.9}
+    assert told == {1: 0.6, 2: 0.9, 3: 0.4}
 
 
 def test_hidden(case: Case) -> None:
