@@ -12,7 +12,14 @@ import math
 from collections.abc import Iterable
 
 from recorders.limits import Limits
-from recorders.messages import Blob, Detections, Ellipse, Regions
+from recorders.messages import (
+    BRIGHTEST_LIGHT,
+    DARKEST_LIGHT,
+    Blob,
+    Detections,
+    Ellipse,
+    Regions,
+)
 
 LARGEST = 1e7
 """Largest coordinate in px, and largest score: beyond any picture and any detector."""
@@ -54,6 +61,22 @@ def check_detections(detections: Detections, limits: Limits) -> None:
     _check_blobs(detections)
     if detections.size_model:
         _check_size_model(detections)
+    if detections.light and not (
+        len(detections.light) == 3
+        and all(DARKEST_LIGHT <= v <= BRIGHTEST_LIGHT for v in detections.light)
+    ):
+        raise ValueError(
+            f"frame {detections.frame}: the light {detections.light}; wanted three factors, of"
+            f" blue, green and red, from {DARKEST_LIGHT:g} to {BRIGHTEST_LIGHT:g}"
+        )
+    most = max(detections.width, detections.height)
+    if detections.moved and not (
+        len(detections.moved) == 2 and max(map(abs, detections.moved)) <= most
+    ):
+        raise ValueError(
+            f"frame {detections.frame}: the picture moved by {detections.moved}; wanted pixels right"
+            f" and down, up to {most}"
+        )
 
 
 def _check_picture(detections: Detections, limits: Limits) -> None:

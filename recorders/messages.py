@@ -117,6 +117,10 @@ class Blob(Struct, frozen=True):
     ellipse: Ellipse
 
 
+DARKEST_LIGHT, BRIGHTEST_LIGHT = 0.02, 50.0
+"""A picture's light lies between these factors of what is usual."""
+
+
 class Detections(Struct, frozen=True):
     """What was detected in one frame; row k of each list belongs to detection k.
 
@@ -127,6 +131,10 @@ class Detections(Struct, frozen=True):
     model that the segmentation had learnt (`recorders.segmentation.sizes.SizeModel.from_list`),
     empty where there is none. ``fused`` says that a detector and the masks both went into the
     boxes: then they say where bodies are, and the mask only which of them share a blob.
+    ``light`` holds how much brighter blue, green and red are than in the background, as factors;
+    empty where they are as usual or it is not known. ``moved`` holds by how many pixels right and
+    down the whole picture lies further than that of the frame before; empty where it does not, or
+    it is not known.
     """
 
     frame: Count
@@ -140,6 +148,8 @@ class Detections(Struct, frozen=True):
     components: list[Blob] = []
     size_model: list[float] = []
     fused: bool = False
+    light: list[float] = []
+    moved: list[int] = []
 
 
 class SceneChange(Struct, frozen=True):

@@ -17,6 +17,7 @@ from recorders.masks import Labels, label_blobs
 from recorders.messages import Detections, Regions, SceneChange
 from recorders.pictures import Image
 from recorders.scene_pictures import stamp_of
+from recorders.vision import cv2
 
 
 @dataclass(frozen=True)
@@ -127,6 +128,18 @@ class Frame:
     def image(self) -> Image | None:
         """The picture, (height, width, 3) uint8 BGR, or None. Never write into it."""
         return None if self._load_image is None else self._load_image()
+
+    @cached_property
+    def evenly_lit(self) -> Image | None:
+        """The picture as it would be in its background's light, as far as the recording says by
+        how much it differs: who is the same looks the same.
+        """
+        factors = self.detections.light
+        if not factors or self.image is None:
+            return self.image
+        levels = np.arange(256.0)[:, None] / np.array(factors)
+        table = np.clip(np.rint(levels), 0, 255).astype(np.uint8)[:, None]
+        return np.asarray(cv2.LUT(self.image, table))
 
     @cached_property
     def mask(self) -> Image | None:

@@ -71,6 +71,8 @@ class FusedFrames:
             blobs=blobs,
             components=masked.components,
             fused=True,
+            light=masked.light,
+            moved=masked.moved,
         )
 
 

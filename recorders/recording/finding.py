@@ -175,6 +175,11 @@ def with_blobs(given: Detections, found: Segmented) -> Detections:
         areas[0] = 0
         best = int(areas.argmax())
         blobs.append(best if areas[best] else NO_BLOB)
+    masked = found.detections
     return msgspec.structs.replace(
-        given, blobs=blobs, components=found.detections.components
+        given,
+        blobs=blobs,
+        components=masked.components,
+        light=masked.light,
+        moved=masked.moved,
     )

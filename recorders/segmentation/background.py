@@ -10,8 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recorders.pictures import Image
+from recorders.segmentation.ghosts import without_who_left
 from recorders.segmentation.recurring import recurring, weigh
 from recorders.segmentation.segmenter import as_image
 from recorders.segmentation.waving import Waving, waving
@@ -163,9 +165,7 @@ class Background:
         colour, spread = most_common(stack)
         colour, other = recurring(stack, colour)
         spread[other > 0] = 0
-        brightness = np.minimum(
-            0.5 + colour[..., 0].astype(np.float32) / np.float32(256), np.float32(1)
-        )
+        brightness = _brightness(colour)
         by_spread = weigh(spread).astype(np.float32) * np.float32(spread_weight)
         noisy = bool(
             2 * np.count_nonzero(by_spread > threshold * brightness) > by_spread.size
@@ -177,6 +177,8 @@ class Background:
         )
         coloured = bool(100 * np.count_nonzero(neutral) < 99 * neutral.size)
         levels = np.minimum(level, np.float32(MAX_LEVEL)).astype(np.uint8)
+        colour, changed = without_who_left(stack, colour, levels)
+        levels[changed] = (threshold * _brightness(colour)).astype(np.uint8)[changed]
         restless = int(np.count_nonzero(by_spread > threshold * brightness))
         share = restless / by_spread.size
         swaying = waving(stack, colour, levels)
@@ -207,6 +209,12 @@ class Background:
         moved = self.colour + (picture > self.colour) - (picture < self.colour)
         cv2.copyTo(moved, still, self.colour)
         self._around = None
+
+
+def _brightness(colour: Image) -> NDArray[np.float32]:
+    """Of each pixel, from .5 on black to 1 on middle brightness and above, (H, W)."""
+    share = 0.5 + colour[..., 0].astype(np.float32) / np.float32(256)
+    return np.asarray(np.minimum(share, np.float32(1)))
 
 
 MAX_LEVEL = 120

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+import msgspec
 import numpy as np
 
 from recorders.messages import Blob, Detections, SceneChange
@@ -161,7 +162,9 @@ class MotionSegmenter:
         asks their sizes.
         """
         picture = as_image(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb))
+        before = self._scenery.look
         raw, view, light = self._seen(picture)
+        moved = self._scenery.look.further_than(before)
         self._standstill.step(picture, bool(raw.mask.any()))
         look, since = self._scenery.look, self._standstill.frames
         self._told = tuple(self._teller.step(index, look, light, since))
@@ -184,7 +187,7 @@ class MotionSegmenter:
                 self._bodies.learn_when_due()
             found = self._bodies.detect(index, mask, labels, blobs)
             self._tally.count(found)
-            return found
+            return msgspec.structs.replace(found, light=light.factors, moved=moved)
 
         return mask, detect
 

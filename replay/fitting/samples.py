@@ -231,7 +231,9 @@ def _look(
     np.fill_diagonal(share, 0.0)
     free = (share * (foot[None, :] >= foot[:, None])).max(axis=1, initial=0.0) <= COVERED
     assert frame.mask is not None
-    pixels = Pixels(frame.image, frame.mask, (frame.mask.shape[1], frame.mask.shape[0]))
+    pixels = Pixels(
+        frame.evenly_lit, frame.mask, (frame.mask.shape[1], frame.mask.shape[0])
+    )
     place = min(max((frame.index - span[0]) / (span[1] - span[0]), 0.0), 0.999)
     return _SeenBody(frame.index, ids, boxes, gates, free, pixels, place)
 

@@ -26,6 +26,8 @@ Floats = NDArray[np.float64]
 
 SIDE = 16
 """Side of a landmark, px."""
+STEP = 4
+"""Landmarks are looked for at every so-manieth pixel."""
 COLUMNS, ROWS = 8, 6
 """The picture is divided into so many cells; each has one landmark, its most textured patch."""
 FEWEST = 6
@@ -164,16 +166,18 @@ class Landmarks:
         """
         least = max(float(LEAST_GRADIENT**2), ABOVE_NOISE * noise)
         height, width = luma.shape
-        down, across = height // SIDE, width // SIDE
-        if not down * across:
+        if min(height, width) < SIDE:
             return cls(luma, np.zeros((0, 2), np.int64))
-        texture = _texture(luma[: down * SIDE, : across * SIDE])
+        texture = _texture(luma)
+        if all_of_them:
+            apart = SIDE // STEP
+            every = np.argwhere(texture[::apart, ::apart] >= least)
+            return cls(luma, every * SIDE)
         if among is not None:
             asked = np.zeros_like(texture)
-            asked[tuple(among.T // SIDE)] = 1.0
+            asked[tuple(among.T // STEP)] = 1.0
             texture = texture * asked
-        if all_of_them:
-            return cls(luma, np.argwhere(texture >= least) * SIDE)
+        down, across = texture.shape
         corners = []
         for i in range(ROWS):
             for j in range(COLUMNS):
@@ -182,7 +186,7 @@ class Landmarks:
                 cell = texture[top:bottom, left:right]
                 if cell.size and cell.max() >= least:
                     k, m = divmod(int(cell.argmax()), cell.shape[1])
-                    corners.append(((top + k) * SIDE, (left + m) * SIDE))
+                    corners.append(((top + k) * STEP, (left + m) * STEP))
         found = np.array(corners, np.int64).reshape(-1, 2)
         return cls(luma, found, steady=among is not None)
 
@@ -281,6 +285,12 @@ class Landmarks:
 class Reference:
     """A view as it is known again: landmarks at full size, and smaller pictures to search at
     large.
+
+    Args:
+        luma: the view's brightness, (H, W) uint8.
+        kept: which of its landmarks alone are taken.
+        among: (N, 2) the only ones that are asked, row and column of their first pixels.
+        noise: see `noise_of`.
     """
 
     def __init__(
@@ -325,10 +335,8 @@ class Reference:
         return light_of(picture, self._picture).agreeing >= AGREES
 
     def near(self, picture: Image, around: Shift) -> tuple[Shift, LandmarkSight]:
-        """The best shift within `NEAR` pixels of one."""
-        luma = as_image(cv2.extractChannel(picture, 0))
-        shift, sight = self._marks[0].search(luma, around, NEAR)
-        return (shift, sight) if self.within(shift) else (around, NO_SIGHT)
+        """The best shift within `NEAR` pixels of one; it may be too large."""
+        return self._marks[0].search(as_image(cv2.extractChannel(picture, 0)), around, NEAR)
 
     def around(self, picture: Image, shift: Shift) -> tuple[Shift, LandmarkSight]:
         """The best shift within `NEAR` pixels of one in the smallest picture, then finer and
@@ -385,13 +393,16 @@ def _by_place(displaced: Floats, corners: Ints) -> Floats:
 
 
 def _texture(luma: Image | NDArray[np.int16]) -> Floats:
-    """The mean square of the gradient in its weaker direction, of each tile of `SIDE` pixels."""
-    tiles = luma.astype(np.int64).reshape(luma.shape[0] // SIDE, SIDE, -1, SIDE)
-    gx = tiles[:, :, :, 1:] - tiles[:, :, :, :-1]
-    gy = tiles[:, 1:] - tiles[:, :-1]
-    xx = (gx * gx).sum(axis=(1, 3)).astype(np.float64)
-    yy = (gy * gy).sum(axis=(1, 3)).astype(np.float64)
-    xy = (gx[:, 1:] * gy[:, :, :, 1:]).sum(axis=(1, 3)).astype(np.float64)
+    """The mean square of the gradient in its weaker direction, of the patch of `SIDE` pixels that
+    begins at every `STEP`-th pixel.
+    """
+    values = luma.astype(np.int32)
+    gx, gy = np.zeros_like(values), np.zeros_like(values)
+    gx[:, :-1] = values[:, 1:] - values[:, :-1]
+    gy[:-1] = values[1:] - values[:-1]
+    xx, yy, xy = (
+        _patch_sums(a * b).astype(np.float64) for a, b in ((gx, gx), (gy, gy), (gx, gy))
+    )
     weaker = (xx + yy - np.sqrt((xx - yy) ** 2 + 4 * xy * xy)) / 2
     texture: Floats = weaker / SIDE**2
     return texture
@@ -411,6 +422,18 @@ def noise_of(pictures: list[Image]) -> float:
         tiles = np.sort(_texture(a - b), axis=None)
         found.append(float(tiles[int(QUIET * len(tiles))]) / 2)
     return sorted(found)[len(found) // 2]
+
+
+def _patch_sums(values: NDArray[np.int32]) -> Ints:
+    """The sum over each patch of `SIDE` pixels that begins at every `STEP`-th pixel."""
+    across, down = values.shape[1] // STEP, values.shape[0] // STEP
+    tiles = values[: down * STEP, : across * STEP].reshape(down, STEP, across, STEP)
+    total: Ints = tiles.sum(axis=(1, 3), dtype=np.int64)
+    for axis in (0, 1):
+        total = np.lib.stride_tricks.sliding_window_view(total, SIDE // STEP, axis).sum(
+            axis=-1
+        )
+    return total
 
 
 def _halved(luma: Image) -> list[Image]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from recorders.messages import BRIGHTEST_LIGHT, DARKEST_LIGHT
 from recorders.pictures import Image
 from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
@@ -30,6 +31,10 @@ LEAST_RANGE = 12
 """Two parts tell of a proportion if their brightness differs by this, levels."""
 DARKEST, BRIGHTEST = 6, 248
 """Outside of these a camera does not tell brightness, levels."""
+TOLD, GREY = 0.05, 64.0
+"""A light is told of with a frame if it differs by this share; of a light that has a curve for each
+colour, that of a grey of so many levels.
+"""
 CLOSE = 0.75
 """Where so much of the picture agrees with a light, no other one is looked for."""
 LARGE_STEP = 0.12
@@ -82,6 +87,21 @@ class Light:
     def same(self) -> bool:
         """The background needs no change."""
         return self.gain == 1.0 and self.offset == 0
+
+    @property
+    def factors(self) -> list[float]:
+        """By how much brighter blue, green and red are than in the background, as factors; empty
+        where it is not by `TOLD` of them, or not known.
+        """
+        found = [self.level] * 3
+        if self.channels:
+            found = [
+                float(_along(curve, np.array([GREY]), slope)[0]) / GREY
+                for curve, slope in self.channels
+            ]
+        if not self.known or max(abs(v - 1.0) for v in found) < TOLD:
+            return []
+        return [round(min(BRIGHTEST_LIGHT, max(DARKEST_LIGHT, v)), 2) for v in found]
 
     def over(self, colour: Image) -> Image:
         """A background (H, W, 3) uint8 in Y, Cr, Cb under this light."""

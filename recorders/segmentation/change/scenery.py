@@ -279,9 +279,8 @@ class Scenery:
             ground.background, ground.grainy = learnt.background, learnt.grainy
             ground.new, ground.borrowed = 0, False
             place = next(p for p in self._watch.places if p.number == look.place)
-            place.reference = Reference(
-                as_image(cv2.extractChannel(ground.background.colour, 0))
-            )
+            luma = as_image(cv2.extractChannel(ground.background.colour, 0))
+            place.reference = Reference(luma)
 
     def _begun(self, picture: Image, key: tuple[int, bool]) -> ViewBackground:
         """The ground of a view that nothing was learnt of: of the same place in colours, else

@@ -10,7 +10,7 @@ from recorders.vision import cv2
 
 CHANGES_LEVELS = 5
 """A picture stands still while no pixel of it changes by this, levels: a camera's noise would."""
-MOVES_LEVELS, MOVES_SHARE = 15, 0.002
+MOVES_LEVELS, MOVES_SHARE = 15, 0.0005
 """Something moves where so many levels change in this share of the picture."""
 FROZEN_S = 3.0
 """A picture is frozen when it has stood still for so long since something moved."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from recorders.pictures import Image
 from recorders.segmentation.change.landmarks import (
+    NO_SIGHT,
     Ints,
     LandmarkSight,
     Reference,
@@ -143,7 +144,9 @@ class ColourMode:
 
 
 def find(picture: Image, place: CameraPlace, shift: Shift) -> tuple[Shift, LandmarkSight]:
-    """The shift under which a picture shows a place, looked for from the last one on."""
+    """The shift under which a picture shows a place, looked for from the last one on; not at all
+    where it would be too large.
+    """
     reference = place.reference
     best = shift, reference.sight(picture, shift)
     for _ in range(MOST_STEPS):
@@ -152,6 +155,8 @@ def find(picture: Image, place: CameraPlace, shift: Shift) -> tuple[Shift, Landm
         found = reference.near(picture, best[0])
         if found[0] == best[0] or not _clearly_better(found[1], best[1]):
             break
+        if not reference.within(found[0]):
+            return shift, NO_SIGHT
         best = found
     if not place.surely(best[1]):
         found = reference.around(picture, shift)
@@ -188,11 +193,11 @@ def divide(pictures: list[Image]) -> Division:
     made.flat = sorted(flat)[len(flat) // 2]
     made.noise = noise_of(pictures)
     for picture, share in zip(pictures, flat, strict=True):
-        if share >= one_colour_from(made.flat):
+        number, whole = _known(picture, made.places, shifts, last)
+        if number is None and share >= one_colour_from(made.flat):
             made.seen.append(ViewSeen(None))
             continue
         coloured = colours.step(coloured_share(picture))
-        number, whole = _known(picture, made.places, shifts, last)
         if number is None:
             reference = reference_of(picture, made.noise)
             if made.places and not reference.known:

@@ -47,6 +47,8 @@ class Look:
         one_colour_share: the share of it that it fills, as last looked at.
         new: a place that was not known before: the camera has come to rest on it.
         whole: the shift is so to a fraction of a pixel.
+        turned: by how much the picture lies further than the one before, px right and down, that
+            showed no place that is known; 0 where it cannot be told.
     """
 
     place: int | None
@@ -58,6 +60,16 @@ class Look:
     one_colour_share: float = 0.0
     new: bool = False
     whole: bool = True
+    turned: Shift = (0, 0)
+
+    def further_than(self, before: Look) -> list[int]:
+        """By how many pixels right and down the picture lies further than the one before; empty
+        where it does not, or it is not known.
+        """
+        by = self.turned
+        if self.place is not None and self.place == before.place:
+            by = self.shift[0] - before.shift[0], self.shift[1] - before.shift[1]
+        return list(by) if any(by) else []
 
 
 class Watch:
@@ -95,6 +107,7 @@ class Watch:
         self._looked_at = -1
         self._moved_at = -round(STEADY_S * fps) if steady else 0
         self._rest: _Rest | None = None
+        self._turned: Shift = (0, 0)
 
     @property
     def looked(self) -> bool:
@@ -123,6 +136,7 @@ class Watch:
         colours = round(coloured_share(picture), 3)
         coloured = self._colours is not None and bool(self._colours.coloured)
         share, name = 0.0, ""
+        self._turned = (0, 0)
         if self._home is None and not self.places:
             # Nothing is known of what is usual: this is.
             self._one_colour = one_colour_from(one_colour_share(picture)[0])
@@ -148,6 +162,7 @@ class Watch:
                     share,
                     new=new,
                     whole=sight.whole,
+                    turned=self._turned,
                 )
             share, name = one_colour_share(picture)
         if share >= self._one_colour:
@@ -156,7 +171,7 @@ class Watch:
         if self._home is not None and self._home[0].reference.agrees(picture):
             place, shift = self._home
             return Look(place.number, shift, coloured, colours)
-        return Look(None, (0, 0), coloured, colours, 0.0, "", share)
+        return Look(None, (0, 0), coloured, colours, 0.0, "", share, turned=self._turned)
 
     def _placed(
         self, picture: Image, last: Look
@@ -203,6 +218,9 @@ class Watch:
         rest = self._rest
         if rest is not None and rest.reference.known:
             shift, sight = find(picture, CameraPlace(-1, rest.reference), (0, 0))
+            if shows(sight):
+                self._turned = shift[0] - rest.shift[0], shift[1] - rest.shift[1]
+                rest.shift = shift
             if shows(sight) and max(map(abs, shift)) <= NEAR:
                 rested = self._frames - rest.since
                 if rested >= max(FEWEST_PICTURES, REST_S * self._fps):
@@ -223,12 +241,13 @@ class Watch:
 
 @dataclass
 class _Rest:
-    """What a camera shows that may have come to rest, since when, and whether it was looked for
-    among the known places.
+    """What a camera shows that may have come to rest, since when, how the last picture was shifted
+    against it, and whether it was looked for among the known places.
     """
 
     reference: Reference
     since: int
+    shift: Shift = (0, 0)
     searched: bool = False
 
 

@@ -91,6 +91,7 @@ class EventsTracker:
         self._time_ns = frame.time_ns
         self._life.take_regions(frame.regions)
         self._tracks.predict(dt)
+        self._tracks.bank.value[:, :2] += frame.detections.moved or 0
         self._lean(SizeModel.from_list(frame.detections.size_model), dt)
         for track in self._tracks.items:
             track.begin_frame()
@@ -141,10 +142,10 @@ class EventsTracker:
         """Matching case 3 (EVENTS 2): who has neither a detection nor a blob is looked for by its
         colours alone.
         """
-        if not orphans(self._tracks) or frame.image is None:
+        if not orphans(self._tracks) or frame.evenly_lit is None:
             return
         for row, box, score in follow_colours(
-            self._tracks, frame.image, frame.time_ns, self._p
+            self._tracks, frame.evenly_lit, frame.time_ns, self._p
         ):
             self._observe(row, frame, box, score, NO_BLOB, "appearance", sized=False)
 
@@ -200,9 +201,9 @@ class EventsTracker:
         )
 
         def look(which: list[int], cut: MaskCut) -> list[Likeness]:
-            if not self._scene.has_images or frame.image is None:
+            if not self._scene.has_images or frame.evenly_lit is None:
                 return [None] * len(which)
-            return likenesses([items[rows[row]] for row in which], frame.image, cut)
+            return likenesses([items[rows[row]] for row in which], frame.evenly_lit, cut)
 
         found = place(fg, expected, seen.boxes, seen.blobs, look, self._p)
         told = one_each(self._tracks, rows, fg, seen, self._p)
@@ -275,7 +276,7 @@ class EventsTracker:
         """
         if not at.company or not rivals or not self._scene.has_images:
             return 1.0
-        look = None if frame.image is None else look_at(frame.image, mask, at.box)
+        look = None if frame.evenly_lit is None else look_at(frame.evenly_lit, mask, at.box)
         found = None if look is None else alike(self._tracks.items[row], rivals, look)
         return 1.0 if found is None else found
 
@@ -467,7 +468,7 @@ class EventsTracker:
             for index, item in enumerate(items)
             if item.measured is not None and item.sized
         ]
-        if not rows or frame.image is None:
+        if not rows or frame.evenly_lit is None:
             return []
         # Fused boxes leave out few: where a box is, who is only thought to be there is not.
         fused = frame.detections.fused
@@ -490,7 +491,7 @@ class EventsTracker:
                 items[row].alone or float(shared[k][~mine].max(initial=0.0)) <= 0.1
             ):
                 continue
-            look = look_at(frame.image, mask, box)
+            look = look_at(frame.evenly_lit, mask, box)
             other = None
             if look is not None and items[row].alone and items[row].id != TENTATIVE:
                 other = estranged(items[row], look, box, frame.index, frame.time_ns)
@@ -551,7 +552,7 @@ class _Looks:
 
     def __call__(self, column: int) -> Floats | None:
         if column not in self._known:
-            image = self._frame.image
+            image = self._frame.evenly_lit
             x, y, w, h = self._frame.boxes[column].tolist()
             self._known[column] = (
                 None if image is None else look_at(image, None, (x, y, w, h))

@@ -128,7 +128,7 @@ class Matching:
 
     def _image(self) -> NDArray[np.uint8] | None:
         if self._pixels.image is None and self._scene.has_images:
-            self._pixels.image = self._frame.image
+            self._pixels.image = self._frame.evenly_lit
         return self._pixels.image
 
     def _alone(self, rows: Rows) -> None:

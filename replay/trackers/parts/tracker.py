@@ -12,6 +12,7 @@ from dataclasses import replace as alone
 import numpy as np
 from msgspec import UNSET
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from reasoning.geometry import middles_inside
 from reasoning.regions import RegionParameters
@@ -92,6 +93,7 @@ class PartsTracker:
         self._time_ns = frame.time_ns
         targets = self._targets
         targets.predict(dt)
+        self._move(frame.detections.moved or 0)
         self._lean(SizeModel.from_list(frame.detections.size_model))
         for item in targets.items:
             item.begin_frame()
@@ -100,8 +102,7 @@ class PartsTracker:
             likely = self._scores.take(detections)
             detections = replace(detections, scores=likely.tolist())
             moved = self._camera.follow(targets.items, targets.ahead(), frame.boxes, likely)
-            targets.boxes[:, :2] += moved
-            targets.motion.value += moved
+            self._move(moved)
         elif detections.fused:
             likely = self._scores.take(detections)
         seen = observe(detections)
@@ -134,6 +135,11 @@ class PartsTracker:
         notices += begun + self._age(frame)
         told = self._answer(frame, notices, gates)
         return told if likely is None else stamped(told, frame.boxes, likely)
+
+    def _move(self, by: NDArray[np.float64] | list[int] | int) -> None:
+        """The whole picture moved by so many pixels, right and down."""
+        self._targets.boxes[:, :2] += by
+        self._targets.motion.value += by
 
     def _lean(self, model: SizeModel | None) -> None:
         """Predicted sizes of targets that are not seen whole lean towards those usual at their

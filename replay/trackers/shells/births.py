@@ -165,7 +165,7 @@ def returned(
     ]
     if not lost:
         return None
-    seen = colours_in(bodies.box(row), frame.image, frame.mask)
+    seen = colours_in(bodies.box(row), frame.evenly_lit, frame.mask)
     by_id = {item.id: k for k, item in enumerate(bodies.items) if item.id != TENTATIVE}
     here = bodies.bank.value[row]
     best: Known | None = None

@@ -82,6 +82,7 @@ class ShellsTracker:
         self._dt = dt if dt > 0 else max(1e-3, self._scene.frame_ns * NS)
         self._life.take_regions(frame.regions)
         self._bodies.predict(dt)
+        self._bodies.bank.value[:, :2] += frame.detections.moved or 0
         self._lean(SizeModel.from_list(frame.detections.size_model))
         for body in self._bodies.items:
             body.begin_frame()
@@ -181,7 +182,7 @@ class ShellsTracker:
             Foreground(mask, labels, frame.detections.components),
             frame.boxes,
             blobs,
-            lambda: frame.image,
+            lambda: frame.evenly_lit,
         )
         resolver = Resolver(seen, self._bodies, rows, radii, self._are_related, self._p)
         below = resolver.blobs()
@@ -291,7 +292,7 @@ class ShellsTracker:
     def _follow_boxes(self, frame: Frame, free: Free, radii: Floats) -> dict[int, int]:
         """The same where boxes are all there is; {column: row}."""
         seeing = self._scene.has_images and self._p.box_colour > 0
-        looks = boxes.BoxColours(free.boxes, (lambda: frame.image) if seeing else None)
+        looks = boxes.BoxColours(free.boxes, (lambda: frame.evenly_lit) if seeing else None)
         taken = {
             column: row for row, column in boxes.match(self._bodies, free, looks, self._p)
         }
@@ -441,7 +442,7 @@ class ShellsTracker:
             body.look(bins, at.own)
 
     def _bins(self, frame: Frame, at: Resolved) -> NDArray[np.uint16] | None:
-        image = frame.image
+        image = frame.evenly_lit
         if image is None:
             return None
         h, w = at.own.shape

@@ -219,6 +219,9 @@ class Shown:
 
     around = near
 
+    def within(self, _: Shift) -> bool:
+        return True
+
 
 @pytest.mark.parametrize(
     ("unmoved", "aside", "shift"),
@@ -331,3 +334,41 @@ def test_live_an_even_ground_is_a_view_and_no_lost_signal() -> None:
     masks, told = run((tank(k) for k in range(60)), prepared=False)
     assert told == []
     assert all(mask.any() for mask in masks[20:])
+
+
+def test_in_the_dark_a_picture_is_not_without_signal(undisturbed: list[Image]) -> None:
+    masks, told = run(
+        dimmed(image, 0.2) if HALF <= k < HALF + 30 else image
+        for k, image in enumerate(walk(FRAMES))
+    )
+    assert kinds(told) == ["light", "light"]
+    assert alike(masks, undisturbed, range(HALF, HALF + 30)) > 0.5
+
+
+def lit_and_moved(pictures: Iterable[Image]) -> list[tuple[list[float], list[int]]]:
+    """What each frame's detections say of the picture."""
+    kept = list(pictures)
+    segmenter = MotionSegmenter(SegmentationParameters(), WIDTH, HEIGHT, FPS)
+    segmenter.prepare(iter(kept[::2]))
+    found = [segmenter.segment(k, image).detections for k, image in enumerate(kept)]
+    return [(d.light, d.moved) for d in found]
+
+
+def test_detections_say_in_what_light_they_were_seen() -> None:
+    said = lit_and_moved(
+        dimmed(image, 0.5) if k >= HALF else image for k, image in enumerate(walk(FRAMES))
+    )
+    assert all(light == [] for light, _ in said[:HALF])
+    assert all(abs(v - 0.5) < 0.05 for light, _ in said[HALF:] for v in light)
+    assert all(len(light) == 3 for light, _ in said[HALF:])
+
+
+def test_detections_say_how_far_the_picture_moved_also_while_the_camera_turns() -> None:
+    ground = place()
+    where = [min(56, max(0, k - 80) * 4) for k in range(160)]
+    said = lit_and_moved(picture(ground, k, right=-x) for k, x in enumerate(where))
+    moved = [by for _, by in said]
+    turning = range(82, 94)
+    assert [by for by in moved[:80] if by] == []
+    assert sum(by == [-4, 0] or by == [4, 0] for by in (moved[k] for k in turning)) >= 10
+    assert len({by[0] for by in moved if by}) == 1
