@@ -7,7 +7,7 @@ Live they are spread over the past.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,6 +140,7 @@ class Background:
         noisy: in most places the level follows from the spread: noise decides what is foreground.
         waving: in this share of the places the level follows from the spread.
         swaying: where the ground waves, if it does anywhere.
+        restless: (H, W) uint8, what of the level follows from the spread; None where nothing does.
     """
 
     colour: Image
@@ -148,6 +149,7 @@ class Background:
     noisy: bool = False
     waving: float = 0.0
     swaying: Waving | None = None
+    restless: Image | None = None
     _around: tuple[Image, Image] | None = field(default=None, init=False, repr=False)
 
     @classmethod
@@ -182,7 +184,8 @@ class Background:
         restless = int(np.count_nonzero(by_spread > threshold * brightness))
         share = restless / by_spread.size
         swaying = waving(stack, colour, levels)
-        return cls(colour, levels, coloured, noisy, share, swaying)
+        unrest = np.minimum(by_spread, np.float32(MAX_LEVEL)).astype(np.uint8)
+        return cls(colour, levels, coloured, noisy, share, swaying, unrest)
 
     def around(self) -> tuple[Image, Image]:
         """The least and the largest values of each pixel and its neighbours, (H, W, 3) uint8."""
@@ -198,9 +201,14 @@ class Background:
         """The same place for a camera that sees no colours."""
         colour = self.colour.copy()
         colour[..., 1:] = NEUTRAL_CHROMA
-        return Background(
-            colour, self.level.copy(), False, self.noisy, self.waving, self.swaying
-        )
+        return replace(self, colour=colour, coloured=False)
+
+    def asks_less(self) -> None:
+        """Half of the difference is foreground, where the background itself does not change as
+        much.
+        """
+        half = self.level // 2
+        self.level = half if self.restless is None else np.maximum(half, self.restless)
 
     def follow(self, picture: Image, still: Image) -> None:
         """Move the background by one level towards the picture where ``still`` (H, W) is not

@@ -141,6 +141,11 @@ class FoundBodies:
             self.usual = guess if guess is not None and guess.least_area >= least else None
 
     @property
+    def torn(self) -> bool:
+        """Bodies are seen in pieces that go together."""
+        return self._sightings.torn
+
+    @property
     def sightings(self) -> int:
         """How many bodies were seen clean."""
         return self._sightings.count
@@ -156,6 +161,7 @@ class FoundBodies:
             least: a size that is only guessed counts from this area on, px^2.
         """
         masks = [(now.mask, later.mask) for now, later in pairs]
+        self._sightings = Sightings(self._width, self._height)
         for now, later in masks:
             self.look_twice(now, later)
         self.learn_usual(least)

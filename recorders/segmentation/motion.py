@@ -99,8 +99,25 @@ class MotionSegmenter:
         if not self._scenery.learn([pair[0] for pair in samples.kept]):
             return
         self._live = False
+        masks = self._looked_twice(samples.kept)
+        self._bodies.learn_usual_of(masks, self._min_area)
+        if self._bodies.torn:
+            # Clothes like the background: what the background leaves undisturbed tells them.
+            self._scenery.asks_less()
+            masks = self._looked_twice(samples.kept)
+            self._bodies.learn_usual_of(masks, self._min_area)
+        found = [self._bodies.measured_in(now, self._min_area) for now, _ in masks]
+        for blobs in found:
+            self._bodies.observe(blobs)
+        self._bodies.learn()
+        self.quality = self._measured(masks, found)
+
+    def _looked_twice(self, pairs: list[Image]) -> list[tuple[Foreground, Foreground]]:
+        """The foreground of pairs of pictures, (2, H, W, 3) uint8 in Y, Cr, Cb, that show a known
+        view.
+        """
         masks = []
-        for number, (now, later) in enumerate(samples.kept):
+        for number, (now, later) in enumerate(pairs):
             view = self._scenery.of_sample(number)
             if view is not None:
                 after = view.found_again(later)
@@ -108,12 +125,7 @@ class MotionSegmenter:
                 masks.append(
                     (self._found(now, view)[0], self._found(later, after, view)[0])
                 )
-        self._bodies.learn_usual_of(masks, self._min_area)
-        found = [self._bodies.measured_in(now, self._min_area) for now, _ in masks]
-        for blobs in found:
-            self._bodies.observe(blobs)
-        self._bodies.learn()
-        self.quality = self._measured(masks, found)
+        return masks
 
     def _measured(
         self, pairs: list[tuple[Foreground, Foreground]], found: list[list[Blob]]

@@ -328,6 +328,10 @@ class Reference:
         most = int(MOST_SHIFT * width), int(MOST_SHIFT * height)
         return abs(shift[0]) <= most[0] and abs(shift[1]) <= most[1]
 
+    def lit(self, picture: Image) -> bool:
+        """Whether most of a picture is as bright as the view, in some light."""
+        return light_of(picture, self._picture).known
+
     def agrees(self, picture: Image) -> bool:
         """Whether nearly all of a picture is as bright as the view, whatever becomes of its
         landmarks: they may have been on bodies.

@@ -148,6 +148,11 @@ class Scenery:
         shares = [ground.background.waving for ground in self._grounds.values()]
         return max(shares, default=0.0)
 
+    def asks_less(self) -> None:
+        """Less of a difference is foreground, see `Background.asks_less`."""
+        for ground in self._grounds.values():
+            ground.background.asks_less()
+
     # -- in hindsight --------------------------------------------------------------------------
 
     def learn(self, pictures: list[Image]) -> bool:

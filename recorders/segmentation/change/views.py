@@ -225,7 +225,7 @@ def _take_together(made: Division, pictures: list[Image]) -> None:
     reference = Reference(luma, among=steady)
     for k in shown:
         sight = reference.sight(pictures[k], (0, 0))
-        if shows(sight) and sight.still:
+        if shows(sight) and sight.still and (reference.known or reference.lit(pictures[k])):
             made.seen[k] = replace(made.seen[k], place=-1, shift=(0, 0))
     here = CameraPlace(-1, reference, steady=steady)
     every = {place.number: place for place in (here, *made.places)}

@@ -138,3 +138,17 @@ def test_a_monochrome_camera_is_told_by_its_chroma() -> None:
     coloured[:4, :, 1] = 140
     assert not Background.learn([grey] * 6, 30.0, 2.0).coloured
     assert Background.learn([coloured] * 6, 30.0, 2.0).coloured
+
+
+def test_less_is_asked_only_where_the_background_keeps_still() -> None:
+    """Where it changes by itself, what follows from that stays."""
+    stack = [picture(100, (60, 80, 3)) for _ in range(6)]
+    for k, one in enumerate(stack):
+        one[:30, :, 0] += 12 * (k % 3)
+    background = Background.learn(stack, 30.0, 2.0)
+    before = background.level.copy()
+    background.asks_less()
+    assert (background.level[30:] == before[30:] // 2).all()
+    assert background.restless is not None
+    assert (background.level[:30] == background.restless[:30]).all()
+    assert (background.level[:30] > before[:30] // 2).all()

@@ -66,8 +66,23 @@ def test_other_views_stay_other_views(still: tuple[int, int], order: list[int]) 
     assert len(division.places) == len(set(order))
 
 
-def test_an_even_picture_has_nothing_steady() -> None:
-    assert steady_view([np.full((HEIGHT, WIDTH, 3), 128, np.uint8)] * 3) is None
+def test_an_even_picture_has_nothing_steady_to_be_known_by() -> None:
+    view = steady_view([np.full((HEIGHT, WIDTH, 3), 128, np.uint8)] * 3)
+    assert view is not None
+    assert len(view[1]) == 0
+
+
+def test_a_crowd_before_a_wall_makes_no_views() -> None:
+    """What has texture is another in each picture; the camera rests."""
+    shown = []
+    for k in range(COUNT):
+        picture = np.full((HEIGHT, WIDTH, 3), 128, np.uint8)
+        picture[64:192, 8 * k : 8 * k + 128, 0] = texture(k)[64:192, :128]
+        shown.append(picture)
+    assert len(Landmarks.of(np.ascontiguousarray(shown[0][..., 0]))) >= 6
+    division = divide(shown)
+    assert [seen.place for seen in division.seen] == [0] * COUNT
+    assert [seen.shift for seen in division.seen] == [(0, 0)] * COUNT
 
 
 def test_landmarks_are_chosen_among_the_patches_that_are_asked() -> None:
