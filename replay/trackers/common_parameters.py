@@ -60,12 +60,6 @@ def keep_s(default: float) -> Any:
     return param(default, words, unit="s", low=0.0, high=3600.0)
 
 
-def half_life_s(default: float) -> Any:
-    """How fast the confidence in an unseen target falls."""
-    words = "an unseen target's confidence halves in this time"
-    return param(default, words, unit="s", low=0.001, high=3600.0)
-
-
 def hidden_patience(default: float) -> Any:
     """How much longer those behind others are held."""
     words = "targets behind others are held so many times longer"

@@ -27,6 +27,7 @@ from reasoning.regions import (
     default_regions,
 )
 from recorders.messages import NO_BLOB, Box, Mode, Notice, Regions, TrackSighting
+from replay.trackers.pace import stretch
 from replay.trackers.tracker import SceneInfo
 
 Floats = NDArray[np.float64]
@@ -34,6 +35,8 @@ NANOS = 1e9
 TENTATIVE = -1
 """The identity of who is not confirmed."""
 ADRIFT = "ours: where it is by now is not known, and there are no colours to know it by"
+HALF_LIFE_S = 0.5
+"""The forward pass's confidence in an unseen target halves in this time."""
 _REMEMBERED = 10
 """Observations that the quality is a running mean of, at most."""
 
@@ -150,11 +153,6 @@ class LifeParameters(Protocol):
         """A target unseen for longer is removed, seconds."""
         ...
 
-    @property
-    def half_life_s(self) -> float:
-        """The confidence in an unseen target halves in this time, seconds."""
-        ...
-
 
 @dataclass(frozen=True)
 class Paper:
@@ -237,6 +235,7 @@ class Life:
         self._patience = hidden_patience
         self._region_parameters = regions
         self._size = (scene.width, scene.height)
+        self._half_life_s = HALF_LIFE_S * stretch(scene.frame_ns)
         self._drawn: Regions | None = None
         self._next_id = 1
         self.regions = SceneRegions(
@@ -336,7 +335,7 @@ class Life:
 
     def _mode(self, item: Living, unseen: float) -> list[Notice]:
         patience = self._patience if item.hiding and self._paper.faith else 1.0
-        item.confidence = item.quality * 0.5 ** (unseen / (patience * self._p.half_life_s))
+        item.confidence = item.quality * 0.5 ** (unseen / (patience * self._half_life_s))
         mode = item.way
         if mode == item.mode:
             return []

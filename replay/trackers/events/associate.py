@@ -89,7 +89,7 @@ def match(
     cost = (
         (1.0 - overlap)
         + distance2 / gate2
-        + parameters.colour_cost * _colour_costs(tracks, rows, seen, columns, allowed)
+        + _colour_costs(tracks, rows, seen, columns, allowed)
     )
     row, column = rows.tolist(), columns.tolist()
     scores = seen.scores[columns].tolist()

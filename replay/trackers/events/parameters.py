@@ -79,7 +79,6 @@ class EventsParameters(Parameters):
     tentative_s: float = common.tentative_s(0.3)
     coast_s: float = common.coast_s(0.3)
     keep_s: float = common.keep_s(4.0)
-    half_life_s: float = common.half_life_s(0.5)
     size_tolerance: float = param(
         0.3,
         "a blob this much higher or lower than its target is not the target alone",
@@ -116,9 +115,6 @@ class EventsParameters(Parameters):
     )
     learn_s: float = param(
         0.25, "a lone target's colours are learnt this often", unit="s", low=0.0, high=60.0
-    )
-    colour_cost: float = param(
-        1.0, "cost of entirely different colours in association", low=0.0, high=100.0
     )
     drift: float = param(
         0.5,

@@ -202,7 +202,6 @@ class PartsParameters(Parameters):
     tentative_s: float = common.tentative_s(0.3)
     coast_s: float = common.coast_s(0.5)
     keep_s: float = common.keep_s(2.0)
-    half_life_s: float = common.half_life_s(0.5)
     min_unexplained: float = param(
         0.5, "a detection with less foreground of its own starts nothing", low=0, high=1
     )

@@ -212,7 +212,6 @@ class ShellsParameters(Parameters):
     coast_s: float = common.coast_s(0.4)
     hidden_patience: float = common.hidden_patience(3.0)
     keep_s: float = common.keep_s(4.0)
-    half_life_s: float = common.half_life_s(0.5)
     recover: float = param(
         0.55,
         "largest colour distance (Hellinger) of an object that comes back",
