@@ -150,6 +150,10 @@ class FoundBodies:
         """How many bodies were seen clean."""
         return self._sightings.count
 
+    def forget(self) -> None:
+        """What was looked at twice so far had shadows in it: it is not learnt from."""
+        self._sightings = Sightings(self._width, self._height)
+
     def learn_usual_of(
         self, pairs: list[tuple[Foreground, Foreground]], least: float
     ) -> None:
@@ -161,7 +165,6 @@ class FoundBodies:
             least: a size that is only guessed counts from this area on, px^2.
         """
         masks = [(now.mask, later.mask) for now, later in pairs]
-        self._sightings = Sightings(self._width, self._height)
         for now, later in masks:
             self.look_twice(now, later)
         self.learn_usual(least)

@@ -42,12 +42,21 @@ class Shadows:
 
     def __init__(self, parameters: SegmentationParameters, width: int, height: int) -> None:
         self._darkest = _shares(parameters.shadow_darkest)
-        self._darkest_grey = _shares(
-            max(parameters.shadow_darkest, parameters.shadow_darkest_grey)
-        )
+        self._grey_keeps = max(parameters.shadow_darkest, parameters.shadow_darkest_grey)
+        self._darkest_grey = _shares(self._grey_keeps)
         self._colour = np.full(
             (height, width), int(parameters.shadow_colour_levels), np.uint8
         )
+
+    def learn_grey(self, keeps: float) -> bool:
+        """Where there are no colours, a shadow keeps this share of the brightness at least
+        (`recorders.segmentation.darkness`), if that is less than what was said. Whether it is;
+        where shadows are kept it is not.
+        """
+        if keeps >= self._grey_keeps or self._grey_keeps >= 1.0:
+            return False
+        self._darkest_grey = _shares(keeps)
+        return True
 
     def find(
         self, picture: Image, behind: Image, chroma: Image, coloured: bool = True

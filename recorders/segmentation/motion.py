@@ -22,6 +22,7 @@ from recorders.segmentation.change.light import Light, light_of
 from recorders.segmentation.change.scenery import Scenery, View
 from recorders.segmentation.change.standstill import Standstill
 from recorders.segmentation.change.telling import Teller
+from recorders.segmentation.darkness import Darkness
 from recorders.segmentation.evidence import (
     NEUTRAL,
     Foreground,
@@ -106,6 +107,10 @@ class MotionSegmenter:
             self._scenery.asks_less()
             masks = self._looked_twice(samples.kept)
             self._bodies.learn_usual_of(masks, self._min_area)
+        if self._shadows.learn_grey(self._darkness(samples.kept).shadow_keeps()):
+            self._bodies.forget()
+            masks = self._looked_twice(samples.kept)
+            self._bodies.learn_usual_of(masks, self._min_area)
         found = [self._bodies.measured_in(now, self._min_area) for now, _ in masks]
         for blobs in found:
             self._bodies.observe(blobs)
@@ -126,6 +131,21 @@ class MotionSegmenter:
                     (self._found(now, view)[0], self._found(later, after, view)[0])
                 )
         return masks
+
+    def _darkness(self, pairs: list[Image]) -> Darkness:
+        """How dark bodies are in the first of pairs of pictures, where there are no colours."""
+        seen = Darkness()
+        for number, (now, _) in enumerate(pairs):
+            view = self._scenery.of_sample(number)
+            if view is None or view.background.coloured or self._bodies.usual is None:
+                continue
+            here = view.over_background(now)
+            light = light_of(here, view.background.colour)
+            found = self._foreground(here, view.background, light, view.inexact)
+            _, labels, blobs = self._bodies.found_in(found.mask, self._min_area)
+            behind = light.over(view.background.colour)
+            seen.observe(here[..., 0], behind[..., 0], labels, blobs)
+        return seen
 
     def _measured(
         self, pairs: list[tuple[Foreground, Foreground]], found: list[list[Blob]]

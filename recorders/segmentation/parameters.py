@@ -34,7 +34,8 @@ class SegmentationParameters(Parameters):
     shadow_darkest_grey: float = param(
         0.7,
         "a shadow in a recording without colours, where it looks like dark clothes, keeps at least"
-        " this share of the background's brightness; 1 keeps shadows",
+        " this share of the background's brightness, or less where bodies take most of the light; 1"
+        " keeps shadows",
         low=0.05,
         high=1,
     )

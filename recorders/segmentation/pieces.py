@@ -7,6 +7,7 @@ place: two bodies that pass one another are not.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,8 @@ THIN = 0.15
 """A small piece is thin under this, of the usual width: a streak of shadow, a wire, a speck."""
 THIN_PART = 0.1
 """What is thinner than this does not count for the size of a body: a tail, a shadow at its feet."""
+THIN_TURNING = 0.15
+"""Bodies that turn have no usual width: there it is this, of the root of the usual area."""
 SMALL = 0.2
 """A piece is small under this share of the usual area."""
 LEAST = 0.4
@@ -79,7 +82,7 @@ def together(pieces: Floats, usual: UsualSize) -> list[PieceGroup]:
     members: list[tuple[int, ...]] = [(k,) for k in range(len(pieces))]
     area = area.copy()
     while len(box) > 1:
-        cost = _costs(box, usual)
+        cost = _costs(box, area, usual)
         k = int(cost.argmin())
         i, j = divmod(k, len(box))
         if not np.isfinite(cost[i, j]):
@@ -97,7 +100,7 @@ def together(pieces: Floats, usual: UsualSize) -> list[PieceGroup]:
     ]
 
 
-def _costs(box: Floats, usual: UsualSize) -> Floats:
+def _costs(box: Floats, area: Floats, usual: UsualSize) -> Floats:
     """What joining each pair costs, (N, N): infinite for those that do not belong together, and
     for all but i < j.
     """
@@ -118,6 +121,8 @@ def _costs(box: Floats, usual: UsualSize) -> Floats:
         fits |= (reached | within).all(axis=-1)
     fits &= (gap <= np.array((GAP, usual.gap)) * most).all(axis=-1)
     fits &= np.arange(len(box))[:, None] < np.arange(len(box))
+    if usual.turning:
+        fits &= area[:, None] + area <= REACH * usual.at(high[..., 1])[2]
     cost = (gap / most).sum(axis=-1) + SIZE_WEIGHT * (size / most).max(axis=-1)
     return np.where(fits, cost, np.inf)
 
@@ -157,7 +162,7 @@ def bodies_of(
                 continue
             own = [faint]
         if not upright:
-            own = _solid(own, THIN_PART * float(usual.at(np.array(group.box[3]))[0]))
+            own = _solid(own, _thin(usual, group.box[3]))
         for part in own:
             part.paint(clean)
         _tie(own, clean)
@@ -250,6 +255,12 @@ def _thick(part: Part, side: int) -> Part:
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     thick = as_image(cv2.morphologyEx(around, cv2.MORPH_OPEN, kernel))
     return Part(thick[side:-side, side:-side], part.x, part.y)
+
+
+def _thin(usual: UsualSize, foot: float) -> float:
+    """What is thinner than so many px is no part of a body that is not upright: a tail."""
+    width, _, area = (float(v) for v in usual.at(np.array(foot)))
+    return THIN_TURNING * math.sqrt(area) if usual.turning else THIN_PART * width
 
 
 def _solid(parts: list[Part], thin: float) -> list[Part]:

@@ -50,6 +50,10 @@ MAX_AREA_SPREAD = 2.0
 """Bodies are alike where three quarters of them are not larger than this many times the first
 quarter.
 """
+LEVEL = 1.5
+"""Who is seen from above is no larger than this many times in one half of the picture than in the
+other.
+"""
 UPRIGHT = 0.8
 """Bodies are upright where this share of the area that was seen of them is higher than wide."""
 AS_HIGH = 1.5
@@ -85,6 +89,8 @@ class UsualSize:
         gap: between the pieces of a body lies at most this, of the usual height.
         halves: what lies above or below a wide piece may be its other half. Not over the gaps of
             torn bodies, where it may be a crowd's, nor where pieces are wanted as they are.
+        turning: bodies are seen from above, all of one size: each is as wide and as high as it is
+            long, as it turns.
     """
 
     feet: Floats
@@ -92,6 +98,7 @@ class UsualSize:
     alike: Floats
     gap: float = GAP
     halves: bool = True
+    turning: bool = False
 
     def at(self, feet: Floats) -> tuple[Floats, Floats, Floats]:
         """Width, height and area at feet (any shape, px); each of that shape."""
@@ -247,9 +254,15 @@ class Sightings:
         if len(rows) < FEWEST or np.count_nonzero(rows[:, 5] == 1.0) < FEWEST_MOVING:
             return None
         feet = np.linspace(0.0, self.height, PLACES)
-        weights = rows[:, 4] * rows[:, 5] / _alike(rows) * self._near(feet, rows)
+        weights = np.tile(rows[:, 4] * rows[:, 5] / _alike(rows), (PLACES, 1))
+        turning = _from_above(rows, weights[0])
+        if turning:
+            longest = rows[:, 2:4].max(axis=1)
+            rows = np.column_stack([rows[:, :2], longest, longest, rows[:, 4:]])
+        else:
+            weights = weights * self._near(feet, rows)
         sizes, alike = _sizes(rows, weights), _alike_at(rows, weights)
-        return UsualSize(feet, sizes, alike, halves=not specks)
+        return UsualSize(feet, sizes, alike, halves=not specks, turning=turning)
 
     def guess(self) -> UsualSize | None:
         """What most of the foreground belongs to, clean or not: better than nothing where bodies
@@ -335,6 +348,21 @@ def _alike_at(rows: Floats, weights: Floats) -> Floats:
         for share in (0.25, 0.75)
     )
     return (high <= MAX_AREA_SPREAD * low).astype(np.float64)
+
+
+def _from_above(rows: Floats, weights: Floats) -> bool:
+    """Whether bodies (N, 5+) that weigh (N,) are seen from above: all are alike, and those farther up
+    in the picture as those farther down. Then one size holds everywhere, and as they turn they are
+    as wide as they are high: a few of them in each place say neither.
+    """
+    if not _alike_at(rows, weights[None]).all():
+        return False
+    feet = rows[:, 1] + rows[:, 3]
+    far = feet <= np.median(feet)
+    if far.all():
+        return True
+    a, b = (median(rows[part, 4], weights[part]) for part in (far, ~far))
+    return max(a, b) <= LEVEL * min(a, b)
 
 
 def _alike(rows: Floats) -> Floats:

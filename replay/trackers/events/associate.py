@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from recorders.messages import NO_BLOB, Ellipse
 from replay.trackers.appearance import distance
-from replay.trackers.association import assign, boxes_of, sizes_of, widened_iou
+from replay.trackers.association import assign, boxes_of, clusters, sizes_of, widened_iou
 from replay.trackers.belief import LIKELY
 from replay.trackers.events.parameters import EventsParameters
-from replay.trackers.events.places import FrameForeground
+from replay.trackers.events.places import FrameForeground, linked_to
 from replay.trackers.events.tracks import EventsTracks
 
 Floats = NDArray[np.float64]
@@ -157,28 +157,74 @@ def one_each(
     fg: FrameForeground,
     seen: SeenDetections,
     parameters: EventsParameters,
+    *,
+    divided: bool,
 ) -> dict[int, int]:
     """Blobs that several targets share and that hold as many detections: each target has its own,
     column by row.
 
     Such a blob is not searched for its targets, its detections say where they are; unless one is
     out of reach.
+
+    Args:
+        tracks: all targets.
+        rows: those that are looked for.
+        fg: the frame's foreground.
+        seen: the frame's detections.
+        parameters: the parameters.
+        divided: the segmentation divides what bodies of one size share that turn: boxes of theirs
+            say little, and what it divided is taken from it, also by fewer targets, and from one
+            blob or from several that the same targets reach into.
     """
     given = np.bincount(np.clip(seen.blobs, 0, len(fg.boxes)), minlength=len(fg.boxes) + 1)
-    if not len(rows) or given[1:].max(initial=0) < 2:
+    if not len(rows) or given[1:].sum() < 2:
         return {}
-    pixels = fg.links(tracks.boxes[np.array(rows)])
+    boxes = tracks.boxes[np.array(rows)]
+    pixels = fg.links(boxes)
     home = np.where(pixels.max(axis=1) > 0, pixels.argmax(axis=1) + 1, NO_BLOB)
+    sharing = [
+        (np.flatnonzero(home == blob).tolist(), [blob])
+        for blob in (np.flatnonzero(given[1:] >= 2) + 1).tolist()
+    ]
+    if divided:
+        linked = linked_to(fg, boxes, pixels)
+        sharing += [
+            (group, (np.flatnonzero(linked[group].any(axis=0)) + 1).tolist())
+            for group in clusters(list(range(len(rows))), linked)
+            if len(group) > 1
+        ]
     found: dict[int, int] = {}
-    for blob in np.flatnonzero(given[1:] >= 2) + 1:
-        here = np.array(rows, np.intp)[home == blob]
-        if len(here) == given[blob]:
-            pairs = match(
-                tracks, here, seen, np.flatnonzero(seen.blobs == blob), parameters
-            )
-            if len(pairs) == len(here):
-                found.update(pairs)
+    for group, blobs in sharing:
+        here = np.array(rows, np.intp)[group]
+        columns = np.flatnonzero(np.isin(seen.blobs, blobs))
+        fewer = divided and len(blobs) == 1 and 0 < len(here) < len(columns)
+        if not fewer and len(here) != len(columns):
+            continue
+        if found.keys() & set(here.tolist()):
+            continue
+        pairs = (
+            _nearest(tracks, here, seen, columns)
+            if divided
+            else match(tracks, here, seen, columns, parameters)
+        )
+        if len(pairs) == len(here):
+            found.update(pairs)
     return found
+
+
+def _nearest(
+    tracks: EventsTracks, rows: Rows, seen: SeenDetections, columns: Rows
+) -> list[tuple[int, int]]:
+    """Associate some targets with what the segmentation divided, (row, column) pairs by row: with
+    what overlaps and lies no farther off than a body is long, however fast that would be. Where
+    blobs meet and part it leaps.
+    """
+    mine, theirs = tracks.boxes[rows], seen.boxes[columns]
+    off = (mine[:, None, :2] + mine[:, None, 2:] / 2) - (theirs[:, :2] + theirs[:, 2:] / 2)
+    away = np.hypot(off[..., 0], off[..., 1]) / sizes_of(mine)[:, None]
+    overlap = widened_iou(mine, theirs, np.zeros((len(mine), 2)))
+    pairs = assign(away + 1.0 - overlap, (away <= 1.0) & (overlap > 0.0))
+    return [(int(rows[i]), int(columns[j])) for i, j in pairs]
 
 
 def _colour_costs(

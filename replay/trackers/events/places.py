@@ -375,10 +375,8 @@ def place(
     n, m = len(boxes), len(fg.boxes)
     if not n or not m:
         return [None] * n
-    area = np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)
     pixels = fg.links(boxes)
-    linked = (pixels >= 0.08 * area[:, None]) | (pixels >= 0.5 * fg.areas[None, :])
-    linked &= pixels > 0
+    linked = linked_to(fg, boxes, pixels)
     tenants = linked.sum(axis=0)
     held = np.bincount(np.clip(detection_blobs, 0, m), minlength=m + 1)[1:]
     fits = _fits(expected, fg, parameters) | expected.patient[:, None]
@@ -412,6 +410,19 @@ def place(
             company = bool((tenants[linked[i]] > 1).any())
             out[i] = replace(at, company=company, tenant=tenants_only[i])
     return out
+
+
+def linked_to(fg: FrameForeground, boxes: Floats, pixels: Floats) -> NDArray[np.bool_]:
+    """Which of M blobs each of N boxes (N, 4) has a part in, (N, M).
+
+    Args:
+        fg: the frame's foreground.
+        boxes: of targets.
+        pixels: (N, M) what `FrameForeground.links` gives for them.
+    """
+    area = np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)
+    linked = (pixels >= 0.08 * area[:, None]) | (pixels >= 0.5 * fg.areas[None, :])
+    return np.asarray(linked & (pixels > 0))
 
 
 def _fits(

@@ -83,6 +83,7 @@ class EventsTracker:
             1, round(parameters.learn_s / max(1e-3, scene.frame_ns * NS))
         )
         self._rare = stretch(scene.frame_ns) > 1.0
+        self._divided = False
         self._time_ns: int | None = None
 
     def step(self, frame: Frame) -> Targets:
@@ -206,7 +207,9 @@ class EventsTracker:
             return likenesses([items[rows[row]] for row in which], frame.evenly_lit, cut)
 
         found = place(fg, expected, seen.boxes, seen.blobs, look, self._p)
-        told = one_each(self._tracks, rows, fg, seen, self._p)
+        told = one_each(
+            self._tracks, rows, fg, seen, self._p, divided=self._divides(seen, model)
+        )
         for k, (row, at) in enumerate(zip(rows, found, strict=True)):
             if row in told:
                 found[k] = self._take(row, frame, seen, told[row])
@@ -224,6 +227,16 @@ class EventsTracker:
             if at is not None and items[r].observed
         ]
         return _left_over(fg, kept, seen, model, self._p)
+
+    def _divides(self, seen: SeenDetections, model: SizeModel | None) -> bool:
+        """Whether the segmentation divides blobs of bodies that are no upright people, as it once
+        did: what a detector or a source says has no ellipses.
+        """
+        if model is not None or seen.fused or None in seen.ellipses:
+            return False
+        mine = seen.blobs[seen.blobs != NO_BLOB]
+        self._divided |= len(np.unique(mine)) < len(mine)
+        return self._divided
 
     def _places(self) -> Floats:
         """Boxes (N, 4) where the targets may be: who is lost, was hidden, and would be on its way
@@ -511,6 +524,7 @@ class EventsTracker:
         """The whole state as plain data."""
         return {
             "time_ns": self._time_ns,
+            "divided": self._divided,
             "tracks": self._tracks.state(),
             "scores": self._scores.state(),
             "camera": self._camera.state(),
@@ -522,6 +536,7 @@ class EventsTracker:
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` gave; the regions come with the next frame."""
         self._time_ns = state["time_ns"]
+        self._divided = state["divided"]
         self._tracks.restore(state["tracks"])
         self._scores.restore(state["scores"])
         self._camera.restore(state["camera"])

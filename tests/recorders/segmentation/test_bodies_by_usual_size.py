@@ -131,6 +131,57 @@ def test_near_and_far_bodies_have_sizes_of_their_own() -> None:
     assert learnt.at(np.array([35.0, 230.0]))[1].tolist() == [15, 140]
 
 
+def from_above(*, odd: bool) -> UsualSize:
+    """What bodies that turn teach, lying here and standing there; or with one of a far reflection."""
+    seen = Sightings(WIDTH, HEIGHT)
+    for k in range(4):
+        lying, standing = (10 + 70 * k, 100, 60, 20), (30 + 70 * k, 150, 20, 60)
+        there = [lying, standing, *([(200, 5, 20, 20)] if odd and not k else [])]
+        seen.observe(rows(*there), rows(*((x + 4, y, w, h) for x, y, w, h in there)))
+    learnt = seen.learn()
+    assert learnt is not None
+    return learnt
+
+
+@pytest.mark.parametrize("odd", [False, True])
+def test_bodies_seen_from_above_have_one_size_everywhere_however_they_turn(
+    odd: bool,
+) -> None:
+    learnt = from_above(odd=odd)
+    assert learnt.turning
+    for size, expected in zip(
+        learnt.at(np.array([25.0, 120.0, 230.0])), (60, 60, 1200), strict=True
+    ):
+        assert size.tolist() == [expected] * 3
+
+
+def test_bodies_that_are_larger_where_they_are_nearer_are_not_seen_from_above() -> None:
+    seen = Sightings(WIDTH, HEIGHT)
+    for k in range(4):
+        near, far = (10 + 70 * k, 150, 60, 40), (20 + 70 * k, 50, 48, 30)
+        seen.observe(
+            rows(near, far), rows(*((x + 4, y, w, h) for x, y, w, h in (near, far)))
+        )
+    learnt = seen.learn()
+    assert learnt is not None
+    assert not learnt.turning
+    assert learnt.at(np.array([80.0, 190.0]))[0].tolist() == [48, 60]
+
+
+def test_pieces_of_a_body_that_turns_are_one_and_never_more_than_a_body() -> None:
+    usual = from_above(odd=False)
+    halves = rows((100, 100, 28, 20), (132, 100, 28, 20))
+    assert len(together(halves, usual)) == 1
+    two = rows((100, 100, 20, 55), (125, 100, 20, 55))
+    assert len(together(two, usual)) == 2
+
+
+def test_a_tail_of_a_body_that_turns_is_taken_off() -> None:
+    mask = mask_of((100, 100, 60, 20), (160, 108, 50, 4))
+    blobs = bodies_of(mask, from_above(odd=False), None, upright=False)[2]
+    assert [blob.box[2] for blob in blobs] == [pytest.approx(60, abs=3)]
+
+
 def test_pieces_of_one_body_are_one_and_two_bodies_are_two() -> None:
     head, trunk, legs = (103, 50, 12, 12), (100, 66, 20, 20), (100, 92, 20, 18)
     other = (126, 50, 20, 60)

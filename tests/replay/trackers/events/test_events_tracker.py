@@ -256,6 +256,54 @@ def test_two_who_pass_keep_their_ids_and_are_followed_by_appearance_within_one_b
     assert {t.mode for t in out[-1].targets} == {"motion"}
 
 
+def _divided_frame(index: int, bodies: Sequence[Box], blobs: Sequence[int]) -> Frame:
+    """Bodies seen from above, each a detection of the given blob; one blob of several is tied."""
+    image = np.full((HEIGHT, WIDTH, 3), GREY, np.uint8)
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    for x, y, w, h in bodies:
+        mask[int(y) : int(y + h), int(x) : int(x + w)] = 255
+    image[mask > 0] = RED
+    if len(set(blobs)) < len(blobs):
+        x1, y1 = (int(min(b[k] for b in bodies)) for k in (0, 1))
+        x2, y2 = (int(max(b[k] + b[k + 2] for b in bodies)) for k in (0, 1))
+        mask[y1:y2, (x1 + x2) // 2] = 255
+        mask[(y1 + y2) // 2, x1:x2] = 255
+    clean, _, found = components(mask, 20)
+    n = len(bodies)
+    detections = Detections(
+        index, WIDTH, HEIGHT, list(bodies), [0.8] * n, ["o"] * n,
+        [found[blob - 1].ellipse for blob in blobs], list(blobs), found,
+    )  # fmt: skip
+    return Frame(index, index * FRAME_NS, detections, None, lambda: image, lambda: clean)
+
+
+@pytest.mark.parametrize("touched", [False, True])
+def test_bodies_that_turn_are_where_the_segmentation_divided_them(touched: bool) -> None:
+    """Two lie side by side and in touch, and then stand side by side: boxes of the size that they
+    had reach over both.
+    """
+    lying: list[Box] = [(100.0, 100.0, 80.0, 26.0), (100.0, 130.0, 80.0, 26.0)]
+    standing: list[Box] = [(106.0, 90.0, 26.0, 80.0), (146.0, 90.0, 26.0, 80.0)]
+    tracker = _pixels()
+    for k in range(20):
+        tracker.step(_divided_frame(k, lying, [1, 1] if touched and k > 15 else [1, 2]))
+    out = [tracker.step(_divided_frame(k, standing, [1, 2])) for k in range(20, 24)]
+    assert all([t.id for t in o.targets] == [1, 2] for o in out)
+    there = [sorted(t.measured or () for t in o.targets) == standing for o in out]
+    assert all(there) == touched
+
+
+def test_who_is_left_takes_his_own_part_of_a_divided_blob() -> None:
+    """One of two was lost; the other does not lie between what the blob was divided into."""
+    tracker = _pixels()
+    both: list[Box] = [(100.0, 100.0, 80.0, 26.0), (100.0, 130.0, 80.0, 26.0)]
+    for k in range(10):
+        tracker.step(_divided_frame(k, both[:1], [1]))
+    out = [tracker.step(_divided_frame(k, both, [1, 1])) for k in range(10, 20)]
+    assert all(o.targets[0].measured == both[0] for o in out)
+    assert [t.measured for t in out[-1].targets] == both
+
+
 def test_places_within_a_blob_are_near_the_truth() -> None:
     out = _play(_pixels(), _passing, 60)
     for o in out[10:50]:
