@@ -58,7 +58,7 @@ def grey_film(body: int) -> list[Image]:
         image[50:70, x : x + 30] = body
         if 26 <= k < 34:
             image[8:20, x : x + 30] = np.rint(image[8:20, x : x + 30] * 0.62)
-        images.append(np.repeat(image[..., None], 3, axis=2))
+        images.append(np.asarray(np.repeat(image[..., None], 3, axis=2), np.uint8))
     return images
 
 
