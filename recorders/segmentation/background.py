@@ -185,6 +185,7 @@ class Background:
         share = restless / by_spread.size
         swaying = waving(stack, colour, levels)
         unrest = np.minimum(by_spread, np.float32(MAX_LEVEL)).astype(np.uint8)
+        unrest[changed] = 0
         return cls(colour, levels, coloured, noisy, share, swaying, unrest)
 
     def around(self) -> tuple[Image, Image]:
