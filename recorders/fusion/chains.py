@@ -4,6 +4,7 @@ chain.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +16,10 @@ from recorders.messages import Box
 LEAST_OVERLAP = 0.25
 """Least intersection over union of a chain's expected box with what goes on with it."""
 LONGEST_GAP_S = 0.5
+REMEMBERED_S = 3.0
+"""Where a chain ended not longer ago, one that begins goes on with how far that one had come: who
+came and stands still is not always seen.
+"""
 HALF = 0.5
 """A chain's speed is half its last step and half what it was before."""
 
@@ -27,6 +32,8 @@ class Chain:
         box: the last one's.
         dx, dy: its speed, px per frame.
         last: the frame of the last one.
+        first, began: where and when it began, or the one that it goes on.
+        reach: how far it was from there at most, by its own size.
         frames, signs, sizes: of each frame since the first, gaps included: its number, the sign
             and the size class that it showed (see `recorders.fusion.belief`).
         past: the last boxes of the masks and of the detector with their frames, for how steady
@@ -35,6 +42,9 @@ class Chain:
 
     box: Box
     last: int
+    first: Box
+    began: int
+    reach: float = 0.0
     dx: float = 0.0
     dy: float = 0.0
     frames: list[int] = field(default_factory=list)
@@ -59,6 +69,7 @@ class Chain:
         dy = (y + h / 2 - before[1] - before[3] / 2) / steps
         self.dx, self.dy = HALF * (self.dx + dx), HALF * (self.dy + dy)
         self.box, self.last = hypothesis.box, frame
+        self.reach = max(self.reach, _apart(self.first, self.box))
 
     def forget(self, before: int) -> None:
         """Drop what lies before a frame."""
@@ -66,17 +77,29 @@ class Chain:
         del self.frames[:many], self.signs[:many], self.sizes[:many]
 
 
+def _apart(a: Box, b: Box) -> float:
+    """How far the centres of two boxes are apart, by their mean side."""
+    across = a[0] + a[2] / 2 - b[0] - b[2] / 2
+    down = a[1] + a[3] / 2 - b[1] - b[3] / 2
+    size = math.sqrt(math.sqrt(a[2] * a[3] * b[2] * b[3]))
+    return math.hypot(across, down) / max(1.0, size)
+
+
 class Chains:
     """The chains that are alive."""
 
     def __init__(self, fps: float) -> None:
         self._gap = max(1, round(LONGEST_GAP_S * fps))
+        self._remembered = round(REMEMBERED_S * fps)
+        self._over: list[Chain] = []
         self.alive: list[Chain] = []
 
     def link(self, frame: int, found: list[Hypothesis]) -> list[Chain]:
         """The chain of each hypothesis of the next frame, begun where there is none; the best
         overlap first, of equals the older chain, then the first hypothesis.
         """
+        self._over += [c for c in self.alive if frame - c.last > self._gap]
+        self._over = [c for c in self._over if frame - c.last <= self._remembered]
         self.alive = [c for c in self.alive if frame - c.last <= self._gap]
         expected = corners_of([c.expected(frame) for c in self.alive])
         overlap = overlaps(expected, corners_of([h.box for h in found]))
@@ -94,9 +117,18 @@ class Chains:
         for column, hypothesis in enumerate(found):
             chain = mine.get(column)
             if chain is None:
-                chain = Chain(hypothesis.box, frame)
+                chain = self._begin(frame, hypothesis.box)
                 self.alive.append(chain)
             else:
                 chain.go_on(frame, hypothesis)
             chains.append(chain)
         return chains
+
+    def _begin(self, frame: int, box: Box) -> Chain:
+        """A new chain; where one ended not long ago it has come from where that one came from."""
+        overlap = overlaps(corners_of([box]), corners_of([c.box for c in self._over]))[0]
+        near = [c for c, o in zip(self._over, overlap, strict=True) if o >= LEAST_OVERLAP]
+        before = max(near, key=lambda c: c.reach, default=None)
+        if before is None:
+            return Chain(box, frame, box, frame)
+        return Chain(box, frame, before.first, before.began, before.reach)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 
+from msgspec.structs import replace
+
 from recorders.detectors import cut
 from recorders.fusion.fusion import Decided, Fusion, sure_of
 from recorders.fusion.parameters import FusionParameters
@@ -19,6 +21,9 @@ class FusedFrames:
         height: of the pictures, px.
         fps: frames per second.
         sample: what the detector finds in frames from all over the recording.
+        masks_hold: the masks miss nobody (see `recorders.fusion.holding`): their boxes stay as they
+            are, without those that are not believed, and the detector's are put where masks show
+            nothing.
     """
 
     def __init__(
@@ -27,7 +32,10 @@ class FusedFrames:
         height: int,
         fps: float,
         sample: Iterable[Detections],
+        *,
+        masks_hold: bool = False,
     ) -> None:
+        self._masks_hold = masks_hold
         sure = [sure_of(detected) for detected in sample]
         rate = sum(sure) / len(sure) if sure else 1.0
         self._fusion = Fusion(parameters, height, fps, rate)
@@ -51,6 +59,8 @@ class FusedFrames:
 
     def _made(self, decided: list[Decided]) -> Detections:
         masked, detected = self._waiting.popleft()
+        if self._masks_hold:
+            return _believed(decided, masked, detected)
         boxes, scores, labels, blobs = [], [], [], []
         for one in decided:
             box = cut(one.box, masked.width, masked.height)
@@ -74,6 +84,39 @@ class FusedFrames:
             light=masked.light,
             moved=masked.moved,
         )
+
+
+def _believed(
+    decided: list[Decided], masked: Detections, detected: Detections
+) -> Detections:
+    """The masks' detections that are believed, with the detector's labels, and its own where masks
+    show nothing or nothing that is believed.
+    """
+    labels = {
+        d.hypothesis.row: d.hypothesis.label
+        for d in decided
+        if d.hypothesis.masked is not None
+    }
+    rows = sorted(labels)
+    blobs = [masked.blobs[row] for row in rows]
+    alone = [
+        (box, d, _blob(d, masked, detected))
+        for d in decided
+        if d.hypothesis.masked is None
+        and (box := cut(d.box, masked.width, masked.height)) is not None
+    ]
+    alone = [one for one in alone if one[2] == NO_BLOB]
+    return replace(
+        masked,
+        boxes=[*(masked.boxes[row] for row in rows), *(box for box, _, _ in alone)],
+        scores=[*(masked.scores[row] for row in rows), *(d.belief for _, d, _ in alone)],
+        labels=[
+            *(labels[row] or masked.labels[row] for row in rows),
+            *(d.hypothesis.label for _, d, _ in alone),
+        ],
+        ellipses=[*(masked.ellipses[row] for row in rows), *(None for _ in alone)],
+        blobs=[*blobs, *(blob for _, _, blob in alone)],
+    )
 
 
 def _blob(one: Decided, masked: Detections, detected: Detections) -> int:

@@ -14,14 +14,13 @@ from recorders.detectors.suppression import overlaps
 from recorders.fusion.belief import (
     GAP,
     SURE_STEP,
-    UNKNOWN,
     Belief,
-    Heights,
-    sigmoid,
     sign_of,
+    way_of,
 )
 from recorders.fusion.chains import Chain, Chains
-from recorders.fusion.hypotheses import Hypothesis, corners_of, hypotheses
+from recorders.fusion.heights import UNKNOWN, Heights
+from recorders.fusion.hypotheses import Hypothesis, corners_of, covered_ones, hypotheses
 from recorders.fusion.parameters import FusionParameters
 from recorders.fusion.steadiness import Steadiness
 from recorders.messages import Box, Detections
@@ -80,6 +79,7 @@ class Fusion:
     ) -> None:
         self._p = parameters
         self.ahead = round(parameters.ahead_s * fps)
+        self._fps = fps
         self._memory = parameters.memory_s * fps
         self._chains = Chains(fps)
         self._belief = Belief(fps, sure_rate)
@@ -116,12 +116,13 @@ class Fusion:
 
     def _decide(self, at: _Waiting) -> list[Decided]:
         made: list[Decided] = []
-        for hypothesis, chain in zip(at.found, at.chains, strict=True):
-            logit = self._believed(chain, at.frame)
+        covered = covered_ones(at.found)
+        for k, (hypothesis, chain) in enumerate(zip(at.found, at.chains, strict=True)):
+            odds, way = self._believed(chain, at.frame)
             place = chain.frames.index(at.frame)
             sign, size = chain.signs[place], chain.sizes[place]
-            belief = self._belief.now(logit, sign, size)
-            self._belief.learn(sign, size, sigmoid(logit))
+            belief = self._belief.now(odds, sign, size, k in covered)
+            self._belief.learn(sign, size, way, odds)
             both = hypothesis.masked is not None and hypothesis.step >= SURE_STEP
             if both and belief >= AGREED:
                 _, y, _, h = hypothesis.box
@@ -131,17 +132,18 @@ class Fusion:
                 made.append(Decided(box, belief, hypothesis))
         for chain in at.spanned:
             if at.frame in chain.frames:
-                logit = self._believed(chain, at.frame)
-                self._belief.learn(GAP, UNKNOWN, sigmoid(logit))
+                odds, way = self._believed(chain, at.frame)
+                self._belief.learn(GAP, UNKNOWN, way, odds)
         return _without_doubles(made)
 
-    def _believed(self, chain: Chain, frame: int) -> float:
+    def _believed(self, chain: Chain, frame: int) -> tuple[Floats, int]:
+        """How far a chain is believed, and how far it went."""
         chain.forget(frame - round(3 * self._memory))
         distance = np.abs(np.array(chain.frames, np.float64) - frame)
         weights = np.exp(-distance / self._memory)
-        return self._belief.of(
-            np.array(chain.signs, np.intp), np.array(chain.sizes, np.intp), weights
-        )
+        signs, sizes = np.array(chain.signs, np.intp), np.array(chain.sizes, np.intp)
+        way = way_of(chain.reach, (chain.last - chain.began) / self._fps)
+        return self._belief.of(signs, sizes, way, weights), way
 
 
 def sure_of(detected: Detections) -> int:

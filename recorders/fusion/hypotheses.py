@@ -99,6 +99,25 @@ def corners_of(boxes: list[Box]) -> Floats:
     return out
 
 
+def covered_ones(found: list[Hypothesis]) -> list[int]:
+    """Which of a frame's hypotheses only the detector has, within one that both sources have."""
+    agreed = corners_of([h.box for h in found if h.masked and h.detected])
+    alone = [k for k, h in enumerate(found) if h.masked is None]
+    if not alone or not len(agreed):
+        return []
+    held = _within(corners_of([found[k].box for k in alone]), agreed).max(axis=1) >= HELD
+    return [k for k, inside in zip(alone, held.tolist(), strict=True) if inside]
+
+
+def _within(boxes: Floats, others: Floats) -> Floats:
+    """(N, M) which share of each box (N, 4) lies in each of the others (M, 4)."""
+    low = np.maximum(boxes[:, None, :2], others[None, :, :2])
+    high = np.minimum(boxes[:, None, 2:], others[None, :, 2:])
+    areas = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
+    shared = np.maximum(high - low, 0.0).prod(axis=2)
+    return np.asarray(shared / np.maximum(areas, 1e-9)[:, None])
+
+
 def _score(detected: Detections, k: int) -> float:
     """A detection's score; boxes without one, or with one on another scale, were chosen."""
     score = detected.scores[k] if detected.scores else 1.0

@@ -4,7 +4,8 @@ Bodies move smoothly; a box that jumps from frame to frame was measured badly. A
 difference in time, relative to the box's size, is its error alone, and how large it is on the
 average over the recording says how much the source's boxes count. Sources also differ in what they
 take for the body's outline (feet, shadow, a bicycle): that difference is learnt where both have a
-box, and a box of one source alone is moved to where both together would have put it.
+box, and a box of one source alone is moved to where both together would have put it. Where a side
+differs by much, masks have a part of the body, or its shadow: there the outline is the detector's.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ USUAL = 0.03
 """Usual second difference, of the box's size."""
 USUAL_WEIGHT = 20.0
 MASKS, DETECTOR = 0, 1
+ALIKE, APART = 0.15, 0.25
+"""From these differences on, of the box's size, the outline begins to be, and is, the detector's."""
 
 
 class Steadiness:
@@ -68,14 +71,16 @@ class Steadiness:
         """The box of a hypothesis."""
         share = self.shares()
         offset = self._offset / self._pairs
+        apart = np.clip((np.abs(offset) - ALIKE) / (APART - ALIKE), 0.0, 1.0) * offset
         if hypothesis.detected is None:
             box = hypothesis.box
-            sides = _sides(box) + (1 - share) * offset * _size(box)
+            sides = _sides(box) + (apart + (1 - share) * (offset - apart)) * _size(box)
         elif hypothesis.masked is None:
             box = hypothesis.box
-            sides = _sides(box) - share * offset * _size(box)
+            sides = _sides(box) - share * (offset - apart) * _size(box)
         else:
-            sides = share * _sides(hypothesis.masked)
+            masked = hypothesis.masked
+            sides = share * (_sides(masked) + apart * _size(masked))
             sides += (1 - share) * _sides(hypothesis.detected)
         left, top, right, bottom = sides.tolist()
         return left, top, right - left, bottom - top

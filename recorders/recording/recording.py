@@ -15,7 +15,7 @@ from pathlib import Path
 from recorders.clock import Gaps
 from recorders.detectors import Detector
 from recorders.errors import OutputExistsError, SceneTraceError, UsageError
-from recorders.fusion import FusedFrames, FusionParameters
+from recorders.fusion import FusedFrames, FusionParameters, masks_hold
 from recorders.messages import Detections
 from recorders.pictures import Image
 from recorders.quality import QUALITY, QualityMeasure, quality_text
@@ -252,8 +252,6 @@ def _finder(
     fusion = options.config["fusion"]
     assert isinstance(fusion, FusionParameters)
     fuse = fusion.fuse and (detector is not None or source.has_detections)
-    if fuse and isinstance(finder.segmenter, MotionSegmenter):
-        finder.segmenter.expect_boxes()
     if isinstance(finder.segmenter, SegmenterInTwoLooks):
         finder.segmenter.prepare_twice(paired())
     else:
@@ -267,7 +265,10 @@ def _finder(
         if isinstance(source, GivenDetections):
             sample.extend(source.given(FIRST_READING_PICTURES))
         fps = NANOS / source.frame_ns
-        finder.fusion = FusedFrames(fusion, source.height, fps, sample)
+        hold = False
+        if detector is not None and isinstance(finder.segmenter, MotionSegmenter):
+            hold = masks_hold(finder.segmenter.sampled, sample)
+        finder.fusion = FusedFrames(fusion, source.height, fps, sample, masks_hold=hold)
     return finder, facts
 
 

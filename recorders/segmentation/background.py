@@ -49,6 +49,11 @@ class Samples:
         """Whether the next picture will be kept."""
         return self._seen % self._stride == 0
 
+    @property
+    def stride(self) -> int:
+        """Picture k of `kept` was the one with the number k times this, without ``max_stride``."""
+        return self._stride
+
     def add(self, picture: Image) -> bool:
         """Take the next picture; True if it was kept. It must not be written into afterwards."""
         wanted = self.wants_next()

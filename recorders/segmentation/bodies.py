@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from recorders.messages import NO_BLOB, Blob, Box, Detections, Ellipse
@@ -37,15 +35,9 @@ AGREES = 0.2
 
 
 class FoundBodies:
-    """The bodies of one recording: learns their size from blobs, and finds them in masks.
-
-    Attributes:
-        beside_boxes: a detector's boxes go along. They tell what a body is, so that what is small
-            is a piece of one of theirs, and no speck; and nothing thin is taken for a tail.
-    """
+    """The bodies of one recording: learns their size from blobs, and finds them in masks."""
 
     def __init__(self, use_size: bool, width: int, height: int, fps: float) -> None:
-        self.beside_boxes = False
         self._use_size = use_size
         self._width, self._height = width, height
         self._seen: list[Box] = []
@@ -88,8 +80,7 @@ class FoundBodies:
             )
         if self.model is not None and not self._holds(self.model):
             self.model = None
-        # Beside a detector's boxes the pieces are wanted as they are: the boxes tell whole bodies.
-        if self.model is not None and self.usual is not None and not self.beside_boxes:
+        if self.model is not None and self.usual is not None:
             self.usual = self._sightings.learn(upright=self.model) or self.usual
         self._explainer = (
             None if self.model is None else Explainer(self.model, self._width, self._height)
@@ -124,20 +115,16 @@ class FoundBodies:
 
     def look_twice(self, now: Image, later: Image) -> None:
         """Take in the masks of two pictures, `recorders.segmentation.usual.MOMENT_S` apart."""
-        self._sightings.observe(
-            numbered(now)[3], numbered(later)[3], pieces=self.beside_boxes
-        )
+        self._sightings.observe(numbered(now)[3], numbered(later)[3])
 
     def learn_usual(self, least: float) -> None:
         """How large bodies usually are, of what was looked at twice so far; where they are not seen
         clean, what most of the foreground belongs to, if that is no smaller than ``least`` px^2.
         """
-        self.usual = self._sightings.learn(specks=self.beside_boxes)
+        self.usual = self._sightings.learn()
         self.guessed = self.usual is None
         if self.guessed:
             guess = self._sightings.guess()
-            if guess is not None:
-                guess = replace(guess, halves=not self.beside_boxes)
             self.usual = guess if guess is not None and guess.least_area >= least else None
 
     @property
@@ -187,8 +174,8 @@ class FoundBodies:
         """The components that may be bodies: whole ones, where it is known how large they are."""
         if self.usual is None:
             return components(mask, min_area, before)
-        upright = self.model is not None or self.beside_boxes
-        weak = None if self.guessed or self.beside_boxes else weak
+        upright = self.model is not None
+        weak = None if self.guessed else weak
         return bodies_of(mask, self.usual, before, upright, weak)
 
     def measured_in(self, found: Foreground, min_area: float) -> list[Blob]:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 import msgspec
 import numpy as np
 
-from recorders.messages import Blob, Detections, SceneChange
+from recorders.messages import Blob, Box, Detections, SceneChange
 from recorders.pictures import Image
 from recorders.quality import QualityMeasure
 from recorders.segmentation.background import MIN_SAMPLES, Background, Samples
@@ -51,6 +51,10 @@ heals.
 class MotionSegmenter:
     """Background subtraction against a background in hindsight, or without `prepare` one learnt
     on the way.
+
+    Attributes:
+        quality: what the first reading measured.
+        sampled: the bodies that it found, by the numbers of the pictures that it was given.
     """
 
     def __init__(
@@ -74,10 +78,7 @@ class MotionSegmenter:
         self._shadows = Shadows(parameters, width, height)
         self._neutral = np.full((height, width), NEUTRAL, np.uint8)
         self.quality: list[QualityMeasure] = []
-
-    def expect_boxes(self) -> None:
-        """A detector's boxes will be put together with what is found here, see `FoundBodies`."""
-        self._bodies.beside_boxes = True
+        self.sampled: dict[int, list[Box]] = {}
 
     def prepare(self, frames: Iterable[Image]) -> None:
         """Learn the background and the bodies' size from pictures spread over the whole
@@ -115,6 +116,15 @@ class MotionSegmenter:
         for blobs in found:
             self._bodies.observe(blobs)
         self._bodies.learn()
+        known = [
+            number * samples.stride
+            for number in range(len(samples.kept))
+            if self._scenery.of_sample(number) is not None
+        ]
+        self.sampled = {
+            number: [blob.box for blob in blobs]
+            for number, blobs in zip(known, found, strict=True)
+        }
         self.quality = self._measured(masks, found)
 
     def _looked_twice(self, pairs: list[Image]) -> list[tuple[Foreground, Foreground]]:

@@ -88,7 +88,7 @@ class UsualSize:
             else 0.
         gap: between the pieces of a body lies at most this, of the usual height.
         halves: what lies above or below a wide piece may be its other half. Not over the gaps of
-            torn bodies, where it may be a crowd's, nor where pieces are wanted as they are.
+            torn bodies, where it may be a crowd's.
         turning: bodies are seen from above, all of one size: each is as wide and as high as it is
             long, as it turns.
     """
@@ -130,14 +130,12 @@ class Sightings:
     _moved: float = 0.0
     _in_pieces: float = 0.0
 
-    def observe(self, now: Floats, later: Floats, *, pieces: bool = False) -> None:
+    def observe(self, now: Floats, later: Floats) -> None:
         """Take in the regions of two pictures, `MOMENT_S` apart.
 
         Args:
             now: (N, 5) x, y, w, h, area of the first one's.
             later: (M, 5) of the second one's.
-            pieces: pieces of bodies count, which grow and shrink as they move: it is enough that a
-                region's centre moves.
         """
         now, later = largest(now), largest(later)
         some = largest(now, MOST_OF_ALL)
@@ -156,7 +154,7 @@ class Sightings:
         steady = (overlap.max(axis=1) >= SAME) & (
             factor <= (STEADY, STEADY, 2 * STEADY)
         ).all(axis=1)
-        way = np.hypot(*(_way(found, same, k, one_edge=pieces) for k in (0, 1)))
+        way = np.hypot(*(_way(found, same, k) for k in (0, 1)))
         moves = (way > 0) & (way >= MOVED * np.sqrt(found[:, 2] * found[:, 3]))
         weight = np.where(moves, 1.0, RESTING)
         self._clean.append(np.column_stack([found, weight])[steady])
@@ -201,13 +199,10 @@ class Sightings:
         )
         return alone
 
-    def learn(
-        self, *, specks: bool = False, upright: SizeModel | None = None
-    ) -> UsualSize | None:
+    def learn(self, *, upright: SizeModel | None = None) -> UsualSize | None:
         """The usual size, or None where too few were seen clean.
 
         Args:
-            specks: specks (see `SPECK`) are pieces of bodies and count as others do.
             upright: how high bodies are, where they are upright on a plane: who is lower or higher
                 is a head, legs, or several.
         """
@@ -217,10 +212,10 @@ class Sightings:
         self._clean = [rows]
         if self.torn:
             self._joined = [np.concatenate(self._joined)[-MOST:]]
-            found = self._of(self._joined[0], specks, upright)
+            found = self._of(self._joined[0], upright)
             if found is not None:
                 return replace(found, gap=TORN_GAP, halves=False)
-        return self._of(self._with_leaps(rows), specks, upright)
+        return self._of(self._with_leaps(rows), upright)
 
     def _with_leaps(self, rows: Floats) -> Floats:
         """Clean sightings, and those of what moved by more than itself where these are more, and
@@ -242,12 +237,9 @@ class Sightings:
             leaps = leaps[(here > there) & (here >= FEWEST)]
         return np.concatenate([rows, leaps])
 
-    def _of(
-        self, rows: Floats, specks: bool, upright: SizeModel | None
-    ) -> UsualSize | None:
+    def _of(self, rows: Floats, upright: SizeModel | None) -> UsualSize | None:
         """The usual size of clean sightings (N, 6)."""
-        if not specks:
-            rows = rows[rows[:, 4] >= SPECK * self._common(rows[:, 1] + rows[:, 3])]
+        rows = rows[rows[:, 4] >= SPECK * self._common(rows[:, 1] + rows[:, 3])]
         if upright is not None:
             share = rows[:, 3] / upright.heights(rows[:, 1] + rows[:, 3])
             rows = rows[(share >= 1 / AS_HIGH) & (share <= AS_HIGH)]
@@ -262,7 +254,7 @@ class Sightings:
         else:
             weights = weights * self._near(feet, rows)
         sizes, alike = _sizes(rows, weights), _alike_at(rows, weights)
-        return UsualSize(feet, sizes, alike, halves=not specks, turning=turning)
+        return UsualSize(feet, sizes, alike, turning=turning)
 
     def guess(self) -> UsualSize | None:
         """What most of the foreground belongs to, clean or not: better than nothing where bodies
@@ -292,14 +284,12 @@ class Sightings:
         return near
 
 
-def _way(now: Floats, later: Floats, axis: int, *, one_edge: bool) -> Floats:
+def _way(now: Floats, later: Floats, axis: int) -> Floats:
     """How far regions (N, 5) go along an axis, px, (N,): as far as both of their edges do; 0 where
-    they go opposite ways or one stays. Or, where one edge is enough, as far as the centre does.
+    they go opposite ways or one stays.
     """
     low = later[:, axis] - now[:, axis]
     high = low + later[:, axis + 2] - now[:, axis + 2]
-    if one_edge:
-        return np.abs(low + high) / 2
     way: Floats = np.where(low * high > 0, np.minimum(np.abs(low), np.abs(high)), 0.0)
     return way
 

@@ -7,22 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
+from recorders.detectors.suppression import overlaps
 from recorders.fusion import FusedFrames, FusionParameters
-from recorders.fusion.belief import (
-    BODY,
-    BODY_SIZES,
-    LARGE,
-    OTHER,
-    OTHER_SIZES,
-    SIGNS,
-    SMALL,
-    UNKNOWN,
-    USUAL,
-    Heights,
-)
+from recorders.fusion.belief import SCORES, SHOWN, SIZES, UNTOLD, WAYS, Belief, way_of
 from recorders.fusion.chains import Chains
-from recorders.fusion.hypotheses import hypotheses
+from recorders.fusion.heights import LARGE, SMALL, UNKNOWN, USUAL, Heights
+from recorders.fusion.holding import masks_hold
+from recorders.fusion.hypotheses import corners_of, covered_ones, hypotheses
 from recorders.fusion.steadiness import Steadiness
 from recorders.messages import NO_BLOB, Blob, Box, Detections, Ellipse
 
@@ -231,10 +224,10 @@ def test_usual_heights_grow_with_the_place_of_the_feet() -> None:
     assert heights.size_of(70, 100) == LARGE
 
 
-def test_what_is_usual_are_frequencies_of_every_sign() -> None:
-    assert len(BODY) == len(OTHER) == SIGNS
-    for table in (BODY, OTHER, BODY_SIZES, OTHER_SIZES):
-        assert sum(table) == pytest.approx(1.0)
+def test_what_is_usual_are_frequencies_of_three_kinds() -> None:
+    for table in (SCORES, SIZES, WAYS):
+        assert table.sum(axis=1) == pytest.approx([1.0] * 3)
+    assert ((SHOWN > 0) & (SHOWN < 1)).all()
 
 
 def test_shares_are_even_before_anything_was_seen() -> None:
@@ -281,3 +274,183 @@ def test_a_box_of_the_masks_that_holds_two_is_nobodys_place() -> None:
         (None, a),
         (None, b),
     ]
+
+
+# -- poor sources ----------------------------------------------------------------------------------
+
+
+def walkers(k: int) -> list[Box]:
+    """Two who walk and one who comes, stands from the third second on."""
+    return [walker(k, 10, 2), (250.0 - 2 * k, 40.0, 26.0, 70.0), walker(min(k, 30), 150, 2)]
+
+
+def jittered(box: Box, rng: np.random.Generator, share: float) -> Box:
+    off = rng.normal(0, share, 4)
+    x, y, w, h = box
+    grown = np.exp(off[2:])
+    return x + w * off[0], y + h * off[1], w * float(grown[0]), h * float(grown[1])
+
+
+def hits(out: list[Detections], truth: list[list[Box]]) -> tuple[float, float]:
+    """The shares of the true boxes that were found, and of what was found that is none, after the
+    first two seconds.
+    """
+    found = none = true = 0
+    for d, boxes in list(zip(out, truth, strict=True))[20:]:
+        true += len(boxes)
+        shares = overlaps(corners_of(d.boxes), corners_of(boxes)) >= 0.5
+        found += int(shares.any(axis=0).sum())
+        none += int((~shares.any(axis=1)).sum())
+    return found / true, none / true
+
+
+POSTERS: list[Box] = [(290.0, 150.0, 25.0, 70.0), (5.0, 5.0, 25.0, 70.0)]
+
+
+def poor_detector(kind: str, k: int, rng: np.random.Generator) -> list[tuple[Box, float]]:
+    boxes = [jittered(b, rng, 0.03) for b in walkers(k)]
+    if kind == "misses half":
+        boxes = [b for b in boxes if rng.random() < 0.5]
+    if kind == "misses most":
+        boxes = [b for b in boxes if rng.random() < 0.2]
+    if kind == "shifted":
+        boxes = [shifted(b, 0.12 * b[2], -0.05 * b[3]) for b in boxes]
+    scores = [float(rng.uniform(0.6, 0.85)) for _ in boxes]
+    if kind == "hardly sure":
+        scores = [0.7 * score for score in scores]
+    if kind == "posters":
+        boxes += [jittered(b, rng, 0.01) for b in POSTERS if rng.random() < 0.7]
+        scores += [float(rng.uniform(0.45, 0.7)) for _ in boxes[len(scores) :]]
+    return list(zip(boxes, scores, strict=True)) if kind != "blind" else []
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    "kind", ["misses half", "misses most", "shifted", "hardly sure", "posters", "blind"]
+)
+def test_a_poor_detector_does_not_pull_good_masks_down(kind: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    frames = [(walkers(k), poor_detector(kind, k, rng)) for k in range(90)]
+    found, none = hits(fused(frames), [walkers(k) for k in range(90)])
+    assert found >= 0.97
+    assert none <= 0.03
+
+
+def poor_masks(kind: str, k: int, rng: np.random.Generator) -> list[Box]:
+    boxes = walkers(k)
+    if kind == "noise":  # bodies in half of the frames, and flicker
+        boxes = [b for b in boxes if rng.random() < 0.5]
+        return boxes + [
+            (float(rng.uniform(0, 300)), float(rng.uniform(0, 220)), 9.0, 9.0)
+            for _ in range(6)
+        ]
+    if kind == "half the contrast":  # lower halves are lost, and who stands
+        return [(x, y, w, 0.55 * h) for x, y, w, h in boxes[:2] if rng.random() < 0.7]
+    branches = [(100.0 + 40 * i + 5 * np.sin(k + i), 2.0, 35.0, 60.0) for i in range(4)]
+    return boxes + branches  # waving tree
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("kind", ["noise", "half the contrast", "waving tree"])
+def test_poor_masks_do_not_pull_a_good_detector_down(kind: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    truth = [walkers(k) for k in range(90)]
+    frames: list[Given] = []
+    for k in range(90):
+        seen = [
+            (jittered(b, rng, 0.02), float(rng.uniform(0.7, 0.9)))
+            for b in truth[k]
+            if rng.random() < 0.95
+        ]
+        frames.append((poor_masks(kind, k, rng), seen))
+    alone = [detector(k, *theirs) for k, (_, theirs) in enumerate(frames)]
+    found, none = hits(fused(frames), truth)
+    assert found >= hits(alone, truth)[0] - 0.01
+    assert none <= 0.03
+
+
+def test_a_poster_that_never_came_is_less_believed_than_who_came_and_stands() -> None:
+    worth = Belief(FPS, 1.0).worth
+    stands, came = (way_of(reach, 4.0) for reach in (0.05, 2.0))
+    assert worth.ways[1, stands] < 0 < worth.ways[1, came]
+    assert way_of(0.05, 0.5) == UNTOLD
+
+
+def test_who_is_not_seen_for_a_second_goes_on_with_how_far_he_came() -> None:
+    chains = Chains(FPS)
+    for k in range(30):
+        (before,) = chains.link(k, hypotheses(masks(k, walker(k)), detector(k)))
+    last = walker(29)
+    (after,) = chains.link(40, hypotheses(masks(40), detector(40, (last, 0.9))))
+    assert after is not before
+    assert after.reach == before.reach > 2
+    (late,) = chains.link(90, hypotheses(masks(90), detector(90, (last, 0.9))))
+    assert late.reach == 0.0
+
+
+def test_a_detectors_box_within_a_body_that_both_have_is_covered() -> None:
+    body, inside, beside = walker(0), shifted(walker(0), 2, 2), shifted(walker(0), 40)
+    inside = (inside[0], inside[1], 20.0, 30.0)
+    found = hypotheses(
+        masks(0, body), detector(0, (body, 0.9), (inside, 0.5), (beside, 0.8))
+    )
+    assert [found[k].detected for k in covered_ones(found)] == [inside]
+
+
+# -- masks that hold -------------------------------------------------------------------------------
+
+
+def sampled(share: float, many: int = 40) -> tuple[dict[int, list[Box]], list[Detections]]:
+    """Pictures with one body each that the detector is sure of; masks have a share of them."""
+    there = {k: [walker(k % 10)] if k < share * many else [] for k in range(many)}
+    return there, [detector(k, (walker(k % 10), 0.9)) for k in range(many)]
+
+
+def test_masks_hold_that_have_whom_the_detector_is_sure_of() -> None:
+    assert masks_hold(*sampled(1.0))
+    assert masks_hold(*sampled(0.95))
+    assert not masks_hold(*sampled(0.8))
+    assert not masks_hold(*sampled(1.0, many=15))
+    assert not masks_hold({}, sampled(1.0)[1])
+
+
+def test_masks_hold_where_the_detector_finds_next_to_nobody() -> None:
+    there = {k: [walker(0), walker(0, 150)] for k in range(40)}
+    assert masks_hold(there, [detector(k) for k in range(40)])
+
+
+def test_masks_that_hold_stay_as_they_are_without_what_is_none() -> None:
+    spot, ghost = (200.0, 20.0, 12.0, 9.0), (250.0, 150.0, 30.0, 80.0)
+    frames = [
+        ([walker(k), spot], [(shifted(walker(k), 4), 0.9), (ghost, 0.41)])
+        for k in range(60)
+    ]
+    given = [(masks(k, *m), detector(k, *d)) for k, (m, d) in enumerate(frames)]
+    line = FusedFrames(
+        FusionParameters(), HEIGHT, FPS, [d for _, d in given], masks_hold=True
+    )
+    out = [d for m, d in given for d in line.add(m, d)] + line.finish()
+    for k, d in list(enumerate(out))[15:]:
+        assert (d.boxes, d.labels, d.blobs, d.fused) == (
+            [walker(k)],
+            ["person"],
+            [1],
+            False,
+        )
+        assert d.components == given[k][0].components
+
+
+def test_who_melted_into_a_background_that_holds_is_put_where_nothing_is() -> None:
+    stands = walker(30)
+    given = []
+    for k in range(80):
+        seen = detector(k, (walker(min(k, 30)), 0.9))
+        mine = masks(k, walker(k)) if k <= 30 else masks(k)
+        given.append((mine, replace(seen, blobs=[1 if k <= 30 else NO_BLOB])))
+    line = FusedFrames(
+        FusionParameters(), HEIGHT, FPS, [d for _, d in given], masks_hold=True
+    )
+    out = [d for m, d in given for d in line.add(m, d)] + line.finish()
+    assert [len(d.boxes) for d in out] == [1] * 80
+    assert out[-1].boxes[0] == pytest.approx(stands, abs=1)
+    assert (out[-1].blobs, out[-1].labels) == ([NO_BLOB], ["person"])
