@@ -38,7 +38,7 @@ class FusedFrames:
         self._masks_hold = masks_hold
         sure = [sure_of(detected) for detected in sample]
         rate = sum(sure) / len(sure) if sure else 1.0
-        self._fusion = Fusion(parameters, height, fps, rate)
+        self._fusion = Fusion(parameters, height, fps, rate, masks_hold)
         self._waiting: deque[tuple[Detections, Detections]] = deque()
 
     @property

@@ -69,15 +69,22 @@ class Fusion:
         fps: frames per second.
         sure_rate: of how many bodies in a frame the detector is sure (`sure_of`), on the average
             over this recording.
+        masks_hold: the masks miss nobody, see `recorders.fusion.holding`.
 
     Attributes:
         ahead: a frame is decided on so many frames later.
     """
 
     def __init__(
-        self, parameters: FusionParameters, height: int, fps: float, sure_rate: float
+        self,
+        parameters: FusionParameters,
+        height: int,
+        fps: float,
+        sure_rate: float,
+        masks_hold: bool = False,
     ) -> None:
         self._p = parameters
+        self._masks_hold = masks_hold
         self.ahead = round(parameters.ahead_s * fps)
         self._fps = fps
         self._memory = parameters.memory_s * fps
@@ -134,7 +141,7 @@ class Fusion:
             if at.frame in chain.frames:
                 odds, way = self._believed(chain, at.frame)
                 self._belief.learn(GAP, UNKNOWN, way, odds)
-        return _without_doubles(made)
+        return _without_doubles(made, self._masks_hold)
 
     def _believed(self, chain: Chain, frame: int) -> tuple[Floats, int]:
         """How far a chain is believed, and how far it went."""
@@ -158,9 +165,9 @@ def _show(chain: Chain, frame: int, sign: int, size: int) -> None:
     chain.sizes.append(size)
 
 
-def _without_doubles(made: list[Decided]) -> list[Decided]:
+def _without_doubles(made: list[Decided], masks_hold: bool) -> list[Decided]:
     """Without boxes of the detector alone that lie over others believed more, and boxes of the
-    masks alone that say nothing new. What the masks tell apart stays apart.
+    masks alone that say nothing new, unless masks hold. What the masks tell apart stays apart.
     """
     corners = corners_of([d.box for d in made])
     over = overlaps(corners, corners) >= DOUBLE
@@ -173,7 +180,11 @@ def _without_doubles(made: list[Decided]) -> list[Decided]:
                 (made[rival].belief, -rival) > (one.belief, -k) for rival in rivals
             )
         else:
-            double = k not in detected and _explained(corners[k], corners[detected])
+            double = (
+                not masks_hold
+                and k not in detected
+                and _explained(corners[k], corners[detected])
+            )
         if not double:
             kept.append(one)
     return kept
