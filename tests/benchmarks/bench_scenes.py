@@ -22,6 +22,7 @@ import argparse
 import itertools
 import json
 import os
+import shutil
 import sys
 import tempfile
 import tomllib
@@ -300,18 +301,40 @@ def measure(
     others = [s for s in settings if s.split(".")[0] not in RECORDING]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        log = recorded(scene, variant, chosen, in_sections(settings, RECORDING), folder)
-        return replayed(scene, variant, log, args, others)
+        words = in_sections(settings, RECORDING)
+        if args.keep is None:
+            log = recorded(scene, variant, chosen, words, folder)
+        else:
+            log = kept_log(args.keep, scene, variant, chosen, folder)
+        return replayed(scene, variant, log, args, others, folder)
+
+
+def kept_log(kept: Path, scene: Scene, variant: Variant, chosen: str, folder: Path) -> Path:
+    """The scene log among those that are kept, recorded where it is not there yet."""
+    name = next(name for name, v in VARIANTS.items() if v == variant)
+    log = kept / f"{scene.name}, {chosen}, {name}.mcap"
+    if not log.exists():
+        kept.mkdir(parents=True, exist_ok=True)
+        made = recorded(scene, variant, chosen, [], folder)
+        part = log.with_suffix(".part")
+        shutil.move(made, part)
+        part.replace(log)
+    return log
 
 
 def replayed(
-    scene: Scene, variant: Variant, log: Path, args: argparse.Namespace, settings: list[str]
+    scene: Scene,
+    variant: Variant,
+    log: Path,
+    args: argparse.Namespace,
+    settings: list[str],
+    folder: Path,
 ) -> dict[str, Scores]:
-    """The scores of every tracker on a scene log."""
+    """The scores of every tracker on a scene log, replayed into a folder."""
     source = open_source(scene.video, fps=scene.fps)
     truth = truth_of(scene, variant, (source.width, source.height))
     words = [w for s in settings for w in ("--set", s)]
-    out, far = log.with_name("annotated.mcap"), FAR.get(scene.name, 0.0)
+    out, far = folder / "annotated.mcap", FAR.get(scene.name, 0.0)
     return {t: scored(log, t, truth, words, out, far) for t in args.trackers}
 
 
@@ -338,7 +361,8 @@ def each_setting(
                             logs[scene.name] = recorded(
                                 scene, Variant(), "pixels", [], folder
                             )
-                        found = replayed(scene, Variant(), logs[scene.name], args, given)
+                        log = logs[scene.name]
+                        found = replayed(scene, Variant(), log, args, given, log.parent)
                     rows.append([found[t] for t in args.trackers])
                 yield np.array(rows)
             except SystemExit as e:
@@ -548,6 +572,13 @@ def main() -> None:
     )
     parser.add_argument("--set", nargs="+", default=[], metavar="KEY=VALUE")
     parser.add_argument(
+        "--keep",
+        type=Path,
+        metavar="FOLDER",
+        help="scene logs are kept here, and what is here is not recorded again: for a change of"
+        " a tracker alone",
+    )
+    parser.add_argument(
         "--vary",
         metavar="SECTION",
         help="+-5 %% of each of its parameters. Campus and the cyclists take about 4 s a setting"
@@ -567,6 +598,8 @@ def main() -> None:
     for name in args.names:
         if name not in known:
             parser.error(f"no scene {name!r}; there are: {', '.join(known)}")
+    if args.keep is not None and in_sections(args.set, RECORDING):
+        parser.error("--keep: what is kept was recorded without --set of the recording")
     chosen = [known[name] for name in args.names or known]
     if args.masks:
         masks()

@@ -33,6 +33,9 @@ MASS = 1024
 """Sum of a channel's histogram."""
 NO_HUE = 12
 """Bin of pixels too dark or too grey for their hue to mean anything."""
+BRIGHTNESS = 4
+"""The channel that a picture without colours shows, too: Y."""
+_BUT_BRIGHTNESS = [k for k in range(6) if k != BRIGHTNESS]
 _GREY, _DARK = 36, 36
 SAMPLES = ((4, 10), (10, 5), (10, 5), (12, 5), (12, 5))
 """Rows and columns of places at which each part's colours are read."""
@@ -110,6 +113,9 @@ class Pixels:
         size: (width, height).
         room: what is counted in; whoever gives the same for the next frame is through with this
             one.
+
+    Attributes:
+        grey: the image shows no colours: of the histograms there is that of brightness alone.
     """
 
     def __init__(
@@ -120,6 +126,7 @@ class Pixels:
         room: Room | None = None,
     ) -> None:
         self.image, self.mask = image, mask
+        self.grey = False
         self.width, self.height = size
         self._first = self._last = np.zeros(4)
         self.area: NDArray[np.int32] | None = None
@@ -210,7 +217,7 @@ class Measured:
         area: (N, 5) the same over the area of the target's part, in 1 / `ONE`.
         perimeter: (N, 5) contour pixels over the perimeter of the target's part, in 1 / `ONE`.
         colours: (N, 5, CHANNELS, BINS) histograms of sum `MASS`, all 0 where too little
-            foreground was seen.
+            foreground was seen; all but Y are 0 of a picture without colours.
         coloured: (N, 5) bool: foreground enough was seen.
         displacement: (N, 5) way of the part's centroid from where it was, over the gate's half
             side, in 1 / `ONE`.
@@ -284,6 +291,8 @@ def measure(
             centroid = _centroids(seen)
         if pixels.image is not None:
             colours, coloured = _colours(pixels.image, flat, seen)
+            if pixels.grey:
+                colours[:, :, _BUT_BRIGHTNESS] = 0
     here = _around(parts, centroid if was is not None else None)
     there = _around(before, was)
     displacement, overlap = _displacement(here, there, gate), _overlap(here, there)
@@ -481,8 +490,12 @@ class PartsModel:
         now, seen = self.colours[rows], m.coloured[k]
         fresh = np.asarray(seen & (now.max(axis=(-2, -1)) == 0) & learnt)
         cw = np.where(fresh[..., None], ONE, w[..., HSV : XYZ + 1]) * seen[..., None]
-        by_channel = np.repeat(cw, CHANNELS // 2, axis=-1)[..., None]
-        self.colours[rows] = now + (m.colours[k] - now) * by_channel // ONE
+        by_channel = np.repeat(cw, CHANNELS // 2, axis=-1)
+        # What a picture without colours does not show is kept, what was not known yet is taken as
+        # it is.
+        shown, blank = m.colours[k].any(axis=-1), ~now.any(axis=-1)
+        by_channel = np.where(blank & (by_channel > 0), ONE, by_channel) * shown
+        self.colours[rows] = now + (m.colours[k] - now) * by_channel[..., None] // ONE
         self.centroid[rows] = np.where(
             learnt[..., None], m.centroid[k], self.centroid[rows]
         )
@@ -494,13 +507,19 @@ def differences(model: PartsModel, rows: Rows, m: Measured) -> Ints:
     their targets.
 
     Colours differ by half the sum of absolute differences of their histograms, the mean over the
-    three channels; those of a part without foreground differ entirely.
+    three channels; by that of the brightness alone where one of the two was seen without colours;
+    those of a part without foreground differ entirely.
     """
     out = np.empty((len(rows), len(PARTS), len(FEATURES)), np.int64)
     out[:, :, AREA] = np.abs(m.area - model.area[rows])
     out[:, :, PERIMETER] = np.abs(m.perimeter - model.perimeter[rows])
-    apart = m.colours - model.colours[rows]
+    known = model.colours[rows]
+    apart = m.colours - known
     np.abs(apart, out=apart)
+    plain = m.colours.any(axis=(-2, -1)) & ~m.colours[:, :, 0].any(axis=-1)
+    plain |= known.any(axis=(-2, -1)) & ~known[:, :, 0].any(axis=-1)
+    if plain.any():
+        apart[plain] = apart[plain][:, BRIGHTNESS : BRIGHTNESS + 1]
     apart = apart.reshape(len(rows), len(PARTS), 2, CHANNELS // 2 * BINS).sum(axis=3)
     out[:, :, HSV : XYZ + 1] = np.where(
         m.coloured[:, :, None], apart * ONE // (6 * MASS), FURTHEST

@@ -11,6 +11,7 @@ from recorders.messages import Box, Mode, Notice
 from replay.trackers.association import intersection, iou, iou_of_pairs
 from replay.trackers.belief import LIKELY
 from replay.trackers.life import TENTATIVE
+from replay.trackers.light import Light
 from replay.trackers.parts.candidates import (
     Candidates,
     Expected,
@@ -44,7 +45,10 @@ from replay.trackers.parts.typical import Typical
 from replay.trackers.tracker import Frame, SceneInfo
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 Rows = NDArray[np.intp]
+PATIENCE_S = 0.6
+"""Whoever has had a blob of another size to himself for longer is of that size."""
 
 
 class Matching:
@@ -61,6 +65,7 @@ class Matching:
         dt: float,
         room: Room | None,
         learnt: tuple[Typical, HeadColours],
+        light: Light,
     ) -> None:
         self._scene, self._frame, self._seen, self._targets, self._p = (
             scene,
@@ -72,6 +77,7 @@ class Matching:
         mask = frame.mask if scene.has_masks else None
         self._pixels = Pixels(None, mask, (scene.width, scene.height), room)
         self.dt = dt
+        self._light = light
         self._typical, self._head_colours = learnt
         self._expected = targets.expected() if scene.has_masks else targets.ahead()
         self._gates = targets.gates(dt)
@@ -129,6 +135,7 @@ class Matching:
     def _image(self) -> NDArray[np.uint8] | None:
         if self._pixels.image is None and self._scene.has_images:
             self._pixels.image = self._frame.evenly_lit
+            self._pixels.grey = self._light.grey
         return self._pixels.image
 
     def _alone(self, rows: Rows) -> None:
@@ -146,6 +153,16 @@ class Matching:
         like = scores >= round(self._p.whole * self._p.match_score * FULL)
         like &= alike | (scores >= round(self._p.match_score * FULL))
         like |= ~self._targets.model.seen[found].any(axis=1)
+        # Long enough, and it is they who are of another size than was thought.
+        other = np.array(
+            [self._targets.items[row].misfit_ns >= 0 for row in found.tolist()]
+        )
+        if other.any():
+            like = np.where(other, alike, like)
+            grown = other & like
+            self._targets.resize(found[grown], boxes[grown])
+            for row in found[grown].tolist():
+                self._targets.items[row].misfit_ns = self._targets.items[row].learnt_ns = -1
         found, theirs, boxes, m = found[like], theirs[like], boxes[like], m.kept(like)
         self._observe(
             found,
@@ -249,6 +266,8 @@ class Matching:
         """Targets that have a blob of their size for themselves, (M,), and the blobs, (M,)."""
         blobs = self._seen.blob_boxes
         if not len(rows) or not len(blobs):
+            for row in rows.tolist():
+                self._targets.items[row].misfit_ns = -1
             return np.zeros(0, np.intp), np.zeros(0, np.intp)
         at = self._expected[rows]
         linked = (
@@ -265,11 +284,26 @@ class Matching:
         fits = (change[:, 1] <= 1 + self._p.alone_change) & (
             change[:, 0] <= 1 + self._p.occlusion
         )
-        fits &= (change >= 1 - self._p.occlusion).all(axis=1) & (
-            away <= self._gates[rows[lone]]
-        )
-        fits &= (linked.sum(axis=0)[theirs] == 1) & (self._seen.held[theirs + 1] <= 1)
+        fits &= (change >= 1 - self._p.occlusion).all(axis=1)
+        theirs_alone = away <= self._gates[rows[lone]]
+        theirs_alone &= linked.sum(axis=0)[theirs] == 1
+        theirs_alone &= self._seen.held[theirs + 1] <= 1
+        fits = theirs_alone & (fits | self._outgrown(rows, lone, theirs_alone & ~fits))
         return rows[lone[fits]], theirs[fits]
+
+    def _outgrown(self, rows: Rows, lone: Rows, misfit: Bools) -> Bools:
+        """Which of the lone have had a blob of another size to themselves for so long that it is
+        theirs, (M,).
+        """
+        now, items = self._frame.time_ns, self._targets.items
+        differ = {int(rows[k]) for k in lone[misfit].tolist()}
+        for row in rows.tolist():
+            if row not in differ:
+                items[row].misfit_ns = -1
+            elif items[row].misfit_ns < 0:
+                items[row].misfit_ns = now
+        long = [now - items[int(k)].misfit_ns > PATIENCE_S * 1e9 for k in rows[lone]]
+        return np.asarray(misfit & np.array(long, bool))
 
     def _links(self, boxes: Floats, blobs: Floats) -> Floats:
         """Foreground pixels of each blob's box within each box, (N, M)."""

@@ -36,12 +36,14 @@ class PartsTarget(Living):
             told of.
         manual: started by hand.
         matched_ns: time of the last observation that was more than pieces of it.
+        misfit_ns: since when it has had a blob of another size to itself, -1 where it has not.
     """
 
     manual: bool = False
     score: float | None = None
     learnt_ns: int = -1
     matched_ns: int = -1
+    misfit_ns: int = -1
 
     @property
     def anywhere(self) -> bool:
@@ -175,6 +177,14 @@ class PartsTargets:
         )
         self.has_template = np.append(self.has_template, False)
         self.items.append(target)
+
+    def resize(self, rows: Rows, boxes: Floats) -> None:
+        """Targets (M,) that are of another size than was thought, that of boxes (M, 4): what is
+        known of their parts is of a part of them, and is forgotten.
+        """
+        self.size.value[rows] = boxes[:, :1:-1]
+        self.size.rate[rows] = 0.0
+        self.model.seen[rows] = 0
 
     def correct(
         self, rows: Rows, boxes: Floats, centroids: Floats, occluded: NDArray[np.bool_]

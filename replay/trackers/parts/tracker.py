@@ -24,6 +24,7 @@ from replay.trackers.association import intersection
 from replay.trackers.belief import DetectionScores, stamped
 from replay.trackers.camera import CameraMotion
 from replay.trackers.life import TENTATIVE, Life
+from replay.trackers.light import Light
 from replay.trackers.parts.beginning import Beginning, parse_init
 from replay.trackers.parts.candidates import observe
 from replay.trackers.parts.features import Room
@@ -82,12 +83,14 @@ class PartsTracker:
         self._next_bystander = BYSTANDERS
         self._scores = DetectionScores()
         self._camera = CameraMotion()
+        self._light = Light()
         self._time_ns: int | None = None
         self._room = Room((scene.width, scene.height)) if scene.has_masks else None
 
     def step(self, frame: Frame) -> Answers:
         """Take the next frame, answer with all targets, by id."""
         notices: list[Notice] = []
+        frame = self._light.lit(frame)
         self._life.take_regions(frame.regions)
         dt = 0.0 if self._time_ns is None else (frame.time_ns - self._time_ns) * NS
         self._time_ns = frame.time_ns
@@ -115,6 +118,7 @@ class PartsTracker:
             dt=dt if dt > 0 else self._scene.frame_ns * NS,
             room=self._room,
             learnt=(self._typical, self._head_colours),
+            light=self._light,
         )
         gates = {
             item.id: gate
@@ -247,6 +251,7 @@ class PartsTracker:
             "targets": self._targets.state(),
             "scores": self._scores.state(),
             "camera": self._camera.state(),
+            "light": self._light.state(),
             "typical": self._typical.state(),
             "head_colours": self._head_colours.state(),
         }
@@ -259,5 +264,6 @@ class PartsTracker:
         self._targets.restore(state["targets"])
         self._scores.restore(state["scores"])
         self._camera.restore(state["camera"])
+        self._light.restore(state["light"])
         self._typical.restore(state["typical"])
         self._head_colours.restore(state["head_colours"])

@@ -92,6 +92,14 @@ def colours_in(
     return histogram(bins_of(image[y1:y2, x1:x2]), own) if own.any() else None
 
 
+def without_colours(table: Floats) -> Floats:
+    """A histogram as a camera that shows no colours would see it: brightness alone."""
+    out = np.zeros((LUMA, CHROMA, CHROMA))
+    middle = CHROMA // 2
+    out[:, middle, middle] = table.reshape(LUMA, CHROMA * CHROMA).sum(axis=1)
+    return out.reshape(BINS)
+
+
 def tell(tables: Sequence[Floats | None]) -> list[Floats | None]:
     """Each object's log likelihood ratio of every bin against the mean of all, within `LIMIT`.
 

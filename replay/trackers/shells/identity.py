@@ -67,6 +67,11 @@ class Doubts:
             since, nearest = known.since, known.nearest
         self._pairs[pair] = _Doubt(0, np.zeros(BINS), np.zeros(BINS), since, nearest)
 
+    def restart(self) -> None:
+        """What was seen so far is not to be compared with what is seen from now on."""
+        for doubt in self._pairs.values():
+            doubt.frames, doubt.first, doubt.second = 0, np.zeros(BINS), np.zeros(BINS)
+
     def keep(self, living: list[int]) -> None:
         """Forget pairs of objects that are gone."""
         self._pairs = {

@@ -14,7 +14,7 @@ from recorders.vision import cv2
 from replay.trackers.association import boxes_of, sizes_of
 from replay.trackers.kalman import KalmanBank
 from replay.trackers.life import Living
-from replay.trackers.shells.colours import BINS, MEMORY, histogram
+from replay.trackers.shells.colours import BINS, MEMORY, histogram, without_colours
 from replay.trackers.shells.liveliness import Liveliness
 from replay.trackers.shells.parameters import ShellsParameters
 from replay.trackers.tracker import Image
@@ -37,6 +37,7 @@ class Body(Living):
     Attributes:
         colours: its colour histogram, None before the first look.
         updates: how often it was learnt.
+        aside, aside_updates: the same as it is in the camera's other mode, by infrared or in colours.
         mask: (GRID, GRID) uint8, how often each cell of its box was its own, of 255, lately; None
             before that.
         area: its typical number of pixels when alone.
@@ -49,6 +50,8 @@ class Body(Living):
 
     colours: Floats | None = None
     updates: int = 0
+    aside: Floats | None = None
+    aside_updates: int = 0
     mask: Image | None = None
     area: float = 0.0
     centroid: tuple[float, float] = (0.0, 0.0)
@@ -76,6 +79,16 @@ class Body(Living):
         self.updates += 1
         self.colours = self.colours + (seen - self.colours) / min(self.updates, MEMORY)
         self.signed = True
+
+    def turn(self, *, grey: bool) -> None:
+        """The camera shows no colours any more, or shows them again: what it looked like the last
+        time holds, or its brightness.
+        """
+        was, updates = self.colours, self.updates
+        self.colours, self.updates = self.aside, self.aside_updates
+        self.aside, self.aside_updates = was, updates
+        if grey and self.colours is None and was is not None:
+            self.colours, self.updates = without_colours(was), 1
 
     def learn_mask(self, own: NDArray[np.bool_]) -> None:
         """Blend in the mask (h, w) that fills the object's box."""
@@ -256,6 +269,7 @@ _OF_THE_PLACE = (
 def _plain(body: Body) -> dict[str, Any]:
     out = {field.name: getattr(body, field.name) for field in fields(body)}
     out["colours"] = None if body.colours is None else body.colours.copy()
+    out["aside"] = None if body.aside is None else body.aside.copy()
     out["mask"] = None if body.mask is None else body.mask.copy()
     out["measured"] = None if body.measured is None else list(body.measured)
     e = body.ellipse
@@ -269,6 +283,9 @@ def _body(state: Mapping[str, Any]) -> Body:
     plain = dict(state)
     plain["colours"] = (
         None if plain["colours"] is None else np.array(plain["colours"], np.float64)
+    )
+    plain["aside"] = (
+        None if plain["aside"] is None else np.array(plain["aside"], np.float64)
     )
     plain["mask"] = None if plain["mask"] is None else np.array(plain["mask"], np.uint8)
     plain["measured"] = None if plain["measured"] is None else tuple(plain["measured"])

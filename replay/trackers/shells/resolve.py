@@ -39,6 +39,8 @@ _LINK = 0.08
 """An object lies over a blob that fills this share of its box, or half of which lies in its box."""
 _MINOR = 0.3
 """A blob of less than this share of an object's area need not be anybody's own."""
+_SLACK = 0.25
+"""A blob that is larger or smaller than an object by this share at most may be that one alone."""
 
 
 @dataclass(slots=True)
@@ -76,12 +78,15 @@ class Resolved:
 
 @dataclass(frozen=True, slots=True)
 class SeenFrame:
-    """What the resolution sees of a frame: its foreground, and its picture when it is asked for."""
+    """What the resolution sees of a frame: its foreground, and its picture when it is asked for;
+    ``unsized``: nothing is known of how large bodies are.
+    """
 
     foreground: Foreground
     detection_boxes: Floats
     detection_blobs: NDArray[np.int64]
     image: Callable[[], Image | None]
+    unsized: bool = True
 
 
 class Resolver:
@@ -92,6 +97,7 @@ class Resolver:
         found: by row.
         fronts: for rows that are hidden the id of who hides them.
         leads: evidence that the first of two ids lies in front of the second (`Depth.lead`).
+        behind: rows that lie over a blob which is as large as somebody else alone.
         free: (M,) the blobs (rows) that no object lies over.
     """
 
@@ -113,6 +119,7 @@ class Resolver:
         self._boxes = bodies.boxes
         self.found: dict[int, Resolved] = {}
         self.fronts: dict[int, int] = {}
+        self.behind: set[int] = set()
         self.leads: dict[tuple[int, int], float] = {}
         self.free: Bools = np.ones(len(self._fg.boxes), bool)
         self._rows = rows
@@ -144,7 +151,9 @@ class Resolver:
             return
         rows, fg, pixels, linked = self._rows, self._fg, self._pixels, self._linked
         self.free = np.asarray(~linked.any(axis=0))
-        fits = self._fits(rows)
+        sized = self._fits(rows)
+        patient = [self._bodies.items[row].misfit_s > self._p.patience_s for row in rows]
+        fits = sized | np.array(patient, bool)[:, None]
         tenants = linked.sum(axis=0)
         held = np.bincount(
             np.clip(self._frame.detection_blobs, 0, len(fg.boxes)),
@@ -157,7 +166,8 @@ class Resolver:
                 continue
             main = int(mine[np.argmax(pixels[i, mine])])
             if tenants[main] == 1 and held[main] <= 1 and fits[i, main]:
-                self.found[int(rows[i])] = self.whole(int(rows[i]), main)
+                at = self.found[int(rows[i])] = self.whole(int(rows[i]), main)
+                at.misfit = self._frame.unsized and not sized[i, main]
             else:
                 shared.append(i)
         hidden = self._hidden(rows, linked, shared)
@@ -209,13 +219,10 @@ class Resolver:
         return a.front == b.id or self._related(a.id, b.id)
 
     def _fits(self, rows: Rows) -> Bools:
-        """Whether each blob may be each object alone, by its area, (N, M); what the border cuts
-        may be smaller.
-        """
+        """Whether each blob is of each object's area, (N, M); what the border cuts may be smaller."""
         p, fg = self._p, self._fg
         items = [self._bodies.items[row] for row in rows]
         area = np.array([item.area for item in items])
-        patient = np.array([item.misfit_s > p.patience_s for item in items], bool)
         ratio = fg.areas[None, :] / np.maximum(area, 1.0)[:, None]
         height, width = fg.mask.shape
         cut = touches(fg.boxes, width, height)
@@ -224,7 +231,7 @@ class Resolver:
         high = (ratio <= p.larger) | (
             cut[None, :] & mine[:, None] & (ratio <= 2 * p.larger)
         )
-        return np.asarray((low & high) | patient[:, None])
+        return np.asarray(low & high)
 
     def whole(self, row: int, blob: int) -> Resolved:
         """A blob that belongs to an object as it is."""
@@ -259,12 +266,56 @@ class Resolver:
 
     def _neighbourhood(self, rows: Rows, blobs: Rows, fits: Bools) -> None:
         """Objects over common blobs: blobs whole if everybody has one, else pixel by pixel."""
+        seen = self._only_one(rows, blobs)
+        if seen is not None:
+            k, blob = seen
+            ids = [self._bodies.items[int(row)].id for row in rows]
+            left = np.ones(len(rows), bool)
+            for j, row in enumerate(rows.tolist()):
+                if j != k:
+                    self.behind.add(row)
+                    left[j] = self._bodies.items[row].twin_s <= self._p.twin_s
+                    if not left[j]:
+                        self.fronts[row] = ids[k]
+            if left.sum() == 1:
+                self.found[int(rows[k])] = self.whole(int(rows[k]), blob)
+                return
+            rows, fits = rows[left], fits[left]
         handed = self._hand_out(rows, blobs, fits[:, blobs])
         if handed is not None:
             for k, m in handed:
                 self.found[int(rows[k])] = self.whole(int(rows[k]), int(blobs[m]))
             return
         self._evaluate(rows, blobs, fits)
+
+    def _only_one(self, rows: Rows, blobs: Rows) -> tuple[int, int] | None:
+        """Whose body (index into the rows) a blob is that several lie over, though it is as large
+        as one of them alone: whose colours it has; and the blob. None where it holds more.
+        """
+        if len(rows) < 2:
+            return None
+        fg, items = self._fg, [self._bodies.items[row] for row in rows]
+        blob = int(blobs[np.argmax(fg.areas[blobs])])
+        box, area = fg.boxes[blob], float(fg.areas[blob])
+        if float(fg.areas[blobs].sum()) > (1 + _SLACK) * area:
+            return None
+        fits = [
+            (1 - _SLACK) * item.area <= area <= (1 + _SLACK) * item.area
+            and bool((box[2:] <= (1 + _SLACK) * self._boxes[row, 2:]).all())
+            for item, row in zip(items, rows.tolist(), strict=True)
+        ]
+        if not any(fits):
+            return None
+        away = self._colour_cost(items, np.array([blob], np.intp))[:, 0].tolist()
+        centre = box[:2] + box[2:] / 2
+        off = np.abs(self._bodies.bank.value[rows, :2] - centre).sum(axis=1).tolist()
+        # Who has been held to be hidden stays so: two who are alike would take turns.
+        held = [item.twin_s > self._p.twin_s for item in items]
+        k = min(
+            (k for k in range(len(rows)) if fits[k]),
+            key=lambda k: (held[k], away[k], off[k], k),
+        )
+        return k, blob
 
     def _hand_out(
         self, rows: Rows, blobs: Rows, fits: Bools
@@ -319,6 +370,7 @@ class Resolver:
             for value in (boxes[:, :2] + boxes[:, 2:] + size[:, None]).max(axis=0)
         )
         cut = self._fg.cut(blobs.tolist(), x1, y1, x2, y2)
+        self._frame.image()
         tells = tell([item.colours for item in items])
         bins = self._bins(cut) if any(t is not None for t in tells) else None
         who = Claimants(boxes, radii, tells, [item.mask for item in items])

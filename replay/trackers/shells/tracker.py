@@ -27,10 +27,11 @@ from replay.trackers.association import assign, iou
 from replay.trackers.belief import LIKELY, DetectionScores, stamped
 from replay.trackers.camera import CameraMotion
 from replay.trackers.life import TENTATIVE, Life
+from replay.trackers.light import Light
 from replay.trackers.shells import births, boxes
 from replay.trackers.shells.births import Free
 from replay.trackers.shells.colours import bins_of, histogram, signature
-from replay.trackers.shells.foreground import Foreground
+from replay.trackers.shells.foreground import Foreground, touches
 from replay.trackers.shells.identity import Doubts
 from replay.trackers.shells.objects import NOBODY, Bodies, Body
 from replay.trackers.shells.order import Order
@@ -62,6 +63,7 @@ class ShellsTracker:
         self._doubts = Doubts()
         self._scores = DetectionScores()
         self._camera = CameraMotion()
+        self._light = Light()
         self._order = Order(parameters)
         frame_s = max(1e-3, scene.frame_ns * NS)
         self._learn_every = max(1, round(parameters.learn_s / frame_s))
@@ -77,13 +79,16 @@ class ShellsTracker:
     def step(self, frame: Frame) -> Targets:
         """Take the next frame, answer with all targets, by id."""
         notices: list[Notice] = []
+        frame = self._light.lit(frame, self._turn)
         dt = 0.0 if self._time_ns is None else (frame.time_ns - self._time_ns) * NS
         self._time_ns = frame.time_ns
         self._dt = dt if dt > 0 else max(1e-3, self._scene.frame_ns * NS)
         self._life.take_regions(frame.regions)
         self._bodies.predict(dt)
         self._bodies.bank.value[:, :2] += frame.detections.moved or 0
-        self._lean(SizeModel.from_list(frame.detections.size_model))
+        model = SizeModel.from_list(frame.detections.size_model)
+        self._unsized = model is None
+        self._lean(model)
         for body in self._bodies.items:
             body.begin_frame()
         radii = self._bodies.radii(self._k_s)
@@ -126,6 +131,12 @@ class ShellsTracker:
         notices += told
         answer = self._answer(frame, notices)
         return answer if likely is None else stamped(answer, frame.boxes, likely)
+
+    def _turn(self) -> None:
+        """The camera went over to infrared, or back."""
+        for body in self._bodies.items:
+            body.turn(grey=self._light.grey)
+        self._doubts.restart()
 
     def extra_payloads(self, *, finished: bool) -> Payloads:
         """The membership channel's payload for the last frame; unfinished, it is painted once
@@ -183,6 +194,7 @@ class ShellsTracker:
             frame.boxes,
             blobs,
             lambda: frame.evenly_lit,
+            self._unsized,
         )
         resolver = Resolver(seen, self._bodies, rows, radii, self._are_related, self._p)
         below = resolver.blobs()
@@ -213,6 +225,8 @@ class ShellsTracker:
             share, better = max(
                 ((overlap[index][j], -j) for j in range(index)), default=(0.0, 0)
             )
+            if row in resolver.behind:
+                continue
             if share < p.twin_overlap:
                 items[row].twin_s = 0.0
                 continue
@@ -220,6 +234,8 @@ class ShellsTracker:
             if items[row].twin_s > p.twin_s:
                 resolver.fronts[row] = items[rows[-better]].id
                 del found[row]
+        for row in sorted(resolver.behind):
+            items[row].twin_s += dt
         for row, at in found.items():
             if at.alone:
                 items[row].twin_s = 0.0
@@ -427,7 +443,10 @@ class ShellsTracker:
             body = self._bodies.items[row]
             if not at.alone or body.id in joint:
                 continue
-            body.learn_area(float(at.pixels), 0.3 if body.misfit_s else 0.1)
+            # Who comes in is as large as what is seen of him; who has differed for long, too.
+            grown = at.pixels > body.area and self._unsized and self._cut(at.box)
+            slowly = 0.3 if body.misfit_s else 0.1
+            body.learn_area(float(at.pixels), 1.0 if at.misfit or grown else slowly)
             if not due and body.mask is not None:
                 continue
             if at.ellipse is not None:
@@ -435,6 +454,11 @@ class ShellsTracker:
             body.learn_mask(at.own)
             if self._scene.has_images and body.id not in doubtful:
                 self._look(body, frame, at)
+
+    def _cut(self, box: Box) -> bool:
+        """Whether the picture's border cuts a box."""
+        one = np.array([box], np.float64)
+        return bool(touches(one, self._scene.width, self._scene.height)[0])
 
     def _look(self, body: Body, frame: Frame, at: Resolved) -> None:
         bins = self._bins(frame, at)
@@ -557,6 +581,7 @@ class ShellsTracker:
             "order": self._order.state(),
             "scores": self._scores.state(),
             "camera": self._camera.state(),
+            "light": self._light.state(),
         }
 
     def restore(self, state: State) -> None:
@@ -569,3 +594,4 @@ class ShellsTracker:
         self._order.restore(state["order"])
         self._scores.restore(state["scores"])
         self._camera.restore(state["camera"])
+        self._light.restore(state["light"])

@@ -60,10 +60,14 @@ def measured(
     mask: np.ndarray | None,
     boxes: np.ndarray,
     size: tuple[int, int] = (120, 110),
+    *,
+    grey: bool = False,
 ) -> Measured:
     half = np.full(len(boxes), 0.5), np.full(len(boxes), 0.4)
     parts, own = parts_of(boxes, *half), parts_of(np.repeat(BOX, len(boxes), 0), *half)
-    return measure(Pixels(image, mask, size), parts, own, own, np.full(len(boxes), 20.0))
+    pixels = Pixels(image, mask, size)
+    pixels.grey = grey
+    return measure(pixels, parts, own, own, np.full(len(boxes), 20.0))
 
 
 def learnt(m: Measured) -> PartsModel:
