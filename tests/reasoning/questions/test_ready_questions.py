@@ -285,7 +285,7 @@ def test_who_turns_up_wholly_inside_was_not_seen_to_come_in(
 ) -> None:
     tracks = {i: (50, 199, (100.0 * i, 100.0, 30.0, 80.0), (0.5, 0.0)) for i in (1, 2)}
     tracks[3] = (180, 199, (300.0, 100.0, 30.0, 80.0), (0.5, 0.0))  # nobody can tell
-    events = [("entering", [1], 50, [], {}), ("entering", [2], 50, [], {}),
+    events: list[Any] = [("entering", [1], 50, [], {}), ("entering", [2], 50, [], {}),
               ("entered", [1], 51, [], {}), ("entered", [2], 60, [], {}),
               ("entering", [3], 180, [], {}), ("entered", [3], 181, [], {})]  # fmt: skip
     path = write_story(story_type(200, tracks, events=events), tmp_path / "inside.mcap")
