@@ -107,11 +107,13 @@ def test_something_else_under_that_name_is_an_error(text: str) -> None:
 
 
 def waving(folder: Path, frames: int = 24) -> Path:
-    """A ground on half of which everything differs from picture to picture, and nothing else."""
+    """A paved ground on half of which everything differs from picture to picture, and nothing else."""
     rng = np.random.default_rng(4)
     folder.mkdir()
+    stones = rng.integers(70, 110, (15, 20, 1), np.uint8).repeat(3, 2)
+    ground = stones.repeat(8, 0).repeat(8, 1)
     for k in range(frames):
-        picture = np.full((120, 160, 3), 90, np.uint8)
+        picture = ground.copy()
         tiles = rng.integers(0, 2, (12, 8, 1), np.uint8) * 120 + 60
         picture[:, :80] = tiles.repeat(10, 0).repeat(10, 1)
         (folder / f"{k:04d}.png").write_bytes(encode_png(picture))

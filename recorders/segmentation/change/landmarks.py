@@ -320,7 +320,9 @@ class Reference:
         """How a picture in Y, Cr, Cb, (H, W, 3) uint8, shows the view under a shift; not at all
         under one that is too large.
         """
-        return self._marks[0].sight(picture, shift, 3) if self.within(shift) else NO_SIGHT
+        if not self.within(shift):
+            return LandmarkSight(0.0, 0.0, (0.0, 0.0), np.zeros(len(self._marks[0]), bool))
+        return self._marks[0].sight(picture, shift, 3)
 
     def within(self, shift: Shift) -> bool:
         """A shift is no larger than `MOST_SHIFT`."""
