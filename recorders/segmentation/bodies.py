@@ -138,7 +138,7 @@ class FoundBodies:
         return self._sightings.count
 
     def forget(self) -> None:
-        """What was looked at twice so far had shadows in it: it is not learnt from."""
+        """What was looked at twice so far was seen worse than it can be: it is not learnt from."""
         self._sightings = Sightings(self._width, self._height)
 
     def learn_usual_of(

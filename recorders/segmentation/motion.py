@@ -106,6 +106,7 @@ class MotionSegmenter:
         if self._bodies.torn:
             # Clothes like the background: what the background leaves undisturbed tells them.
             self._scenery.asks_less()
+            self._bodies.forget()
             masks = self._looked_twice(samples.kept)
             self._bodies.learn_usual_of(masks, self._min_area)
         if self._shadows.learn_grey(self._darkness(samples.kept).shadow_keeps()):

@@ -17,6 +17,10 @@ TORN = 0.07
 """Bodies are torn where this share of what is seen clean and moves, by area, goes together with
 something else: of whole bodies it is under .03, of torn ones over .1.
 """
+STANDING = 0.4
+"""And where together they are of a width, of their height, as people who stand or walk: .2 to .3. Of cars that
+follow one another it is .45 to .65.
+"""
 TORN_GAP = 0.75
 """Between the pieces of a torn body lies at most this, of the usual height."""
 ABOVE = 0.5

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders.segmentation.sizes import SizeModel
-from recorders.segmentation.torn import TORN, TORN_GAP, going_together, joined
+from recorders.segmentation.torn import STANDING, TORN, TORN_GAP, going_together, joined
 
 Floats = NDArray[np.float64]
 
@@ -177,8 +177,11 @@ class Sightings:
 
     @property
     def torn(self) -> bool:
-        """Bodies are seen in pieces that go together."""
-        return self._in_pieces > 0 and self._in_pieces >= TORN * self._moved
+        """Bodies that stand are seen in pieces that go together."""
+        if not self._in_pieces or self._in_pieces < TORN * self._moved:
+            return False
+        _, _, w, h, area, *_ = np.concatenate(self._joined).T
+        return float(quantile(w / h, area, 0.5)) <= STANDING
 
     @property
     def count(self) -> int:

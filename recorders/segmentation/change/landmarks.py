@@ -37,8 +37,9 @@ LEAST_GRADIENT = 6
 pixel, root mean square, levels."""
 ABOVE_NOISE, QUIET, MOST_PAIRS = 2.5, 0.2, 12
 """And by so many times what noise alone makes of it, in squares; which is measured where this share of
-the picture is quietest, in so many pairs of pictures.
+the picture is quietest, in so many pairs of pictures of at most `SMALL_PX`, in fewer of larger ones.
 """
+SMALL_PX = 640 * 480
 ALIKE = 0.6
 """A landmark is seen where the correlation is at least this."""
 DRIFT_PX = 0.5
@@ -421,7 +422,9 @@ def noise_of(pictures: list[Image]) -> float:
     height, width = (side // SIDE * SIDE for side in pictures[0].shape[:2])
     if len(pictures) < 2 or not height * width:
         return 0.0
-    every = max(1, len(pictures) // MOST_PAIRS)
+    # A large picture has as many patches as several small ones.
+    pairs = min(MOST_PAIRS, max(3, MOST_PAIRS * SMALL_PX // (height * width)))
+    every = max(1, len(pictures) // pairs)
     found = []
     for now, later in list(itertools.pairwise(pictures))[::every]:
         a, b = (p[:height, :width, 0].astype(np.int16) for p in (now, later))

@@ -100,6 +100,16 @@ def test_what_passes_above_one_another_is_no_body() -> None:
     assert float(learnt.at(np.array(170.0))[1]) == 30.0
 
 
+@pytest.mark.parametrize(("width", "torn_too"), [(14, True), (40, False)])
+def test_cars_that_follow_one_another_are_no_torn_body(width: int, torn_too: bool) -> None:
+    seen = Sightings(WIDTH, HEIGHT)
+    for k in range(5):
+        x = 10 + 50 * k
+        here = (x, 90, width, 30), (x, 140, width, 30)
+        seen.observe(rows(*here), rows(*((a + 4, y, w, h) for a, y, w, h in here)))
+    assert seen.torn == torn_too
+
+
 @pytest.mark.parametrize(
     ("regions", "way", "first"),
     [
