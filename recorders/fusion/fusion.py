@@ -20,7 +20,14 @@ from recorders.fusion.belief import (
 )
 from recorders.fusion.chains import Chain, Chains
 from recorders.fusion.heights import UNKNOWN, Heights
-from recorders.fusion.hypotheses import Hypothesis, corners_of, covered_ones, hypotheses
+from recorders.fusion.hypotheses import (
+    Hypothesis,
+    areas_of,
+    corners_of,
+    covered_ones,
+    hypotheses,
+    shared_areas,
+)
 from recorders.fusion.parameters import FusionParameters
 from recorders.fusion.steadiness import Steadiness
 from recorders.messages import Box, Detections
@@ -194,10 +201,6 @@ def _explained(box: Floats, others: Floats) -> bool:
     """Whether a box of the masks alone is a piece of a detected body, or several run together."""
     if not len(others):
         return False
-    low = np.maximum(box[:2], others[:, :2])
-    high = np.minimum(box[2:], others[:, 2:])
-    shared = np.maximum(high - low, 0.0).prod(axis=1)
-    smaller = np.minimum(
-        (box[2:] - box[:2]).prod(), (others[:, 2:] - others[:, :2]).prod(axis=1)
-    )
+    shared = shared_areas(box[None], others)[0]
+    smaller = np.minimum(areas_of(box[None]), areas_of(others))
     return bool((shared >= PIECE * smaller).any())

@@ -111,11 +111,20 @@ def covered_ones(found: list[Hypothesis]) -> list[int]:
 
 def _within(boxes: Floats, others: Floats) -> Floats:
     """(N, M) which share of each box (N, 4) lies in each of the others (M, 4)."""
+    shared = shared_areas(boxes, others)
+    return np.asarray(shared / np.maximum(areas_of(boxes), 1e-9)[:, None])
+
+
+def shared_areas(boxes: Floats, others: Floats) -> Floats:
+    """(N, M) the area that each of some boxes (N, 4) shares with each of others (M, 4), by corners."""
     low = np.maximum(boxes[:, None, :2], others[None, :, :2])
     high = np.minimum(boxes[:, None, 2:], others[None, :, 2:])
-    areas = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
-    shared = np.maximum(high - low, 0.0).prod(axis=2)
-    return np.asarray(shared / np.maximum(areas, 1e-9)[:, None])
+    return np.asarray(np.maximum(high - low, 0.0).prod(axis=2))
+
+
+def areas_of(boxes: Floats) -> Floats:
+    """(N,) areas of boxes (N, 4), by corners."""
+    return np.asarray((boxes[:, 2:] - boxes[:, :2]).prod(axis=1))
 
 
 def _score(detected: Detections, k: int) -> float:
@@ -135,11 +144,8 @@ def _made(box: Box | None, row: int, detected: Detections, k: int | None) -> Hyp
 
 def _held(mine: Floats, theirs: Floats, scores: Floats) -> NDArray[np.bool_]:
     """(N, M) which of the masks' boxes hold which of the detector's."""
-    low = np.maximum(mine[:, None, :2], theirs[None, :, :2])
-    high = np.minimum(mine[:, None, 2:], theirs[None, :, 2:])
-    shared = np.maximum(high - low, 0.0).prod(axis=2)
-    areas = (theirs[:, 2:] - theirs[:, :2]).prod(axis=1)
-    return np.asarray((shared >= HELD * areas) & (scores >= SCORE_STEPS[1]))
+    held = shared_areas(mine, theirs) >= HELD * areas_of(theirs)
+    return np.asarray(held & (scores >= SCORE_STEPS[1]))
 
 
 def _beside(box: Box, held: Floats) -> list[Box]:

@@ -23,7 +23,7 @@ from recorders.segmentation import (
     SegmenterInParts,
     SegmenterThatWatches,
 )
-from recorders.segmentation.tally import overlaps
+from recorders.segmentation.usual import ious
 from recorders.sources import Source, SourceFrame
 
 COMPARED_EVERY = 10
@@ -115,7 +115,7 @@ class Finder:
         """How many of the detector's boxes have a body in the masks."""
         self.boxes += len(given.boxes)
         if found.boxes and given.boxes:
-            shares = overlaps(*(np.array(d.boxes, np.float64) for d in (given, found)))
+            shares = ious(*(np.array(d.boxes, np.float64) for d in (given, found)))
             self.boxes_in_masks += int(np.count_nonzero((shares >= ALIKE).any(axis=1)))
 
     def _given(self, frame: SourceFrame) -> Detections | None:

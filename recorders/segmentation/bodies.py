@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from recorders.messages import NO_BLOB, Blob, Box, Detections, Ellipse
@@ -137,32 +139,30 @@ class FoundBodies:
         """How many bodies were seen clean."""
         return self._sightings.count
 
-    def forget(self) -> None:
-        """What was looked at twice so far was seen worse than it can be: it is not learnt from."""
-        self._sightings = Sightings(self._width, self._height)
-
     def learn_usual_of(
         self, pairs: list[tuple[Foreground, Foreground]], least: float
     ) -> None:
-        """The same of pairs of masks; what is thin against the bodies so learnt is taken off, and
-        they are looked at again.
+        """The same of pairs of masks, and of nothing before; what is thin against the bodies so
+        learnt is taken off, and they are looked at again.
 
         Args:
             pairs: of two pictures each.
             least: a size that is only guessed counts from this area on, px^2.
         """
         masks = [(now.mask, later.mask) for now, later in pairs]
-        for now, later in masks:
-            self.look_twice(now, later)
-        self.learn_usual(least)
+        self._learn_usual_anew(masks, least)
         rough = self.usual
         if rough is None:
             return
+        thick = ((without_thin(a, rough), without_thin(b, rough)) for a, b in masks)
+        self._learn_usual_anew(thick, least)
+        self.usual = self.usual or rough
+
+    def _learn_usual_anew(self, masks: Iterable[tuple[Image, Image]], least: float) -> None:
         self._sightings = Sightings(self._width, self._height)
         for now, later in masks:
-            self.look_twice(without_thin(now, rough), without_thin(later, rough))
+            self.look_twice(now, later)
         self.learn_usual(least)
-        self.usual = self.usual or rough
 
     def found_in(
         self,

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders.pictures import Image
+from recorders.segmentation.recurring import weigh
 from recorders.segmentation.segmenter import as_image
 from recorders.vision import cv2
 
@@ -84,9 +85,8 @@ def without_who_left(
 
 def _differing(picture: Image, colour: Image, levels: Image) -> Image:
     """Where a picture differs from the background, (H, W) uint8."""
-    y, red, blue = cv2.split(cv2.absdiff(picture, colour))
-    chroma = cv2.add(red, blue)
-    return as_image(cv2.compare(cv2.add(y, cv2.add(chroma, chroma)), levels, cv2.CMP_GT))
+    difference = weigh(as_image(cv2.absdiff(picture, colour)))
+    return as_image(cv2.compare(difference, levels, cv2.CMP_GT))
 
 
 def _is_shown(differing: Image, own: NDArray[np.bool_]) -> bool:

@@ -101,18 +101,13 @@ class MotionSegmenter:
         if not self._scenery.learn([pair[0] for pair in samples.kept]):
             return
         self._live = False
-        masks = self._looked_twice(samples.kept)
-        self._bodies.learn_usual_of(masks, self._min_area)
+        masks = self._learn_usual(samples.kept)
         if self._bodies.torn:
             # Clothes like the background: what the background leaves undisturbed tells them.
             self._scenery.asks_less()
-            self._bodies.forget()
-            masks = self._looked_twice(samples.kept)
-            self._bodies.learn_usual_of(masks, self._min_area)
+            masks = self._learn_usual(samples.kept)
         if self._shadows.learn_grey(self._darkness(samples.kept).shadow_keeps()):
-            self._bodies.forget()
-            masks = self._looked_twice(samples.kept)
-            self._bodies.learn_usual_of(masks, self._min_area)
+            masks = self._learn_usual(samples.kept)
         found = [self._bodies.measured_in(now, self._min_area) for now, _ in masks]
         for blobs in found:
             self._bodies.observe(blobs)
@@ -128,9 +123,9 @@ class MotionSegmenter:
         }
         self.quality = self._measured(masks, found)
 
-    def _looked_twice(self, pairs: list[Image]) -> list[tuple[Foreground, Foreground]]:
-        """The foreground of pairs of pictures, (2, H, W, 3) uint8 in Y, Cr, Cb, that show a known
-        view.
+    def _learn_usual(self, pairs: list[Image]) -> list[tuple[Foreground, Foreground]]:
+        """Learn how large bodies usually are from pairs of pictures, (2, H, W, 3) uint8 in Y, Cr,
+        Cb; the foreground of those that show a known view.
         """
         masks = []
         for number, (now, later) in enumerate(pairs):
@@ -141,6 +136,7 @@ class MotionSegmenter:
                 masks.append(
                     (self._found(now, view)[0], self._found(later, after, view)[0])
                 )
+        self._bodies.learn_usual_of(masks, self._min_area)
         return masks
 
     def _darkness(self, pairs: list[Image]) -> Darkness:

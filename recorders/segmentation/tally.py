@@ -17,6 +17,7 @@ from recorders.messages import Box, Detections, SceneChange
 from recorders.segmentation.change.landmarks import Shift
 from recorders.segmentation.change.light import Light
 from recorders.segmentation.change.watch import Look
+from recorders.segmentation.usual import ious
 
 Floats = NDArray[np.float64]
 EVERY = 10
@@ -102,7 +103,7 @@ class Tally:
             if not len(other):
                 seen[:] = False
             elif len(now):
-                seen &= (overlaps(now, other) >= GOES_ON).any(axis=1)
+                seen &= (ious(now, other) >= GOES_ON).any(axis=1)
         self._alone += int(np.count_nonzero(~seen))
 
     def _rest(self, detections: Detections) -> None:
@@ -111,7 +112,7 @@ class Tally:
         taken = np.zeros(len(boxes), bool)
         now = np.array(boxes, np.float64).reshape(-1, 4)
         if self._stays and boxes:
-            shares = overlaps(np.array([s.box for s in self._stays], np.float64), now)
+            shares = ious(np.array([s.box for s in self._stays], np.float64), now)
             for stay, row in zip(self._stays, shares, strict=True):
                 best = int(row.argmax())
                 if row[best] >= SAME_PLACE and not taken[best]:
@@ -154,13 +155,3 @@ class Tally:
     def unseen(self) -> float:
         """The share of frames that show no view that is known."""
         return self._lost / self._looked if self._looked else 0.0
-
-
-def overlaps(a: Floats, b: Floats) -> Floats:
-    """Intersection over union of each pair of boxes (x, y, w, h), (N, M)."""
-    low = np.maximum(a[:, None, :2], b[:, :2])
-    high = np.minimum(a[:, None, :2] + a[:, None, 2:], b[:, :2] + b[:, 2:])
-    both = np.maximum(high - low, 0.0).prod(axis=2)
-    either = a[:, 2:].prod(axis=1)[:, None] + b[:, 2:].prod(axis=1) - both
-    shares: Floats = both / np.maximum(either, 1e-9)
-    return shares

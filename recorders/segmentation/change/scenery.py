@@ -5,6 +5,7 @@ on the way.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -204,21 +205,19 @@ class Scenery:
         light: of single noisy pixels no light can be told.
         """
         shifts = [shift for _, shift in shown]
-        background = self._background(aligned([p for p, _ in shown], shifts))
-        if not background.noisy:
-            return ViewBackground(background)
-        stack = aligned([without_grain(p) for p, _ in shown], shifts)
-        return ViewBackground(self._background(stack), grainy=True)
+        return self._learnt([p for p, _ in shown], lambda these: aligned(these, shifts))
 
-    def _learnt(self, stack: list[Image]) -> ViewBackground:
-        """A background; where noise alone decides what is foreground, that of pictures without
-        their grain.
+    def _learnt(
+        self, pictures: list[Image], together: Callable[[list[Image]], list[Image]] = list
+    ) -> ViewBackground:
+        """The background of pictures that are put ``together``; where noise alone decides what is
+        foreground, that of pictures without their grain.
         """
-        background = self._background(stack)
+        background = self._background(together(pictures))
         if not background.noisy:
             return ViewBackground(background)
-        stack = [without_grain(picture) for picture in stack]
-        return ViewBackground(self._background(stack), grainy=True)
+        smooth = together([without_grain(picture) for picture in pictures])
+        return ViewBackground(self._background(smooth), grainy=True)
 
     def _background(self, stack: list[Image]) -> Background:
         return Background.learn(stack, self._p.threshold_levels, self._p.spread_weight)
